@@ -1,0 +1,90 @@
+# Everything runs in .venv, made here from the hashed locks. Needs python3 (>= 3.11, with venv) and make.
+#   make PYTHON=python3.13 test    uses another Python (after `make clean`)
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+LOCKED := $(VENV)/.locked
+INSTALLED := $(VENV)/.installed
+LOCKS := requirements-build.lock requirements.lock
+# A dot for each package on the screen, everything in a log. Where packages come from is the
+# user's own setting.
+define pip_install
+{ $(BIN)/python -m pip --disable-pip-version-check install $(1) 2>&1; echo "exit $$?"; } \
+	| tee -a $(VENV)/install.log \
+	| awk '/^(Collecting|Processing|Obtaining)/ { printf "."; fflush() } \
+		/^Installing collected/ { printf " unpacking"; fflush() } \
+		/^exit / { code = $$2 } END { print ""; exit code }' \
+	|| { grep -aiE '^ *error' $(VENV)/install.log; \
+		echo 'pip failed; the whole story is in $(VENV)/install.log' >&2; exit 1; }
+endef
+# Used only by `make lock`.
+UV := uv==0.13.8
+COMPILE := $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-version 3.11 \
+	--no-header --no-emit-index-url --no-emit-find-links
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help venv test demo lint types imports unit fmt lock clean
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' \
+		| while IFS="$$(printf '\t')" read -r name text; do printf '  make %-8s %s\n' "$$name" "$$text"; done
+
+test: lint types imports unit ## lint, types, import rules, tests
+
+demo: venv ## a simulated clean, then a live one over a pseudo-terminal
+	@$(BIN)/python -m tools.demo
+
+lint: venv ## ruff: rules and format
+	@echo '== lint'
+	@$(BIN)/ruff check --quiet
+	@$(BIN)/ruff format --check --quiet
+
+types: venv ## mypy --strict
+	@echo '== types'
+	@$(BIN)/mypy
+
+imports: venv ## who may import whom
+	@echo '== import rules'
+	@$(BIN)/lint-imports
+
+unit: venv ## the tests, with branch coverage; ARGS='-k name' chooses
+	@echo '== tests'
+	@$(BIN)/python -m pytest -q --cov --cov-report=term $(ARGS)
+
+fmt: venv ## let ruff format and fix what it can
+	@$(BIN)/ruff format
+	@$(BIN)/ruff check --fix
+
+lock: $(LOCKED) ## resolve the locks anew
+	@$(call pip_install,'$(UV)')
+	@$(COMPILE) --upgrade --group build -o requirements-build.lock
+	@$(COMPILE) --upgrade --all-extras -c requirements-build.lock -o requirements.lock pyproject.toml
+	@echo 'wrote $(LOCKS)'
+
+clean: ## remove .venv and caches
+	@rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage
+
+venv: $(INSTALLED)
+
+# Only what the locks name, built only by what they name: first the build tools, then the rest.
+$(LOCKED): $(LOCKS)
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "sweepctl needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) --version 2>&1 || echo missing)." >&2; \
+		echo 'Name another one: make PYTHON=python3.12 …' >&2; exit 1; }
+	@echo "== making $(VENV) ($$($(PYTHON) --version))"
+	@rm -rf $(VENV)
+	@$(PYTHON) -m venv $(VENV) || { \
+		echo 'This Python cannot make a virtual environment (on Debian: apt install python3-venv).' >&2; \
+		rm -rf $(VENV); exit 1; }
+	@echo '== installing the build tools'
+	@$(call pip_install,--require-hashes -r requirements-build.lock)
+	@echo '== installing the locked packages (a minute or more, 1.2 GB unpacked)'
+	@$(call pip_install,--require-hashes --no-build-isolation -r requirements.lock)
+	@touch $@
+
+$(INSTALLED): $(LOCKED) pyproject.toml
+	@echo '== installing sweepctl itself'
+	@$(call pip_install,--no-deps --no-build-isolation -e .)
+	@touch $@

@@ -1,0 +1,128 @@
+"""What the lane planners share: lanes, side steps and backing off, as parts of a script."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC
+from collections.abc import Generator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from bridge.coverage.planner import ScriptedPlanner, Step
+from bridge.motion.geometry import Pose2, wrap_angle
+from bridge.motion.legs import Drive, Leg, LegResult, StopReason, Turn
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
+
+Side = Literal["left", "right"]
+End = Literal["last_partial_lane", "blocked_step", "never"]
+
+Part = Generator[Leg, Step, LegResult]
+"""Part of a script: returns how its main leg ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class LaneOptions:
+    """Choices of the lane planners that the paper leaves open, with lengths in metres."""
+
+    side: Side = "left"
+    """Side of the first lane on which the next one lies."""
+    end: End = "last_partial_lane"
+    """When a side step is blocked before W: ``blocked_step`` ends there; ``last_partial_lane``
+    sweeps a lane where it got to and ends when the step after that is blocked too; ``never``
+    goes on until ``max_lanes``."""
+    stop_range_m: float = 0.05
+    """Ultrasonic reading that is a wall: 1 cm of clearance, for the sensor sits 4 cm inside
+    the body's front."""
+    back_off_m: float = 0.015
+    """Way back after a bump, so that the turn does not rub."""
+    cliff_back_off_m: float = 0.05
+    short_step_m: float = 0.015
+    """A side step that lacks less than this of W is a whole one."""
+    max_lanes: int = 2000
+    """Bound on a run in which the ends above are never met."""
+
+
+class LanePlanner(ScriptedPlanner, ABC):
+    """Base of the planners that sweep in lanes."""
+
+    def __init__(self, model: RobotModel, options: LaneOptions) -> None:
+        """Nothing begins before ``start``."""
+        super().__init__(model)
+        self._lane_options = options
+        self._origin = Pose2(0.0, 0.0, 0.0)
+        self._step_heading = 0.0
+        self._lanes = 0
+
+    def _begin(self, pose: Pose2) -> None:
+        """Lanes run along the start heading and are stepped to the chosen side of it."""
+        self._origin = pose
+        turn = math.pi / 2 if self._lane_options.side == "left" else -math.pi / 2
+        self._step_heading = wrap_angle(pose.theta_rad + turn)
+        self._lanes = 0
+
+    def _offset_m(self, pose: Pose2) -> float:
+        """How far a pose lies from the first lane, along the stepping direction."""
+        return (pose.x_m - self._origin.x_m) * math.cos(self._step_heading) + (
+            pose.y_m - self._origin.y_m
+        ) * math.sin(self._step_heading)
+
+    def _lane(self, heading_rad: float) -> Part:
+        """Turn to the lane and drive it until something says stop."""
+        self._lanes += 1
+        yield Turn(heading_rad)
+        return (
+            yield from self._drive(
+                Drive(
+                    heading_rad,
+                    stop_range_m=self._lane_options.stop_range_m,
+                    purpose="lane",
+                ),
+            )
+        )
+
+    def _side_step(self, heading_rad: float, distance_m: float) -> Part:
+        """Turn across the lanes and drive one cleaning width."""
+        yield Turn(heading_rad)
+        return (
+            yield from self._drive(
+                Drive(
+                    heading_rad,
+                    distance_m,
+                    stop_range_m=self._lane_options.stop_range_m,
+                    purpose="step",
+                ),
+            )
+        )
+
+    def _drive(self, leg: Drive) -> Part:
+        """Drive a leg; after a bump or a cliff, back off far enough to turn."""
+        result = (yield leg).result
+        yield from self._back_off(leg.heading_rad, result)
+        return result
+
+    def _back_off(self, heading_rad: float, result: LegResult) -> Generator[Leg, Step]:
+        options = self._lane_options
+        if result.reason is StopReason.BUMPER:
+            yield Drive(heading_rad, -options.back_off_m, speed_m_s=0.05, purpose="back-off")
+        elif result.reason is StopReason.CLIFF:
+            yield Drive(heading_rad, -options.cliff_back_off_m, speed_m_s=0.1, purpose="back-off")
+
+    def _is_short(self, result: LegResult, wanted_m: float) -> bool:
+        """Whether a side step ended before its length for a reason in the world."""
+        lacking = wanted_m - result.distance_m
+        return result.reason.blocked and lacking > self._lane_options.short_step_m
+
+    def _ends_after(self, *, blocked: bool, blocked_before: bool) -> str | None:
+        """Why the run ends after a side step, if it does."""
+        options = self._lane_options
+        if self._lanes >= options.max_lanes:
+            return f"{self._lanes} lanes driven, the limit"
+        if not blocked or options.end == "never":
+            return None
+        if options.end == "blocked_step":
+            return "side step blocked: the robot could not go further"
+        if blocked_before:
+            return "side step blocked again after a last partial lane"
+        return None

@@ -1,0 +1,212 @@
+"""The paper's algorithm, faithfully: U-shaped lanes and one slot of memory (section 3.2).
+
+It is a reference and not to be repaired: where it fails, this must fail. What the paper leaves
+open is an option with a name; the defaults are those that reproduce its tables.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+from bridge.coverage.lanes import LaneOptions, LanePlanner
+from bridge.coverage.planner import Script, Step
+from bridge.motion.geometry import Pose2, wrap_angle
+from bridge.motion.legs import GoTo, Leg, LegResult
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.motion.observation import Observation
+    from bridge.motion.robot_model import RobotModel
+
+
+@dataclass(frozen=True, slots=True)
+class PaperOptions(LaneOptions):
+    """Every choice that the paper leaves open."""
+
+    equal_tolerance_m: float = 0.02
+    """D = Prev-D (case 1) up to this: no two lanes are equal to the millimetre."""
+    count_turns: Literal["on_equal", "every_turn"] = "on_equal"
+    """When T grows: pseudo-code 2 counts in case 1, pseudo-code 1 at every turn. After case 2
+    the former counts one lane less, which is the one whose strip is swept already."""
+    between: Literal["count", "keep", "reset"] = "count"
+    """What T does for tolerance < |D - Prev-D| ≤ Φ, of which nothing is said: with ``count`` it
+    is case 1 in all but name."""
+    clear_after_recovery: bool = True
+    """T = 0 after a case 3 is dealt with: else a second case 3 without a case 2 between
+    would count the same lanes again."""
+    recovery_lanes: Literal["unobserved", "observed"] = "unobserved"
+    """Whether D, Prev-D and T follow the lanes inside the shadow too. There is one slot and no
+    stack: observed, a second obstacle in there overwrites what the first one left."""
+    return_by: Literal["leave_point", "nearest"] = "leave_point"
+    """After recovery: drive back to where case 3 fired, or go on from where the last lane in
+    the shadow ended."""
+
+
+class PaperPlanner(LanePlanner):
+    """Sweeping by the paper's cases 1 to 3.
+
+    Case 1, D = Prev-D: count the turn. Case 2, D + Φ < Prev-D: an obstacle, count anew.
+    Case 3, D - Φ > Prev-D: stepped past it; the shadow is Length = W·T long. Drive back by
+    Length against the stepping direction, sweep up to the lane that was left, and go on.
+    """
+
+    def __init__(self, model: RobotModel, options: PaperOptions | None = None) -> None:
+        """Nothing begins before ``start``."""
+        self.options = options or PaperOptions()
+        super().__init__(model, self.options)
+        self._first_lane = True
+
+    def script(self, obs: Observation) -> Script:
+        """The plan from the pose in ``obs``."""
+        width = self.model.cleaning_width_m
+        self._begin(obs.pose)
+        self._first_lane = True
+        heading = obs.pose.theta_rad
+        self.decide("start", "lanes along the start heading", side=self.options.side)
+        blocked = False
+        while True:
+            self._state = replace(self._state, state="lane")
+            lane = yield from self._lane(heading)
+            case = self._compare(lane)
+            if case == 3:  # noqa: PLR2004 - the paper's own number
+                yield from self._recover(heading, lane)
+            self._state = replace(self._state, state="step", target=None)
+            step = yield from self._side_step(self._step_heading, width)
+            before, blocked = blocked, self._is_short(step, width)
+            if blocked:
+                self._tell_blocked(step)
+            reason = self._ends_after(blocked=blocked, blocked_before=before)
+            if reason is not None:
+                return reason
+            if self.options.count_turns == "every_turn":
+                self._state = replace(self._state, turn_count=self._state.turn_count + 1)
+            heading = wrap_angle(heading + math.pi)
+
+    # -- the three cases -------------------------------------------------------------------
+
+    def _compare(self, lane: LegResult) -> int:
+        """Record D, judge it against Prev-D, keep T; returns the case, 0 for none."""
+        options, state = self.options, self._state
+        distance = lane.distance_m
+        previous = distance if self._first_lane else state.previous_lane_distance_m
+        self._first_lane = False
+        diameter = self.model.robot_diameter_m
+        turns = state.turn_count
+        length = state.length_m
+        counting = options.count_turns == "on_equal"
+        if distance + diameter < previous:
+            case, turns = 2, 0
+            reason = "D + Φ < Prev-D: an obstacle, T starts again"
+        elif distance - diameter > previous:
+            case, length = 3, self.model.cleaning_width_m * turns
+            reason = "D - Φ > Prev-D: past an obstacle, its shadow is Length = W·T"
+        elif abs(distance - previous) <= options.equal_tolerance_m:
+            case, turns = 1, turns + counting
+            reason = "D = Prev-D: a parallel passage"
+        else:
+            case = 0
+            if options.between == "count":
+                turns += counting
+            elif options.between == "reset":
+                turns = 0
+            reason = f"D and Prev-D differ by less than Φ: T by option '{options.between}'"
+        self._state = replace(
+            state,
+            turn_count=turns,
+            lane_distance_m=distance,
+            previous_lane_distance_m=distance,
+            length_m=length,
+            case=case,
+        )
+        self.decide(
+            "lane",
+            reason,
+            case=case,
+            ended=str(lane.reason),
+            distance_m=distance,
+            previous_m=previous,
+            turns=turns,
+        )
+        return case
+
+    # -- recovery of the shadow ------------------------------------------------------------
+
+    def _recover(self, heading: float, lane: LegResult) -> Generator[Leg, Step]:
+        """Drive back by Length, sweep the strip up to the lane that was left, return."""
+        leave = lane.pose
+        length = self._state.length_m
+        width = self.model.cleaning_width_m
+        self.decide(
+            "recovery-begin",
+            "driving back into the area that the obstacle hid",
+            length_m=length,
+            x_m=leave.x_m,
+            y_m=leave.y_m,
+        )
+        if length > 0.0:
+            self._state = replace(self._state, state="recovery-back")
+            back = yield from self._side_step(wrap_angle(self._step_heading + math.pi), length)
+            if self._is_short(back, length):
+                self._tell_blocked(back)
+            pose = yield from self._sweep_shadow(
+                wrap_angle(heading + math.pi), back.pose, self._offset_m(leave) - 0.5 * width
+            )
+            if self.options.return_by == "leave_point":
+                yield from self._return_to(leave, pose)
+        if self.options.clear_after_recovery:
+            self._state = replace(self._state, turn_count=0)
+        self.decide("recovery-end", "the shadow is swept as far as it could be")
+
+    def _sweep_shadow(
+        self,
+        heading: float,
+        pose: Pose2,
+        until_m: float,
+    ) -> Generator[Leg, Step, Pose2]:
+        """Lanes from the pose on until the side step reaches ``until_m`` or is blocked twice."""
+        width = self.model.cleaning_width_m
+        blocked = False
+        while self._offset_m(pose) < until_m and self._lanes < self.options.max_lanes:
+            self._state = replace(self._state, state="recovery-lane")
+            lane = yield from self._lane(heading)
+            if self.options.recovery_lanes == "observed":
+                self._compare(lane)
+            else:
+                self.decide(
+                    "recovery-lane",
+                    f"lane in the shadow ended: {lane.reason}",
+                    distance_m=lane.distance_m,
+                )
+            self._state = replace(self._state, state="recovery-step")
+            step = yield from self._side_step(self._step_heading, width)
+            pose = step.pose
+            before, blocked = blocked, self._is_short(step, width)
+            if blocked:
+                self._tell_blocked(step)
+                if before:
+                    break
+            heading = wrap_angle(heading + math.pi)
+        return pose
+
+    def _return_to(self, leave: Pose2, pose: Pose2) -> Generator[Leg, Step]:
+        """Back to where case 3 fired, as far as nothing is in the way."""
+        if leave.distance_m(pose) < self.options.short_step_m:
+            return
+        self._state = replace(self._state, state="recovery-return", target=(leave.x_m, leave.y_m))
+        leg = GoTo(leave.x_m, leave.y_m, stop_range_m=self.options.stop_range_m, purpose="return")
+        step = yield leg
+        if step.result.reason.blocked:
+            self._tell_blocked(step.result)
+        yield from self._back_off(step.obs.pose.theta_rad, step.result)
+
+    def _tell_blocked(self, result: LegResult) -> None:
+        self.decide(
+            "blocked",
+            f"{result.leg.purpose} ended early: {result.reason}",
+            distance_m=result.distance_m,
+        )
+
+

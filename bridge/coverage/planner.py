@@ -1,0 +1,132 @@
+"""What a coverage planner is: legs out, results in, and every decision told with its reason."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from bridge.motion.legs import Leg, LegResult
+from bridge.motion.observation import Observation
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
+
+Scalar = float | int | str | bool
+
+
+@dataclass(frozen=True, slots=True)
+class Finish:
+    """The planner has ended by itself."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerEvent:
+    """A decision. ``kind`` is a fixed word of the planner, ``reason`` a sentence for people."""
+
+    kind: str
+    reason: str
+    data: dict[str, Scalar] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerState:
+    """The paper's variables (Table 1) and where the planner stands."""
+
+    state: str = "idle"
+    turn_count: int = 0
+    """T."""
+    lane_distance_m: float = 0.0
+    """D."""
+    previous_lane_distance_m: float = 0.0
+    """Prev-D."""
+    length_m: float = 0.0
+    """Length = W·T of the last case 3."""
+    case: int = 0
+    """Case 1, 2 or 3 of the last lane; 0: none of them."""
+    target: tuple[float, float] | None = None
+    """Point being driven to, in metres, when there is one."""
+
+
+class Planner(Protocol):
+    """Decides the next leg when one has ended; knows only what the observations tell."""
+
+    @property
+    def state(self) -> PlannerState:
+        """Where the planner stands."""
+        ...
+
+    def start(self, obs: Observation) -> Leg | Finish:
+        """First leg, from the pose observed now."""
+        ...
+
+    def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
+        """Leg after the one that gave ``result``."""
+        ...
+
+    def drain_events(self) -> list[PlannerEvent]:
+        """Decisions since the last call, oldest first."""
+        ...
+
+
+class Step(NamedTuple):
+    """What a script is sent when its leg has ended."""
+
+    result: LegResult
+    obs: Observation
+
+
+Script = Generator[Leg, Step, str]
+"""A plan as a coroutine: yields legs, is sent how they ended, returns why it finished."""
+
+
+class ScriptedPlanner(ABC):
+    """A planner written as a coroutine, so that an algorithm reads as its pseudo-code does."""
+
+    def __init__(self, model: RobotModel) -> None:
+        """Nothing begins before ``start``."""
+        self.model = model
+        self._state = PlannerState()
+        self._events: list[PlannerEvent] = []
+        self._script: Script | None = None
+
+    @abstractmethod
+    def script(self, obs: Observation) -> Script:
+        """The plan from the pose in ``obs``."""
+
+    @property
+    def state(self) -> PlannerState:
+        """Where the planner stands."""
+        return self._state
+
+    def start(self, obs: Observation) -> Leg | Finish:
+        """Begin anew."""
+        self._state = PlannerState()
+        self._script = self.script(obs)
+        return self._resume(self._script, None)
+
+    def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
+        """Leg after ``result``; ``Finish`` if the plan was never started."""
+        if self._script is None:
+            return Finish("not started")
+        return self._resume(self._script, Step(result, obs))
+
+    def drain_events(self) -> list[PlannerEvent]:
+        """Decisions since the last call, oldest first."""
+        events, self._events = self._events, []
+        return events
+
+    def decide(self, kind: str, reason: str, **data: Scalar) -> None:
+        """Put a decision on record."""
+        self._events.append(PlannerEvent(kind, reason, data))
+
+    def _resume(self, script: Script, step: Step | None) -> Leg | Finish:
+        try:
+            return next(script) if step is None else script.send(step)
+        except StopIteration as stop:
+            reason = str(stop.value)
+            self.decide("finish", reason)
+            return Finish(reason)

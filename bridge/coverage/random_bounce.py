@@ -1,0 +1,81 @@
+"""Random bounce: drive until something is in the way, turn by chance, drive on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from bridge.coverage.planner import Script, ScriptedPlanner
+from bridge.motion.geometry import wrap_angle
+from bridge.motion.legs import Drive, StopReason, Turn
+
+if TYPE_CHECKING:
+    import random
+
+    from bridge.motion.observation import Observation
+    from bridge.motion.robot_model import RobotModel
+
+
+@dataclass(frozen=True, slots=True)
+class RandomOptions:
+    """Choices of the random baseline."""
+
+    max_time_s: float = 1800.0
+    """It cannot know when it is done; it ends after this time."""
+    min_turn_rad: float = math.radians(90.0)
+    """Turns are uniform over what is at least this far from the old heading."""
+    stop_range_m: float = 0.05
+    back_off_m: float = 0.02
+    cliff_back_off_m: float = 0.05
+
+
+class RandomPlanner(ScriptedPlanner):
+    """The baseline that the paper compares with and gives no figures for."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        rng: random.Random,
+        options: RandomOptions | None = None,
+    ) -> None:
+        """All chance comes from ``rng``."""
+        super().__init__(model)
+        self.options = options or RandomOptions()
+        self._rng = rng
+
+    def script(self, obs: Observation) -> Script:
+        """The plan from the pose in ``obs``."""
+        options = self.options
+        heading = obs.pose.theta_rad
+        begin_s = obs.time_s
+        self.decide("start", "straight on along the start heading")
+        while True:
+            self._state = replace(self._state, state="drive")
+            left_s = begin_s + options.max_time_s - obs.time_s
+            result, obs = yield Drive(
+                heading,
+                stop_range_m=options.stop_range_m,
+                timeout_s=max(left_s, 0.0),
+                purpose="lane",
+            )
+            self._state = replace(
+                self._state,
+                previous_lane_distance_m=self._state.lane_distance_m,
+                lane_distance_m=result.distance_m,
+                turn_count=self._state.turn_count + 1,
+            )
+            if result.reason is StopReason.BUMPER:
+                _, obs = yield Drive(
+                    heading, -options.back_off_m, speed_m_s=0.05, purpose="back-off"
+                )
+            elif result.reason is StopReason.CLIFF:
+                _, obs = yield Drive(heading, -options.cliff_back_off_m, purpose="back-off")
+            if obs.time_s - begin_s >= options.max_time_s:
+                return f"time is up: {options.max_time_s:g} s"
+            spread = math.pi - options.min_turn_rad
+            turn = math.pi + self._rng.uniform(-spread, spread)
+            heading = wrap_angle(heading + turn)
+            self.decide("bounce", f"drive ended: {result.reason}", heading_rad=heading)
+            self._state = replace(self._state, state="turn")
+            _, obs = yield Turn(heading)

@@ -1,0 +1,54 @@
+"""The planners by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.coverage.paper import PaperPlanner
+from bridge.coverage.random_bounce import RandomPlanner
+from bridge.coverage.u_shape import UShapePlanner
+
+if TYPE_CHECKING:
+    import random
+    from collections.abc import Callable
+
+    from bridge.coverage.planner import Planner
+    from bridge.motion.robot_model import RobotModel
+
+    Factory = Callable[[RobotModel, random.Random], Planner]
+
+PLANNERS: dict[str, str] = {
+    "paper": "the paper's algorithm to the letter: lanes, and one slot of memory for an obstacle",
+    "u-shape": "the traditional U-shaped trajectory: lanes with no memory",
+    "random": "random bounce, for comparison",
+}
+"""What each planner is, in one line."""
+
+_FACTORIES: dict[str, Factory] = {
+    "paper": lambda model, _rng: PaperPlanner(model),
+    "u-shape": lambda model, _rng: UShapePlanner(model),
+    "random": RandomPlanner,
+}
+
+
+class UnknownPlannerError(ValueError):
+    """No planner has this name."""
+
+    def __init__(self, name: str) -> None:
+        """``name`` is what was asked for."""
+        self.name = name
+        super().__init__(f"unknown planner '{name}'; there are: {', '.join(PLANNERS)}")
+
+
+def make_planner(name: str, model: RobotModel, rng: random.Random) -> Planner:
+    """A new planner. ``rng`` is used only by those that throw dice.
+
+    Raises:
+        UnknownPlannerError: no planner has this name.
+
+    """
+    try:
+        factory = _FACTORIES[name]
+    except KeyError:
+        raise UnknownPlannerError(name) from None
+    return factory(model, rng)

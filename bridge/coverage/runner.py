@@ -1,0 +1,128 @@
+"""Joins a planner and the leg executor into one step per observation."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.coverage.planner import Finish, Planner, PlannerEvent, PlannerState
+from bridge.motion.executor import LegExecutor, MotionTuning
+from bridge.motion.legs import Drive, Turn
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
+
+_MAX_DECISIONS = 16
+"""Legs that end in the step in which they began; more in a row is a planner going in circles."""
+
+
+class PlanRunner:
+    """Runs a plan to its end: one call of ``step`` per observation.
+
+    Halts before the first leg, while paused and after the end. Legs are only begun in ``step``.
+    """
+
+    def __init__(
+        self,
+        planner: Planner,
+        model: RobotModel,
+        tuning: MotionTuning | None = None,
+    ) -> None:
+        """The planner must not have been started."""
+        self._planner = planner
+        self._executor = LegExecutor(model, tuning)
+        self._started = False
+        self._paused = False
+        self._finish: Finish | None = None
+        self._turns = 0
+        self._legs = 0
+        self._lane_length_m = 0.0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the plan has ended."""
+        return self._finish is not None
+
+    @property
+    def finish_reason(self) -> str | None:
+        """Why the plan ended; ``None`` while it runs."""
+        return None if self._finish is None else self._finish.reason
+
+    @property
+    def turns(self) -> int:
+        """Turns in place begun."""
+        return self._turns
+
+    @property
+    def legs(self) -> int:
+        """Legs begun."""
+        return self._legs
+
+    @property
+    def lane_length_m(self) -> float:
+        """Sum of the lanes' lengths: Σ d of eq. 8."""
+        return self._lane_length_m
+
+    @property
+    def state(self) -> PlannerState:
+        """Where the planner stands."""
+        return self._planner.state
+
+    @property
+    def executor(self) -> LegExecutor:
+        """The controllers' side: the leg under way and the lateral velocity for the log."""
+        return self._executor
+
+    @property
+    def paused(self) -> bool:
+        """Whether ``pause`` holds the plan."""
+        return self._paused
+
+    def drain_events(self) -> list[PlannerEvent]:
+        """The planner's decisions since the last call, oldest first."""
+        return self._planner.drain_events()
+
+    def pause(self) -> None:
+        """Hold: ``step`` halts until ``resume``; the leg under way is kept."""
+        self._paused = True
+        self._executor.halt()
+
+    def resume(self) -> None:
+        """Go on with the leg that was held, along its own line."""
+        self._paused = False
+
+    def step(self, obs: Observation) -> VelocityCommand:
+        """Command for this observation."""
+        if self._paused or self._finish is not None:
+            return HALT
+        executor = self._executor
+        if self._started:
+            command = executor.step(obs)
+            if executor.result is None:
+                return command
+        for _ in range(_MAX_DECISIONS):
+            self._decide(obs)
+            if self._finish is not None:
+                return HALT
+            command = executor.step(obs)
+            if executor.result is None:
+                return command
+        self._finish = Finish("planner made no progress")
+        return HALT
+
+    def _decide(self, obs: Observation) -> None:
+        result = self._executor.result
+        if not self._started or result is None:
+            self._started = True
+            leg = self._planner.start(obs)
+        else:
+            if isinstance(result.leg, Drive) and result.leg.purpose == "lane":
+                self._lane_length_m += abs(result.distance_m)
+            leg = self._planner.next(result, obs)
+        if isinstance(leg, Finish):
+            self._finish = leg
+            return
+        self._legs += 1
+        if isinstance(leg, Turn):
+            self._turns += 1
+        self._executor.start(leg, obs)

@@ -1,0 +1,66 @@
+"""Errors of the host, by what a user can do about them; each is one line and an exit status."""
+
+from __future__ import annotations
+
+
+class BridgeError(Exception):
+    """Base of everything that the host raises on purpose."""
+
+    exit_status = 1
+
+
+class ConfigError(BridgeError):
+    """A robot file that cannot be used; names the key."""
+
+    exit_status = 2
+
+
+class PortError(BridgeError):
+    """The port cannot be opened or is gone."""
+
+    exit_status = 3
+
+
+class PortBusyError(PortError):
+    """Another program has the port."""
+
+    def __init__(self, port: str, pid: int | None) -> None:
+        owner = f"process {pid}" if pid else "another program"
+        super().__init__(f"{port} is busy: {owner} has it open; end it or choose another port")
+        self.port = port
+        self.pid = pid
+
+
+class NoDeviceError(PortError):
+    """The port is open, but no sweeper answers on it."""
+
+
+class DeviceLostError(PortError):
+    """The device fell silent or its port vanished, and it did not come back."""
+
+
+class DisagreementError(BridgeError):
+    """The device speaks another protocol or refuses us."""
+
+    exit_status = 4
+
+
+class CommandRejectedError(BridgeError):
+    """The device refused a command."""
+
+    exit_status = 4
+
+    def __init__(self, command: str, reason: str) -> None:
+        super().__init__(f"the device refused {command}: {reason}")
+        self.command = command
+        self.reason = reason
+
+
+class StoppedForSafetyError(BridgeError):
+    """The robot is stopped and must be freed by hand."""
+
+    exit_status = 5
+
+    def __init__(self, cause: str, hint: str) -> None:
+        super().__init__(f"the robot is stopped (cause: {cause}); {hint}")
+        self.cause = cause

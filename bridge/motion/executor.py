@@ -1,0 +1,316 @@
+"""Drives one leg at a time: from observations to velocity commands, sans-I/O."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bridge.motion.geometry import wrap_angle
+from bridge.motion.legs import Drive, GoTo, Leg, LegResult, StopReason, Turn
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.motion.point_to_point import PointToPointController
+from bridge.motion.range_filter import RangeAhead
+from bridge.motion.rotary import RotaryController
+from bridge.motion.smoothing import VelocitySmoother
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
+
+_MAX_STEP_S = 0.1
+"""A longer gap between steps (a pause) is not integrated into filters and timeouts."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionTuning:
+    """Gains and thresholds of the executor; lengths in metres, angles in radians."""
+
+    brake_share: float = 0.75
+    """Stop distances use this share of the acceleration limit: the rest is for control."""
+    lag_s: float = 0.10
+    """From a command to the wheels following it: link, smoothing, motor."""
+    creep_m_s: float = 0.025
+    """Slowest approach; touching at this speed is a touch, not a collision (< 0.03 m/s)."""
+    lookahead_m: float = 0.25
+    """Lane keeping aims at the heading line this far ahead."""
+    turn_rate_share: float = 0.75
+    """Share of the yaw rate limit used for turns, so that control keeps authority."""
+    min_turn_rad_s: float = 0.10
+    """Slowest turn: below it wheels of this size stick."""
+    heading_tolerance_rad: float = 0.004
+    point_tolerance_m: float = 0.006
+    lowpass: float = 0.6
+    """k of the velocity smoothing, per 20 ms step."""
+    rest_m_s: float = 0.01
+    rest_rad_s: float = 0.03
+    settle_s: float = 0.6
+    """A leg ends at the latest this long after its stop, at rest or not."""
+    stall_s: float = 1.5
+    stall_m: float = 0.003
+    stall_rad: float = 0.02
+
+
+class LegExecutor:
+    """Executes legs.
+
+    ``start`` a leg, then ``step`` with every observation and send what it returns, until
+    ``result`` is there. A bumper or a cliff ends any forward leg at once with a halt that is
+    not ramped; it does not end a turn in place or a leg backwards, which are the ways out.
+    """
+
+    def __init__(self, model: RobotModel, tuning: MotionTuning | None = None) -> None:
+        """At rest, with no leg."""
+        self._model = model
+        self._tuning = tune = tuning or MotionTuning()
+        self._brake_m_s2 = tune.brake_share * model.max_accel_m_s2
+        rate = tune.turn_rate_share * model.max_yaw_rate_rad_s
+        brake_rad_s2 = 0.5 * model.max_yaw_accel_rad_s2
+        self._rotary = RotaryController(rate, brake_rad_s2)
+        self._point = PointToPointController(model.max_speed_m_s, rate)
+        self._smooth_v = VelocitySmoother(model.max_accel_m_s2, tune.lowpass)
+        self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, tune.lowpass)
+        self._ahead = RangeAhead()
+        self._leg: Leg | None = None
+        self._result: LegResult | None = None
+        self._lateral_m_s = 0.0
+
+    # -- what is known ---------------------------------------------------------------------
+
+    @property
+    def result(self) -> LegResult | None:
+        """How the last leg ended; ``None`` while one is under way."""
+        return self._result
+
+    @property
+    def leg(self) -> Leg | None:
+        """The leg under way or last done."""
+        return self._leg
+
+    @property
+    def lateral_m_s(self) -> float:
+        """Lateral part of the point-to-point transform, which is logged and not driven."""
+        return self._lateral_m_s
+
+    # -- running ---------------------------------------------------------------------------
+
+    def start(self, leg: Leg, obs: Observation) -> None:
+        """Begin a leg at the observed pose, dropping any leg under way."""
+        self._leg = leg
+        self._result = None
+        self._stopping: StopReason | None = None
+        self._elapsed_s = 0.0
+        self._stopped_s = 0.0
+        self._last_s = obs.time_s
+        self._origin = obs.pose
+        self._along_m = 0.0
+        self._mark_s = 0.0
+        self._mark = 0.0
+        self._lateral_m_s = 0.0
+        self._bumped = (False, False)
+        self._rotary.reset()
+        self._point.reset()
+        self._ahead.reset()
+        if isinstance(leg, Turn):
+            self._timeout_s = leg.timeout_s
+            return
+        speed = self._model.cruise_speed_m_s if leg.speed_m_s is None else leg.speed_m_s
+        self._speed = min(speed, self._model.max_speed_m_s)
+        if isinstance(leg, Drive):
+            heading = leg.heading_rad
+            length = leg.distance_m
+        else:
+            dx, dy = leg.x_m - obs.pose.x_m, leg.y_m - obs.pose.y_m
+            heading = math.atan2(dy, dx)
+            length = math.hypot(dx, dy)
+        self._cos, self._sin = math.cos(heading), math.sin(heading)
+        self._backward = length is not None and length < 0.0
+        if leg.timeout_s is not None:
+            self._timeout_s = leg.timeout_s
+        elif length is None:
+            self._timeout_s = 600.0
+        else:
+            self._timeout_s = 5.0 + 2.0 * abs(length) / self._speed
+
+    def step(self, obs: Observation) -> VelocityCommand:
+        """Command for this control step; a halt when there is nothing to do."""
+        leg = self._leg
+        if leg is None or self._result is not None:
+            return HALT
+        dt = min(max(obs.time_s - self._last_s, 0.0), _MAX_STEP_S)
+        self._last_s = obs.time_s
+        self._elapsed_s += dt
+        if not isinstance(leg, Turn):
+            pose, origin = obs.pose, self._origin
+            self._along_m = (pose.x_m - origin.x_m) * self._cos + (
+                pose.y_m - origin.y_m
+            ) * self._sin
+        if self._stopping is None:
+            if self._elapsed_s > self._timeout_s:
+                return self._stop(StopReason.TIMEOUT, obs, dt)
+            if isinstance(leg, Drive):
+                return self._drive(leg, obs, dt)
+            if isinstance(leg, Turn):
+                return self._turn(leg, obs, dt)
+            return self._go_to(leg, obs, dt)
+        return self._settle(obs, dt)
+
+    def halt(self) -> None:
+        """Tell that the robot was stopped from outside: the next step ramps up from rest."""
+        self._smooth_v.reset()
+        self._smooth_w.reset()
+
+    # -- the three kinds -------------------------------------------------------------------
+
+    def _drive(self, leg: Drive, obs: Observation, dt: float) -> VelocityCommand:
+        direction = -1.0 if self._backward else 1.0
+        speed = self._speed
+        if not self._backward:
+            hit = self._hit(obs)
+            if hit is not None:
+                return self._stop(hit, obs, dt)
+            speed = self._approach(leg.stop_range_m, obs, dt, speed)
+            if speed <= 0.0:
+                return self._stop(StopReason.RANGE, obs, dt)
+        if leg.distance_m is not None:
+            remaining = (leg.distance_m - self._along_m) * direction
+            if remaining <= self._run_out_m(obs.v_m_s):
+                return self._stop(StopReason.DISTANCE, obs, dt)
+            speed = min(speed, self._brake_speed(remaining))
+        if self._stalled(self._along_m, self._tuning.stall_m):
+            return self._stop(StopReason.STALLED, obs, dt)
+        pose, origin = obs.pose, self._origin
+        across = (pose.y_m - origin.y_m) * self._cos - (pose.x_m - origin.x_m) * self._sin
+        aim = leg.heading_rad - direction * math.atan2(across, self._tuning.lookahead_m)
+        rate = self._rotary.update(aim, pose.theta_rad, dt)
+        error = wrap_angle(leg.heading_rad - pose.theta_rad)
+        return self._send(direction * speed * max(math.cos(error), 0.0), rate, dt)
+
+    def _turn(self, leg: Turn, obs: Observation, dt: float) -> VelocityCommand:
+        tune = self._tuning
+        error = wrap_angle(leg.heading_rad - obs.pose.theta_rad)
+        run_out = 0.5 * tune.lag_s * abs(obs.yaw_rate_rad_s)
+        if abs(error) < tune.heading_tolerance_rad + run_out:
+            return self._stop(StopReason.DONE, obs, dt)
+        if self._stalled(obs.pose.theta_rad, tune.stall_rad):
+            return self._stop(StopReason.STALLED, obs, dt)
+        rate = self._rotary.update(leg.heading_rad, obs.pose.theta_rad, dt)
+        if abs(rate) < tune.min_turn_rad_s:
+            rate = math.copysign(tune.min_turn_rad_s, error)
+        return self._send(0.0, rate, dt)
+
+    def _go_to(self, leg: GoTo, obs: Observation, dt: float) -> VelocityCommand:
+        tune = self._tuning
+        hit = self._hit(obs)
+        if hit is not None:
+            return self._stop(hit, obs, dt)
+        command = self._point.update(leg.x_m, leg.y_m, obs.pose, dt)
+        near = command.distance_m < 5.0 * tune.point_tolerance_m
+        behind = abs(command.bearing_error_rad) > 0.5 * math.pi
+        if command.distance_m < tune.point_tolerance_m or (near and behind):
+            return self._stop(StopReason.DONE, obs, dt)
+        self._lateral_m_s = command.vy_m_s
+        rate = command.yaw_rate_rad_s
+        speed = command.vx_m_s
+        if speed <= 0.0:
+            # in place: what lies that way now is not what lies ahead later
+            self._ahead.reset()
+            speed = 0.0
+            if abs(rate) < tune.min_turn_rad_s:
+                rate = math.copysign(tune.min_turn_rad_s, command.bearing_error_rad)
+        else:
+            most = self._approach(leg.stop_range_m, obs, dt, self._speed)
+            if most <= 0.0:
+                return self._stop(StopReason.RANGE, obs, dt)
+            speed = min(max(speed, tune.creep_m_s), most, self._brake_speed(command.distance_m))
+        if self._stalled(self._along_m + obs.pose.theta_rad, tune.stall_m):
+            return self._stop(StopReason.STALLED, obs, dt)
+        return self._send(speed, rate, dt)
+
+    # -- parts -----------------------------------------------------------------------------
+
+    def _approach(
+        self,
+        stop_range_m: float | None,
+        obs: Observation,
+        dt: float,
+        speed: float,
+    ) -> float:
+        """Speed that still stops at the stop range; 0 when it is reached."""
+        if stop_range_m is None:
+            return speed
+        ahead = self._ahead.update(obs.ultrasonic_m, obs.v_m_s * dt, dt)
+        if ahead is None:
+            return speed
+        remaining = ahead - stop_range_m
+        if remaining <= self._run_out_m(obs.v_m_s):
+            return 0.0
+        return min(speed, self._brake_speed(remaining))
+
+    def _brake_speed(self, remaining_m: float) -> float:
+        """Fastest speed that stops within ``remaining_m`` by the brake share, lag included.
+
+        From d = v·τ + v²/2a: v = sqrt((aτ)² + 2ad) - aτ.
+        """
+        push = self._brake_m_s2 * self._tuning.lag_s
+        speed = math.sqrt(push * push + 2.0 * self._brake_m_s2 * max(remaining_m, 0.0)) - push
+        return max(speed, self._tuning.creep_m_s)
+
+    def _run_out_m(self, v_m_s: float) -> float:
+        """Way still made after a zero command at this speed: half the lag at a falling speed."""
+        return 0.5 * self._tuning.lag_s * abs(v_m_s)
+
+    def _hit(self, obs: Observation) -> StopReason | None:
+        if obs.cliff:
+            return StopReason.CLIFF
+        if obs.bumper_left or obs.bumper_right:
+            return StopReason.BUMPER
+        return None
+
+    def _stalled(self, progress: float, least: float) -> bool:
+        if abs(progress - self._mark) > least:
+            self._mark = progress
+            self._mark_s = self._elapsed_s
+            return False
+        return self._elapsed_s - self._mark_s > self._tuning.stall_s
+
+    def _send(self, v_m_s: float, rate_rad_s: float, dt: float) -> VelocityCommand:
+        return VelocityCommand(
+            self._smooth_v.update(v_m_s, dt),
+            self._smooth_w.update(rate_rad_s, dt),
+        )
+
+    def _stop(self, reason: StopReason, obs: Observation, dt: float) -> VelocityCommand:
+        self._stopping = reason
+        self._stopped_s = 0.0
+        self._bumped = (obs.bumper_left, obs.bumper_right)
+        if reason in (StopReason.BUMPER, StopReason.CLIFF):
+            self.halt()
+            return HALT
+        return self._send(0.0, 0.0, dt)
+
+    def _settle(self, obs: Observation, dt: float) -> VelocityCommand:
+        """Ramp to zero; the leg ends at rest, where its distance and pose are final."""
+        tune = self._tuning
+        self._stopped_s += dt
+        command = self._send(0.0, 0.0, dt)
+        if abs(command.v_m_s) < tune.rest_m_s and abs(command.yaw_rate_rad_s) < tune.rest_rad_s:
+            self.halt()
+            command = HALT
+        rest = abs(obs.v_m_s) < tune.rest_m_s and abs(obs.yaw_rate_rad_s) < tune.rest_rad_s
+        if (command is HALT and rest) or self._stopped_s > tune.settle_s:
+            self._finish(obs)
+        return command
+
+    def _finish(self, obs: Observation) -> None:
+        leg, reason = self._leg, self._stopping
+        if leg is None or reason is None:
+            return
+        self._result = LegResult(
+            leg,
+            reason,
+            self._along_m,
+            self._elapsed_s,
+            obs.pose,
+            self._bumped[0] or obs.bumper_left,
+            self._bumped[1] or obs.bumper_right,
+        )

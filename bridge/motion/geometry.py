@@ -1,0 +1,38 @@
+"""Planar poses and angles."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+_TAU = 2.0 * math.pi
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """Wrap an angle to [-π, π)."""
+    return (angle_rad + math.pi) % _TAU - math.pi
+
+
+class Pose2(NamedTuple):
+    """A pose in the plane: position of the axle's centre and heading.
+
+    Metres and radians; ``theta_rad`` counts counter-clockwise from +x.
+    """
+
+    x_m: float
+    y_m: float
+    theta_rad: float
+
+    def transform(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Map a point of the body frame to the frame of this pose (paper eq. 1)."""
+        c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
+        return self.x_m + c * x_m - s * y_m, self.y_m + s * x_m + c * y_m
+
+    def compose(self, other: Pose2) -> Pose2:
+        """Pose of ``other``, given in this pose's body frame, in the outer frame."""
+        x_m, y_m = self.transform(other.x_m, other.y_m)
+        return Pose2(x_m, y_m, wrap_angle(self.theta_rad + other.theta_rad))
+
+    def distance_m(self, other: Pose2) -> float:
+        """Straight-line distance between the two positions."""
+        return math.hypot(other.x_m - self.x_m, other.y_m - self.y_m)

@@ -1,0 +1,94 @@
+"""Legs: what a planner asks of the controllers, and what it is told back."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Hold a heading line and drive along it.
+
+    The line goes through the position at the start of the leg. This is the paper's "set the
+    target's x to infinity": the distance is only a limit, and without one the line is followed
+    until a sensor says stop.
+    """
+
+    heading_rad: float
+    distance_m: float | None = None
+    """Where to stop along the line; negative: backwards; ``None``: no limit."""
+    speed_m_s: float | None = None
+    """``None``: the robot's cruise speed."""
+    stop_range_m: float | None = None
+    """Stop where the ultrasonic reads this; ``None``: the ultrasonic does not stop the leg."""
+    timeout_s: float | None = None
+    """``None``: twice the time that the distance should take and 5 s, or 600 s without one."""
+    purpose: str = "drive"
+    """For events and lane lengths; it changes nothing in the motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Turn in place to a heading, the short way."""
+
+    heading_rad: float
+    timeout_s: float = 15.0
+    purpose: str = "turn"
+
+
+@dataclass(frozen=True, slots=True)
+class GoTo:
+    """Drive to a point in a straight line, turning in place first if it lies off the bow."""
+
+    x_m: float
+    y_m: float
+    speed_m_s: float | None = None
+    stop_range_m: float | None = None
+    timeout_s: float | None = None
+    purpose: str = "goto"
+
+
+Leg = Drive | Turn | GoTo
+
+
+class StopReason(enum.StrEnum):
+    """Why a leg ended."""
+
+    DONE = "done"
+    """The heading or the point was reached."""
+    DISTANCE = "distance"
+    """The distance was driven."""
+    RANGE = "range"
+    """The ultrasonic read the stop range."""
+    BUMPER = "bumper"
+    CLIFF = "cliff"
+    STALLED = "stalled"
+    """Commanded to move, and the estimate did not."""
+    TIMEOUT = "timeout"
+
+    @property
+    def blocked(self) -> bool:
+        """Whether something in the world ended the leg, not its own goal."""
+        return self not in _GOALS
+
+
+_GOALS = frozenset({StopReason.DONE, StopReason.DISTANCE})
+
+
+@dataclass(frozen=True, slots=True)
+class LegResult:
+    """How a leg ended, after the robot came to rest."""
+
+    leg: Leg
+    reason: StopReason
+    distance_m: float
+    """Along the leg's line, signed as ``Drive.distance_m``; 0 for a turn."""
+    duration_s: float
+    pose: Pose2
+    bumper_left: bool = False
+    bumper_right: bool = False

@@ -1,0 +1,38 @@
+"""What the planner and the controllers are told at each control step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+
+
+class Observation(NamedTuple):
+    """One control step's view of the world: only what the robot's own sensors tell."""
+
+    time_s: float
+    """Time of this step; only differences matter."""
+    pose: Pose2
+    """Estimated pose."""
+    v_m_s: float
+    """Estimated forward speed."""
+    yaw_rate_rad_s: float
+    ultrasonic_m: float | None
+    """Range from the ultrasonic's face; ``None``: no echo."""
+    infrared_left_m: float | None
+    """``None``: nothing within the sensor's range."""
+    infrared_right_m: float | None
+    bumper_left: bool
+    bumper_right: bool
+    cliff: bool
+
+
+class VelocityCommand(NamedTuple):
+    """A body velocity: forward speed and yaw rate."""
+
+    v_m_s: float
+    yaw_rate_rad_s: float
+
+
+HALT = VelocityCommand(0.0, 0.0)

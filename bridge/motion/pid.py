@@ -1,0 +1,76 @@
+"""The paper's PID (section 3.3 eq. 1) with a saturated output and anti-windup."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class PidGains:
+    """Gains in the paper's first form: u = Kp [e + 1/Ti ∫e dt + Td de/dt]."""
+
+    kp: float
+    ti_s: float = math.inf
+    """Integral time; infinite: no integral part."""
+    td_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse gains with no meaning."""
+        if not (math.isfinite(self.kp) and self.ti_s > 0.0 and self.td_s >= 0.0):
+            raise ValueError(f"PID gains need finite kp, ti_s > 0, td_s >= 0, not {self}")
+
+    @property
+    def ki(self) -> float:
+        """Ki of the second form, Kp/Ti."""
+        return self.kp / self.ti_s
+
+    @property
+    def kd(self) -> float:
+        """Kd of the second form, Kp·Td."""
+        return self.kp * self.td_s
+
+
+class Pid:
+    """Discrete PID on an error that the caller forms.
+
+    Beyond the paper: the output is limited to ±``limit``, and the integral only takes a step
+    that does not push a saturated output further out (conditional integration), so it never
+    holds more than the actuator could use. The derivative is zero on the first sample.
+    """
+
+    __slots__ = ("_integral", "_kd", "_ki", "_kp", "_limit", "_previous")
+
+    def __init__(self, gains: PidGains, limit: float = math.inf) -> None:
+        """``limit`` is in the output's unit."""
+        if not limit > 0.0:
+            raise ValueError(f"PID limit must be positive, not {limit!r}")
+        self._kp, self._ki, self._kd = gains.kp, gains.ki, gains.kd
+        self._limit = limit
+        self._integral = 0.0
+        self._previous: float | None = None
+
+    @property
+    def integral(self) -> float:
+        """The integral part of the output, Ki ∫e dt."""
+        return self._integral
+
+    def reset(self) -> None:
+        """Forget the integral and the last error."""
+        self._integral = 0.0
+        self._previous = None
+
+    def update(self, error: float, dt_s: float) -> float:
+        """Output for this sample's error; with ``dt_s`` ≤ 0 only the P and held I parts act."""
+        output = self._kp * error + self._integral
+        if dt_s > 0.0:
+            if self._previous is not None:
+                output += self._kd * (error - self._previous) / dt_s
+            if self._ki:
+                step = self._ki * error * dt_s
+                if abs(output + step) <= self._limit or step * output < 0.0:
+                    self._integral += step
+                    output += step
+        self._previous = error
+        limit = self._limit
+        return limit if output > limit else -limit if output < -limit else output

@@ -1,0 +1,84 @@
+"""The robot's dimensions, limits and sensor mounts.
+
+Defaults are the paper's values; where the paper is silent they are common parts of a
+robot of this size. A robot file (TOML) may override any of them, see ``bridge.config``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class RangerMount:
+    """Where a range sensor sits and what it can see.
+
+    Mount in the body frame (x forward, y left, from the axle's centre).
+    """
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    min_range_m: float
+    max_range_m: float
+    cone_rad: float = 0.0
+    """Full opening angle; 0 for a beam."""
+
+
+def _ultrasonic() -> RangerMount:
+    return RangerMount(0.12, 0.0, 0.0, 0.02, 4.0, math.radians(15.0))
+
+
+def _infrared_left() -> RangerMount:
+    return RangerMount(0.05, 0.10, math.pi / 2, 0.04, 0.30)
+
+
+def _infrared_right() -> RangerMount:
+    return RangerMount(0.05, -0.10, -math.pi / 2, 0.04, 0.30)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotModel:
+    """Everything about the robot that the host and the virtual device must agree on."""
+
+    name: str = "sweeper"
+    robot_diameter_m: float = 0.32
+    """Φ of the paper's Table 1."""
+    cleaning_width_m: float = 0.16
+    """W of the paper's Table 1."""
+    mouth_offset_m: float = 0.0
+    """How far ahead of the axle the mouth sits."""
+    cruise_speed_m_s: float = 0.20
+    max_speed_m_s: float = 0.30
+    max_accel_m_s2: float = 0.40
+    max_yaw_rate_rad_s: float = 2.0
+    max_yaw_accel_rad_s2: float = 8.0
+    wheel_diameter_m: float = 0.065
+    """D of eq. 3, which is not the D of the algorithm."""
+    counts_per_turn: int = 1560
+    """n of eq. 3: encoder counts per wheel turn, after ×4."""
+    wheel_base_m: float = 0.23
+    """B of eq. 4."""
+    ultrasonic: RangerMount = field(default_factory=_ultrasonic)
+    infrared_left: RangerMount = field(default_factory=_infrared_left)
+    infrared_right: RangerMount = field(default_factory=_infrared_right)
+    battery_v: float = 16.0
+    battery_ah: float = 9.0
+    driver_drop_v: float = 1.9
+    """L298N saturation voltage, both legs together."""
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the body's disc."""
+        return self.robot_diameter_m / 2.0
+
+    @property
+    def metres_per_count(self) -> float:
+        """Wheel travel of one encoder count (eq. 3 with N = 1)."""
+        return math.pi * self.wheel_diameter_m / self.counts_per_turn
+
+    def wheel_speeds_m_s(self, v_m_s: float, yaw_rate_rad_s: float) -> tuple[float, float]:
+        """Left and right wheel speed for a body velocity (inverse of eq. 4)."""
+        half = 0.5 * self.wheel_base_m * yaw_rate_rad_s
+        return v_m_s - half, v_m_s + half

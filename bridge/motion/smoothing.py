@@ -1,0 +1,47 @@
+"""Velocity smoothing: low-pass, then an acceleration clamp (paper section 3.3, part 5)."""
+
+from __future__ import annotations
+
+
+class VelocitySmoother:
+    """First-order low-pass followed by an acceleration limit, for one velocity.
+
+    The paper's low-pass mixes v(t-1) and v(t) of its *input*, a two-tap average with next to
+    no smoothing. Its Fig. 11 shows an exponential filter, so the usual one on the filter's own
+    previous output is used: y(t) = (1 - k) y(t-1) + k v(t). The clamp then bounds the change of
+    y against the *last output*, so the limit holds for what is really sent.
+    """
+
+    __slots__ = ("_k", "_limit", "_output")
+
+    def __init__(self, max_accel: float, lowpass: float = 0.5) -> None:
+        """``max_accel`` per second squared; ``lowpass`` is the paper's factor k in (0, 1]."""
+        if not 0.0 < lowpass <= 1.0:
+            raise ValueError(f"low-pass factor must be in (0, 1], not {lowpass!r}")
+        if not max_accel > 0.0:
+            raise ValueError(f"maximum acceleration must be positive, not {max_accel!r}")
+        self._k = lowpass
+        self._limit = max_accel
+        self._output = 0.0
+
+    @property
+    def output(self) -> float:
+        """The last output."""
+        return self._output
+
+    def reset(self, output: float = 0.0) -> None:
+        """Set the last output, as after a halt that was not ramped."""
+        self._output = output
+
+    def update(self, target: float, dt_s: float) -> float:
+        """Velocity to send now for a wanted ``target``; no change with ``dt_s`` ≤ 0."""
+        if dt_s <= 0.0:
+            return self._output
+        step = self._k * (target - self._output)
+        most = self._limit * dt_s
+        if step > most:
+            step = most
+        elif step < -most:
+            step = -most
+        self._output += step
+        return self._output

@@ -1,0 +1,39 @@
+"""What can go wrong with a log, each in one clear line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class LogError(Exception):
+    """Base of everything that recording and reading may raise."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        super().__init__(text)
+        self.path = path
+
+
+class LogExistsError(LogError):
+    """The log would replace a file, and that was not asked for."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, f"{path} exists; give another name, or --force to replace it")
+
+
+class LogWriteError(LogError):
+    """The log cannot be opened or written: no such folder, no permission, disk full."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(path, f"cannot write {path}: {reason}")
+        self.reason = reason
+
+
+class LogReadError(LogError):
+    """The file is missing, is no MCAP, or is damaged before its first record."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(path, f"cannot read {path}: {reason}")
+        self.reason = reason

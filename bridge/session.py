@@ -1,0 +1,480 @@
+"""A session with one device: hello, agreement, commands, heartbeats, loss and return.
+
+Sans-I/O. States and the moves between them are a table; whoever owns the port feeds bytes
+and time in and carries events and bytes out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from protocol.agreement import Comparison, MessageAgreement
+from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.codec import Codec
+from protocol.commands import CommandSender, Outcome
+from protocol.link import NODE_ALL, Link, Received, Rejected
+from protocol.message import Direction, Message
+from protocol.messages import (
+    Ack,
+    ClearStop,
+    DescribeReply,
+    Hello,
+    HostHello,
+    Nack,
+    SetMode,
+    Stop,
+    TimeReply,
+    TimeRequest,
+    VelocitySetpoint,
+)
+from protocol.uart import FLAG_RETRY, DamagedFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from protocol.clock import HostNs
+
+HELLO_PERIOD_NS = 200_000_000
+ANSWER_PERIOD_NS = 100_000_000
+OPEN_TIMEOUT_NS = 3_000_000_000
+"""Three of the device's own hellos, which it sends at 1 Hz."""
+LOST_AFTER_NS = 1_000_000_000
+FAST_PING_NS = 100_000_000
+FAST_PINGS = 50
+SLOW_PING_NS = 250_000_000
+"""Four a second: the device holds us lost after 1 s, and one or two lost pings are normal."""
+QUESTIONS_AT_ONCE = 4
+_BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
+
+
+class State(Enum):
+    """Where a session stands."""
+
+    CLOSED = "closed"
+    OPENING = "opening"
+    AGREEING = "agreeing"
+    READY = "ready"
+    LOST = "lost"
+    FAILED = "failed"
+
+
+TRANSITIONS: dict[tuple[State, str], State] = {
+    (State.CLOSED, "open"): State.OPENING,
+    (State.OPENING, "hello"): State.AGREEING,
+    (State.OPENING, "no_device"): State.FAILED,
+    (State.AGREEING, "agreed"): State.READY,
+    (State.AGREEING, "disagree"): State.FAILED,
+    (State.AGREEING, "silence"): State.LOST,
+    (State.READY, "silence"): State.LOST,
+    (State.READY, "rebooted"): State.AGREEING,
+    (State.READY, "forgotten"): State.AGREEING,
+    (State.LOST, "hello"): State.AGREEING,
+    (State.LOST, "other_device"): State.FAILED,
+    (State.LOST, "give_up"): State.FAILED,
+    (State.AGREEING, "other_device"): State.FAILED,
+    (State.READY, "other_device"): State.FAILED,
+    **{(state, "close"): State.CLOSED for state in State},
+}
+"""Every legal move: (state, what happened) → next state."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateChanged:
+    """The session moved."""
+
+    old: State
+    new: State
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Agreed:
+    """Both ends know what they share; streams and commands may start."""
+
+    hello: Hello
+    node: int
+    rebooted: bool
+    """True where the device is not in the boot that we knew."""
+    differences: tuple[MessageAgreement, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The session cannot go on."""
+
+    kind: str
+    """``silence``, ``garbage``, ``echo``, ``version``, ``disagreement`` or ``other_device``."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """A telemetry message."""
+
+    received: Received
+    arrived_ns: HostNs
+
+
+@dataclass(frozen=True, slots=True)
+class Ping:
+    """A time exchange is complete."""
+
+    sent_ns: HostNs
+    received_us: int
+    replied_us: int
+    arrived_ns: HostNs
+
+
+@dataclass(frozen=True, slots=True)
+class CommandEnded:
+    """A command was accepted, refused or never answered."""
+
+    outcome: Outcome
+
+
+SessionEvent = StateChanged | Agreed | Failed | Data | Ping | CommandEnded | DamagedFrame | Rejected
+
+
+@dataclass(slots=True)
+class _Evidence:
+    """What was heard while no sweeper had answered."""
+
+    received: int = 0
+    versions: set[int] = field(default_factory=set)
+    echoes: int = 0
+
+
+class Session:
+    """The host's end of a conversation with one device."""
+
+    def __init__(
+        self,
+        new_session_id: Callable[[], int],
+        *,
+        name: str = "sweepctl",
+        node: int | None = None,
+        catalogue: Catalogue = CATALOGUE,
+    ) -> None:
+        """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids."""
+        self.state = State.CLOSED
+        self.link = Link(Direction.HOST, codec=Codec(catalogue))
+        self.commands = CommandSender()
+        self.hello: Hello | None = None
+        self.node = node
+        self.session_id = 0
+        self._new_session_id = new_session_id
+        self._name = name
+        self._catalogue = catalogue
+        self._comparison: Comparison | None = None
+        self._evidence = _Evidence()
+        self._opened_ns = 0
+        self._heard_ns = 0
+        self._next_ns = 0
+        self._tries = 0
+        self._pings: dict[int, HostNs] = {}
+        self._ping = 0
+        self._setpoint_counter = 0
+        self._boot_known: int | None = None
+        self._events: list[SessionEvent] = []
+
+    # ---- in and out -----------------------------------------------------------------------
+
+    def open(self, now_ns: HostNs) -> None:
+        """Start to look for a device."""
+        self._opened_ns = self._next_ns = now_ns
+        self._move("open", "opened")
+        self.session_id = self._new_session_id()
+
+    def close(self) -> None:
+        """End; says nothing to the device."""
+        self.commands.cancel()
+        self._move("close", "closed")
+
+    def receive(self, data: bytes, now_ns: HostNs) -> list[SessionEvent]:
+        """Take bytes from the port."""
+        self._evidence.received += len(data)
+        for event in self.link.receive(data):
+            if isinstance(event, Received):
+                if self.node is None or event.frame.node == self.node:
+                    self._heard_ns = now_ns
+                    self._handle(event, now_ns)
+            else:
+                if isinstance(event, Rejected):
+                    self._note(event)
+                self._events.append(event)
+        return self._drain()
+
+    def poll(self, now_ns: HostNs) -> list[SessionEvent]:
+        """Do what time asks for: hellos, questions, pings, retries, and noticing silence."""
+        if self.state in {State.READY, State.AGREEING}:
+            if now_ns - self._heard_ns > LOST_AFTER_NS:
+                self._lose(now_ns)
+        elif self.state is State.OPENING and now_ns - self._opened_ns > OPEN_TIMEOUT_NS:
+            self._no_device()
+        if now_ns >= self._next_ns:
+            self._periodic(now_ns)
+        if self.state is State.READY:
+            messages, outcomes = self.commands.due(now_ns // 1000)
+            for message, retry in messages:
+                self._send(message, now_ns, flags=FLAG_RETRY if retry else 0)
+            self._events += [CommandEnded(o) for o in outcomes]
+        return self._drain()
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the port."""
+        return self.link.data_to_send()
+
+    def next_deadline(self) -> HostNs | None:
+        """When :meth:`poll` has work next; None where nothing is awaited."""
+        if self.state in {State.CLOSED, State.FAILED}:
+            return None
+        deadlines = [self._next_ns]
+        if self.state is State.READY:
+            due_us = self.commands.next_deadline_us()
+            if due_us is not None:
+                deadlines.append((due_us + 1) * 1000)
+        return min(deadlines)  # type: ignore[return-value]  # all of them host nanoseconds
+
+    # ---- what a user of the session asks for ----------------------------------------------
+
+    def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
+        """Send a velocity; it replaces one that still waits to be written."""
+        self._setpoint_counter = (self._setpoint_counter + 1) & 0xFF
+        message = VelocitySetpoint(
+            round(v_m_s / 0.0001), round(yaw_rate_rad_s / 0.0002), ttl_ms, self._setpoint_counter
+        )
+        self._send(message, now_ns, latest=True)
+
+    def stop(self, cause: int, now_ns: HostNs) -> int:
+        """Latch a stop, repeated until the device has said yes."""
+        return self._command(Stop, cause, now_ns, forever=True)
+
+    def clear_stop(self, cause: int, now_ns: HostNs) -> int:
+        """Release a latched stop of this cause."""
+        return self._command(ClearStop, cause, now_ns)
+
+    def set_mode(self, mode: int, now_ns: HostNs) -> int:
+        """Choose what moves the wheels."""
+        return self._command(SetMode, mode, now_ns)
+
+    def _command(
+        self,
+        message: Callable[[int, int], Message],
+        value: int,
+        now_ns: HostNs,
+        *,
+        forever: bool = False,
+    ) -> int:
+        type_id = self._catalogue.by_class[message].type_id  # type: ignore[index]  # a class
+        command_id = self.commands.issue(
+            lambda i: message(i, value), type_id, now_ns // 1000, forever=forever
+        )
+        for made, retry in self.commands.due(now_ns // 1000)[0]:
+            self._send(made, now_ns, flags=FLAG_RETRY if retry else 0)
+        return command_id
+
+    # ---- inside ---------------------------------------------------------------------------
+
+    def _send(
+        self, message: Message, now_ns: HostNs, *, flags: int = 0, latest: bool = False
+    ) -> None:
+        node = NODE_ALL if self.node is None else self.node
+        self.link.send(message, now_ns // 1000, node=node, flags=flags, latest=latest)
+
+    def _move(self, what: str, why: str) -> None:
+        new = TRANSITIONS.get((self.state, what))
+        if new is None:
+            return
+        if new is not self.state:
+            self._events.append(StateChanged(self.state, new, why))
+        self.state = new
+
+    def _drain(self) -> list[SessionEvent]:
+        events, self._events = self._events, []
+        return events
+
+    def _note(self, event: Rejected) -> None:
+        if event.reason == "version":
+            self._evidence.versions.add(event.frame.version)
+        elif event.reason == "direction":
+            self._evidence.echoes += 1
+
+    def _periodic(self, now_ns: HostNs) -> None:
+        match self.state:
+            case State.OPENING:
+                self._send_hello(now_ns, agreed=0)
+                self._next_ns = now_ns + HELLO_PERIOD_NS
+            case State.AGREEING:
+                self._ask(now_ns)
+                self._next_ns = now_ns + ANSWER_PERIOD_NS
+            case State.READY:
+                self._send_ping(now_ns)
+                fast = self._tries < FAST_PINGS
+                self._tries += 1
+                self._next_ns = now_ns + (FAST_PING_NS if fast else SLOW_PING_NS)
+            case State.LOST:
+                self._send_hello(now_ns, agreed=0)
+                self._next_ns = now_ns + _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]
+                self._tries += 1
+            case _:
+                pass
+
+    def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
+        self._send(
+            HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns
+        )
+
+    def _send_ping(self, now_ns: HostNs) -> None:
+        self._ping = (self._ping + 1) & 0xFF
+        self._pings[self._ping] = now_ns
+        if len(self._pings) > 16:  # noqa: PLR2004 - four seconds of pings without an answer
+            del self._pings[next(iter(self._pings))]
+        self._send(TimeRequest(self._ping), now_ns)
+
+    def _ask(self, now_ns: HostNs) -> None:
+        comparison = self._comparison
+        if comparison is None or comparison.complete:
+            self._send_hello(now_ns, agreed=1)
+            return
+        for question in comparison.questions(QUESTIONS_AT_ONCE):
+            self._send(question, now_ns)
+
+    def _handle(self, event: Received, now_ns: HostNs) -> None:
+        message = event.message
+        match message:
+            case Hello():
+                self._hello(message, event, now_ns)
+            case DescribeReply():
+                self._answer(message, now_ns)
+            case Ack() | Nack():
+                outcome = self.commands.reply(message, now_ns // 1000)
+                if outcome is not None:
+                    self._events.append(CommandEnded(outcome))
+            case TimeReply():
+                sent_ns = self._pings.pop(message.ping, None)
+                if sent_ns is not None:
+                    self._events.append(
+                        Ping(sent_ns, message.received_us, event.frame.t_us, now_ns)
+                    )
+            case _:
+                if self.state is State.AGREEING and self._settled:
+                    self._ready()
+        if self.state is State.READY:
+            self._events.append(Data(event, now_ns))
+
+    @property
+    def _settled(self) -> bool:
+        return self._comparison is None or self._comparison.complete
+
+    def _hello(self, hello: Hello, event: Received, now_ns: HostNs) -> None:
+        known = self.hello
+        if known is not None and known.uid != hello.uid:
+            self._fail(
+                "other_device",
+                "other_device",
+                f"another device answered: uid {hello.uid.hex()}, expected {known.uid.hex()}",
+            )
+            return
+        if self.state in {State.OPENING, State.LOST}:
+            self.node = event.frame.node
+            self._move("hello", "device answered")
+            self._agree(hello, now_ns)
+        elif self.state is State.READY:
+            rebooted = known is not None and known.boot_id != hello.boot_id
+            if rebooted or hello.session_id != self.session_id:
+                self._move(
+                    "rebooted" if rebooted else "forgotten",
+                    "the device booted anew" if rebooted else "the device ended the session",
+                )
+                self._agree(hello, now_ns)
+        elif self.state is State.AGREEING:
+            self.hello = hello
+
+    def _agree(self, hello: Hello, now_ns: HostNs) -> None:
+        """Start agreement with the device that says ``hello``, always in a new session."""
+        if self.hello is not None:
+            self.session_id = self._new_session_id()
+        if self._boot_known is not None and self._boot_known != hello.boot_id:
+            self.link.forget_sequence()
+        self.hello = hello
+        self.commands.cancel()
+        self._pings.clear()
+        same = hello.catalogue_hash == self._catalogue.hash
+        self._comparison = None if same else Comparison(self._catalogue)
+        self._send_hello(now_ns, agreed=0)
+        self._ask(now_ns)
+        self._next_ns = now_ns + ANSWER_PERIOD_NS
+
+    def _answer(self, reply: DescribeReply, now_ns: HostNs) -> None:
+        comparison = self._comparison
+        if self.state is not State.AGREEING or comparison is None:
+            return
+        comparison.answer(reply)
+        if not comparison.complete:
+            self._ask(now_ns)
+            return
+        broken = [a for a in comparison.outcome.values() if not a.usable and a.spec.bootstrap]
+        if broken:
+            lines = "; ".join(a.report() for a in broken)
+            self._fail("disagree", "disagreement", f"no common ground with the device: {lines}")
+            return
+        for type_id, agreement in comparison.outcome.items():
+            if agreement.usable:
+                shared = agreement.shared_fields
+                equal = shared == len(agreement.spec.fields) == agreement.peer_fields
+                self.link.codec.limit(type_id, None if equal else shared)
+                self.link.disabled.discard(type_id)
+            else:
+                self.link.disabled.add(type_id)
+        self._ask(now_ns)
+
+    def _ready(self) -> None:
+        hello = self.hello
+        assert hello is not None  # noqa: S101 - set when agreement began
+        assert self.node is not None  # noqa: S101 - set when agreement began
+        rebooted = self._boot_known is not None and self._boot_known != hello.boot_id
+        self._boot_known = hello.boot_id
+        self._tries = 0
+        self._next_ns = 0
+        self._move("agreed", "both ends agree")
+        outcome = self._comparison.outcome.values() if self._comparison else ()
+        self._events.append(
+            Agreed(hello, self.node, rebooted, tuple(a for a in outcome if a.match.value != "equal"))
+        )
+
+    def _lose(self, now_ns: HostNs) -> None:
+        self._tries = 0
+        self._next_ns = now_ns
+        self.commands.cancel()
+        self._move("silence", "nothing heard for 1 s")
+
+    def _no_device(self) -> None:
+        evidence = self._evidence
+        if evidence.versions:
+            spoken = ", ".join(str(v) for v in sorted(evidence.versions))
+            kind, text = "version", (
+                f"the device speaks protocol version {spoken}, this program {PROTOCOL_VERSION}; "
+                "update the older of the two"
+            )
+        elif evidence.echoes:
+            kind, text = "echo", "our own bytes come back: RX and TX are joined, or echo is on"
+        elif self.link.statistics.damaged:
+            kind, text = "garbage", (
+                f"{evidence.received} bytes came, none of them an intact frame; "
+                "check the baud rate, or this is not a sweeper"
+            )
+        elif evidence.received:
+            kind, text = "garbage", (
+                f"{evidence.received} bytes came that are not a sweeper's; check the port"
+            )
+        else:
+            kind, text = "silence", (
+                "nothing was heard for 3 s; check power, wiring, and that this is the right port"
+            )
+        self._fail("no_device", kind, text)
+
+    def _fail(self, what: str, kind: str, text: str) -> None:
+        self._move(what, text)
+        self._events.append(Failed(kind, text))

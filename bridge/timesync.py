@@ -1,0 +1,170 @@
+"""Device microseconds to host time, with a bound on the error of every sample.
+
+Host time is a straight line over device time, and every exchange fences it in. A device
+stamp can never be later than its arrival (upper fence; every telemetry frame gives one),
+and a device's receive stamp never earlier than our sending (lower fence; pings give those).
+The line must pass below all upper and above all lower fences. What remains is a slope
+interval and, at any moment, an offset interval; its middle is the estimate and its half
+width an honest bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.clock import DeviceUs, HostNs, extend_us
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+MAX_DRIFT_PPM = 300.0
+"""Two crystals of ±100 ppm, with room."""
+BUCKET_US = 500_000
+BUCKETS = 60
+"""Half a minute of history: longer and a crystal's own drift with temperature shows."""
+STEP_NS = 1_000_000
+STEP_SAMPLES = 5
+"""Five contradictions of over 1 ms are a clock that jumped; one is a damaged stamp."""
+
+
+class Mapped(NamedTuple):
+    """A device moment in host time."""
+
+    host_ns: HostNs
+    bound_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """The line at its reference moment, and how far it may be off."""
+
+    device_us: int
+    host_ns: float
+    drift: float
+    """Host seconds per device second, less 1."""
+    bound_ns: float
+    drift_bound: float
+
+
+class TimeSync:
+    """Fences, line and bounds of one boot of one device."""
+
+    def __init__(self) -> None:
+        self.fit: Fit | None = None
+        self.samples = 0
+        self.steps = 0
+        """Clock steps found so far."""
+        self.round_trip_ns = 0
+        self._last: DeviceUs | None = None
+        self._upper: dict[int, tuple[int, int]] = {}
+        self._lower: dict[int, tuple[int, int]] = {}
+        self._contradictions = 0
+
+    def reset(self) -> None:
+        """Forget everything: another boot, or the clock has stepped."""
+        self.fit = None
+        self._last = None
+        self._upper.clear()
+        self._lower.clear()
+        self._contradictions = 0
+
+    def extend(self, low32: int) -> DeviceUs:
+        """Undo the wrap of a 32-bit device stamp."""
+        self._last = DeviceUs(low32) if self._last is None else extend_us(self._last, low32)
+        return self._last
+
+    def arrival(self, device_us: DeviceUs, host_ns: HostNs) -> None:
+        """A frame stamped ``device_us`` was here at ``host_ns``."""
+        self._fence(self._upper, device_us, host_ns, keep_smaller=True)
+
+    def exchange(
+        self, sent_ns: HostNs, received_us: DeviceUs, replied_us: DeviceUs, arrived_ns: HostNs
+    ) -> bool:
+        """A ping and its reply; False where the clock was found to have stepped."""
+        self.samples += 1
+        self.round_trip_ns = arrived_ns - sent_ns - (replied_us - received_us) * 1000
+        if self._contradicts(sent_ns, received_us, replied_us, arrived_ns):
+            self._contradictions += 1
+            if self._contradictions >= STEP_SAMPLES:
+                self.reset()
+                self.steps += 1
+                return False
+            return True
+        self._contradictions = 0
+        self._fence(self._lower, received_us, sent_ns, keep_smaller=False)
+        self._fence(self._upper, replied_us, arrived_ns, keep_smaller=True)
+        self._refit(replied_us)
+        return True
+
+    def map(self, device_us: DeviceUs) -> Mapped | None:
+        """Host time of a device moment, or None while nothing is known."""
+        fit = self.fit
+        if fit is None:
+            return None
+        elapsed_ns = (device_us - fit.device_us) * 1000.0
+        host_ns = fit.host_ns + elapsed_ns * (1.0 + fit.drift)
+        bound_ns = fit.bound_ns + abs(elapsed_ns) * fit.drift_bound
+        return Mapped(HostNs(round(host_ns)), round(bound_ns) + 1)
+
+    # ---- fences ---------------------------------------------------------------------------
+
+    @staticmethod
+    def _fence(
+        side: dict[int, tuple[int, int]], device_us: int, host_ns: int, *, keep_smaller: bool
+    ) -> None:
+        """Keep, per bucket of device time, the tightest fence."""
+        bucket = device_us // BUCKET_US
+        known = side.get(bucket)
+        if known is not None:
+            slack, slack_known = host_ns - device_us * 1000, known[1] - known[0] * 1000
+            if (slack < slack_known) is not keep_smaller:
+                return
+        elif len(side) >= BUCKETS:
+            del side[min(side)]
+        side[bucket] = (device_us, host_ns)
+
+    def _contradicts(self, sent_ns: int, received_us: int, replied_us: int, arrived: int) -> bool:
+        fit = self.fit
+        if fit is None:
+            return False
+        received, replied = self.map(DeviceUs(received_us)), self.map(DeviceUs(replied_us))
+        assert received is not None  # noqa: S101 - there is a fit
+        assert replied is not None  # noqa: S101 - there is a fit
+        early = received.host_ns + received.bound_ns + STEP_NS < sent_ns
+        late = replied.host_ns - replied.bound_ns - STEP_NS > arrived
+        return early or late
+
+    def _refit(self, at_us: int) -> None:
+        upper = [(d - at_us, h) for d, h in self._upper.values()]
+        lower = [(d - at_us, h) for d, h in self._lower.values()]
+        if not upper or not lower:
+            return
+        base_ns = upper[0][1]
+        slow, fast = _slopes(upper, lower)
+        high = min(
+            h - base_ns + max(-d * 1000.0 * (1 + slow), -d * 1000.0 * (1 + fast)) for d, h in upper
+        )
+        low = max(
+            h - base_ns + min(-d * 1000.0 * (1 + slow), -d * 1000.0 * (1 + fast)) for d, h in lower
+        )
+        middle, half = 0.5 * (high + low), max(0.0, 0.5 * (high - low))
+        self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
+
+
+def _slopes(
+    upper: Iterable[tuple[int, int]], lower: Iterable[tuple[int, int]]
+) -> tuple[float, float]:
+    """Least and greatest drift of a line below all upper and above all lower fences."""
+    slow, fast = -MAX_DRIFT_PPM * 1e-6, MAX_DRIFT_PPM * 1e-6
+    lows = list(lower)
+    for upper_us, upper_ns in upper:
+        for lower_us, lower_ns in lows:
+            span = (upper_us - lower_us) * 1000.0
+            if span > 0:
+                fast = min(fast, (upper_ns - lower_ns) / span - 1.0)
+            elif span < 0:
+                slow = max(slow, (upper_ns - lower_ns) / span - 1.0)
+    if slow > fast:  # rounding of stamps to whole microseconds
+        slow = fast = 0.5 * (slow + fast)
+    return slow, fast

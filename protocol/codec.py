@@ -1,0 +1,109 @@
+"""Payload bytes to message and back."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any
+
+from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.errors import FieldRangeError, PayloadError
+
+if TYPE_CHECKING:
+    from protocol.fields import Field, WireType
+    from protocol.message import Message, MessageSpec
+
+_make = tuple.__new__
+
+
+class Codec:
+    """Encodes and decodes a catalogue's messages, as far as a peer agrees with it.
+
+    Where the peer is known to declare other fields of a message, :meth:`limit` says how
+    many of ours it shares: fewer of its own arrive (ours beyond them are None), more of its
+    own are passed over and counted.
+    """
+
+    def __init__(self, catalogue: Catalogue = CATALOGUE) -> None:
+        self.catalogue = catalogue
+        self.extra_bytes = 0
+        """Bytes of fields that only the peer knows, passed over so far."""
+        self._shared: dict[int, int] = {}
+
+    def limit(self, type_id: int, shared_fields: int | None) -> None:
+        """Note how many leading fields the peer shares; None: exactly ours."""
+        if shared_fields is None:
+            self._shared.pop(type_id, None)
+        else:
+            self._shared[type_id] = shared_fields
+
+    def decode(self, spec: MessageSpec, payload: bytes) -> Message:
+        """Decode one payload.
+
+        Raises:
+            PayloadError: the length is not one that the declaration allows.
+
+        """
+        layout = spec.layout
+        if len(payload) == layout.size and spec.text_field is None:
+            return _make(spec.cls, layout.unpack(payload))  # type: ignore[type-var]  # a tuple
+        return self._decode_other(spec, payload)
+
+    def _decode_other(self, spec: MessageSpec, payload: bytes) -> Message:
+        count = len(spec.fields)
+        shared = self._shared.get(spec.type_id, count)
+        layout = spec.layout if shared == count else spec.prefix_layout(shared)
+        if len(payload) < layout.size:
+            raise PayloadError(spec.name, len(payload), layout.size)
+        values: tuple[Any, ...] = layout.unpack_from(payload)
+        tail = payload[layout.size :]
+        if shared == count and spec.text_field is not None:
+            return _make(spec.cls, (*values, tail.decode("utf-8", "replace")))  # type: ignore[type-var]
+        if tail:
+            if spec.type_id not in self._shared and not spec.bootstrap:
+                raise PayloadError(spec.name, len(payload), layout.size)
+            self.extra_bytes += len(tail)
+        return _make(spec.cls, values + (None,) * (count - len(values)))  # type: ignore[type-var]
+
+    def encode(self, message: Message) -> tuple[int, bytes]:
+        """Encode a message: its type and its payload.
+
+        Raises:
+            UnknownMessageError: the catalogue does not hold it.
+            FieldRangeError: a value does not fit its field.
+
+        """
+        spec = self.catalogue.spec(type(message))
+        values = tuple(message)
+        fields, layout = spec.fields, spec.layout
+        shared = self._shared.get(spec.type_id)
+        if shared is not None:
+            values, fields, layout = values[:shared], fields[:shared], spec.prefix_layout(shared)
+        fixed, tail = values, b""
+        try:
+            if spec.text_field is not None and len(values) == len(spec.fields):
+                fixed, tail = values[:-1], values[-1].encode("utf-8", "replace")
+            payload = layout.pack(*fixed) + tail
+        except (struct.error, AttributeError, TypeError):
+            raise _range_error(spec, fields, values) from None
+        if "s" in layout.format:  # bytes, which struct cuts and pads without a word
+            for field, value in zip(fields, values, strict=True):
+                if not _fits(field.wire, value):
+                    raise FieldRangeError(spec.name, field.name, value)
+        return spec.type_id, payload
+
+
+def _range_error(
+    spec: MessageSpec, fields: tuple[Field, ...], values: tuple[Any, ...]
+) -> FieldRangeError:
+    for field, value in zip(fields, values, strict=True):
+        if not _fits(field.wire, value):
+            return FieldRangeError(spec.name, field.name, value)
+    return FieldRangeError(spec.name, "*", values)
+
+
+def _fits(wire: WireType, value: Any) -> bool:  # noqa: ANN401 - whatever the caller put there
+    if wire.is_text:
+        return isinstance(value, str)
+    if wire.is_integer:
+        return hasattr(value, "__index__") and bool(wire.low <= value <= wire.high)
+    return isinstance(value, bytes) and len(value) == wire.size

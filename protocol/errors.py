@@ -1,0 +1,43 @@
+"""Errors of the wire, by whose fault they are."""
+
+from __future__ import annotations
+
+
+class ProtocolError(Exception):
+    """Base of everything that this package raises on purpose."""
+
+
+class LocalError(ProtocolError):
+    """Our own program asked for something that the wire cannot carry."""
+
+
+class FieldRangeError(LocalError):
+    """A value does not fit its field."""
+
+    def __init__(self, message: str, field: str, value: object) -> None:
+        super().__init__(f"{message}.{field}: {value!r} does not fit")
+        self.message = message
+        self.field = field
+        self.value = value
+
+
+class UnknownMessageError(LocalError):
+    """A message that the catalogue does not hold."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(f"{message} is not in the catalogue")
+        self.message = message
+
+
+class RemoteError(ProtocolError):
+    """The peer sent something that makes no sense."""
+
+
+class PayloadError(RemoteError):
+    """A payload that its message's declaration does not allow."""
+
+    def __init__(self, message: str, length: int, expected: int) -> None:
+        super().__init__(f"{message}: payload of {length} B, expected {expected} B")
+        self.message = message
+        self.length = length
+        self.expected = expected

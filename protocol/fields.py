@@ -1,0 +1,239 @@
+"""Wire types and field declarations: the vocabulary of the catalogue.
+
+A message is a ``NamedTuple`` whose annotations carry a :class:`Field` each. Values are the
+raw wire integers; :func:`si` and :func:`si_or_none` add properties in SI units, so decoding
+stays cheap and logs stay exact.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, overload
+
+if TYPE_CHECKING:
+    from enum import IntEnum
+
+
+@dataclass(frozen=True, slots=True)
+class WireType:
+    """How a value is laid out on the wire: little-endian, no padding."""
+
+    name: str
+    code: str
+    """``struct`` format character; empty for text."""
+    size: int
+    """Bytes; 0 for text, which takes what is left of the payload."""
+    low: int = 0
+    high: int = 0
+
+    @property
+    def is_text(self) -> bool:
+        """UTF-8 up to the payload's end; only as the last field."""
+        return self.name == "text"
+
+    @property
+    def is_integer(self) -> bool:
+        """True for everything that carries a number."""
+        return self.high > self.low
+
+
+U8 = WireType("u8", "B", 1, 0, 0xFF)
+U16 = WireType("u16", "H", 2, 0, 0xFFFF)
+U32 = WireType("u32", "I", 4, 0, 0xFFFF_FFFF)
+I16 = WireType("i16", "h", 2, -0x8000, 0x7FFF)
+UID96 = WireType("uid96", "12s", 12)
+TEXT = WireType("text", "", 0)
+
+Exact = int | str | Fraction
+"""A number that is exact in every language: ``"9.80665/16384"``, ``"0.001"`` or 2."""
+
+
+def exact(value: Exact) -> Fraction:
+    """Read ``"a/b"`` with decimal parts, or a plain number, without rounding."""
+    if isinstance(value, str) and "/" in value:
+        numerator, denominator = value.split("/")
+        return Fraction(numerator) / Fraction(denominator)
+    return Fraction(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field of a message: ``physical = raw * scale + offset`` in ``unit``."""
+
+    wire: WireType
+    unit: str
+    doc: str
+    scale: Fraction = Fraction(1)
+    offset: Fraction = Fraction(0)
+    low: int = 0
+    """Smallest raw value with a meaning."""
+    high: int = 0
+    """Largest raw value with a meaning, the sentinel left out."""
+    none: int | None = None
+    """The raw value that says "nothing there"."""
+    enum: type[IntEnum] | None = None
+    """Names of the values, or of the bits where the unit is ``bits``."""
+    can_part: int = 0
+    """Which CAN frame carries the field, where a message needs two."""
+    name: str = ""
+
+    def canonical(self) -> str:
+        """The text that schema agreement hashes: what changes a value's meaning."""
+        scale = str(self.scale)
+        if self.offset:
+            scale += f"{'+' if self.offset > 0 else '-'}{abs(self.offset)}"
+        return f"{self.name}|{self.wire.name}|{scale}|{self.unit}"
+
+    @property
+    def is_scaled(self) -> bool:
+        """True where the raw integer is not the value itself."""
+        return self.scale != 1 or self.offset != 0
+
+    @property
+    def si_suffix(self) -> str | None:
+        """The ending of the SI property's name, or None where the raw value has no unit."""
+        entry = SI_UNITS.get(self.unit)
+        return entry[0] if entry else None
+
+    @property
+    def si_gain(self) -> float:
+        """SI value of one raw step."""
+        return float(self.scale) * SI_UNITS[self.unit][1]
+
+    @property
+    def si_offset(self) -> float:
+        """SI value at raw zero."""
+        return float(self.offset) * SI_UNITS[self.unit][1]
+
+    def named(self, name: str) -> Field:
+        """This declaration under its field's name."""
+        return replace(self, name=name)
+
+
+SI_UNITS: dict[str, tuple[str, float]] = {
+    "m": ("_m", 1.0),
+    "m/s": ("_m_s", 1.0),
+    "rad/s": ("_rad_s", 1.0),
+    "m/s2": ("_m_s2", 1.0),
+    "deg/s": ("_rad_s", math.pi / 180.0),
+    "V": ("_v", 1.0),
+    "A": ("_a", 1.0),
+    "s": ("_s", 1.0),
+    "degC": ("_deg_c", 1.0),
+}
+"""Physical unit of the wire → (name suffix, factor to the SI unit that the suffix names)."""
+
+PLAIN_UNITS = frozenset({"count", "percent", "enum", "bits", "id", "us", "hash", "text", "uid"})
+"""Units of fields whose raw value is the value."""
+
+
+def number(  # noqa: PLR0913 - a declaration names every property of the field
+    wire: WireType,
+    unit: str,
+    doc: str,
+    *,
+    scale: Exact = 1,
+    offset: Exact = 0,
+    low: int | None = None,
+    high: int | None = None,
+    none: int | None = None,
+    enum: type[IntEnum] | None = None,
+    can_part: int = 0,
+) -> Field:
+    """Declare an integer field; the range defaults to what the wire type can hold."""
+    return Field(
+        wire,
+        unit,
+        doc,
+        exact(scale),
+        exact(offset),
+        wire.low if low is None else low,
+        wire.high if high is None else high,
+        none,
+        enum,
+        can_part,
+    )
+
+
+def text(doc: str) -> Field:
+    """Declare a text that takes the rest of the payload."""
+    return Field(TEXT, "text", doc)
+
+
+def uid(doc: str) -> Field:
+    """Declare a 96-bit device id, as bytes."""
+    return Field(UID96, "uid", doc)
+
+
+class _Si:
+    """Descriptor behind :func:`si`: reads its gain from the declaration at first use."""
+
+    __slots__ = ("_field", "_gain", "_index", "_offset")
+
+    def __init__(self, field: str) -> None:
+        self._field = field
+        self._index = -1
+        self._gain = self._offset = 0.0
+
+    def bind(self, fields: tuple[Field, ...]) -> Field:
+        """Find the field of this name among the message's declarations."""
+        for index, field in enumerate(fields):
+            if field.name == self._field:
+                self._index, self._gain, self._offset = index, field.si_gain, field.si_offset
+                return field
+        raise AttributeError(f"no field {self._field!r} to give in SI units")
+
+
+class SiValue(_Si):
+    """A field's value in SI units."""
+
+    __slots__ = ()
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> SiValue: ...
+    @overload
+    def __get__(self, instance: Any, owner: type) -> float: ...  # noqa: ANN401 - any message
+    def __get__(self, instance: Any, owner: type) -> float | SiValue:
+        if instance is None:
+            return self
+        return float(instance[self._index] * self._gain + self._offset)
+
+
+class SiValueOrNone(_Si):
+    """A field's value in SI units, None where it is absent or says "nothing there"."""
+
+    __slots__ = ("_none",)
+
+    def __init__(self, field: str) -> None:
+        super().__init__(field)
+        self._none: int | None = None
+
+    def bind(self, fields: tuple[Field, ...]) -> Field:
+        """Also take the field's sentinel."""
+        field = super().bind(fields)
+        self._none = field.none
+        return field
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> SiValueOrNone: ...
+    @overload
+    def __get__(self, instance: Any, owner: type) -> float | None: ...  # noqa: ANN401 - any message
+    def __get__(self, instance: Any, owner: type) -> float | SiValueOrNone | None:
+        if instance is None:
+            return self
+        raw = instance[self._index]
+        if raw is None or raw == self._none:
+            return None
+        return float(raw * self._gain + self._offset)
+
+
+def si(field: str) -> SiValue:
+    """Give ``field`` in SI units under the attribute this is assigned to."""
+    return SiValue(field)
+
+
+def si_or_none(field: str) -> SiValueOrNone:
+    """Like :func:`si`, for a field with a sentinel or one that older peers lack."""
+    return SiValueOrNone(field)

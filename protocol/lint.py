@@ -1,0 +1,78 @@
+"""Rules that the catalogue itself must keep; run by the tests and before generating."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from protocol.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
+from protocol.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
+from protocol.message import MAX_TYPE, RateClass
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from protocol.fields import Field
+    from protocol.message import MessageSpec
+
+MAX_PAYLOAD = 241
+"""A decoded frame of 253 B less header and CRC."""
+
+
+def findings(specs: Iterable[MessageSpec]) -> list[str]:
+    """What is wrong with the declarations, a line each; empty when all is well."""
+    specs = list(specs)
+    found: list[str] = []
+    for what, counts in (
+        ("type", Counter(hex(s.type_id) for s in specs)),
+        ("name", Counter(s.name for s in specs)),
+    ):
+        found += [f"{what} {key} is declared {n} times" for key, n in counts.items() if n > 1]
+    for spec in specs:
+        found += [f"{spec.name}: {line}" for line in _message(spec)]
+        for field in spec.fields:
+            found += [f"{spec.name}.{field.name}: {line}" for line in _field(spec, field)]
+    return found
+
+
+def _message(spec: MessageSpec) -> Iterator[str]:
+    if not 0 <= spec.type_id <= MAX_TYPE:
+        yield f"type {spec.type_id:#x} is out of range"
+    if not spec.doc:
+        yield "has no description"
+    if spec.layout.size > MAX_PAYLOAD:
+        yield f"payload of {spec.layout.size} B exceeds {MAX_PAYLOAD} B"
+    if spec.rate is RateClass.STREAM:
+        if spec.text_field is not None:
+            yield "a stream may not carry text"
+        if spec.layout.size > STREAM_PAYLOAD_MAX:
+            yield f"stream of {spec.layout.size} B exceeds {STREAM_PAYLOAD_MAX} B"
+        if spec.default_hz <= 0:
+            yield "a stream needs a default rate"
+        for part in sorted({f.can_part for f in spec.fields}):
+            size = sum(f.wire.size for f in spec.fields if f.can_part == part)
+            if size > CAN_PAYLOAD_MAX:
+                yield f"CAN part {part} of {size} B exceeds {CAN_PAYLOAD_MAX} B"
+    elif spec.rate is RateClass.COMMAND and [f.name for f in spec.fields[:1]] != ["command_id"]:
+        yield "a command starts with its command_id"
+
+
+def _field(spec: MessageSpec, field: Field) -> Iterator[str]:
+    if not field.doc:
+        yield "has no description"
+    if field.unit not in SI_UNITS and field.unit not in PLAIN_UNITS:
+        yield f"unit {field.unit!r} is not known"
+    if field.wire.is_integer:
+        if not field.wire.low <= field.low <= field.high <= field.wire.high:
+            yield f"range {field.low}..{field.high} does not fit {field.wire.name}"
+        if field.none is not None and field.low <= field.none <= field.high:
+            yield f"sentinel {field.none} lies inside the range"
+    if field.unit == "enum" and field.enum is None:
+        yield "an enum needs its names"
+    if field.unit in PLAIN_UNITS and field.is_scaled:
+        yield f"a scaled value needs a physical unit, not {field.unit!r}"
+    if field.si_suffix is not None:
+        # A field without a sentinel may still be absent: an older peer does not know it.
+        wanted = (SiValue, SiValueOrNone) if field.none is None else SiValueOrNone
+        if not isinstance(vars(spec.cls).get(field.name + field.si_suffix), wanted):
+            yield f"lacks its SI property {field.name}{field.si_suffix}"

@@ -1,0 +1,194 @@
+"""From an annotated class to a message type and its specification.
+
+``@message(...)`` turns a class of annotated fields into an immutable tuple type (decoding
+builds one from ``struct.unpack`` in a single call) that type checkers see as a frozen
+dataclass.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import namedtuple
+from dataclasses import dataclass
+from enum import Enum
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    NamedTuple,
+    TypeVar,
+    cast,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from protocol.fields import Field, SiValue, SiValueOrNone
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+
+class Message:
+    """Base of every message: raw wire values by field name, immutable, comparable.
+
+    At run time every message is also a ``tuple`` of its fields in wire order.
+    """
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:
+
+        def __iter__(self) -> Iterator[Any]: ...
+
+    def __eq__(self, other: object) -> bool:
+        """Equal only to a message of the same type with the same values."""
+        return (
+            isinstance(other, Message)
+            and type(self) is type(other)
+            and tuple(self) == tuple(other)
+        )
+
+    def __ne__(self, other: object) -> bool:
+        """Stated, or the tuple's own would be found, which compares values alone."""
+        return not self == other
+
+    def __hash__(self) -> int:
+        """Hash of type and values."""
+        return hash((type(self).__name__, tuple(self)))
+
+
+MAX_TYPE = 0x7E
+_ANY_CASE = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+
+M = TypeVar("M", bound=Message)
+
+
+class Direction(Enum):
+    """Who sends a message."""
+
+    DEVICE = "device"
+    HOST = "host"
+
+
+class RateClass(Enum):
+    """How a message is timed; decides its budget and its CAN encoding."""
+
+    STREAM = "stream"
+    """Periodic; at most 25 B on UART and self-contained CAN frames of 6 B."""
+    COMMAND = "command"
+    """Carries an id; acknowledged or refused, retried."""
+    RARE = "rare"
+    """On occasion; may be long."""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageSpec:
+    """Everything that is known of one message."""
+
+    type_id: int
+    name: str
+    cls: type[Message]
+    direction: Direction
+    rate: RateClass
+    default_hz: float
+    bootstrap: bool
+    """Needed to agree at all: never changes, and is decoded before agreement."""
+    doc: str
+    fields: tuple[Field, ...]
+    layout: struct.Struct
+    """The fixed part; a text field follows it."""
+    text_field: Field | None
+    """The trailing text, where there is one."""
+
+    def prefix_layout(self, count: int) -> struct.Struct:
+        """Layout of the first ``count`` fields, for a peer that knows only those."""
+        return struct.Struct("<" + "".join(f.wire.code for f in self.fields[:count]))
+
+
+class _Declaration(NamedTuple):
+    type_id: int
+    direction: Direction
+    rate: RateClass
+    default_hz: float
+    bootstrap: bool
+    fields: tuple[Field, ...]
+
+
+_DECLARATIONS: dict[type[Message], _Declaration] = {}
+
+
+@dataclass_transform(frozen_default=True)
+def message(
+    type_id: int,
+    direction: Direction,
+    rate: RateClass,
+    *,
+    default_hz: float = 0.0,
+    bootstrap: bool = False,
+) -> Callable[[type[M]], type[M]]:
+    """Declare the ``NamedTuple`` below as a wire message."""
+
+    def register(cls: type[M]) -> type[M]:
+        hints = get_type_hints(cls, include_extras=True)
+        names = list(hints)
+        defaults = [vars(cls)[name] for name in names if name in vars(cls)]
+        values = namedtuple(cls.__name__, names, defaults=defaults)  # type: ignore[misc]  # noqa: PYI024  # fields are known at run time only
+        body = {k: v for k, v in vars(cls).items() if k not in {*names, "__dict__", "__weakref__"}}
+        made = type(cls.__name__, (Message, values), {**body, "__slots__": ()})
+        _DECLARATIONS[made] = _Declaration(
+            type_id, direction, rate, default_hz, bootstrap, tuple(_declared_fields(cls, hints))
+        )
+        return cast("type[M]", made)
+
+    return register
+
+
+def specify(cls: type[Message]) -> MessageSpec:
+    """Read a declared message's annotations into its specification.
+
+    Raises:
+        TypeError: the class was not declared with :func:`message`, or a field lacks its
+            declaration, or a text stands before the last field.
+
+    """
+    declaration = _DECLARATIONS.get(cls)
+    if declaration is None:
+        raise TypeError(f"{cls.__name__} is not declared as a message")
+    fields = declaration.fields
+    for field in fields[:-1]:
+        if field.wire.is_text:
+            raise TypeError(f"{cls.__name__}.{field.name}: only the last field may be text")
+    for attribute in vars(cls).values():
+        if isinstance(attribute, SiValue | SiValueOrNone):
+            attribute.bind(fields)
+    return MessageSpec(
+        declaration.type_id,
+        _ANY_CASE.sub("_", cls.__name__).lower(),
+        cls,
+        declaration.direction,
+        declaration.rate,
+        declaration.default_hz,
+        declaration.bootstrap,
+        (cls.__doc__ or "").strip(),
+        fields,
+        struct.Struct("<" + "".join(f.wire.code for f in fields)),
+        fields[-1] if fields and fields[-1].wire.is_text else None,
+    )
+
+
+def _declared_fields(cls: type[Message], hints: dict[str, Any]) -> Iterator[Field]:
+    for name, hint in hints.items():
+        declared = [a for a in _annotations(hint) if isinstance(a, Field)]
+        if len(declared) != 1:
+            raise TypeError(f"{cls.__name__}.{name}: needs exactly one field declaration")
+        yield declared[0].named(name)
+
+
+def _annotations(hint: Any) -> Iterable[Any]:  # noqa: ANN401 - a type form
+    if get_origin(hint) is Annotated:
+        return get_args(hint)[1:]
+    return [a for part in get_args(hint) for a in _annotations(part)]

@@ -1,0 +1,292 @@
+"""Every message of the wire, declared once.
+
+Types are CAN priorities too (``id = type << 4 | node``): the lower, the more urgent, so
+stop wins arbitration over everything. Fields may only be appended, and an appended one is
+``int | None``: a peer that does not know it leaves it out.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from protocol.fields import I16, U8, U16, U32, number, si, si_or_none, text, uid
+from protocol.message import Direction, Message, RateClass, message
+from protocol.values import (
+    Capability,
+    Contact,
+    Fault,
+    LogLevel,
+    Mode,
+    NackReason,
+    ResetCause,
+    StopCause,
+)
+
+_HOST, _DEVICE = Direction.HOST, Direction.DEVICE
+_STREAM, _COMMAND, _RARE = RateClass.STREAM, RateClass.COMMAND, RateClass.RARE
+
+_ID = number(U16, "id", "chosen by the host, counts up; names the command in its reply")
+_ACCEL_SCALE = "9.80665/16384"  # MPU6050 register map 4.17: 16384 LSB/g at ±2 g
+_GYRO_SCALE = "1/131"  # MPU6050 register map 4.19: 131 LSB/(°/s) at ±250 °/s
+ULTRASONIC_NONE = 0xFFFF
+INFRARED_NONE = 0xFF
+UNKNOWN_MESSAGE = 0xFF
+"""Field count in a describe reply that says: I have no message of this type."""
+
+
+# ---- host to device ---------------------------------------------------------------------
+
+
+@message(0x00, _HOST, _COMMAND, bootstrap=True)
+class Stop(Message):
+    """Stop and latch; repeated until acknowledged, obeyed from anyone at any time."""
+
+    command_id: Annotated[int, _ID]
+    cause: Annotated[int, number(U8, "enum", "why", enum=StopCause, low=1, high=5)]
+
+
+@message(0x02, _HOST, _STREAM, default_hz=50)
+class VelocitySetpoint(Message):
+    """Body velocity to hold until the time to live runs out."""
+
+    v: Annotated[int, number(I16, "m/s", "forward speed", scale="0.0001")]
+    yaw_rate: Annotated[int, number(I16, "rad/s", "counter-clockwise", scale="0.0002")]
+    time_to_live: Annotated[
+        int, number(U8, "s", "the device ramps to rest after it", scale="0.001", high=250)
+    ]
+    counter: Annotated[int, number(U8, "count", "must advance; wraps")]
+
+    v_m_s = si("v")
+    yaw_rate_rad_s = si("yaw_rate")
+    time_to_live_s = si("time_to_live")
+
+
+@message(0x04, _HOST, _RARE, bootstrap=True)
+class HostHello(Message):
+    """Opens a session; sent again with ``agreed`` set once the catalogues are compared."""
+
+    catalogue_hash: Annotated[int, number(U32, "hash", "of the host's whole catalogue")]
+    session_id: Annotated[int, number(U32, "id", "random, new for each session", low=1)]
+    agreed: Annotated[int, number(U8, "bits", "1: streams and commands may start", high=1)]
+    name: Annotated[str, text("the host program and its version")]
+
+
+@message(0x05, _HOST, _COMMAND)
+class ClearStop(Message):
+    """Release the latch, if its cause is still the one named."""
+
+    command_id: Annotated[int, _ID]
+    cause: Annotated[int, number(U8, "enum", "the cause to clear", enum=StopCause, low=1, high=5)]
+
+
+@message(0x06, _HOST, _COMMAND)
+class SetMode(Message):
+    """Choose what moves the wheels; refused while a stop is latched."""
+
+    command_id: Annotated[int, _ID]
+    mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode, high=1)]
+
+
+@message(0x07, _HOST, _RARE)
+class TimeRequest(Message):
+    """Ask for the device's clock; also keeps the session alive."""
+
+    ping: Annotated[int, number(U8, "id", "comes back in the reply")]
+
+
+@message(0x08, _HOST, _RARE, bootstrap=True)
+class Describe(Message):
+    """Ask how the device declares one message."""
+
+    described_type: Annotated[int, number(U8, "id", "type asked about", high=0x7E)]
+    field_count: Annotated[int, number(U8, "count", "fields that the host knows of it")]
+
+
+# ---- device to host ---------------------------------------------------------------------
+
+
+@message(0x10, _DEVICE, _STREAM, default_hz=10)
+class Sync(Message):
+    """Count of all frames sent, to find losses that the 8-bit sequence cannot."""
+
+    frame_count: Annotated[int, number(U32, "count", "frames sent since boot, this one included")]
+
+
+@message(0x11, _DEVICE, _STREAM, default_hz=10)
+class Status(Message):
+    """What the device is doing and why it is not."""
+
+    mode: Annotated[int, number(U8, "enum", "what moves the wheels", enum=Mode, high=1)]
+    stop_cause: Annotated[int, number(U8, "enum", "0: no stop latched", enum=StopCause, high=5)]
+    faults: Annotated[int, number(U16, "bits", "conditions that hold now", enum=Fault)]
+    setpoint_left: Annotated[
+        int, number(U8, "s", "time to live left of the setpoint", scale="0.001", high=250)
+    ]
+    load: Annotated[int, number(U8, "percent", "busy share of the control loop", high=100)]
+
+    setpoint_left_s = si("setpoint_left")
+
+
+@message(0x12, _DEVICE, _STREAM, default_hz=100)
+class Imu(Message):
+    """MPU6050 registers as read: ±2 g, ±250 °/s, in the chip's order."""
+
+    accel_x: Annotated[int, number(I16, "m/s2", "forward", scale=_ACCEL_SCALE)]
+    accel_y: Annotated[int, number(I16, "m/s2", "left", scale=_ACCEL_SCALE)]
+    accel_z: Annotated[int, number(I16, "m/s2", "up; +1 g at rest", scale=_ACCEL_SCALE)]
+    temperature: Annotated[
+        int,
+        # MPU6050 register map 4.18: raw / 340 + 36.53
+        number(I16, "degC", "of the chip", scale="1/340", offset="36.53", can_part=2),
+    ]
+    gyro_x: Annotated[int, number(I16, "deg/s", "roll rate", scale=_GYRO_SCALE, can_part=1)]
+    gyro_y: Annotated[int, number(I16, "deg/s", "pitch rate", scale=_GYRO_SCALE, can_part=1)]
+    gyro_z: Annotated[int, number(I16, "deg/s", "yaw rate", scale=_GYRO_SCALE, can_part=1)]
+
+    accel_x_m_s2 = si("accel_x")
+    accel_y_m_s2 = si("accel_y")
+    accel_z_m_s2 = si("accel_z")
+    temperature_deg_c = si("temperature")
+    gyro_x_rad_s = si("gyro_x")
+    gyro_y_rad_s = si("gyro_y")
+    gyro_z_rad_s = si("gyro_z")
+
+
+@message(0x13, _DEVICE, _STREAM, default_hz=50)
+class Encoders(Message):
+    """Absolute wheel counts after ×4; they wrap at 16 bits."""
+
+    left: Annotated[int, number(U16, "count", "left wheel, rising forward")]
+    right: Annotated[int, number(U16, "count", "right wheel, rising forward")]
+
+
+@message(0x14, _DEVICE, _STREAM, default_hz=20)
+class Range(Message):
+    """Distances and contacts around the robot."""
+
+    ultrasonic: Annotated[
+        int,
+        number(
+            U16, "m", "front; 65535: no echo", scale="0.001", high=4000, none=ULTRASONIC_NONE
+        ),
+    ]
+    infrared_left: Annotated[
+        int,
+        number(U8, "m", "255: nothing near", scale="0.00125", high=254, none=INFRARED_NONE),
+    ]
+    infrared_right: Annotated[
+        int,
+        number(U8, "m", "255: nothing near", scale="0.00125", high=254, none=INFRARED_NONE),
+    ]
+    contacts: Annotated[int, number(U8, "bits", "bumper halves and cliff", enum=Contact, high=7)]
+
+    ultrasonic_m = si_or_none("ultrasonic")
+    infrared_left_m = si_or_none("infrared_left")
+    infrared_right_m = si_or_none("infrared_right")
+
+
+@message(0x15, _DEVICE, _STREAM, default_hz=5)
+class Power(Message):
+    """Supply rails and motor currents."""
+
+    battery: Annotated[int, number(U16, "V", "16 V rail", scale="0.001")]
+    logic: Annotated[int, number(U8, "V", "5 V rail", scale="0.025")]
+    motor_left: Annotated[int, number(U8, "A", "magnitude", scale="0.02")]
+    motor_right: Annotated[int, number(U8, "A", "magnitude", scale="0.02")]
+
+    battery_v = si("battery")
+    logic_v = si("logic")
+    motor_left_a = si("motor_left")
+    motor_right_a = si("motor_right")
+
+
+@message(0x16, _DEVICE, _STREAM, default_hz=1)
+class LinkCounters(Message):
+    """What the device received and dropped since boot; each wraps."""
+
+    received: Annotated[int, number(U16, "count", "intact frames")]
+    damaged: Annotated[int, number(U16, "count", "frames with a bad check or form")]
+    stale: Annotated[int, number(U16, "count", "setpoints refused as old or repeated")]
+
+
+@message(0x18, _DEVICE, _RARE)
+class TimeReply(Message):
+    """Answer to a time request; the header's stamp is the moment of sending."""
+
+    ping: Annotated[int, number(U8, "id", "of the request")]
+    received_us: Annotated[int, number(U32, "us", "device clock when the request arrived")]
+
+
+@message(0x19, _DEVICE, _RARE, bootstrap=True)
+class Ack(Message):
+    """The command was carried out (repeated as it was for a repeated command)."""
+
+    command_id: Annotated[int, number(U16, "id", "of the command")]
+    command_type: Annotated[int, number(U8, "id", "type of the command", high=0x7E)]
+
+
+@message(0x1A, _DEVICE, _RARE, bootstrap=True)
+class Nack(Message):
+    """The command was refused, and nothing was done."""
+
+    command_id: Annotated[int, number(U16, "id", "of the command")]
+    command_type: Annotated[int, number(U8, "id", "type of the command", high=0x7E)]
+    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason, high=5)]
+
+
+@message(0x1B, _DEVICE, _RARE, default_hz=1, bootstrap=True)
+class Hello(Message):
+    """Who the device is; sent at 1 Hz until a host has agreed, and as answer to its hello."""
+
+    catalogue_hash: Annotated[int, number(U32, "hash", "of the device's whole catalogue")]
+    uid: Annotated[bytes, uid("the chip's 96-bit unique id")]
+    boot_id: Annotated[int, number(U32, "id", "random, new at each boot")]
+    session_id: Annotated[int, number(U32, "id", "the session it belongs to; 0: none")]
+    reset_cause: Annotated[int, number(U8, "enum", "why it booted", enum=ResetCause, high=4)]
+    capabilities: Annotated[int, number(U16, "bits", "what it has", enum=Capability)]
+    version_major: Annotated[int, number(U8, "count", "firmware version")]
+    version_minor: Annotated[int, number(U8, "count", "firmware version")]
+    version_patch: Annotated[int, number(U8, "count", "firmware version")]
+    name: Annotated[str, text("the firmware's name")]
+
+
+@message(0x1C, _DEVICE, _RARE, bootstrap=True)
+class DescribeReply(Message):
+    """How the device declares one message."""
+
+    described_type: Annotated[int, number(U8, "id", "type asked about", high=0x7E)]
+    field_count: Annotated[int, number(U8, "count", "fields it has; 255: no such message")]
+    payload_length: Annotated[int, number(U8, "count", "bytes of its fixed part")]
+    chain: Annotated[int, number(U32, "hash", "after min(asked, own) fields")]
+
+
+@message(0x1D, _DEVICE, _RARE)
+class LogText(Message):
+    """A line for people; at most 10 a second."""
+
+    level: Annotated[int, number(U8, "enum", "severity", enum=LogLevel, high=3)]
+    line: Annotated[str, text("UTF-8")]
+
+
+ALL_MESSAGES = (
+    Stop,
+    VelocitySetpoint,
+    HostHello,
+    ClearStop,
+    SetMode,
+    TimeRequest,
+    Describe,
+    Sync,
+    Status,
+    Imu,
+    Encoders,
+    Range,
+    Power,
+    LinkCounters,
+    TimeReply,
+    Ack,
+    Nack,
+    Hello,
+    DescribeReply,
+    LogText,
+)

@@ -1,0 +1,112 @@
+"""Names of the values that messages carry."""
+
+from __future__ import annotations
+
+from enum import IntEnum, IntFlag
+
+
+class Mode(IntEnum):
+    """What moves the wheels."""
+
+    IDLE = 0
+    """Nothing: motors are off."""
+    VELOCITY = 1
+    """The host's cyclic velocity setpoints."""
+
+
+class StopCause(IntEnum):
+    """Why a stop is latched, in rising severity: a graver cause replaces a lesser one."""
+
+    NONE = 0
+    SESSION_END = 1
+    """An orderly end, and the state at power-on: the one cause that a motion command clears."""
+    LINK = 2
+    """The host fell silent or was replaced while the robot was free to move."""
+    SUPERVISE = 3
+    """A rule of the host's supervision."""
+    OPERATOR = 4
+    HARDWARE = 5
+    """The device's own fault handling."""
+
+
+class Fault(IntFlag):
+    """Fault bits of the status message."""
+
+    IMU = 1 << 0
+    ENCODER_LEFT = 1 << 1
+    ENCODER_RIGHT = 1 << 2
+    ULTRASONIC = 1 << 3
+    INFRARED = 1 << 4
+    MOTOR_STALL = 1 << 5
+    BATTERY_LOW = 1 << 6
+    SETPOINT_EXPIRED = 1 << 7
+    LIFTED = 1 << 8
+
+
+class ResetCause(IntEnum):
+    """Why the device booted."""
+
+    POWER_ON = 0
+    PIN = 1
+    SOFTWARE = 2
+    WATCHDOG = 3
+    BROWN_OUT = 4
+
+
+class Capability(IntFlag):
+    """What the device has."""
+
+    ENCODERS = 1 << 0
+    IMU = 1 << 1
+    ULTRASONIC = 1 << 2
+    INFRARED = 1 << 3
+    BUMPER = 1 << 4
+    CLIFF = 1 << 5
+
+
+class Contact(IntFlag):
+    """Contact and cliff bits of the range message."""
+
+    BUMPER_LEFT = 1 << 0
+    BUMPER_RIGHT = 1 << 1
+    CLIFF = 1 << 2
+
+
+class NackReason(IntEnum):
+    """Why a command was refused."""
+
+    UNKNOWN_COMMAND = 0
+    BAD_VALUE = 1
+    NO_SESSION = 2
+    """No host has agreed with the device yet."""
+    STOP_LATCHED = 3
+    OTHER_CAUSE = 4
+    """The latched stop has another cause than the one to be cleared."""
+    FAULT = 5
+    """The condition that stopped the device still holds."""
+
+
+class LogLevel(IntEnum):
+    """Severity of a log text."""
+
+    DEBUG = 0
+    INFO = 1
+    WARNING = 2
+    ERROR = 3
+
+
+def label(enum: type[IntEnum], value: int) -> str:
+    """The value's name in lower case, or ``unknown(7)``; never raises."""
+    try:
+        return enum(value).name.lower()
+    except ValueError:
+        return f"unknown({value})"
+
+
+def flag_labels(flags: type[IntFlag], value: int) -> list[str]:
+    """Names of the bits that are set; a bit without a name as ``bit13``."""
+    return [
+        (flags(1 << bit).name or f"bit{bit}").lower()
+        for bit in range(value.bit_length())
+        if value >> bit & 1
+    ]

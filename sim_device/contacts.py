@@ -1,0 +1,32 @@
+"""What touches the robot, as its switches tell it: two bumper halves, and the cliff sensor."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+BUMPER_SPAN_RAD = math.radians(87.0)
+"""The shell ends just short of the side: a wall grazed exactly abeam does not press it."""
+BUMPER_OVERLAP_RAD = math.radians(10.0)
+"""A touch this near to straight ahead presses both halves."""
+
+
+class Bumpers(NamedTuple):
+    """Which halves are pressed."""
+
+    left: bool
+    right: bool
+
+
+def bumpers(touch_bearings_rad: Iterable[float]) -> Bumpers:
+    """Halves pressed by touches at these bearings from the heading ([-π, π), left positive)."""
+    left = right = False
+    for bearing in touch_bearings_rad:
+        if abs(bearing) > BUMPER_SPAN_RAD:
+            continue
+        left = left or bearing >= -BUMPER_OVERLAP_RAD
+        right = right or bearing <= BUMPER_OVERLAP_RAD
+    return Bumpers(left, right)

@@ -1,0 +1,71 @@
+"""The virtual sweeper: world, plant, sensors and firmware behind one ``step(bytes, now)``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bridge.motion.robot_model import RobotModel
+from sim_device.firmware import TICK_US, Firmware, Identity
+from sim_device.noise import noise_level
+from sim_device.plant import Plant, Truth
+from sim_device.sensors import SensorSuite
+from sim_device.world import World
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import FloorPlan
+
+_TICK_MS = TICK_US // 1000
+
+
+class VirtualSweeper:
+    """A device that speaks the wire protocol, deterministic for its seed.
+
+    Time is the device's microseconds since it booted, and is passed in. Between two calls
+    the plant moves on in control periods of 10 ms; bytes are taken at the moment given.
+    """
+
+    def __init__(
+        self,
+        plan: FloorPlan,
+        model: RobotModel | None = None,
+        *,
+        seed: int = 0,
+        noise: str = "typical",
+        node: int = 1,
+    ) -> None:
+        """Boot at time 0, at rest at the plan's start.
+
+        Raises:
+            FloorPlanError: the robot does not fit where it should start.
+            UnknownNoiseLevelError: no such level.
+
+        """
+        model = model or RobotModel()
+        level = noise_level(noise)
+        identity_rng, plant_rng, sensor_rng = np.random.default_rng(seed).spawn(3)
+        self.plant = Plant(World(plan, model), model, level, plant_rng)
+        self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
+        identity = Identity(node, identity_rng.bytes(12), int(identity_rng.integers(1, 1 << 32)))
+        self.firmware = Firmware(model, identity, self.sensors)
+        self._next_tick_us = 0
+
+    def step(self, data: bytes, now_us: int) -> bytes:
+        """Live until ``now_us``, then take ``data``; give what the device writes meanwhile."""
+        while self._next_tick_us <= now_us:
+            self.plant.set_duty(*self.firmware.tick(self._next_tick_us))
+            self.plant.advance_ms(_TICK_MS)
+            self._next_tick_us += TICK_US
+        if data:
+            self.firmware.receive(data, now_us)
+        return self.firmware.data_to_send()
+
+    def next_deadline_us(self) -> int:
+        """When the device has something to do next, bytes aside."""
+        return self._next_tick_us
+
+    @property
+    def truth(self) -> Truth:
+        """What is really so, at the end of the running control period."""
+        return self.plant.truth

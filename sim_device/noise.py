@@ -1,0 +1,218 @@
+"""Every imperfection of the virtual sweeper, by level, in one table.
+
+Three kinds of number: a *tolerance* ``x`` is drawn once per device, uniform in ±x (a part's
+spread); a *sigma* is drawn anew per reading; the rest says its own rule.
+
+What a calibration at rest leaves of the gyro's bias: the host measures the bias while the
+robot stands, so a constant (``gyro_turn_on_deg_s``) vanishes whatever its size. What it
+cannot see is what only motion brings: the vibration of gears and brushes shifts a MEMS
+gyro's mean (vibration rectification), and is gone again at rest. ``gyro_motion_bias_deg_s``
+is that shift, present while the wheels turn, its sign drawn once; it is the "bias left
+after calibration" of the levels. Beside it a slow random walk of the bias
+(``gyro_bias_walk``), which later rests can see, and white noise from the datasheet.
+``harsh`` adds a walk of the angle itself, again in motion only.
+
+``none`` is noise-free but for quantisation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+
+_BLOCK = 256
+
+
+class UnknownNoiseLevelError(ValueError):
+    """A noise level that is not in the table."""
+
+    def __init__(self, name: str) -> None:
+        """Keep the name asked for."""
+        self.name = name
+        super().__init__(f"noise level {name!r} is not one of {', '.join(NOISE_LEVELS)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseLevel:
+    """One level; the defaults are ``none``."""
+
+    name: str
+
+    # Gyroscope (MPU6050, PS-MPU-6000A-00 section 6.1).
+    gyro_density_deg_s_sqrt_hz: float = 0.0
+    """One-sided white noise density; the datasheet says 0.005 at 10 Hz."""
+    gyro_turn_on_deg_s: float = 0.0
+    """Tolerance per axis; the datasheet allows ±20."""
+    gyro_motion_bias_deg_s: float = 0.0
+    """Magnitude of the shift while the wheels turn; sign drawn once."""
+    gyro_bias_walk_deg_s_sqrt_s: float = 0.0
+    gyro_yaw_walk_deg_sqrt_s: float = 0.0
+    """Random walk of the measured angle while the wheels turn."""
+    gyro_scale_error: float = 0.0
+    """Tolerance, relative; ±3 % in the datasheet, less once calibrated."""
+
+    # Accelerometer (section 6.2).
+    accel_density_ug_sqrt_hz: float = 0.0
+    """400 in the datasheet."""
+    accel_bias_mg: float = 0.0
+    """Tolerance per axis; ±50 (x, y) and ±80 (z) in the datasheet."""
+    accel_vibration_mg: float = 0.0
+    """Extra sigma per axis while the wheels turn."""
+
+    # Rangers.
+    ultrasonic_sigma_m: float = 0.0
+    ultrasonic_dropout: float = 0.0
+    """Probability per reading of no echo where there is one."""
+    infrared_sigma_m: float = 0.0
+    """At 10 cm. A triangulating sensor's output goes as 1/d, so its sigma in distance goes
+    as d²; below 6 cm it no longer shrinks."""
+
+    # Wheels.
+    wheel_diameter_error: float = 0.0
+    """Tolerance, relative, common to both wheels."""
+    wheel_mismatch: float = 0.0
+    """Tolerance, relative: left larger by half of it, right smaller."""
+    wheel_base_error: float = 0.0
+    """Tolerance, relative."""
+    slip_mean: float = 0.0
+    """Share of the wheel's travel lost on the floor."""
+    slip_sigma: float = 0.0
+    """Spread of that share per wheel, as a process with ``SLIP_TIME_S`` of memory."""
+
+    # Power.
+    voltage_sigma_v: float = 0.0
+    current_sigma_a: float = 0.0
+
+
+SLIP_TIME_S = 0.3
+"""Memory of the slip: about a wheel's turn at cruise speed."""
+
+NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
+    {
+        level.name: level
+        for level in (
+            NoiseLevel(name="none"),
+            # The paper's robot ends 7 mm off after 7 U-shaped cycles: its gyro must be better
+            # than the datasheet (0.002, not 0.005), or a rest of some seconds could not
+            # calibrate it to the 0.0014 °/s which that implies.
+            NoiseLevel(
+                name="paper",
+                gyro_density_deg_s_sqrt_hz=0.002,
+                gyro_turn_on_deg_s=1.0,
+                gyro_motion_bias_deg_s=0.0014,
+                gyro_bias_walk_deg_s_sqrt_s=1e-5,
+                gyro_scale_error=0.0003,
+                accel_density_ug_sqrt_hz=400.0,
+                accel_bias_mg=10.0,
+                accel_vibration_mg=5.0,
+                ultrasonic_sigma_m=0.001,
+                infrared_sigma_m=0.0008,
+                wheel_diameter_error=0.0005,
+                wheel_mismatch=0.0005,
+                wheel_base_error=0.001,
+                slip_sigma=0.0005,
+                voltage_sigma_v=0.01,
+                current_sigma_a=0.002,
+            ),
+            NoiseLevel(
+                name="typical",
+                gyro_density_deg_s_sqrt_hz=0.005,
+                gyro_turn_on_deg_s=3.0,
+                gyro_motion_bias_deg_s=0.01,
+                gyro_bias_walk_deg_s_sqrt_s=1e-4,
+                gyro_scale_error=0.001,
+                accel_density_ug_sqrt_hz=400.0,
+                accel_bias_mg=30.0,
+                accel_vibration_mg=15.0,
+                ultrasonic_sigma_m=0.003,
+                ultrasonic_dropout=0.01,
+                infrared_sigma_m=0.0015,
+                wheel_diameter_error=0.003,
+                wheel_mismatch=0.002,
+                wheel_base_error=0.005,
+                slip_mean=0.001,
+                slip_sigma=0.003,
+                voltage_sigma_v=0.02,
+                current_sigma_a=0.005,
+            ),
+            NoiseLevel(
+                name="harsh",
+                gyro_density_deg_s_sqrt_hz=0.01,
+                gyro_turn_on_deg_s=10.0,
+                gyro_motion_bias_deg_s=0.03,
+                gyro_bias_walk_deg_s_sqrt_s=3e-4,
+                # 0.3° per lane of 4 m at 0.20 m/s, which takes 20 s: 0.3 / √20.
+                gyro_yaw_walk_deg_sqrt_s=0.067,
+                gyro_scale_error=0.003,
+                accel_density_ug_sqrt_hz=600.0,
+                accel_bias_mg=50.0,
+                accel_vibration_mg=40.0,
+                ultrasonic_sigma_m=0.008,
+                ultrasonic_dropout=0.05,
+                infrared_sigma_m=0.004,
+                wheel_diameter_error=0.01,
+                wheel_mismatch=0.01,
+                wheel_base_error=0.02,
+                slip_mean=0.005,
+                slip_sigma=0.02,
+                voltage_sigma_v=0.05,
+                current_sigma_a=0.02,
+            ),
+        )
+    },
+)
+
+
+def noise_level(name: str) -> NoiseLevel:
+    """Look a level up by its name.
+
+    Raises:
+        UnknownNoiseLevelError: it is not in the table.
+
+    """
+    try:
+        return NOISE_LEVELS[name]
+    except KeyError:
+        raise UnknownNoiseLevelError(name) from None
+
+
+class Draws:
+    """One generator's draws, one at a time and cheap: numpy's single draws cost 10 times that.
+
+    Each part of the device owns one, made from its own child generator, so that one more
+    draw in one part shifts nothing in another.
+    """
+
+    __slots__ = ("_normals", "_rng", "_uniforms")
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        """Own ``rng`` from here on."""
+        self._rng = rng
+        self._normals: list[float] = []
+        self._uniforms: list[float] = []
+
+    def normal(self) -> float:
+        """Next standard normal value."""
+        if not self._normals:
+            self._normals = self._rng.standard_normal(_BLOCK).tolist()
+        return self._normals.pop()
+
+    def uniform(self) -> float:
+        """Next value uniform in [0, 1)."""
+        if not self._uniforms:
+            self._uniforms = self._rng.random(_BLOCK).tolist()
+        return self._uniforms.pop()
+
+    def tolerance(self, limit: float) -> float:
+        """Next value uniform in ±``limit``."""
+        return limit * (2.0 * self.uniform() - 1.0)
+
+    def sign(self) -> float:
+        """+1 or -1, each as likely."""
+        return 1.0 if self.uniform() < 0.5 else -1.0  # noqa: PLR2004 - even odds

@@ -1,0 +1,543 @@
+"""The sweeper's body: wheels, pose, contact and energy, integrated at 1 kHz.
+
+Truth, and nothing of the host's: wheel speeds follow the motors' lag exactly, the pose takes
+each millisecond's midpoint heading, walls stop the disc. Equal calls give equal truth, to the
+bit, however ``advance_ms`` is split: what is done in a batch depends only on the tick.
+
+Contact is quasi-static. A wall ahead takes the part of the motion that goes into it
+(``collide``); the disc slides along with friction, or stays. The wheels meanwhile slip: they
+push with at most ``traction_n`` each, which the motor feels as a load in the measure in which
+the wall is straight ahead. A duty too low for that load stalls the wheel, a higher one spins
+it on the spot, and the encoders count what the wheels turn. The wall's force goes through
+the disc's centre, which is the axle's, so it turns nothing; friction at the rim would, and
+is left out. Traction is not limited while accelerating freely: the host's 0.4 m/s² is far
+below what the tyres hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, cos, exp, hypot, isfinite, sin
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.motion.geometry import Pose2, wrap_angle
+from sim_device.collide import TOUCH_M, Touch, move_disc, nearest_m
+from sim_device.drive_kernel import TICK_S, Rolling, WheelStep, roll_free
+from sim_device.motors import MotorParameters
+from sim_device.noise import SLIP_TIME_S, Draws
+from sim_device.power import Battery, BatteryParameters
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from bridge.motion.robot_model import RobotModel
+    from sim_device.noise import NoiseLevel
+    from sim_device.world import Edge, World
+
+COLLISION_SPEED_M_S = 0.03
+"""Slower onsets of contact are no collision."""
+REARM_MS = 500
+"""Time free of contact after which a collision can be counted again."""
+SLOW_MS = 10
+"""Period of what changes slowly: battery voltage and slip."""
+_NEAR_M = 0.35
+"""Edges within the radius and this are looked at; renewed as the robot has gone ..."""
+_NEAR_MOVED_M = 0.25
+_CAREFUL_M = 0.02
+"""Farther walls cannot be met within a batch: at most 10 ms, far below 2 m/s."""
+_JOULES_PER_WH = 3600.0
+
+
+class DutyError(ValueError):
+    """A duty that is not a finite number: a fault of the caller, not of the robot."""
+
+    def __init__(self, left: float, right: float) -> None:
+        """Keep both duties."""
+        self.left, self.right = left, right
+        super().__init__(f"duty must be finite, not ({left}, {right})")
+
+
+@dataclass(frozen=True, slots=True)
+class Chassis:
+    """Forces between the robot, the floor and the walls, and the load of its electronics."""
+
+    traction_n: float = 7.0
+    """Greatest push of one wheel: 3 kg, 80 % of it on the wheels, coefficient 0.6."""
+    wall_friction: float = 0.2
+    """Bumper's plastic on a painted wall."""
+    electronics_w: float = 1.5
+    """Controller, sensors and bridges at rest, drawn from the battery."""
+
+
+_CHASSIS, _MOTOR = Chassis(), MotorParameters()
+
+
+class Inertial(NamedTuple):
+    """The part of the truth that the inertial sensor needs: sums, whose differences over
+    time are means. See ``Truth`` for each."""
+
+    tick_ms: int
+    heading_rad: float
+    impulse_x_m_s: float
+    impulse_y_m_s: float
+    left_rad: float
+    right_rad: float
+
+
+class Truth(NamedTuple):
+    """What is really so at one tick."""
+
+    tick_ms: int
+    pose: Pose2
+    """Heading wrapped to [-π, π)."""
+    heading_rad: float
+    """Heading, continuous."""
+    v_m_s: float
+    """Forward speed over the floor."""
+    v_lateral_m_s: float
+    """To the left; not 0 only while sliding along a wall."""
+    yaw_rate_rad_s: float
+    left_rad: float
+    """Wheel angle, continuous: what the wheel turned, slipping or not."""
+    right_rad: float
+    left_rad_s: float
+    right_rad_s: float
+    impulse_x_m_s: float
+    """Specific impulse along the body's x since power-on: the integral of what an
+    accelerometer at the axle's centre feels, centripetal share included; differences over
+    time are mean accelerations."""
+    impulse_y_m_s: float
+    path_m: float
+    """Travelled by the axle's centre over the floor."""
+    collisions: int
+    """Onsets of contact with normal speed above 0.03 m/s, re-armed after 0.5 s free."""
+    contact_s: float
+    """Time in contact, grazing included."""
+    touch_bearings_rad: tuple[float, ...]
+    """Where the disc is touched now, from the heading, counter-clockwise, [-π, π)."""
+    energy_wh: float
+    """Drawn from the battery."""
+
+
+class Plant:
+    """The virtual sweeper's body in its room.
+
+    ``rng`` only gives birth to children here, so that it may be shared with the sensors.
+    """
+
+    def __init__(  # noqa: PLR0913 - the parts of a robot, each with a default
+        self,
+        world: World,
+        model: RobotModel,
+        noise: NoiseLevel,
+        rng: np.random.Generator,
+        *,
+        motor: MotorParameters = _MOTOR,
+        battery: BatteryParameters | None = None,
+        chassis: Chassis = _CHASSIS,
+    ) -> None:
+        """Put the robot at rest at the room's start; the battery defaults to the model's."""
+        part_rng, slip_rng = rng.spawn(2)
+        self._world, self._noise = world, noise
+        self._motor, self._chassis = motor, chassis
+        self._battery = Battery(
+            battery or BatteryParameters(full_v=model.battery_v, capacity_ah=model.battery_ah),
+        )
+        self._drop_v = model.driver_drop_v
+        self._radius_m = model.radius_m
+
+        parts = Draws(part_rng)
+        common = 1.0 + parts.tolerance(noise.wheel_diameter_error)
+        skew = 0.5 * parts.tolerance(noise.wheel_mismatch)
+        nominal_m = 0.5 * model.wheel_diameter_m
+        self.left_radius_m = nominal_m * common * (1.0 + skew)
+        self.right_radius_m = nominal_m * common * (1.0 - skew)
+        self.wheel_base_m = model.wheel_base_m * (1.0 + parts.tolerance(noise.wheel_base_error))
+        self._slip_draws = Draws(slip_rng)
+        self._slip_left = self._slip_right = 0.0
+        self._load_v = chassis.traction_n * nominal_m * motor.resistance_ohm / motor.back_emf_v_s
+
+        start = world.plan.start
+        self._r = Rolling(0.0, 0.0, 0.0, 0.0, start.x_m, start.y_m, start.theta_rad, 0.0, 0.0)
+        self.tick_ms = 0
+        self._duty_left = self._duty_right = 0.0
+        self._seg_tick, self._seg_left, self._seg_right = 0, 0.0, 0.0
+        self._tick_charge_c = 0.0
+        self._energy_j = 0.0
+        self.supply_v = self._battery.terminal_v
+
+        self._near: list[Edge] = []
+        self._near_x = self._near_y = float("inf")
+        self._gap_m = 0.0
+        self._slide_m_rad = 0.0
+        self._slide_v = self._slide_lateral_v = 0.0
+        self._collisions = 0
+        self._contact_ms = 0
+        self._armed = True
+        self._last_contact_ms = -REARM_MS
+        self._renew_near()
+        self._close = self._near
+        self._touches: tuple[Touch, ...] = move_disc(
+            start.x_m,
+            start.y_m,
+            0.0,
+            0.0,
+            self._radius_m,
+            self._near,
+            (),
+            chassis.wall_friction,
+        ).touches
+        self._set_step()
+        self._set_voltages()
+
+    # What drives it.
+
+    def set_duty(self, left: float, right: float) -> None:
+        """Set both bridges' duty; limited to -1..1, held until set again.
+
+        Raises:
+            DutyError: a duty is not finite.
+
+        """
+        if not (isfinite(left) and isfinite(right)):
+            raise DutyError(left, right)
+        left = min(1.0, max(-1.0, left))
+        right = min(1.0, max(-1.0, right))
+        if left == self._duty_left and right == self._duty_right:
+            return
+        self._close_segment()
+        self._duty_left, self._duty_right = left, right
+        self._set_voltages()
+
+    def advance_ms(self, n: int) -> None:
+        """Let ``n`` milliseconds pass."""
+        while n > 0:
+            ticks = min(n, SLOW_MS - self.tick_ms % SLOW_MS)
+            self._advance_block(ticks)
+            n -= ticks
+            if self.tick_ms % SLOW_MS == 0:
+                self._slow_tick()
+
+    # What is so.
+
+    @property
+    def pose(self) -> Pose2:
+        """True pose, heading wrapped."""
+        r = self._r
+        return Pose2(r.x_m, r.y_m, wrap_angle(r.theta_rad))
+
+    @property
+    def world(self) -> World:
+        """The room it stands in."""
+        return self._world
+
+    @property
+    def wheel_angles_rad(self) -> tuple[float, float]:
+        """Left and right wheel angle, continuous."""
+        return self._r.left_rad, self._r.right_rad
+
+    @property
+    def inertial(self) -> Inertial:
+        """What the inertial sensor feels, as sums since power-on."""
+        r, s = self._r, self._step
+        if self._touches:
+            v, lateral = self._slide_v, self._slide_lateral_v
+        else:
+            v, lateral = s.left_m * r.left_rad_s + s.right_m * r.right_rad_s, 0.0
+        return Inertial(
+            self.tick_ms,
+            r.theta_rad,
+            v - self._slide_m_rad / TICK_S,
+            lateral + r.sway_m_rad / TICK_S,
+            r.left_rad,
+            r.right_rad,
+        )
+
+    @property
+    def motor_currents_a(self) -> tuple[float, float]:
+        """Left and right motor current at this tick."""
+        return (
+            self._motor.current_a(self._left_v, self._r.left_rad_s),
+            self._motor.current_a(self._right_v, self._r.right_rad_s),
+        )
+
+    @property
+    def state_of_charge(self) -> float:
+        """Of the battery, 0..1."""
+        return self._battery.state_of_charge
+
+    @property
+    def touch_bearings_rad(self) -> tuple[float, ...]:
+        """See ``Truth.touch_bearings_rad``."""
+        if not self._touches:
+            return ()
+        return tuple(_bearing(t, self._r.theta_rad) for t in self._touches)
+
+    @property
+    def truth(self) -> Truth:
+        """Everything at this tick."""
+        r, s = self._r, self._step
+        _, _, impulse_x, impulse_y, _, _ = self.inertial
+        if self._touches:
+            v, lateral = self._slide_v, self._slide_lateral_v
+        else:
+            v, lateral = s.left_m * r.left_rad_s + s.right_m * r.right_rad_s, 0.0
+        _, energy_j = self._segment()
+        return Truth(
+            tick_ms=self.tick_ms,
+            pose=Pose2(r.x_m, r.y_m, wrap_angle(r.theta_rad)),
+            heading_rad=r.theta_rad,
+            v_m_s=v,
+            v_lateral_m_s=lateral,
+            yaw_rate_rad_s=s.right_yaw * r.right_rad_s - s.left_yaw * r.left_rad_s,
+            left_rad=r.left_rad,
+            right_rad=r.right_rad,
+            left_rad_s=r.left_rad_s,
+            right_rad_s=r.right_rad_s,
+            impulse_x_m_s=impulse_x,
+            impulse_y_m_s=impulse_y,
+            path_m=r.path_m,
+            collisions=self._collisions,
+            contact_s=self._contact_ms * TICK_S,
+            touch_bearings_rad=self.touch_bearings_rad,
+            energy_wh=(self._energy_j + energy_j) / _JOULES_PER_WH,
+        )
+
+    # One batch.
+
+    def _advance_block(self, ticks: int) -> None:
+        r, s = self._r, self._step
+        target_left = self._target(self._left_v, r.left_rad_s, self._motor.friction_v)
+        target_right = self._target(self._right_v, r.right_rad_s, self._motor.friction_v)
+        no_reversal = r.left_rad_s * target_left >= 0.0 and r.right_rad_s * target_right >= 0.0
+        if no_reversal and not self._touches:
+            reach_m = (ticks * TICK_S) * (
+                s.left_m * max(abs(r.left_rad_s), abs(target_left))
+                + s.right_m * max(abs(r.right_rad_s), abs(target_right))
+            )
+            if self._gap_m <= reach_m + TOUCH_M:
+                self._measure_gap()
+            if self._gap_m > reach_m + TOUCH_M:
+                self._r = roll_free(ticks, r, s, target_left, target_right)
+                self._gap_m -= self._r.path_m - r.path_m
+                self.tick_ms += ticks
+                return
+        self._measure_gap()
+        reach_m = self._radius_m + _CAREFUL_M
+        r = self._r
+        self._close = [e for e in self._near if nearest_m(r.x_m, r.y_m, (e,)) < reach_m]
+        for _ in range(ticks):
+            self._careful_tick()
+
+    def _careful_tick(self) -> None:
+        """One millisecond in which a wheel may pass rest or a wall may be met.
+
+        Where neither happens it computes the same floats as ``roll_free``.
+        """
+        wl, wr, al, ar, x, y, th, sway, path = self._r
+        decay, tau, cl, cr, yl, yr = self._step
+        drag_left, drag_right = self._drags(th)
+        wl1, il = self._turn_wheel(wl, self._left_v, drag_left, decay, tau)
+        wr1, ir = self._turn_wheel(wr, self._right_v, drag_right, decay, tau)
+        ds = cl * il + cr * ir
+        dth = yr * ir - yl * il
+        mid = th + 0.5 * dth
+        c, s = cos(mid), sin(mid)
+        dx, dy = ds * c, ds * s
+        travel = ds if ds > 0.0 else -ds
+        self.tick_ms += 1
+        if not self._touches and self._gap_m > travel + TOUCH_M:
+            self._gap_m -= travel
+            self._r = Rolling(
+                wl1,
+                wr1,
+                al + il,
+                ar + ir,
+                x + dx,
+                y + dy,
+                th + dth,
+                sway + ds * dth,
+                path + travel,
+            )
+            return
+        before = self._touches
+        if before:
+            vx, vy = self._floor_velocity(th)
+        else:
+            v = cl * wl + cr * wr
+            vx, vy = v * cos(th), v * sin(th)
+        x1, y1 = x, y
+        if travel > 0.0:
+            x1, y1, self._touches, gap_m = move_disc(
+                x,
+                y,
+                dx,
+                dy,
+                self._radius_m,
+                self._close,
+                before,
+                self._chassis.wall_friction,
+            )
+            self._gap_m = min(gap_m, _CAREFUL_M)
+        gone_x, gone_y = x1 - x, y1 - y
+        ahead, aside = gone_x * c + gone_y * s, gone_y * c - gone_x * s
+        self._slide_v, self._slide_lateral_v = ahead / TICK_S, aside / TICK_S
+        self._slide_m_rad += aside * dth
+        self._r = Rolling(
+            wl1,
+            wr1,
+            al + il,
+            ar + ir,
+            x1,
+            y1,
+            th + dth,
+            sway + ahead * dth,
+            path + hypot(gone_x, gone_y),
+        )
+        if self._touches:
+            self._count_contact(before, vx, vy)
+
+    def _turn_wheel(
+        self,
+        rad_s: float,
+        terminal_v: float,
+        drag_v: float,
+        decay: float,
+        tau: float,
+    ) -> tuple[float, float]:
+        """Advance a wheel by a millisecond: its speed after it and the angle it turned."""
+        target = self._target(terminal_v, rad_s, drag_v)
+        change = (target - rad_s) * decay
+        after = rad_s + change
+        if after * rad_s < 0.0:  # friction holds it at rest until a voltage moves it again
+            return 0.0, 0.5 * TICK_S * rad_s
+        return after, target * TICK_S - change * tau
+
+    def _target(self, terminal_v: float, rad_s: float, drag_v: float) -> float:
+        """Speed that a wheel tends to: friction is against the motion, at rest against the pull."""
+        if rad_s > 0.0:
+            return (terminal_v - drag_v) / self._motor.back_emf_v_s
+        if rad_s < 0.0:
+            return (terminal_v + drag_v) / self._motor.back_emf_v_s
+        if terminal_v > drag_v:
+            return (terminal_v - drag_v) / self._motor.back_emf_v_s
+        if terminal_v < -drag_v:
+            return (terminal_v + drag_v) / self._motor.back_emf_v_s
+        return 0.0
+
+    def _drags(self, theta: float) -> tuple[float, float]:
+        """Voltage that friction, and a wall pushed against, takes from each motor."""
+        friction = self._motor.friction_v
+        if not self._touches:
+            return friction, friction
+        left_v, right_v = self._left_v, self._right_v
+        total = abs(left_v) + abs(right_v)
+        if total == 0.0:
+            return friction, friction
+        push = (left_v + right_v) / total
+        c, s = push * cos(theta), push * sin(theta)
+        blocked = 0.0
+        for _, nx, ny in self._touches:
+            against = -(c * nx + s * ny)
+            if against > blocked:  # noqa: PLR1730 - each millisecond: no call
+                blocked = against
+        load = blocked * self._load_v
+        return (
+            friction + load if left_v * push > 0.0 else friction,
+            friction + load if right_v * push > 0.0 else friction,
+        )
+
+    def _floor_velocity(self, theta: float) -> tuple[float, float]:
+        c, s = cos(theta), sin(theta)
+        v, lateral = self._slide_v, self._slide_lateral_v
+        return v * c - lateral * s, v * s + lateral * c
+
+    # Contact.
+
+    def _count_contact(self, before: tuple[Touch, ...], vx: float, vy: float) -> None:
+        """Count this millisecond, and an onset on any edge not touched in the last one."""
+        if not self._armed and self.tick_ms - self._last_contact_ms > REARM_MS:
+            self._armed = True
+        if self._armed:
+            known = {t.edge for t in before}
+            for edge, nx, ny in self._touches:
+                if edge not in known and -(vx * nx + vy * ny) > COLLISION_SPEED_M_S:
+                    self._collisions += 1
+                    self._armed = False
+                    break
+        self._last_contact_ms = self.tick_ms
+        self._contact_ms += 1
+
+    def _measure_gap(self) -> None:
+        """Distance from the disc to the walls, exact when it is small."""
+        r = self._r
+        gone = hypot(r.x_m - self._near_x, r.y_m - self._near_y)
+        if gone > _NEAR_MOVED_M:
+            self._renew_near()
+            gone = 0.0
+        nearest = nearest_m(r.x_m, r.y_m, self._near) - self._radius_m
+        self._gap_m = min(nearest, _NEAR_M - gone)
+
+    def _renew_near(self) -> None:
+        r = self._r
+        self._near = self._world.edges_near(r.x_m, r.y_m, self._radius_m + _NEAR_M)
+        self._near_x, self._near_y = r.x_m, r.y_m
+
+    # Power and what else changes slowly.
+
+    def _slow_tick(self) -> None:
+        self._close_segment()
+        self._battery.draw(self._tick_charge_c, SLOW_MS * TICK_S)
+        self._tick_charge_c = 0.0
+        self.supply_v = self._battery.terminal_v
+        if self._noise.slip_sigma > 0.0:
+            fade = SLOW_MS * TICK_S / SLIP_TIME_S
+            kick = self._noise.slip_sigma * (2.0 * fade) ** 0.5
+            self._slip_left += kick * self._slip_draws.normal() - fade * self._slip_left
+            self._slip_right += kick * self._slip_draws.normal() - fade * self._slip_right
+            self._set_step()
+        self._set_voltages()
+
+    def _set_step(self) -> None:
+        grip_left = 1.0 - self._noise.slip_mean - self._slip_left
+        grip_right = 1.0 - self._noise.slip_mean - self._slip_right
+        left_m, right_m = self.left_radius_m * grip_left, self.right_radius_m * grip_right
+        tau = self._motor.time_constant_s
+        self._step = WheelStep(
+            1.0 - exp(-TICK_S / tau),
+            tau,
+            0.5 * left_m,
+            0.5 * right_m,
+            left_m / self.wheel_base_m,
+            right_m / self.wheel_base_m,
+        )
+
+    def _set_voltages(self) -> None:
+        terminal_v = self._motor.terminal_v
+        self._left_v = terminal_v(self._duty_left, self.supply_v, self._drop_v)
+        self._right_v = terminal_v(self._duty_right, self.supply_v, self._drop_v)
+
+    def _segment(self) -> tuple[float, float]:
+        """Charge (C) and energy (J) drawn since the duty or the supply last changed.
+
+        The current is linear in the wheel's speed, so its integral needs only the angle. What
+        a braking motor gives back is lost in the bridge.
+        """
+        duration_s = (self.tick_ms - self._seg_tick) * TICK_S
+        k, ohm = self._motor.back_emf_v_s, self._motor.resistance_ohm
+        left_c = (self._left_v * duration_s - k * (self._r.left_rad - self._seg_left)) / ohm
+        right_c = (self._right_v * duration_s - k * (self._r.right_rad - self._seg_right)) / ohm
+        motors_c = max(0.0, self._duty_left * left_c) + max(0.0, self._duty_right * right_c)
+        base_j = self._chassis.electronics_w * duration_s
+        return motors_c + base_j / self.supply_v, motors_c * self.supply_v + base_j
+
+    def _close_segment(self) -> None:
+        charge_c, energy_j = self._segment()
+        self._tick_charge_c += charge_c
+        self._energy_j += energy_j
+        self._seg_tick = self.tick_ms
+        self._seg_left, self._seg_right = self._r.left_rad, self._r.right_rad
+
+
+def _bearing(touch: Touch, theta: float) -> float:
+    return wrap_angle(atan2(-touch.normal_y, -touch.normal_x) - theta)

@@ -1,0 +1,126 @@
+"""What keeps the robot from moving when it should not: latch, freshness and watchdog.
+
+Pure rules over device microseconds; the firmware asks them, and the wheels obey them.
+"""
+
+from __future__ import annotations
+
+from protocol.clock import DeviceUs, extend_us
+from protocol.messages import VelocitySetpoint
+from protocol.values import StopCause
+
+MAX_TIME_TO_LIVE_US = 250_000
+HOST_SILENCE_US = 1_000_000
+DRIFT_ALLOWANCE_PPM = 250
+"""Two crystals of ±100 ppm differ by 200; the smallest delay may age by this much."""
+_HALF_COUNTER = 128
+
+
+class StopLatch:
+    """Holds the gravest cause of a stop until it is cleared by name.
+
+    A device boots latched with ``SESSION_END``: it moves only when it is asked to.
+    """
+
+    def __init__(self, cause: StopCause = StopCause.SESSION_END) -> None:
+        self.cause = cause
+
+    @property
+    def latched(self) -> bool:
+        """True while the robot must stand."""
+        return self.cause is not StopCause.NONE
+
+    def latch(self, cause: StopCause) -> bool:
+        """Latch a cause; False where an equal or graver one holds already."""
+        if cause <= self.cause:
+            return False
+        self.cause = cause
+        return True
+
+    def clear(self, cause: int) -> bool:
+        """Release the latch if ``cause`` is what holds it."""
+        if not self.latched or cause != self.cause:
+            return False
+        self.cause = StopCause.NONE
+        return True
+
+
+class Freshness:
+    """How much later than the quickest frame of its session a frame has come.
+
+    Host and device clocks are not related; but a frame's (arrival - host stamp) less the
+    smallest of the session is its extra delay. The smallest is aged by the drift that two
+    crystals may have, or a long session would come to refuse everything.
+    """
+
+    def __init__(self) -> None:
+        self._host_us: DeviceUs | None = None
+        self._least_us = 0.0
+        self._at_us = 0
+
+    def reset(self) -> None:
+        """Start a session: nothing is known."""
+        self._host_us = None
+
+    def extra_delay_us(self, host_stamp: int, arrival_us: int) -> float:
+        """Take a frame of the session; give its delay beyond the quickest one's."""
+        if self._host_us is None:
+            self._host_us = DeviceUs(host_stamp)
+            self._least_us = float(arrival_us - host_stamp)
+            self._at_us = arrival_us
+            return 0.0
+        host_us = extend_us(self._host_us, host_stamp)
+        self._host_us = DeviceUs(max(self._host_us, host_us))
+        self._least_us += (arrival_us - self._at_us) * DRIFT_ALLOWANCE_PPM * 1e-6
+        self._at_us = arrival_us
+        delay_us = float(arrival_us - host_us)
+        self._least_us = min(self._least_us, delay_us)
+        return delay_us - self._least_us
+
+
+class SetpointWatchdog:
+    """Holds the last good setpoint for as long as it may live."""
+
+    def __init__(self) -> None:
+        self.v_m_s = 0.0
+        self.yaw_rate_rad_s = 0.0
+        self._counter: int | None = None
+        self._until_us = 0
+        self._was_live = False
+
+    def reset(self) -> None:
+        """Forget the setpoint and the counter: a new session or mode."""
+        self.halt()
+        self._counter = None
+
+    def halt(self) -> None:
+        """Let go of the setpoint; later ones of the session are taken again."""
+        self.v_m_s = self.yaw_rate_rad_s = 0.0
+        self._until_us = 0
+        self._was_live = False
+
+    def offer(self, setpoint: VelocitySetpoint, extra_delay_us: float, now_us: int) -> bool:
+        """Take a setpoint; False where it is repeated, reordered or too old."""
+        if self._counter is not None:
+            advance = (setpoint.counter - self._counter) & 0xFF
+            if advance == 0 or advance >= _HALF_COUNTER:
+                return False
+        live_us = min(setpoint.time_to_live * 1000, MAX_TIME_TO_LIVE_US) - extra_delay_us
+        if live_us <= 0:
+            return False
+        self._counter = setpoint.counter
+        self.v_m_s, self.yaw_rate_rad_s = setpoint.v_m_s, setpoint.yaw_rate_rad_s
+        self._until_us = now_us + int(live_us)
+        self._was_live = True
+        return True
+
+    def left_us(self, now_us: int) -> int:
+        """Time to live that is left."""
+        return max(0, self._until_us - now_us)
+
+    def expired(self, now_us: int) -> bool:
+        """True once, when a setpoint that held has run out."""
+        if self._was_live and now_us >= self._until_us:
+            self.halt()
+            return True
+        return False
