@@ -71,7 +71,7 @@ venv: $(INSTALLED)
 # Only what the locks name, built only by what they name: first the build tools, then the rest.
 $(LOCKED): $(LOCKS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
-		echo "sweepctl needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) --version 2>&1 || echo missing)." >&2; \
+		echo "sweepctl needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) --version 2>/dev/null || echo missing)." >&2; \
 		echo 'Name another one: make PYTHON=python3.12 …' >&2; exit 1; }
 	@echo "== making $(VENV) ($$($(PYTHON) --version))"
 	@rm -rf $(VENV)

@@ -11,12 +11,14 @@ width an honest bound.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from protocol.clock import DeviceUs, HostNs, extend_us
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
+Floats = NDArray[np.float64]
 
 MAX_DRIFT_PPM = 300.0
 """Two crystals of ±100 ppm, with room."""
@@ -136,35 +138,38 @@ class TimeSync:
         return early or late
 
     def _refit(self, at_us: int) -> None:
-        upper = [(d - at_us, h) for d, h in self._upper.values()]
-        lower = [(d - at_us, h) for d, h in self._lower.values()]
-        if not upper or not lower:
+        if not self._upper or not self._lower:
             return
-        base_ns = upper[0][1]
-        slow, fast = _slopes(upper, lower)
-        high = min(
-            h - base_ns + max(-d * 1000.0 * (1 + slow), -d * 1000.0 * (1 + fast)) for d, h in upper
-        )
-        low = max(
-            h - base_ns + min(-d * 1000.0 * (1 + slow), -d * 1000.0 * (1 + fast)) for d, h in lower
-        )
-        middle, half = 0.5 * (high + low), max(0.0, 0.5 * (high - low))
+        base_ns = next(iter(self._upper.values()))[1]
+        upper_at, upper_ns = _relative(self._upper, at_us, base_ns)
+        lower_at, lower_ns = _relative(self._lower, at_us, base_ns)
+        slow, fast = _slopes(upper_at, upper_ns, lower_at, lower_ns)
+        # Each fence carried to the moment of the fit along whichever slope is the laxer.
+        high_ns = np.min(upper_ns - np.minimum(upper_at * (1 + slow), upper_at * (1 + fast)))
+        low_ns = np.max(lower_ns - np.maximum(lower_at * (1 + slow), lower_at * (1 + fast)))
+        middle, half = 0.5 * float(high_ns + low_ns), max(0.0, 0.5 * float(high_ns - low_ns))
         self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
 
 
+def _relative(
+    side: dict[int, tuple[int, int]], at_us: int, base_ns: int
+) -> tuple[Floats, Floats]:
+    """Fences as device and host nanoseconds from the moment of the fit."""
+    device = np.array([(d - at_us) * 1000.0 for d, _ in side.values()])
+    return device, np.array([float(h - base_ns) for _, h in side.values()])
+
+
 def _slopes(
-    upper: Iterable[tuple[int, int]], lower: Iterable[tuple[int, int]]
+    upper_at: Floats, upper_ns: Floats, lower_at: Floats, lower_ns: Floats
 ) -> tuple[float, float]:
     """Least and greatest drift of a line below all upper and above all lower fences."""
-    slow, fast = -MAX_DRIFT_PPM * 1e-6, MAX_DRIFT_PPM * 1e-6
-    lows = list(lower)
-    for upper_us, upper_ns in upper:
-        for lower_us, lower_ns in lows:
-            span = (upper_us - lower_us) * 1000.0
-            if span > 0:
-                fast = min(fast, (upper_ns - lower_ns) / span - 1.0)
-            elif span < 0:
-                slow = max(slow, (upper_ns - lower_ns) / span - 1.0)
+    span = upper_at[:, None] - lower_at[None, :]
+    rise = upper_ns[:, None] - lower_ns[None, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = rise / span - 1.0
+    limit = MAX_DRIFT_PPM * 1e-6
+    fast = float(np.min(slope, where=span > 0, initial=limit))
+    slow = float(np.max(slope, where=span < 0, initial=-limit))
     if slow > fast:  # rounding of stamps to whole microseconds
         slow = fast = 0.5 * (slow + fast)
     return slow, fast

@@ -46,9 +46,7 @@ class Message:
     def __eq__(self, other: object) -> bool:
         """Equal only to a message of the same type with the same values."""
         return (
-            isinstance(other, Message)
-            and type(self) is type(other)
-            and tuple(self) == tuple(other)
+            isinstance(other, Message) and type(self) is type(other) and tuple(self) == tuple(other)
         )
 
     def __ne__(self, other: object) -> bool:

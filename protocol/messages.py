@@ -166,9 +166,7 @@ class Range(Message):
 
     ultrasonic: Annotated[
         int,
-        number(
-            U16, "m", "front; 65535: no echo", scale="0.001", high=4000, none=ULTRASONIC_NONE
-        ),
+        number(U16, "m", "front; 65535: no echo", scale="0.001", high=4000, none=ULTRASONIC_NONE),
     ]
     infrared_left: Annotated[
         int,

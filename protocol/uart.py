@@ -97,9 +97,7 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
     """
     check_frame(node, type_id, payload, flags)
-    head = HEADER.pack(
-        PROTOCOL_VERSION << 4 | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF
-    )
+    head = HEADER.pack(PROTOCOL_VERSION << 4 | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF)
     body = head + payload
     encoded: bytes = cobs.encode(body + CRC.pack(crc32(body)))
     return encoded + _DELIMITER

@@ -20,6 +20,10 @@ TOUCH_M = 2e-5
 """A gap below this is contact: far below any sensor, far above rounding."""
 PENETRATION_M = 1e-9
 """The disc never sticks further into a wall than this (nor than the start did)."""
+COLLISION_SPEED_M_S = 0.03
+"""Slower onsets of contact are no collision."""
+REARM_MS = 500
+"""Time free of contact after which a collision can be counted again."""
 _PASSES = 12
 
 
@@ -151,3 +155,52 @@ def _settle(
                 y -= gap * dy
         least = min(gap, least)
     return Move(x, y, tuple(touches), least)
+
+
+class ContactCounter:
+    """Collisions and time in contact.
+
+    A collision is an onset of contact with normal speed above 0.03 m/s on an edge not touched
+    in the last millisecond (so that running into a second wall while sliding along a first
+    one counts). The next one counts only after 0.5 s free of any contact. A slow onset is
+    none, and does not keep a fast one after it from being one.
+    """
+
+    __slots__ = ("_armed", "_last_ms", "collisions", "contact_ms")
+
+    def __init__(self) -> None:
+        """Start armed, with nothing counted."""
+        self.collisions = 0
+        self.contact_ms = 0
+        self._armed = True
+        self._last_ms = -REARM_MS
+
+    def count(
+        self,
+        tick_ms: int,
+        before: tuple[Touch, ...],
+        now: tuple[Touch, ...],
+        vx_m_s: float,
+        vy_m_s: float,
+    ) -> None:
+        """Count a millisecond in contact.
+
+        Args:
+            tick_ms: Its number.
+            before: What was touched before it.
+            now: What is touched after it; not empty.
+            vx_m_s: The disc's velocity before it; so ``vy_m_s``.
+            vy_m_s: See ``vx_m_s``.
+
+        """
+        if not self._armed and tick_ms - self._last_ms > REARM_MS:
+            self._armed = True
+        if self._armed:
+            known = {touch.edge for touch in before}
+            for edge, nx, ny in now:
+                if edge not in known and -(vx_m_s * nx + vy_m_s * ny) > COLLISION_SPEED_M_S:
+                    self.collisions += 1
+                    self._armed = False
+                    break
+        self._last_ms = tick_ms
+        self.contact_ms += 1

@@ -6,7 +6,10 @@ A pure function of floats, so that a compiled kernel can take its place as it is
 from __future__ import annotations
 
 from math import cos, sin
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from sim_device.motors import MotorParameters
 
 TICK_S = 0.001
 
@@ -77,3 +80,26 @@ def roll_free(
         sway += ds * dth
         path += ds if ds > 0.0 else -ds
     return Rolling(wl, wr, al, ar, x, y, th, sway, path)
+
+
+def turn_wheel(  # noqa: PLR0913, PLR0917 - positional because it is called each millisecond
+    motor: MotorParameters,
+    rad_s: float,
+    terminal_v: float,
+    drag_v: float,
+    decay: float,
+    tau_s: float,
+) -> tuple[float, float]:
+    """Advance one wheel by a millisecond that may take it past rest.
+
+    Returns:
+        Its speed after (rad/s) and the angle it turned (rad): where it does not pass rest,
+        the same floats as in ``roll_free``.
+
+    """
+    target = motor.target_rad_s(terminal_v, rad_s, drag_v)
+    change = (target - rad_s) * decay
+    after = rad_s + change
+    if after * rad_s < 0.0:  # friction holds it at rest until a voltage moves it again
+        return 0.0, 0.5 * TICK_S * rad_s
+    return after, target * TICK_S - change * tau_s

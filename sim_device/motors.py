@@ -6,7 +6,7 @@ given as the voltage that overcomes it. The bridge gives |duty| · supply less i
 drop, and nothing below it: together with friction that is the dead band, about 15 % of duty.
 
 The plant integrates this exactly over each millisecond; a richer model (inductance, iron
-losses, heating) replaces ``terminal_v``, ``drag`` and the lag here and in ``drive_kernel``.
+losses, heating) replaces ``terminal_v``, ``target_rad_s`` and the lag here and in ``drive_kernel``.
 """
 
 from __future__ import annotations
@@ -37,16 +37,35 @@ class MotorParameters:
             return 0.0
         return magnitude if duty > 0.0 else -magnitude
 
+    def target_rad_s(self, terminal_v: float, wheel_rad_s: float, drag_v: float) -> float:
+        """Speed that the lag tends to: drag is against the motion, at rest against the pull.
+
+        Equal to ``wheel_rad_s`` = 0 where the pull does not overcome the drag.
+        """
+        if wheel_rad_s > 0.0:
+            return (terminal_v - drag_v) / self.back_emf_v_s
+        if wheel_rad_s < 0.0:
+            return (terminal_v + drag_v) / self.back_emf_v_s
+        if terminal_v > drag_v:
+            return (terminal_v - drag_v) / self.back_emf_v_s
+        if terminal_v < -drag_v:
+            return (terminal_v + drag_v) / self.back_emf_v_s
+        return 0.0
+
     def steady_rad_s(self, terminal_v: float) -> float:
         """Wheel speed reached under no load but friction; 0 in the dead band."""
-        magnitude = abs(terminal_v) - self.friction_v
-        if magnitude <= 0.0:
-            return 0.0
-        return magnitude / self.back_emf_v_s if terminal_v > 0.0 else -magnitude / self.back_emf_v_s
+        return self.target_rad_s(terminal_v, 0.0, self.friction_v)
 
     def current_a(self, terminal_v: float, wheel_rad_s: float) -> float:
         """Motor current; negative while it brakes."""
         return (terminal_v - self.back_emf_v_s * wheel_rad_s) / self.resistance_ohm
+
+    def charge_c(self, terminal_v: float, turned_rad: float, duration_s: float) -> float:
+        """Integral of the motor's current at a constant voltage.
+
+        The current is linear in the wheel's speed, so that only the angle matters.
+        """
+        return (terminal_v * duration_s - self.back_emf_v_s * turned_rad) / self.resistance_ohm
 
     def duty_for(self, wheel_rad_s: float, supply_v: float, drop_v: float) -> float:
         """Duty that holds a wheel speed: the inverse of the two above; limited to -1..1."""

@@ -99,15 +99,15 @@ NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
         for level in (
             NoiseLevel(name="none"),
             # The paper's robot ends 7 mm off after 7 U-shaped cycles: its gyro must be better
-            # than the datasheet (0.002, not 0.005), or a rest of some seconds could not
+            # than the datasheet (0.0015, not 0.005), or a rest of some seconds could not
             # calibrate it to the 0.0014 °/s which that implies.
             NoiseLevel(
                 name="paper",
-                gyro_density_deg_s_sqrt_hz=0.002,
+                gyro_density_deg_s_sqrt_hz=0.0015,
                 gyro_turn_on_deg_s=1.0,
-                gyro_motion_bias_deg_s=0.0014,
+                gyro_motion_bias_deg_s=0.0011,
                 gyro_bias_walk_deg_s_sqrt_s=1e-5,
-                gyro_scale_error=0.0003,
+                gyro_scale_error=0.0002,
                 accel_density_ug_sqrt_hz=400.0,
                 accel_bias_mg=10.0,
                 accel_vibration_mg=5.0,

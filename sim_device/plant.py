@@ -18,14 +18,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, cos, exp, hypot, isfinite, sin
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import Pose2, wrap_angle
-from sim_device.collide import TOUCH_M, Touch, move_disc, nearest_m
-from sim_device.drive_kernel import TICK_S, Rolling, WheelStep, roll_free
+from sim_device.collide import TOUCH_M, ContactCounter, Touch, move_disc, nearest_m
+from sim_device.drive_kernel import TICK_S, Rolling, WheelStep, roll_free, turn_wheel
 from sim_device.motors import MotorParameters
 from sim_device.noise import SLIP_TIME_S, Draws
-from sim_device.power import Battery, BatteryParameters
+from sim_device.power import Battery, BatteryParameters, Draw
+from sim_device.truth import Inertial, Truth
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,10 +35,8 @@ if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
     from sim_device.world import Edge, World
 
-COLLISION_SPEED_M_S = 0.03
-"""Slower onsets of contact are no collision."""
-REARM_MS = 500
-"""Time free of contact after which a collision can be counted again."""
+__all__ = ["Chassis", "DutyError", "Inertial", "Plant", "Truth"]
+
 SLOW_MS = 10
 """Period of what changes slowly: battery voltage and slip."""
 _NEAR_M = 0.35
@@ -70,53 +69,6 @@ class Chassis:
 
 
 _CHASSIS, _MOTOR = Chassis(), MotorParameters()
-
-
-class Inertial(NamedTuple):
-    """The part of the truth that the inertial sensor needs: sums, whose differences over
-    time are means. See ``Truth`` for each."""
-
-    tick_ms: int
-    heading_rad: float
-    impulse_x_m_s: float
-    impulse_y_m_s: float
-    left_rad: float
-    right_rad: float
-
-
-class Truth(NamedTuple):
-    """What is really so at one tick."""
-
-    tick_ms: int
-    pose: Pose2
-    """Heading wrapped to [-π, π)."""
-    heading_rad: float
-    """Heading, continuous."""
-    v_m_s: float
-    """Forward speed over the floor."""
-    v_lateral_m_s: float
-    """To the left; not 0 only while sliding along a wall."""
-    yaw_rate_rad_s: float
-    left_rad: float
-    """Wheel angle, continuous: what the wheel turned, slipping or not."""
-    right_rad: float
-    left_rad_s: float
-    right_rad_s: float
-    impulse_x_m_s: float
-    """Specific impulse along the body's x since power-on: the integral of what an
-    accelerometer at the axle's centre feels, centripetal share included; differences over
-    time are mean accelerations."""
-    impulse_y_m_s: float
-    path_m: float
-    """Travelled by the axle's centre over the floor."""
-    collisions: int
-    """Onsets of contact with normal speed above 0.03 m/s, re-armed after 0.5 s free."""
-    contact_s: float
-    """Time in contact, grazing included."""
-    touch_bearings_rad: tuple[float, ...]
-    """Where the disc is touched now, from the heading, counter-clockwise, [-π, π)."""
-    energy_wh: float
-    """Drawn from the battery."""
 
 
 class Plant:
@@ -161,9 +113,7 @@ class Plant:
         self._r = Rolling(0.0, 0.0, 0.0, 0.0, start.x_m, start.y_m, start.theta_rad, 0.0, 0.0)
         self.tick_ms = 0
         self._duty_left = self._duty_right = 0.0
-        self._seg_tick, self._seg_left, self._seg_right = 0, 0.0, 0.0
-        self._tick_charge_c = 0.0
-        self._energy_j = 0.0
+        self._since_ms, self._since_left_rad, self._since_right_rad = 0, 0.0, 0.0
         self.supply_v = self._battery.terminal_v
 
         self._near: list[Edge] = []
@@ -171,10 +121,7 @@ class Plant:
         self._gap_m = 0.0
         self._slide_m_rad = 0.0
         self._slide_v = self._slide_lateral_v = 0.0
-        self._collisions = 0
-        self._contact_ms = 0
-        self._armed = True
-        self._last_contact_ms = -REARM_MS
+        self._contacts = ContactCounter()
         self._renew_near()
         self._close = self._near
         self._touches: tuple[Touch, ...] = move_disc(
@@ -205,7 +152,7 @@ class Plant:
         right = min(1.0, max(-1.0, right))
         if left == self._duty_left and right == self._duty_right:
             return
-        self._close_segment()
+        self._book()
         self._duty_left, self._duty_right = left, right
         self._set_voltages()
 
@@ -282,7 +229,6 @@ class Plant:
             v, lateral = self._slide_v, self._slide_lateral_v
         else:
             v, lateral = s.left_m * r.left_rad_s + s.right_m * r.right_rad_s, 0.0
-        _, energy_j = self._segment()
         return Truth(
             tick_ms=self.tick_ms,
             pose=Pose2(r.x_m, r.y_m, wrap_angle(r.theta_rad)),
@@ -297,18 +243,19 @@ class Plant:
             impulse_x_m_s=impulse_x,
             impulse_y_m_s=impulse_y,
             path_m=r.path_m,
-            collisions=self._collisions,
-            contact_s=self._contact_ms * TICK_S,
+            collisions=self._contacts.collisions,
+            contact_s=self._contacts.contact_ms * TICK_S,
             touch_bearings_rad=self.touch_bearings_rad,
-            energy_wh=(self._energy_j + energy_j) / _JOULES_PER_WH,
+            energy_wh=(self._battery.drawn_j + self._drawn().energy_j) / _JOULES_PER_WH,
         )
 
     # One batch.
 
     def _advance_block(self, ticks: int) -> None:
         r, s = self._r, self._step
-        target_left = self._target(self._left_v, r.left_rad_s, self._motor.friction_v)
-        target_right = self._target(self._right_v, r.right_rad_s, self._motor.friction_v)
+        motor = self._motor
+        target_left = motor.target_rad_s(self._left_v, r.left_rad_s, motor.friction_v)
+        target_right = motor.target_rad_s(self._right_v, r.right_rad_s, motor.friction_v)
         no_reversal = r.left_rad_s * target_left >= 0.0 and r.right_rad_s * target_right >= 0.0
         if no_reversal and not self._touches:
             reach_m = (ticks * TICK_S) * (
@@ -337,8 +284,8 @@ class Plant:
         wl, wr, al, ar, x, y, th, sway, path = self._r
         decay, tau, cl, cr, yl, yr = self._step
         drag_left, drag_right = self._drags(th)
-        wl1, il = self._turn_wheel(wl, self._left_v, drag_left, decay, tau)
-        wr1, ir = self._turn_wheel(wr, self._right_v, drag_right, decay, tau)
+        wl1, il = turn_wheel(self._motor, wl, self._left_v, drag_left, decay, tau)
+        wr1, ir = turn_wheel(self._motor, wr, self._right_v, drag_right, decay, tau)
         ds = cl * il + cr * ir
         dth = yr * ir - yl * il
         mid = th + 0.5 * dth
@@ -395,35 +342,7 @@ class Plant:
             path + hypot(gone_x, gone_y),
         )
         if self._touches:
-            self._count_contact(before, vx, vy)
-
-    def _turn_wheel(
-        self,
-        rad_s: float,
-        terminal_v: float,
-        drag_v: float,
-        decay: float,
-        tau: float,
-    ) -> tuple[float, float]:
-        """Advance a wheel by a millisecond: its speed after it and the angle it turned."""
-        target = self._target(terminal_v, rad_s, drag_v)
-        change = (target - rad_s) * decay
-        after = rad_s + change
-        if after * rad_s < 0.0:  # friction holds it at rest until a voltage moves it again
-            return 0.0, 0.5 * TICK_S * rad_s
-        return after, target * TICK_S - change * tau
-
-    def _target(self, terminal_v: float, rad_s: float, drag_v: float) -> float:
-        """Speed that a wheel tends to: friction is against the motion, at rest against the pull."""
-        if rad_s > 0.0:
-            return (terminal_v - drag_v) / self._motor.back_emf_v_s
-        if rad_s < 0.0:
-            return (terminal_v + drag_v) / self._motor.back_emf_v_s
-        if terminal_v > drag_v:
-            return (terminal_v - drag_v) / self._motor.back_emf_v_s
-        if terminal_v < -drag_v:
-            return (terminal_v + drag_v) / self._motor.back_emf_v_s
-        return 0.0
+            self._contacts.count(self.tick_ms, before, self._touches, vx, vy)
 
     def _drags(self, theta: float) -> tuple[float, float]:
         """Voltage that friction, and a wall pushed against, takes from each motor."""
@@ -454,20 +373,6 @@ class Plant:
 
     # Contact.
 
-    def _count_contact(self, before: tuple[Touch, ...], vx: float, vy: float) -> None:
-        """Count this millisecond, and an onset on any edge not touched in the last one."""
-        if not self._armed and self.tick_ms - self._last_contact_ms > REARM_MS:
-            self._armed = True
-        if self._armed:
-            known = {t.edge for t in before}
-            for edge, nx, ny in self._touches:
-                if edge not in known and -(vx * nx + vy * ny) > COLLISION_SPEED_M_S:
-                    self._collisions += 1
-                    self._armed = False
-                    break
-        self._last_contact_ms = self.tick_ms
-        self._contact_ms += 1
-
     def _measure_gap(self) -> None:
         """Distance from the disc to the walls, exact when it is small."""
         r = self._r
@@ -486,9 +391,8 @@ class Plant:
     # Power and what else changes slowly.
 
     def _slow_tick(self) -> None:
-        self._close_segment()
-        self._battery.draw(self._tick_charge_c, SLOW_MS * TICK_S)
-        self._tick_charge_c = 0.0
+        self._book()
+        self._battery.settle(SLOW_MS * TICK_S)
         self.supply_v = self._battery.terminal_v
         if self._noise.slip_sigma > 0.0:
             fade = SLOW_MS * TICK_S / SLIP_TIME_S
@@ -517,26 +421,23 @@ class Plant:
         self._left_v = terminal_v(self._duty_left, self.supply_v, self._drop_v)
         self._right_v = terminal_v(self._duty_right, self.supply_v, self._drop_v)
 
-    def _segment(self) -> tuple[float, float]:
-        """Charge (C) and energy (J) drawn since the duty or the supply last changed.
-
-        The current is linear in the wheel's speed, so its integral needs only the angle. What
-        a braking motor gives back is lost in the bridge.
-        """
-        duration_s = (self.tick_ms - self._seg_tick) * TICK_S
-        k, ohm = self._motor.back_emf_v_s, self._motor.resistance_ohm
-        left_c = (self._left_v * duration_s - k * (self._r.left_rad - self._seg_left)) / ohm
-        right_c = (self._right_v * duration_s - k * (self._r.right_rad - self._seg_right)) / ohm
+    def _drawn(self) -> Draw:
+        """Charge and energy drawn since the duty or the supply last changed."""
+        r = self._r
+        duration_s = (self.tick_ms - self._since_ms) * TICK_S
+        charge = self._motor.charge_c
+        left_c = charge(self._left_v, r.left_rad - self._since_left_rad, duration_s)
+        right_c = charge(self._right_v, r.right_rad - self._since_right_rad, duration_s)
+        # What a braking motor gives back is lost in the bridge.
         motors_c = max(0.0, self._duty_left * left_c) + max(0.0, self._duty_right * right_c)
         base_j = self._chassis.electronics_w * duration_s
-        return motors_c + base_j / self.supply_v, motors_c * self.supply_v + base_j
+        return Draw(motors_c + base_j / self.supply_v, motors_c * self.supply_v + base_j)
 
-    def _close_segment(self) -> None:
-        charge_c, energy_j = self._segment()
-        self._tick_charge_c += charge_c
-        self._energy_j += energy_j
-        self._seg_tick = self.tick_ms
-        self._seg_left, self._seg_right = self._r.left_rad, self._r.right_rad
+    def _book(self) -> None:
+        """Book what was drawn, before the duty or the supply changes."""
+        self._battery.draw(self._drawn())
+        self._since_ms = self.tick_ms
+        self._since_left_rad, self._since_right_rad = self._r.left_rad, self._r.right_rad
 
 
 def _bearing(touch: Touch, theta: float) -> float:

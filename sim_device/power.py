@@ -27,16 +27,26 @@ class BatteryParameters:
     """At power-on, 0..1."""
 
 
+class Draw(NamedTuple):
+    """What flowed out of the battery over some time."""
+
+    charge_c: float
+    energy_j: float
+
+
 class Battery:
     """State of charge and terminal voltage."""
 
-    __slots__ = ("_p", "charge_ah", "current_a")
+    __slots__ = ("_booked_c", "_p", "charge_ah", "current_a", "drawn_j")
 
     def __init__(self, parameters: BatteryParameters) -> None:
         """Start at the parameters' state of charge, with no current."""
         self._p = parameters
         self.charge_ah = parameters.capacity_ah * parameters.state_of_charge
         self.current_a = 0.0
+        self.drawn_j = 0.0
+        """Energy drawn at the terminals since power-on."""
+        self._booked_c = 0.0
 
     @property
     def state_of_charge(self) -> float:
@@ -50,10 +60,16 @@ class Battery:
         ratio = p.empty_ratio + (1.0 - p.empty_ratio) * self.state_of_charge
         return max(0.0, p.full_v * ratio - self.current_a * p.resistance_ohm)
 
-    def draw(self, charge_c: float, duration_s: float) -> None:
-        """Take a charge over a duration; the mean current sags the voltage from now on."""
-        self.current_a = charge_c / duration_s
-        self.charge_ah -= charge_c / _SECONDS_PER_HOUR
+    def draw(self, drawn: Draw) -> None:
+        """Book what was drawn; the voltage stays until ``settle``."""
+        self._booked_c += drawn.charge_c
+        self.drawn_j += drawn.energy_j
+
+    def settle(self, duration_s: float) -> None:
+        """Let what was booked over a duration lower the charge and sag the voltage."""
+        self.current_a = self._booked_c / duration_s
+        self.charge_ah -= self._booked_c / _SECONDS_PER_HOUR
+        self._booked_c = 0.0
 
 
 class PowerReading(NamedTuple):

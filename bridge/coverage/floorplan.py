@@ -107,12 +107,16 @@ def parse_floorplan(text: str, *, default_name: str = "room") -> FloorPlan:
     if len(walls) + sum(len(o) for o in obstacles) > MAX_POINTS:
         raise FloorPlanError(f"room has more than {MAX_POINTS} corners")
     start = Pose2(*_numbers(data.get("start"), "start", _POSE))
+    _check_start(start, walls, obstacles)
+    return FloorPlan(name, walls, obstacles, start)
+
+
+def _check_start(start: Pose2, walls: Polygon, obstacles: tuple[Polygon, ...]) -> None:
     if not contains(walls, start.x_m, start.y_m):
         raise FloorPlanError(f"start: ({start.x_m:g}, {start.y_m:g}) is outside the walls")
     for i, obstacle in enumerate(obstacles):
         if contains(obstacle, start.x_m, start.y_m):
             raise FloorPlanError(f"start: ({start.x_m:g}, {start.y_m:g}) is in obstacles[{i}]")
-    return FloorPlan(name, walls, obstacles, start)
 
 
 def _polygon(value: object, key: str) -> Polygon:

@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Literal
 
 from bridge.coverage.planner import ScriptedPlanner, Step
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.legs import Drive, Leg, LegResult, StopReason, Turn
+from bridge.motion.legs import Drive, Leg, LegResult, Rest, StopReason, Turn
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 Side = Literal["left", "right"]
 End = Literal["last_partial_lane", "blocked_step", "never"]
+
+_MOST_BLOCKED = 3
+"""Blocked side steps in a row after which the robot is shut in, however short the lanes."""
 
 Part = Generator[Leg, Step, LegResult]
 """Part of a script: returns how its main leg ended."""
@@ -30,16 +33,22 @@ class LaneOptions:
     """Side of the first lane on which the next one lies."""
     end: End = "last_partial_lane"
     """When a side step is blocked before W: ``blocked_step`` ends there; ``last_partial_lane``
-    sweeps a lane where it got to and ends when the step after that is blocked too; ``never``
-    goes on until ``max_lanes``."""
-    stop_range_m: float = 0.05
-    """Ultrasonic reading that is a wall: 1 cm of clearance, for the sensor sits 4 cm inside
+    sweeps a lane where it got to and ends when the step at that lane's other end is blocked
+    too; ``never`` goes on until ``max_lanes``."""
+    stop_range_m: float = 0.046
+    """Ultrasonic reading that is a wall: 6 mm of clearance, for the sensor sits 4 cm inside
     the body's front."""
+    step_stop_range_m: float = 0.054
+    """The same at the end of a side step: the next lane runs *along* that wall, and a heading
+    1 cm in 1.7 m off must not rub on it."""
     back_off_m: float = 0.015
     """Way back after a bump, so that the turn does not rub."""
     cliff_back_off_m: float = 0.05
     short_step_m: float = 0.015
     """A side step that lacks less than this of W is a whole one."""
+    rest_s: float = 0.6
+    """Stand still at the end of every lane: the gyro's bias is measured in the second half of
+    it. At 0.01 °/s a run of case 1 would else end 2° askew. 0 leaves it out."""
     max_lanes: int = 2000
     """Bound on a run in which the ends above are never met."""
 
@@ -54,6 +63,7 @@ class LanePlanner(ScriptedPlanner, ABC):
         self._origin = Pose2(0.0, 0.0, 0.0)
         self._step_heading = 0.0
         self._lanes = 0
+        self._blocked_steps = 0
 
     def _begin(self, pose: Pose2) -> None:
         """Lanes run along the start heading and are stepped to the chosen side of it."""
@@ -61,6 +71,7 @@ class LanePlanner(ScriptedPlanner, ABC):
         turn = math.pi / 2 if self._lane_options.side == "left" else -math.pi / 2
         self._step_heading = wrap_angle(pose.theta_rad + turn)
         self._lanes = 0
+        self._blocked_steps = 0
 
     def _offset_m(self, pose: Pose2) -> float:
         """How far a pose lies from the first lane, along the stepping direction."""
@@ -72,15 +83,13 @@ class LanePlanner(ScriptedPlanner, ABC):
         """Turn to the lane and drive it until something says stop."""
         self._lanes += 1
         yield Turn(heading_rad)
-        return (
-            yield from self._drive(
-                Drive(
-                    heading_rad,
-                    stop_range_m=self._lane_options.stop_range_m,
-                    purpose="lane",
-                ),
-            )
+        options = self._lane_options
+        lane = yield from self._drive(
+            Drive(heading_rad, stop_range_m=options.stop_range_m, purpose="lane"),
         )
+        if options.rest_s > 0.0:
+            yield Rest(options.rest_s)
+        return lane
 
     def _side_step(self, heading_rad: float, distance_m: float) -> Part:
         """Turn across the lanes and drive one cleaning width."""
@@ -90,7 +99,7 @@ class LanePlanner(ScriptedPlanner, ABC):
                 Drive(
                     heading_rad,
                     distance_m,
-                    stop_range_m=self._lane_options.stop_range_m,
+                    stop_range_m=self._lane_options.step_stop_range_m,
                     purpose="step",
                 ),
             )
@@ -110,19 +119,28 @@ class LanePlanner(ScriptedPlanner, ABC):
             yield Drive(heading_rad, -options.cliff_back_off_m, speed_m_s=0.1, purpose="back-off")
 
     def _is_short(self, result: LegResult, wanted_m: float) -> bool:
-        """Whether a side step ended before its length for a reason in the world."""
+        """Whether a drive ended before its length for a reason in the world."""
         lacking = wanted_m - result.distance_m
         return result.reason.blocked and lacking > self._lane_options.short_step_m
 
-    def _ends_after(self, *, blocked: bool, blocked_before: bool) -> str | None:
-        """Why the run ends after a side step, if it does."""
+    def _stuck(self, lane: LegResult, *, blocked: bool) -> str | None:
+        """Why the sweep ends after a lane and a side step, if it does.
+
+        The two ends of a lane that is shorter than W are one place: being blocked at both says
+        no more than being blocked at one. A few such in a row do.
+        """
         options = self._lane_options
         if self._lanes >= options.max_lanes:
             return f"{self._lanes} lanes driven, the limit"
-        if not blocked or options.end == "never":
+        if not blocked:
+            self._blocked_steps = 0
+            return None
+        self._blocked_steps += 1
+        if options.end == "never":
             return None
         if options.end == "blocked_step":
             return "side step blocked: the robot could not go further"
-        if blocked_before:
-            return "side step blocked again after a last partial lane"
+        both_ends = self._blocked_steps > 1 and lane.distance_m >= self.model.cleaning_width_m
+        if both_ends or self._blocked_steps > _MOST_BLOCKED:
+            return "side step blocked at both ends of the last lane"
         return None

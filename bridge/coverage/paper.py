@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from bridge.coverage.lanes import LaneOptions, LanePlanner
-from bridge.coverage.planner import Script, Step
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import GoTo, Leg, LegResult
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from bridge.coverage.planner import Script, Step
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
 
@@ -28,12 +28,13 @@ class PaperOptions(LaneOptions):
 
     equal_tolerance_m: float = 0.02
     """D = Prev-D (case 1) up to this: no two lanes are equal to the millimetre."""
-    count_turns: Literal["on_equal", "every_turn"] = "on_equal"
-    """When T grows: pseudo-code 2 counts in case 1, pseudo-code 1 at every turn. After case 2
-    the former counts one lane less, which is the one whose strip is swept already."""
+    count_turns: Literal["whole_step", "every_turn", "on_equal"] = "whole_step"
+    """When T grows. Pseudo-code 1 counts after "turn, move distance W, turn": at ``every_turn``,
+    or only when W was really moved (``whole_step``), without which W·T is no length.
+    Pseudo-code 2 counts in case 1 only (``on_equal``): after case 2 that is a lane short."""
     between: Literal["count", "keep", "reset"] = "count"
-    """What T does for tolerance < |D - Prev-D| ≤ Φ, of which nothing is said: with ``count`` it
-    is case 1 in all but name."""
+    """What T does for tolerance < |D - Prev-D| ≤ Φ, of which nothing is said, when it is counted
+    ``on_equal``: with ``count`` it is case 1 in all but name."""
     clear_after_recovery: bool = True
     """T = 0 after a case 3 is dealt with: else a second case 3 without a case 2 between
     would count the same lanes again."""
@@ -66,7 +67,6 @@ class PaperPlanner(LanePlanner):
         self._first_lane = True
         heading = obs.pose.theta_rad
         self.decide("start", "lanes along the start heading", side=self.options.side)
-        blocked = False
         while True:
             self._state = replace(self._state, state="lane")
             lane = yield from self._lane(heading)
@@ -75,13 +75,14 @@ class PaperPlanner(LanePlanner):
                 yield from self._recover(heading, lane)
             self._state = replace(self._state, state="step", target=None)
             step = yield from self._side_step(self._step_heading, width)
-            before, blocked = blocked, self._is_short(step, width)
+            blocked = self._is_short(step, width)
             if blocked:
                 self._tell_blocked(step)
-            reason = self._ends_after(blocked=blocked, blocked_before=before)
+            reason = self._stuck(lane, blocked=blocked)
             if reason is not None:
                 return reason
-            if self.options.count_turns == "every_turn":
+            counting = self.options.count_turns
+            if counting == "every_turn" or (counting == "whole_step" and not blocked):
                 self._state = replace(self._state, turn_count=self._state.turn_count + 1)
             heading = wrap_angle(heading + math.pi)
 
@@ -108,11 +109,9 @@ class PaperPlanner(LanePlanner):
             reason = "D = Prev-D: a parallel passage"
         else:
             case = 0
-            if options.between == "count":
-                turns += counting
-            elif options.between == "reset":
-                turns = 0
-            reason = f"D and Prev-D differ by less than Φ: T by option '{options.between}'"
+            if counting:
+                turns = {"count": turns + 1, "keep": turns, "reset": 0}[options.between]
+            reason = "D and Prev-D differ, by less than Φ: none of the cases"
         self._state = replace(
             state,
             turn_count=turns,
@@ -168,8 +167,8 @@ class PaperPlanner(LanePlanner):
     ) -> Generator[Leg, Step, Pose2]:
         """Lanes from the pose on until the side step reaches ``until_m`` or is blocked twice."""
         width = self.model.cleaning_width_m
-        blocked = False
-        while self._offset_m(pose) < until_m and self._lanes < self.options.max_lanes:
+        self._blocked_steps = 0
+        while self._offset_m(pose) < until_m:
             self._state = replace(self._state, state="recovery-lane")
             lane = yield from self._lane(heading)
             if self.options.recovery_lanes == "observed":
@@ -183,12 +182,13 @@ class PaperPlanner(LanePlanner):
             self._state = replace(self._state, state="recovery-step")
             step = yield from self._side_step(self._step_heading, width)
             pose = step.pose
-            before, blocked = blocked, self._is_short(step, width)
+            blocked = self._is_short(step, width)
             if blocked:
                 self._tell_blocked(step)
-                if before:
-                    break
+            if self._stuck(lane, blocked=blocked) is not None:
+                break
             heading = wrap_angle(heading + math.pi)
+        self._blocked_steps = 0
         return pose
 
     def _return_to(self, leave: Pose2, pose: Pose2) -> Generator[Leg, Step]:
@@ -208,5 +208,3 @@ class PaperPlanner(LanePlanner):
             f"{result.leg.purpose} ended early: {result.reason}",
             distance_m=result.distance_m,
         )
-
-

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from bridge.motion.legs import Leg, LegResult
-from bridge.motion.observation import Observation
 
 if TYPE_CHECKING:
+    from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
 
 Scalar = float | int | str | bool

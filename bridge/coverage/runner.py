@@ -102,7 +102,7 @@ class PlanRunner:
                 return command
         for _ in range(_MAX_DECISIONS):
             self._decide(obs)
-            if self._finish is not None:
+            if self.finished:
                 return HALT
             command = executor.step(obs)
             if executor.result is None:

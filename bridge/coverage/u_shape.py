@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bridge.coverage.lanes import LaneOptions, LanePlanner
-from bridge.coverage.planner import Script
 from bridge.motion.geometry import wrap_angle
 
 if TYPE_CHECKING:
+    from bridge.coverage.planner import Script
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
 
@@ -28,7 +28,6 @@ class UShapePlanner(LanePlanner):
         self._begin(obs.pose)
         heading = obs.pose.theta_rad
         self.decide("start", "lanes along the start heading", side=self._lane_options.side)
-        blocked = False
         turns = 0
         while True:
             self._state = replace(self._state, state="lane")
@@ -41,14 +40,14 @@ class UShapePlanner(LanePlanner):
             self.decide("lane", f"lane ended: {lane.reason}", distance_m=lane.distance_m)
             self._state = replace(self._state, state="step")
             step = yield from self._side_step(self._step_heading, width)
-            before, blocked = blocked, self._is_short(step, width)
+            blocked = self._is_short(step, width)
             if blocked:
                 self.decide(
                     "blocked",
                     f"side step ended early: {step.reason}",
                     distance_m=step.distance_m,
                 )
-            reason = self._ends_after(blocked=blocked, blocked_before=before)
+            reason = self._stuck(lane, blocked=blocked)
             if reason is not None:
                 return reason
             turns += 1

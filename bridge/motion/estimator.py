@@ -8,12 +8,15 @@ bias. Corrections by walls would be further measurements of the same four states
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.heading import GyroNoise, Standstill
 from bridge.motion.kinematics import encoder_delta
 from bridge.motion.odometry import sinc
-from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
 
 Covariance = tuple[
     tuple[float, float, float],

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import wrap_angle
-from bridge.motion.legs import Drive, GoTo, Leg, LegResult, StopReason, Turn
+from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Turn
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.point_to_point import PointToPointController
 from bridge.motion.range_filter import RangeAhead
@@ -67,6 +67,7 @@ class LegExecutor:
         brake_rad_s2 = 0.5 * model.max_yaw_accel_rad_s2
         self._rotary = RotaryController(rate, brake_rad_s2)
         self._point = PointToPointController(model.max_speed_m_s, rate)
+        self._target = HALT
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, tune.lowpass)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, tune.lowpass)
         self._ahead = RangeAhead()
@@ -93,6 +94,11 @@ class LegExecutor:
 
     # -- running ---------------------------------------------------------------------------
 
+    @property
+    def target(self) -> VelocityCommand:
+        """The last velocity asked for, before smoothing (the paper's Fig. 12)."""
+        return self._target
+
     def start(self, leg: Leg, obs: Observation) -> None:
         """Begin a leg at the observed pose, dropping any leg under way."""
         self._leg = leg
@@ -112,6 +118,9 @@ class LegExecutor:
         self._ahead.reset()
         if isinstance(leg, Turn):
             self._timeout_s = leg.timeout_s
+            return
+        if isinstance(leg, Rest):
+            self._timeout_s = math.inf
             return
         speed = self._model.cruise_speed_m_s if leg.speed_m_s is None else leg.speed_m_s
         self._speed = min(speed, self._model.max_speed_m_s)
@@ -139,7 +148,7 @@ class LegExecutor:
         dt = min(max(obs.time_s - self._last_s, 0.0), _MAX_STEP_S)
         self._last_s = obs.time_s
         self._elapsed_s += dt
-        if not isinstance(leg, Turn):
+        if isinstance(leg, Drive | GoTo):
             pose, origin = obs.pose, self._origin
             self._along_m = (pose.x_m - origin.x_m) * self._cos + (
                 pose.y_m - origin.y_m
@@ -147,11 +156,7 @@ class LegExecutor:
         if self._stopping is None:
             if self._elapsed_s > self._timeout_s:
                 return self._stop(StopReason.TIMEOUT, obs, dt)
-            if isinstance(leg, Drive):
-                return self._drive(leg, obs, dt)
-            if isinstance(leg, Turn):
-                return self._turn(leg, obs, dt)
-            return self._go_to(leg, obs, dt)
+            return self._advance(leg, obs, dt)
         return self._settle(obs, dt)
 
     def halt(self) -> None:
@@ -159,7 +164,18 @@ class LegExecutor:
         self._smooth_v.reset()
         self._smooth_w.reset()
 
-    # -- the three kinds -------------------------------------------------------------------
+    # -- the kinds of leg -------------------------------------------------------------------
+
+    def _advance(self, leg: Leg, obs: Observation, dt: float) -> VelocityCommand:
+        if isinstance(leg, Drive):
+            return self._drive(leg, obs, dt)
+        if isinstance(leg, Turn):
+            return self._turn(leg, obs, dt)
+        if isinstance(leg, GoTo):
+            return self._go_to(leg, obs, dt)
+        if self._elapsed_s >= leg.duration_s:
+            return self._stop(StopReason.DONE, obs, dt)
+        return self._send(0.0, 0.0, dt)
 
     def _drive(self, leg: Drive, obs: Observation, dt: float) -> VelocityCommand:
         direction = -1.0 if self._backward else 1.0
@@ -274,6 +290,7 @@ class LegExecutor:
         return self._elapsed_s - self._mark_s > self._tuning.stall_s
 
     def _send(self, v_m_s: float, rate_rad_s: float, dt: float) -> VelocityCommand:
+        self._target = VelocityCommand(v_m_s, rate_rad_s)
         return VelocityCommand(
             self._smooth_v.update(v_m_s, dt),
             self._smooth_w.update(rate_rad_s, dt),

@@ -53,14 +53,22 @@ class GoTo:
     purpose: str = "goto"
 
 
-Leg = Drive | Turn | GoTo
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Stand still, which lets the estimator measure the gyro's bias."""
+
+    duration_s: float
+    purpose: str = "rest"
+
+
+Leg = Drive | Turn | GoTo | Rest
 
 
 class StopReason(enum.StrEnum):
     """Why a leg ended."""
 
     DONE = "done"
-    """The heading or the point was reached."""
+    """The heading or the point was reached, or the rest is over."""
     DISTANCE = "distance"
     """The distance was driven."""
     RANGE = "range"

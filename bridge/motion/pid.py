@@ -72,5 +72,4 @@ class Pid:
                     self._integral += step
                     output += step
         self._previous = error
-        limit = self._limit
-        return limit if output > limit else -limit if output < -limit else output
+        return max(min(output, self._limit), -self._limit)

@@ -39,4 +39,4 @@ class RotaryController:
         error = wrap_angle(target_rad - yaw_rad)
         rate = self._pid.update(error, dt_s)
         limit = math.sqrt(2.0 * self._brake_rad_s2 * abs(error))
-        return limit if rate > limit else -limit if rate < -limit else rate
+        return max(min(rate, limit), -limit)

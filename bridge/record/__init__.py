@@ -1,0 +1,1 @@
+"""Recording a run to MCAP, and reading one back."""

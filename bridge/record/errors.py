@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bridge.errors import BridgeError
+
 if TYPE_CHECKING:
     from pathlib import Path
 
 
-class LogError(Exception):
+class LogError(BridgeError):
     """Base of everything that recording and reading may raise."""
 
     def __init__(self, path: Path, text: str) -> None:

@@ -124,7 +124,8 @@ class FlatMessage:
         for index, tag, kind in self._variable:
             value = values[index]
             if value is not None:
-                data = value.encode() if kind is Kind.STRING else value
+                # A lone surrogate must not end a recording.
+                data = value.encode(errors="replace") if kind is Kind.STRING else value
                 out += tag + varint(len(data)) + data
         return out
 

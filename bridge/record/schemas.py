@@ -48,8 +48,7 @@ class DeviceEncoder:
 
     def __init__(self, spec: MessageSpec) -> None:
         raw = [
-            FlatField(f.name, _raw_kind(f), _FIRST_FIELD + 2 * i)
-            for i, f in enumerate(spec.fields)
+            FlatField(f.name, _raw_kind(f), _FIRST_FIELD + 2 * i) for i, f in enumerate(spec.fields)
         ]
         scaled = [(i, f) for i, f in enumerate(spec.fields) if f.si_suffix is not None]
         self.layout = FlatMessage(

@@ -40,7 +40,7 @@ class WorldNoise:
     gyro_bias_rad_s: float = 0.0
     """Present from the start: standing still can measure it."""
     gyro_drift_rad_s: float = 0.0
-    """Comes once the robot moves: what calibration leaves."""
+    """Comes, with either sign, once the robot moves: what calibration leaves."""
     wheel_scale: float = 0.0
 
 
@@ -78,7 +78,7 @@ class KinematicWorld:
         self._right_m = 0.0
         self._scales = (1.0 + rng.gauss(0, noise.wheel_scale), 1 + rng.gauss(0, noise.wheel_scale))
         self._bias = rng.gauss(0.0, noise.gyro_bias_rad_s)
-        self._drift = rng.gauss(0.0, noise.gyro_drift_rad_s)
+        self._drift = rng.choice((-1.0, 1.0)) * noise.gyro_drift_rad_s
         self._moved = False
         self._ranges: tuple[float | None, float | None, float | None] = (None, None, None)
         self._next_range_s = 0.0

@@ -257,7 +257,12 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
     0x1C: (
         "describe_reply",
         "device",
-        [("described_type", "u8"), ("field_count", "u8"), ("payload_length", "u8"), ("chain", "u32")],
+        [
+            ("described_type", "u8"),
+            ("field_count", "u8"),
+            ("payload_length", "u8"),
+            ("chain", "u32"),
+        ],
     ),
     0x1D: ("log_text", "device", [("level", "u8"), ("line", "text")]),
 }

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from hypothesis import strategies as st
-from support import reference_codec as ref
 
 from protocol.catalogue import CATALOGUE
+from support import reference_codec as ref
 
 if TYPE_CHECKING:
     from hypothesis.strategies import SearchStrategy
@@ -38,8 +38,10 @@ def field_values(kind: str) -> SearchStrategy[object]:
 
 
 def values_of(type_id: int) -> SearchStrategy[dict[str, object]]:
-    """Field values of one message type, by name."""
-    return st.fixed_dictionaries({row[0]: field_values(row[1]) for row in ref.LAYOUTS[type_id][2]})
+    """Field values of one message type, by name, in wire order."""
+    rows = ref.LAYOUTS[type_id][2]
+    drawn = st.tuples(*(field_values(row[1]) for row in rows))
+    return drawn.map(lambda values: {row[0]: v for row, v in zip(rows, values, strict=True)})
 
 
 def message_of(type_id: int, values: dict[str, object]) -> Message:

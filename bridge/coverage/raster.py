@@ -1,0 +1,207 @@
+"""Areas by sample points: one point in every cell of a grid, and shapes stamped on them.
+
+The point's place within its cell changes from cell to cell by a low-discrepancy sequence. With
+points at the cells' centres a wall along the grid counts whole rows at once, an error of up
+to half a cell times its length and always the same way; scattered, the errors along an edge
+cancel (a 2 m edge at 5 mm cells: below 1e-4 m² in place of 5e-3 m²).
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    Mask = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+
+# Fractional parts of multiples of these are evenly spread along rows, columns and diagonals.
+_ROOT = 1.324717957244746
+_PHI = 0.6180339887498949
+
+
+class Window(NamedTuple):
+    """A block of cells: rows and columns, half open."""
+
+    row0: int
+    row1: int
+    col0: int
+    col1: int
+
+
+class Raster:
+    """Sample points over a rectangle. Masks over it have shape (rows, columns): y, then x."""
+
+    def __init__(
+        self,
+        bounds: tuple[float, float, float, float],
+        resolution_m: float,
+        *,
+        scatter: bool = True,
+    ) -> None:
+        """``bounds`` are x_min, y_min, x_max, y_max in metres."""
+        x_min, y_min, x_max, y_max = bounds
+        self.resolution_m = resolution_m
+        self.x_min_m, self.y_min_m = x_min, y_min
+        columns = max(math.ceil((x_max - x_min) / resolution_m - 1e-9), 1)
+        rows = max(math.ceil((y_max - y_min) / resolution_m - 1e-9), 1)
+        self.shape = (rows, columns)
+        self.cell_m2 = resolution_m * resolution_m
+        row, col = np.indices(self.shape, dtype=np.float64)
+        if scatter:
+            u = np.modf(row / _ROOT + col * _PHI)[0]
+            v = np.modf(row * _PHI + col / _ROOT**2)[0]
+        else:
+            u = v = np.full(self.shape, 0.5)
+        self.x = x_min + (col + u) * resolution_m
+        self.y = y_min + (row + v) * resolution_m
+
+    def area_m2(self, mask: Mask) -> float:
+        """Area of a mask."""
+        return float(np.count_nonzero(mask)) * self.cell_m2
+
+    def empty(self) -> Mask:
+        """A mask of nothing."""
+        return np.zeros(self.shape, dtype=np.bool_)
+
+    def window(self, x0: float, y0: float, x1: float, y1: float) -> Window:
+        """The cells that a rectangle touches; may be empty."""
+        resolution, (rows, columns) = self.resolution_m, self.shape
+        return Window(
+            max(math.floor((y0 - self.y_min_m) / resolution), 0),
+            min(math.floor((y1 - self.y_min_m) / resolution) + 1, rows),
+            max(math.floor((x0 - self.x_min_m) / resolution), 0),
+            min(math.floor((x1 - self.x_min_m) / resolution) + 1, columns),
+        )
+
+    def cell(self, x_m: float, y_m: float) -> tuple[int, int] | None:
+        """Row and column of the cell that holds a point; ``None`` outside."""
+        row = math.floor((y_m - self.y_min_m) / self.resolution_m)
+        col = math.floor((x_m - self.x_min_m) / self.resolution_m)
+        if 0 <= row < self.shape[0] and 0 <= col < self.shape[1]:
+            return row, col
+        return None
+
+    def polygon(self, corners: Iterable[tuple[float, float]]) -> Mask:
+        """Points inside a polygon (even-odd rule)."""
+        points = list(corners)
+        inside = self.empty()
+        for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1], strict=True):
+            if ay == by:
+                continue
+            window = self.window(self.x_min_m, min(ay, by), self.x_min_m, max(ay, by))
+            rows = slice(window.row0, window.row1)
+            x, y = self.x[rows], self.y[rows]
+            crosses = ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
+            inside[rows] ^= crosses
+        return inside
+
+    def stamp_capsule(
+        self,
+        mask: Mask,
+        a: tuple[float, float],
+        b: tuple[float, float],
+        radius_m: float,
+    ) -> None:
+        """Set the points within ``radius_m`` of the segment from ``a`` to ``b``."""
+        (ax, ay), (bx, by) = a, b
+        r0, r1, c0, c1 = self.window(
+            min(ax, bx) - radius_m,
+            min(ay, by) - radius_m,
+            max(ax, bx) + radius_m,
+            max(ay, by) + radius_m,
+        )
+        if r0 >= r1 or c0 >= c1:
+            return
+        x, y = self.x[r0:r1, c0:c1] - ax, self.y[r0:r1, c0:c1] - ay
+        ex, ey = bx - ax, by - ay
+        square = ex * ex + ey * ey
+        if square > 0.0:
+            along = np.clip((x * ex + y * ey) / square, 0.0, 1.0)
+            x -= along * ex
+            y -= along * ey
+        mask[r0:r1, c0:c1] |= x * x + y * y <= radius_m * radius_m
+
+    def stamp_path(self, mask: Mask, path: list[tuple[float, float]], radius_m: float) -> None:
+        """Set the points within ``radius_m`` of a polyline."""
+        if len(path) == 1:
+            self.stamp_capsule(mask, path[0], path[0], radius_m)
+        for a, b in pairwise(path):
+            self.stamp_capsule(mask, a, b, radius_m)
+
+    def stamp_sweep(
+        self,
+        times: Floats,
+        old: tuple[float, float, float, float],
+        new: tuple[float, float, float, float],
+        time_s: float,
+    ) -> None:
+        """Note ``time_s`` for the points over which a bar moves and which have no time yet.
+
+        The bar's ends (left x, left y, right x, right y) move in straight lines from ``old`` to
+        ``new``: a quadrilateral, or two triangles when the bar turns about a point of its own.
+        Points without a time are infinite in ``times``.
+        """
+        lx0, ly0, rx0, ry0 = old
+        lx1, ly1, rx1, ry1 = new
+        r0, r1, c0, c1 = self.window(
+            min(lx0, lx1, rx0, rx1),
+            min(ly0, ly1, ry0, ry1),
+            max(lx0, lx1, rx0, rx1),
+            max(ly0, ly1, ry0, ry1),
+        )
+        if r0 >= r1 or c0 >= c1:
+            return
+        part = times[r0:r1, c0:c1]
+        x, y = self.x[r0:r1, c0:c1], self.y[r0:r1, c0:c1]
+        pivot = _crossing(old, new)
+        if pivot is None:
+            inside = _triangle(x, y, (lx0, ly0), (rx0, ry0), (rx1, ry1))
+            inside |= _triangle(x, y, (lx0, ly0), (rx1, ry1), (lx1, ly1))
+        else:
+            inside = _triangle(x, y, pivot, (lx0, ly0), (lx1, ly1))
+            inside |= _triangle(x, y, pivot, (rx0, ry0), (rx1, ry1))
+        part[inside & (part > time_s)] = time_s
+
+
+def _triangle(
+    x: Floats,
+    y: Floats,
+    a: tuple[float, float],
+    b: tuple[float, float],
+    c: tuple[float, float],
+) -> Mask:
+    """Points in a triangle of either orientation, edges included."""
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    sign = 1.0 if area >= 0.0 else -1.0
+    slack = -1e-12
+    inside = np.ones(x.shape, dtype=np.bool_)
+    for p, q in ((a, b), (b, c), (c, a)):
+        ex, ey = sign * (q[0] - p[0]), sign * (q[1] - p[1])
+        inside &= ex * (y - p[1]) - ey * (x - p[0]) >= slack
+    return inside
+
+
+def _crossing(
+    old: tuple[float, float, float, float],
+    new: tuple[float, float, float, float],
+) -> tuple[float, float] | None:
+    """Where two positions of the bar cross each other; ``None`` if they do not."""
+    ax, ay, bx, by = old
+    cx, cy, dx, dy = new
+    ux, uy, vx, vy = bx - ax, by - ay, dx - cx, dy - cy
+    cross = ux * vy - uy * vx
+    if abs(cross) < 1e-15:  # noqa: PLR2004 - parallel to rounding
+        return None
+    s = ((cx - ax) * vy - (cy - ay) * vx) / cross
+    t = ((cx - ax) * uy - (cy - ay) * ux) / cross
+    if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
+        return ax + s * ux, ay + s * uy
+    return None

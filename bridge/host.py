@@ -1,0 +1,399 @@
+"""The host's core: session, time, estimate, run and records joined; sans-I/O.
+
+Bytes and host time go in, bytes and records come out. The same object runs in virtual time
+against the emulated device, over a pseudo-terminal, and on a robot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bridge.coverage.swept_map import SweptMap
+from bridge.mission import Ending, Mission, Phase, Request
+from bridge.motion.estimator import PoseEstimator
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import HALT
+from bridge.robot_state import RobotState
+from bridge.session import (
+    Agreed,
+    CommandEnded,
+    Data,
+    Failed,
+    Ping,
+    Session,
+    SessionEvent,
+    State,
+    StateChanged,
+)
+from bridge.telemetry import (
+    ClockRecord,
+    CommandRecord,
+    CoverageRecord,
+    DeviceMessage,
+    EventRecord,
+    LogRecord,
+    PlannerRecord,
+    PoseRecord,
+    RawBytes,
+    Severity,
+)
+from bridge.timesync import TimeSync
+from protocol.clock import HostNs
+from protocol.link import Received, Rejected
+from protocol.messages import Encoders, Imu, LogText, Status
+from protocol.uart import DamagedFrame
+from protocol.values import LogLevel, StopCause, flag_labels, label
+from protocol.values import Fault as DeviceFault
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.coverage.planner import PlannerState
+    from bridge.motion.robot_model import RobotModel
+    from bridge.record.sink import Sink
+    from protocol.messages import Hello
+
+CONTROL_PERIOD_NS = 20_000_000
+SETPOINT_TTL_MS = 200
+"""Ten control periods, below the device's limit of 250."""
+LATE_NS = 50_000_000
+"""A control step later than this drives nothing: a blocked host must not jump."""
+MAP_PERIOD_NS = 2_000_000_000
+CLOCK_PERIOD_NS = 1_000_000_000
+_LEVELS = {
+    LogLevel.DEBUG: Severity.DEBUG,
+    LogLevel.INFO: Severity.INFO,
+    LogLevel.WARNING: Severity.WARNING,
+    LogLevel.ERROR: Severity.ERROR,
+}
+_EXIT = {"disagreement": 4, "version": 4}
+
+
+@dataclass(frozen=True, slots=True)
+class HostOptions:
+    """What a run may be told beforehand."""
+
+    unix_offset_ns: int
+    """Unix time less the host's monotonic clock."""
+    planner: str = ""
+    start: Pose2 = Pose2(0.0, 0.0, 0.0)
+    """Where the robot stands at first, in the frame of the map."""
+    node: int | None = None
+
+
+class Host:
+    """One robot's host end, from opening the session to the end of the run."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        sink: Sink,
+        options: HostOptions,
+        mission: Mission,
+        new_session_id: Callable[[], int],
+    ) -> None:
+        """Make everything, closed; :meth:`open` begins."""
+        self.model = model
+        self.mission = mission
+        self.session = Session(new_session_id, node=options.node)
+        self.sync = TimeSync()
+        self.state = RobotState()
+        self.estimator = PoseEstimator(model, options.start)
+        self.swept = SweptMap(model)
+        self.hello: Hello | None = None
+        self.encoders_us = 0
+        """Device time of the newest encoder sample: the estimate's position is of then."""
+        self.path_m = 0.0
+        self.poses: list[tuple[float, Pose2]] = []
+        """Time (s, host) and estimate of every control step of the drive."""
+        self._sink = sink
+        self._options = options
+        self._control_ns = 0
+        self._map_ns = 0
+        self._clock_ns = 0
+        self._planner_state: PlannerState | None = None
+        self._faults = DeviceFault(0)
+        self._stop_cause = -1
+        self._trouble = ""
+
+    # ---- in and out -----------------------------------------------------------------------
+
+    def open(self, now_ns: HostNs) -> None:
+        """Start to look for the device."""
+        self._control_ns = now_ns
+        self.session.open(now_ns)
+
+    def receive(self, data: bytes, now_ns: HostNs) -> None:
+        """Take bytes from the port."""
+        if data:
+            self._sink.write(RawBytes(self._unix(now_ns), False, data))  # noqa: FBT003 - incoming
+            self._digest(self.session.receive(data, now_ns), now_ns)
+
+    def poll(self, now_ns: HostNs) -> None:
+        """Do what time asks for, the control step included."""
+        self._digest(self.session.poll(now_ns), now_ns)
+        if now_ns >= self._control_ns:
+            late_ns = now_ns - self._control_ns
+            self._control_ns += CONTROL_PERIOD_NS
+            if late_ns > LATE_NS:
+                self._control_ns = now_ns + CONTROL_PERIOD_NS
+            self._control(now_ns)
+        if now_ns >= self._clock_ns:
+            self._clock_ns = now_ns + CLOCK_PERIOD_NS
+            self._record_clock(now_ns)
+
+    def data_to_send(self, now_ns: HostNs) -> bytes:
+        """Bytes for the port; the caller writes them at once."""
+        data = self.session.data_to_send()
+        if data:
+            self._sink.write(RawBytes(self._unix(now_ns), True, data))  # noqa: FBT003 - outgoing
+        return data
+
+    def next_deadline(self) -> HostNs:
+        """When :meth:`poll` has work next."""
+        deadline = self.session.next_deadline()
+        control = HostNs(self._control_ns)
+        return control if deadline is None else min(control, deadline)
+
+    def end(self, ending: Ending, now_ns: HostNs) -> None:
+        """Ask for an orderly end: the robot stops first."""
+        if self.session.state is State.READY:
+            self.mission.request_end(ending, now_ns / 1e9)
+        elif self.mission.ending is None:
+            self.mission.ending = ending
+            self.mission.on_lost(now_ns / 1e9)
+            self.mission.on_failed(ending.reason, ending.exit_status, now_ns / 1e9)
+        self._serve(now_ns)
+
+    # ---- events of the session ------------------------------------------------------------
+
+    def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
+        for event in events:
+            match event:
+                case Data():
+                    self._data(event.received, now_ns)
+                case Ping():
+                    self._ping(event, now_ns)
+                case StateChanged():
+                    self._changed(event, now_ns)
+                case Agreed():
+                    self._agreed(event, now_ns)
+                case CommandEnded():
+                    self.mission.on_command(event.outcome, now_ns / 1e9)
+                case Failed():
+                    self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
+                    status = _EXIT.get(event.kind, 3)
+                    self.mission.on_failed(event.text, status, now_ns / 1e9)
+                case DamagedFrame():
+                    self.event(
+                        now_ns,
+                        Severity.DEBUG,
+                        "link",
+                        "damaged",
+                        f"{event.length} bytes that are no frame ({event.damage.value})",
+                        offset=event.offset,
+                    )
+                case Rejected():
+                    text = f"frame of type {event.frame.type_id:#04x} not used: {event.reason}"
+                    self.event(now_ns, Severity.DEBUG, "link", "rejected", text)
+        self._serve(now_ns)
+
+    def _serve(self, now_ns: HostNs) -> None:
+        for request in self.mission.requests():
+            self._request(request, now_ns)
+
+    def _request(self, request: Request, now_ns: HostNs) -> None:
+        match request.kind:
+            case "clear":
+                self.session.clear_stop(request.value, now_ns)
+            case "mode":
+                self.session.set_mode(request.value, now_ns)
+            case _:
+                if self.mission.ending is not None:
+                    self.event(
+                        now_ns,
+                        Severity.INFO if self.mission.ending.exit_status == 0 else Severity.ERROR,
+                        "safety",
+                        "stop",
+                        self.mission.ending.reason,
+                        cause=label(StopCause, request.value),
+                    )
+                self.session.stop(request.value, now_ns)
+
+    def _changed(self, event: StateChanged, now_ns: HostNs) -> None:
+        bad = event.new in {State.LOST, State.FAILED}
+        self.event(
+            now_ns,
+            Severity.WARNING if bad else Severity.INFO,
+            "session",
+            event.new.value,
+            event.why,
+        )
+        if event.old is State.READY:
+            self.state.forget()
+            self.mission.on_lost(now_ns / 1e9)
+
+    def _agreed(self, event: Agreed, now_ns: HostNs) -> None:
+        self.hello = event.hello
+        if event.rebooted:
+            self.sync.reset()
+        for difference in event.differences:
+            self.event(
+                now_ns, Severity.WARNING, "session", "schema", difference.report()
+            )
+        self.mission.on_ready(now_ns / 1e9)
+
+    def _ping(self, event: Ping, now_ns: HostNs) -> None:
+        received, replied = self.sync.extend(event.received_us), self.sync.extend(event.replied_us)
+        if not self.sync.exchange(event.sent_ns, received, replied, event.arrived_ns):
+            self.event(
+                now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped"
+            )
+
+    def _data(self, received: Received, now_ns: HostNs) -> None:
+        message, frame, spec = received
+        device_us = self.sync.extend(frame.t_us)
+        self.sync.arrival(device_us, now_ns)
+        mapped = self.sync.map(device_us)
+        unix_ns = self._unix(now_ns)
+        self._sink.write(
+            DeviceMessage(
+                unix_ns,
+                None if mapped is None else self._unix(mapped.host_ns),
+                None if mapped is None else mapped.bound_ns,
+                frame.node,
+                frame.seq,
+                frame.t_us,
+                spec.name,
+                message,
+            )
+        )
+        self.state.take(message, now_ns / 1e9)
+        match message:
+            case Imu():
+                self.estimator.on_imu(device_us * 1e-6, message.gyro_z_rad_s)
+            case Encoders():
+                self.encoders_us = device_us
+                self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
+            case Status():
+                self._status(message, now_ns)
+            case LogText():
+                severity = _LEVELS.get(LogLevel(message.level & 3), Severity.INFO)
+                self._sink.write(LogRecord(unix_ns, severity, "device", message.line))
+            case _:
+                pass
+
+    def _status(self, status: Status, now_ns: HostNs) -> None:
+        faults = DeviceFault(status.faults)
+        if faults != self._faults:
+            new = flag_labels(DeviceFault, int(faults & ~self._faults))
+            if new:
+                self.event(now_ns, Severity.WARNING, "device", "fault", ", ".join(new))
+            self._faults = faults
+        if status.stop_cause != self._stop_cause:
+            self._stop_cause = status.stop_cause
+            name = label(StopCause, status.stop_cause)
+            self.event(now_ns, Severity.INFO, "safety", "latch", f"stop cause is now {name}")
+        self.mission.on_status(status, now_ns / 1e9)
+
+    # ---- control --------------------------------------------------------------------------
+
+    def _control(self, now_ns: HostNs) -> None:
+        now_s = now_ns / 1e9
+        estimator, mission = self.estimator, self.mission
+        pose = estimator.pose
+        obs = self.state.observation(now_s, pose, estimator.v_m_s, estimator.yaw_rate_rad_s)
+        stale = self.state.stale(now_s)
+        if stale is None and not estimator.known:
+            stale = "odometry"
+        was = mission.phase
+        command = mission.step(obs, stale, now_s)
+        if command is not None and self.session.state is State.READY:
+            self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
+            target = HALT if mission.runner is None else mission.runner.executor.target
+            self._sink.write(CommandRecord(self._unix(now_ns), *command, *target))
+        if obs is not None:
+            self._record_pose(pose, now_ns)
+        if was is Phase.DRIVING:
+            if self.poses:
+                self.path_m += self.poses[-1][1].distance_m(pose)
+            self.poses.append((now_s, pose))
+            self.swept.update(pose)
+        self._record_plan(now_ns)
+        if now_ns >= self._map_ns and self.poses:
+            self._map_ns = now_ns + MAP_PERIOD_NS
+            self.record_map(now_ns)
+        if mission.phase is not was:
+            self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
+        self._serve(now_ns)
+
+    # ---- records --------------------------------------------------------------------------
+
+    def _unix(self, now_ns: int) -> int:
+        return now_ns + self._options.unix_offset_ns
+
+    def event(  # noqa: PLR0913, PLR0917 - an event's parts
+        self,
+        now_ns: HostNs,
+        severity: Severity,
+        source: str,
+        kind: str,
+        text: str,
+        **data: float | str | bool,
+    ) -> None:
+        """Put an event on record."""
+        self._sink.write(EventRecord(self._unix(now_ns), severity, source, kind, text, data))
+
+    def _record_pose(self, pose: Pose2, now_ns: HostNs) -> None:
+        estimator = self.estimator
+        (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = estimator.covariance
+        self._sink.write(
+            PoseRecord(
+                self._unix(now_ns),
+                pose,
+                estimator.v_m_s,
+                estimator.yaw_rate_rad_s,
+                (xx, xy, xt, yx, yy, yt, tx, ty, tt),
+                estimator.gyro_bias_rad_s,
+                1.0,
+            )
+        )
+
+    def _record_plan(self, now_ns: HostNs) -> None:
+        runner = self.mission.runner
+        if runner is None:
+            return
+        for decision in runner.drain_events():
+            self.event(
+                now_ns, Severity.INFO, "planner", decision.kind, decision.reason, **decision.data
+            )
+        state = runner.state
+        if state != self._planner_state:
+            self._planner_state = state
+            self._sink.write(PlannerRecord(self._unix(now_ns), self._options.planner, state))
+
+    def record_map(self, now_ns: HostNs) -> None:
+        """Put the swept map on record."""
+        grid = self.swept.to_occupancy()
+        self._sink.write(
+            CoverageRecord(
+                self._unix(now_ns), grid.cells, grid.origin_x_m, grid.origin_y_m, grid.resolution_m
+            )
+        )
+
+    def _record_clock(self, now_ns: HostNs) -> None:
+        fit, hello = self.sync.fit, self.hello
+        if fit is None or hello is None:
+            return
+        self._sink.write(
+            ClockRecord(
+                self._unix(now_ns),
+                self._unix(round(fit.host_ns)) - fit.device_us * 1000,
+                fit.drift * 1e6,
+                round(fit.bound_ns),
+                self.sync.round_trip_ns,
+                self.sync.samples,
+                hello.boot_id,
+            )
+        )

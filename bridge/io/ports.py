@@ -1,0 +1,190 @@
+"""Serial ports through pyserial, waited on without polling."""
+
+from __future__ import annotations
+
+import errno
+import os
+import selectors
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import serial
+
+from bridge.errors import PortBusyError, PortError
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+DEFAULT_BAUD = 921_600
+READ_SIZE = 65_536
+
+
+class BytePort(Protocol):
+    """What the pump needs of a port."""
+
+    name: str
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Bytes that are there, or that come within the time; empty at its end or a wake."""
+
+    def write(self, data: bytes) -> int:
+        """Write what the port takes without waiting; how many bytes that was."""
+
+    def wake(self) -> None:
+        """End a wait now, from a signal handler or another thread."""
+
+    def close(self) -> None:
+        """Give the port back."""
+
+
+class SerialPort:
+    """A device path, ``socket://`` or ``rfc2217://``, owned by this process alone."""
+
+    def __init__(
+        self, url: str, *, baud: int = DEFAULT_BAUD, dtr: bool = False, rts: bool = False
+    ) -> None:
+        """Open the port, DTR and RTS as given (boards reset on them).
+
+        Raises:
+            PortBusyError: another program has it.
+            PortError: it does not exist, may not be opened, or is no port.
+
+        """
+        self.name = url
+        self.low_latency = False
+        self._port = _open(url, baud, dtr=dtr, rts=rts)
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_read, False)
+        os.set_blocking(self._wake_write, False)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._wake_read, selectors.EVENT_READ)
+        self._selectable = False
+        with suppress(OSError, ValueError, NotImplementedError, AttributeError):
+            self._selector.register(self._port.fileno(), selectors.EVENT_READ)
+            self._selectable = True
+        with suppress(OSError, ValueError, NotImplementedError, AttributeError):
+            self._port.set_low_latency_mode(True)
+            self.low_latency = True
+        self._port.timeout = 0 if self._selectable else 0.005
+        self._port.write_timeout = 0
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Bytes that are there, or that come within the time; empty at its end or a wake.
+
+        Raises:
+            PortError: the port is gone.
+
+        """
+        try:
+            if self._selectable:
+                ready = self._selector.select(max(0.0, timeout_s))
+                if any(key.fd == self._wake_read for key, _ in ready):
+                    self._drain_wakes()
+                if not any(key.fd != self._wake_read for key, _ in ready):
+                    return b""
+                data = bytes(self._port.read(READ_SIZE))
+                if not data and not self._port.in_waiting:
+                    raise PortError(f"{self.name} is gone: it was unplugged or its owner ended")
+                return data
+            return bytes(self._port.read(max(1, self._port.in_waiting)))
+        except (OSError, TypeError) as error:  # pyserial: SerialException is an OSError
+            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+
+    def write(self, data: bytes) -> int:
+        """Write what the port takes without waiting; how many bytes that was.
+
+        Raises:
+            PortError: the port is gone.
+
+        """
+        try:
+            return self._port.write(data) or 0
+        except serial.SerialTimeoutException:
+            return 0
+        except (OSError, TypeError) as error:
+            if getattr(error, "errno", None) in {errno.EAGAIN, errno.EWOULDBLOCK}:
+                return 0
+            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+
+    def wake(self) -> None:
+        """End a wait now; safe in a signal handler."""
+        with suppress(OSError):
+            os.write(self._wake_write, b"!")
+
+    def _drain_wakes(self) -> None:
+        with suppress(OSError):
+            while os.read(self._wake_read, 64):
+                pass
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._selector.close()
+        with suppress(OSError):
+            self._port.close()
+        for end in (self._wake_read, self._wake_write):
+            with suppress(OSError):
+                os.close(end)
+
+    def __enter__(self) -> SerialPort:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial:
+    try:
+        port = serial.serial_for_url(url, baudrate=baud, do_not_open=True)
+        with suppress(AttributeError, NotImplementedError):
+            port.dtr, port.rts = dtr, rts
+        if "://" not in url:
+            port.exclusive = True
+        port.open()
+    except (serial.SerialException, OSError) as error:
+        raise _open_error(url, error) from None
+    except ValueError as error:
+        raise PortError(f"{url} is not a port: {error}") from None
+    return port
+
+
+def _open_error(url: str, error: OSError) -> PortError:
+    number = error.errno
+    if number == errno.ENOENT:
+        return PortError(f"{url} does not exist; is the robot plugged in?")
+    if number == errno.EACCES:
+        return PortError(
+            f"{url}: permission denied; add yourself to the group that owns it "
+            "(often: sudo usermod -aG dialout $USER) and log in again"
+        )
+    if number in {errno.EBUSY, errno.EAGAIN} or "exclusively lock" in str(error):
+        return PortBusyError(url, owner_pid(url))
+    if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
+        return PortError(f"{url} is not a serial port")
+    return PortError(f"cannot open {url}: {_reason(error)}")
+
+
+def owner_pid(path: str) -> int | None:
+    """The process that holds the lock on a device file, where the system tells (Linux)."""
+    try:
+        stat = Path(path).stat()
+        locks = Path("/proc/locks").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    device = f"{os.major(stat.st_dev):02x}:{os.minor(stat.st_dev):02x}:{stat.st_ino}"
+    for line in locks:
+        fields = line.split()
+        if device in fields and "FLOCK" in fields:
+            pid = int(fields[fields.index(device) - 1])
+            return pid if pid > 0 else None
+    return None
+
+
+def _reason(error: BaseException) -> str:
+    strerror = getattr(error, "strerror", None)
+    return str(strerror or error).strip().splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,252 @@
+"""One run with motion: from asking leave to move, through the plan, to an orderly end.
+
+Pure: it is told the time, the session's news and an observation, and answers with requests.
+Nothing moves unless the device has confirmed every step before it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from protocol.messages import ClearStop, SetMode, Status, Stop
+from protocol.values import Mode, NackReason, StopCause, label
+
+if TYPE_CHECKING:
+    from bridge.coverage.runner import PlanRunner
+    from protocol.commands import Outcome
+
+SETTLE_S = 2.5
+"""At rest before the first move: the gyro's bias is averaged over 250 samples."""
+END_TIMEOUT_S = 1.0
+LOST_TIMEOUT_S = 30.0
+
+
+class Phase(Enum):
+    """Where the run stands."""
+
+    WAITING = "waiting"
+    """For the session and the first status."""
+    CLEARING = "clearing"
+    ENABLING = "enabling"
+    SETTLING = "settling"
+    DRIVING = "driving"
+    HOLDING = "holding"
+    """The device is lost."""
+    ENDING = "ending"
+    """A stop is on its way."""
+    DONE = "done"
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a run ended."""
+
+    outcome: str
+    """``complete``, ``timeout``, ``stopped`` or ``fault``."""
+    reason: str
+    exit_status: int
+    cause: StopCause = StopCause.SESSION_END
+    """What is latched on the device for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What the run asks of the session: ``clear``, ``mode`` or ``stop``, with its value."""
+
+    kind: str
+    value: int
+
+
+class Mission:
+    """The phases of a run; without a plan it only watches."""
+
+    def __init__(
+        self,
+        runner: PlanRunner | None,
+        *,
+        clear_stop: bool = False,
+        max_time_s: float | None = None,
+        settle_s: float = SETTLE_S,
+    ) -> None:
+        """``clear_stop`` allows causes other than an orderly end to be cleared."""
+        self.runner = runner
+        self.phase = Phase.WAITING
+        self.ending: Ending | None = None
+        self.drive_started_s: float | None = None
+        self.drive_ended_s: float | None = None
+        self._clear_any = clear_stop
+        self._max_time_s = max_time_s
+        self._settle_s = settle_s
+        self._since_s = 0.0
+        self._ready = False
+        self._was_ready = False
+        self._requests: list[Request] = []
+
+    @property
+    def done(self) -> bool:
+        """True when nothing is left to do."""
+        return self.phase is Phase.DONE
+
+    def requests(self) -> list[Request]:
+        """Fetch and forget what the session should do."""
+        requests, self._requests = self._requests, []
+        return requests
+
+    # ---- news -----------------------------------------------------------------------------
+
+    def on_ready(self, now_s: float) -> None:
+        """The session has agreed with a device."""
+        self._ready = True
+        if self._was_ready and self.runner is not None and self.ending is None:
+            self._end(
+                now_s,
+                Ending("stopped", "the device was lost and is back; look, then start anew", 5),
+            )
+            return
+        self._was_ready = True
+        if self.phase is Phase.HOLDING:
+            self._go(Phase.WAITING, now_s)
+
+    def on_lost(self, now_s: float) -> None:
+        """The device fell silent or forgot us."""
+        self._ready = False
+        if self.phase in {Phase.DONE, Phase.ENDING}:
+            self._finish(now_s)
+        elif self._was_ready:
+            self._go(Phase.HOLDING, now_s)
+
+    def on_failed(self, text: str, exit_status: int, now_s: float) -> None:
+        """The session cannot go on."""
+        if self.ending is None:
+            self.ending = Ending("fault", text, exit_status)
+        self._finish(now_s)
+
+    def on_status(self, status: Status, now_s: float) -> None:
+        """The device's own account of itself."""
+        if self.runner is None or not self._ready:
+            return
+        cause = status.stop_cause
+        if self.phase is Phase.WAITING:
+            self._start(cause, now_s)
+        elif self.phase in {Phase.SETTLING, Phase.DRIVING} and cause != StopCause.NONE:
+            name = label(StopCause, cause)
+            self._end(now_s, Ending("stopped", f"the device latched a stop (cause: {name})", 5))
+
+    def on_command(self, outcome: Outcome, now_s: float) -> None:
+        """A command of ours ended."""
+        message = outcome.message
+        if isinstance(message, Stop):
+            if self.phase is Phase.ENDING:
+                self._finish(now_s)
+            return
+        if self.phase not in {Phase.CLEARING, Phase.ENABLING}:
+            return
+        if not outcome.accepted:
+            what = "clear stop" if isinstance(message, ClearStop) else "velocity mode"
+            why = (
+                "no answer"
+                if outcome.timed_out
+                else label(NackReason, outcome.reason if outcome.reason is not None else 0)
+            )
+            status = 5 if outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE} else 4
+            self._end(now_s, Ending("fault", f"the device refused {what}: {why}", status))
+        elif isinstance(message, ClearStop):
+            self._enable(now_s)
+        elif isinstance(message, SetMode):
+            self._go(Phase.SETTLING, now_s)
+
+    def request_end(self, ending: Ending, now_s: float) -> None:
+        """End the run in order: the robot stops first."""
+        if self.ending is None and self.phase is not Phase.DONE:
+            self._end(now_s, ending)
+
+    # ---- time -----------------------------------------------------------------------------
+
+    def step(self, obs: Observation | None, stale: str | None, now_s: float) -> VelocityCommand | None:
+        """One control step; a velocity to send, or None where none may be sent."""
+        elapsed_s = now_s - self._since_s
+        match self.phase:
+            case Phase.SETTLING:
+                if elapsed_s >= self._settle_s and obs is not None and stale is None:
+                    self.drive_started_s = now_s
+                    self._go(Phase.DRIVING, now_s)
+                return HALT
+            case Phase.DRIVING:
+                return self._drive(obs, stale, now_s)
+            case Phase.HOLDING:
+                if elapsed_s > LOST_TIMEOUT_S:
+                    self.ending = Ending("fault", "the device was lost for 30 s", 3)
+                    self._finish(now_s)
+            case Phase.ENDING:
+                if elapsed_s > END_TIMEOUT_S:
+                    self._finish(now_s)
+            case _:
+                pass
+        return None
+
+    def _drive(self, obs: Observation | None, stale: str | None, now_s: float) -> VelocityCommand:
+        runner = self.runner
+        if runner is None or obs is None:
+            return HALT
+        if stale is not None:
+            self._end(
+                now_s,
+                Ending("stopped", f"no {stale} data from the device", 5, StopCause.SUPERVISE),
+            )
+            return HALT
+        command = runner.step(obs)
+        if runner.finished:
+            self._end(now_s, Ending("complete", runner.finish_reason or "finished", 0))
+        elif (
+            self._max_time_s is not None
+            and self.drive_started_s is not None
+            and now_s - self.drive_started_s > self._max_time_s
+        ):
+            self._end(now_s, Ending("timeout", f"not finished after {self._max_time_s:g} s", 1))
+        return command
+
+    # ---- inside ---------------------------------------------------------------------------
+
+    def _go(self, phase: Phase, now_s: float) -> None:
+        self.phase = phase
+        self._since_s = now_s
+
+    def _start(self, cause: int, now_s: float) -> None:
+        if cause == StopCause.NONE:
+            self._enable(now_s)
+        elif cause == StopCause.SESSION_END or self._clear_any:
+            self._requests.append(Request("clear", cause))
+            self._go(Phase.CLEARING, now_s)
+        else:
+            name = label(StopCause, cause)
+            self._end(
+                now_s,
+                Ending(
+                    "stopped",
+                    f"the robot holds a stop (cause: {name}); "
+                    "see that it is safe, then add --clear-stop",
+                    5,
+                ),
+            )
+
+    def _enable(self, now_s: float) -> None:
+        self._requests.append(Request("mode", Mode.VELOCITY))
+        self._go(Phase.ENABLING, now_s)
+
+    def _end(self, now_s: float, ending: Ending) -> None:
+        self.ending = ending
+        if self.drive_started_s is not None:
+            self.drive_ended_s = now_s
+        if not self._ready:
+            self._finish(now_s)
+            return
+        self._requests.append(Request("stop", ending.cause))
+        self._go(Phase.ENDING, now_s)
+
+    def _finish(self, now_s: float) -> None:
+        if self.drive_started_s is not None and self.drive_ended_s is None:
+            self.drive_ended_s = now_s
+        self._go(Phase.DONE, now_s)

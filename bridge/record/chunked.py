@@ -1,0 +1,313 @@
+"""An MCAP file whose chunks close by log time as well as by size.
+
+The container's records are the mcap library's; its writer is not used, because it spends
+10.9 µs on a message where this spends 1.8 µs (measured), and closes chunks by size only, so
+that a kill loses whatever the last mebibyte held.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+import zlib
+from typing import TYPE_CHECKING
+
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+from bridge.record.errors import LogExistsError, LogWriteError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from io import FileIO
+    from pathlib import Path
+
+_OP_MESSAGE, _OP_MESSAGE_INDEX = int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)
+
+MAGIC = b"\x89MCAP0\r\n"
+
+CHUNK_BYTES = 256 * 1024
+CHUNK_NS = 250_000_000
+"""Half of what a kill may lose; the other half is the recorder's patience with an idle line."""
+
+_ZSTD_LEVEL = 1  # level 3 makes 20 % less of our data, for a fifth more time
+
+_MESSAGE = struct.Struct("<BQHIQQ")
+_MESSAGE_FIXED = _MESSAGE.size - 9
+_INDEX = struct.Struct("<BQHI")
+
+
+def _bytes_of(record: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+
+
+def _open(path: Path, *, force: bool) -> FileIO:
+    try:
+        return path.open("wb" if force else "xb", buffering=0)
+    except FileExistsError:
+        raise LogExistsError(path) from None
+    except OSError as error:
+        raise LogWriteError(path, error.strerror or str(error)) from None
+
+
+class ChunkedFile:
+    """Writes one MCAP file, a whole chunk at a time. Not for several threads at once.
+
+    After a failed write the file ends with its last whole chunk: what was recorded before
+    stays readable, every later call raises the same :class:`LogWriteError`, and
+    :meth:`finish` still tries to close the file whole.
+    """
+
+    def __init__(self, path: Path, *, force: bool = False, library: str = "sweepctl") -> None:
+        """Create the file.
+
+        Raises:
+            LogExistsError: it exists and ``force`` is not set.
+            LogWriteError: it cannot be opened or written.
+
+        """
+        self.path = path
+        self.offset = 0
+        """Bytes written so far, all of them whole records."""
+        self.failure: LogWriteError | None = None
+        self._file = _open(path, force=force)
+        self._zstd = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
+        self._pending = bytearray()
+        self._earliest_ns = self._deadline_ns = 0
+        self._indexes: dict[int, list[int]] = {}
+        self._schemas: dict[int, Schema] = {}
+        self._schema_ids: dict[str, int] = {}
+        self._channels: dict[int, Channel] = {}
+        self._counts: dict[int, int] = {}
+        self._chunks: list[ChunkIndex] = []
+        self._attachments: list[AttachmentIndex] = []
+        self._metadata: list[MetadataIndex] = []
+        self.closed = False
+        try:
+            self._write(MAGIC + _bytes_of(Header(profile="", library=library)))
+        except LogWriteError:
+            self._file.close()
+            raise
+
+    # ---- what goes in
+
+    def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
+        """Write a file within the file, after the chunk in progress."""
+        self.flush()
+        record = _bytes_of(Attachment(time_ns, time_ns, name, media_type, data))
+        index = AttachmentIndex(
+            offset=self.offset,
+            length=len(record),
+            log_time=time_ns,
+            create_time=time_ns,
+            data_size=len(data),
+            name=name,
+            media_type=media_type,
+        )
+        self._write(record)
+        self._attachments.append(index)
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None:
+        """Write named key-value pairs, after the chunk in progress."""
+        self.flush()
+        record = _bytes_of(Metadata(name=name, metadata=data))
+        index = MetadataIndex(offset=self.offset, length=len(record), name=name)
+        self._write(record)
+        self._metadata.append(index)
+
+    def add_channel(self, topic: str, message_encoding: str, schema: tuple[str, str, bytes]) -> int:
+        """Declare a topic with its schema (name, encoding, data); gives the channel's id."""
+        name, encoding, data = schema
+        schema_id = self._schema_ids.get(name)
+        if schema_id is None:
+            schema_id = self._schema_ids[name] = len(self._schemas) + 1
+            self._schemas[schema_id] = Schema(id=schema_id, data=data, encoding=encoding, name=name)
+            self._pending += _bytes_of(self._schemas[schema_id])
+        channel_id = len(self._channels) + 1
+        self._channels[channel_id] = Channel(
+            id=channel_id,
+            topic=topic,
+            message_encoding=message_encoding,
+            metadata={},
+            schema_id=schema_id,
+        )
+        self._counts[channel_id] = 0
+        self._pending += _bytes_of(self._channels[channel_id])
+        return channel_id
+
+    def add_message(
+        self, channel_id: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
+    ) -> None:
+        """Add one message; closes the chunk in progress where it is full or old enough."""
+        pending = self._pending
+        if not self._earliest_ns <= log_ns < self._deadline_ns or len(pending) >= CHUNK_BYTES:
+            self._next_chunk(log_ns)
+            pending = self._pending
+        index = self._indexes.get(channel_id)
+        if index is None:
+            index = self._indexes[channel_id] = []
+        index += (log_ns, len(pending))
+        pending += _MESSAGE.pack(
+            _OP_MESSAGE, _MESSAGE_FIXED + len(data), channel_id, sequence, log_ns, publish_ns
+        )
+        pending += data
+
+    def _next_chunk(self, log_ns: int) -> None:
+        """Close the chunk in progress, if any, and begin one with a message of this time."""
+        self.flush()
+        # Also closed by a clock that was set back, or the chunk would stay open until it is full.
+        self._earliest_ns, self._deadline_ns = log_ns - CHUNK_NS, log_ns + CHUNK_NS
+
+    # ---- what comes out
+
+    def flush(self) -> None:
+        """Close the chunk in progress and hand it to the operating system.
+
+        Raises:
+            LogWriteError: it could not be written, now or earlier.
+
+        """
+        if self.failure is not None:
+            raise self.failure
+        if not self._indexes:
+            return
+        self._earliest_ns = self._deadline_ns = 0
+        first_ns = min(min(entries[::2]) for entries in self._indexes.values())
+        last_ns = max(max(entries[::2]) for entries in self._indexes.values())
+        content = bytes(self._pending)
+        compressed = self._zstd.compress(content)
+        chunk = _bytes_of(
+            Chunk(
+                compression="zstd",
+                data=compressed,
+                message_start_time=first_ns,
+                message_end_time=last_ns,
+                uncompressed_crc=zlib.crc32(content),
+                uncompressed_size=len(content),
+            )
+        )
+        start = self.offset
+        indexes = bytearray()
+        index_offsets: dict[int, int] = {}
+        for channel_id, entries in self._indexes.items():
+            index_offsets[channel_id] = start + len(chunk) + len(indexes)
+            size = 8 * len(entries)
+            indexes += _INDEX.pack(_OP_MESSAGE_INDEX, 6 + size, channel_id, size)
+            indexes += struct.pack(f"<{len(entries)}Q", *entries)
+        counts = {channel_id: len(entries) // 2 for channel_id, entries in self._indexes.items()}
+        described = ChunkIndex(
+            chunk_length=len(chunk),
+            chunk_start_offset=start,
+            compression="zstd",
+            compressed_size=len(compressed),
+            message_end_time=last_ns,
+            message_index_length=len(indexes),
+            message_index_offsets=index_offsets,
+            message_start_time=first_ns,
+            uncompressed_size=len(content),
+        )
+        self._pending = bytearray()
+        self._indexes = {}
+        self._write(chunk + bytes(indexes))
+        self._chunks.append(described)
+        for channel_id, count in counts.items():
+            self._counts[channel_id] += count
+
+    def finish(self) -> None:
+        """Close the last chunk, write the summary and close the file; again is no error.
+
+        Raises:
+            LogWriteError: the end could not be written; the chunks before it are whole.
+
+        """
+        if self.closed:
+            return
+        self.closed = True
+        failed_before = self.failure is not None
+        try:
+            if not failed_before:
+                self.flush()
+        except LogWriteError:
+            # The room that the cut chunk gave back may be enough for the summary.
+            self.failure = None
+            self._write_end()
+            raise
+        else:
+            self.failure = None
+            with contextlib.suppress(LogWriteError) if failed_before else contextlib.nullcontext():
+                self._write_end()
+        finally:
+            self._file.close()
+
+    def _write_end(self) -> None:
+        data_end = _bytes_of(DataEnd(0))
+        start = self.offset + len(data_end)
+        summary, offsets = bytearray(), bytearray()
+        groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
+            (Opcode.SCHEMA, list(self._schemas.values())),
+            (Opcode.CHANNEL, list(self._channels.values())),
+            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.ATTACHMENT_INDEX, self._attachments),
+            (Opcode.METADATA_INDEX, self._metadata),
+        )
+        for opcode, records in groups:
+            group_start = start + len(summary)
+            for record in records:
+                summary += _bytes_of(record)
+            length = start + len(summary) - group_start
+            offsets += _bytes_of(SummaryOffset(int(opcode), group_start, length))
+        offsets_start = start + len(summary)
+        body = bytes(summary + offsets)
+        # The CRC covers the summary and the footer up to the CRC itself.
+        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
+        crc = zlib.crc32(footer_head, zlib.crc32(body))
+        self._write(data_end + body + _bytes_of(Footer(start, offsets_start, crc)) + MAGIC)
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self._channels),
+            channel_message_counts={c: n for c, n in self._counts.items() if n},
+            chunk_count=len(self._chunks),
+            message_count=sum(self._counts.values()),
+            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
+            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
+
+    def _write(self, data: bytes) -> None:
+        """Append whole records, or cut the file back to the records before them."""
+        if self.failure is not None:
+            raise self.failure
+        left = memoryview(data)
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            with contextlib.suppress(OSError):  # a full device may not even be cut
+                self._file.truncate(self.offset)
+                self._file.seek(self.offset)
+            self.failure = LogWriteError(self.path, error.strerror or str(error))
+            raise self.failure from None
+        self.offset += len(data)

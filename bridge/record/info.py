@@ -1,0 +1,167 @@
+"""What a log holds, in figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bridge.record.reader import LogMessage, LogReader
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_NANOSECONDS = 1e9
+_RAW = {"/raw/uart/rx": "received_bytes", "/raw/uart/tx": "sent_bytes"}
+
+
+@dataclass(slots=True)
+class TopicDescription:
+    """One topic's share of a log."""
+
+    topic: str
+    schema: str
+    encoding: str
+    count: int = 0
+    bytes: int = 0
+    """Of the messages themselves, before compression."""
+    first_ns: int = 0
+    last_ns: int = 0
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean rate between the first and the last message; None for fewer than two."""
+        if self.count < 2 or self.last_ns <= self.first_ns:  # noqa: PLR2004 - a rate needs two
+            return None
+        return (self.count - 1) / ((self.last_ns - self.first_ns) / _NANOSECONDS)
+
+
+@dataclass(slots=True)
+class RunDescription:
+    """One log."""
+
+    path: Path
+    file_bytes: int
+    whole: bool
+    """False: its end is missing, and what stands before was read."""
+    problems: list[str]
+    """Damage that was stepped over."""
+    metadata: dict[str, str]
+    """What the run says of itself: version, port, planner, seed…"""
+    attachments: dict[str, int]
+    """Size in bytes by name."""
+    summary: dict[str, Any] | None
+    """As the run ended; None where it came to no end."""
+    start_ns: int = 0
+    """Unix time of the first message; 0 where there is none."""
+    end_ns: int = 0
+    topics: list[TopicDescription] = field(default_factory=list)
+    wire: dict[str, Any] = field(default_factory=dict)
+    """Of the summary where it has them, else what can be counted in the log."""
+
+    @property
+    def duration_s(self) -> float:
+        """From the first message to the last."""
+        return (self.end_ns - self.start_ns) / _NANOSECONDS
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all topics."""
+        return sum(topic.count for topic in self.topics)
+
+    @property
+    def outcome(self) -> str | None:
+        """How the run ended; None where the log does not say."""
+        outcome = (self.summary or {}).get("outcome")
+        return outcome if isinstance(outcome, str) else None
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it as plain values."""
+        return {
+            "path": str(self.path),
+            "file_bytes": self.file_bytes,
+            "whole": self.whole,
+            "problems": self.problems,
+            "duration_s": round(self.duration_s, 6),
+            "start_ns": self.start_ns,
+            "end_ns": self.end_ns,
+            "messages": self.message_count,
+            "outcome": self.outcome,
+            "metadata": self.metadata,
+            "attachments": self.attachments,
+            "topics": [
+                {
+                    "topic": t.topic,
+                    "schema": t.schema,
+                    "encoding": t.encoding,
+                    "count": t.count,
+                    "rate_hz": None if t.rate_hz is None else round(t.rate_hz, 3),
+                    "bytes": t.bytes,
+                }
+                for t in self.topics
+            ],
+            "wire": self.wire,
+            "summary": self.summary,
+        }
+
+
+def describe(path: Path) -> RunDescription:
+    """Read a log to its end and count.
+
+    Raises:
+        LogReadError: the file is missing, cannot be read, or is no MCAP file.
+
+    """
+    reader = LogReader(path)
+    topics: dict[str, TopicDescription] = {}
+    wire_bytes: dict[str, int] = {}
+    for message in reader.messages():
+        topic = topics.get(message.channel.topic)
+        if topic is None:
+            channel = message.channel
+            topic = topics[channel.topic] = TopicDescription(
+                channel.topic, channel.schema_name, channel.message_encoding
+            )
+            topic.first_ns = topic.last_ns = message.log_ns
+        topic.count += 1
+        topic.bytes += len(message.data)
+        if topic.topic in _RAW:
+            wire_bytes[topic.topic] = wire_bytes.get(topic.topic, 0) + _payload(message)
+        topic.first_ns = min(topic.first_ns, message.log_ns)
+        topic.last_ns = max(topic.last_ns, message.log_ns)
+    summary = reader.summary
+    description = RunDescription(
+        path,
+        reader.bytes,
+        not reader.truncated,
+        reader.problems,
+        reader.run,
+        {name: len(data) for name, data in reader.attachments.items()},
+        summary,
+        topics=sorted(topics.values(), key=lambda t: t.topic),
+    )
+    if topics:
+        description.start_ns = min(t.first_ns for t in topics.values())
+        description.end_ns = max(t.last_ns for t in topics.values())
+    wire = (summary or {}).get("wire")
+    description.wire = wire if isinstance(wire, dict) else _counted_wire(topics, wire_bytes)
+    return description
+
+
+def _payload(message: LogMessage) -> int:
+    try:
+        return len(message.decoded.data)
+    except (ValueError, AttributeError, TypeError):  # another program's topic of the same name
+        return len(message.data)
+
+
+def _counted_wire(
+    topics: dict[str, TopicDescription], wire_bytes: dict[str, int]
+) -> dict[str, Any]:
+    """Wire figures from the messages; what only the link knew (losses, errors) is None."""
+    device = [t.count for name, t in topics.items() if name.startswith("/device/")]
+    return {
+        "frames": sum(device) if device else None,
+        "lost": None,
+        "crc_errors": None,
+        **{key: wire_bytes.get(name) for name, key in _RAW.items()},
+    }

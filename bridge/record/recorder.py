@@ -1,0 +1,151 @@
+"""Recording on its own thread, so that a slow disk never delays the robot."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from typing import TYPE_CHECKING, Any
+
+from bridge.record.errors import LogWriteError
+from bridge.telemetry import EventRecord, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bridge.record.writer import RunWriter
+    from bridge.telemetry import Record
+
+QUEUE_LIMIT = 50_000
+"""Five seconds of a full 3 Mbaud line; some 20 MB."""
+
+_PERIOD_S = 0.02
+"""How long records gather: waking for each one would cost the control loop a thread switch."""
+_BATCH = 32
+_PAUSE_S = 0.0001
+"""Between batches the interpreter's lock is let go, so that the control loop waits 0.3 ms at
+most for it, and not the interpreter's own 5 ms."""
+_IDLE_S = 0.2
+"""A chunk that nothing follows is written after this time."""
+_CATCH_UP = QUEUE_LIMIT // 4
+"""Above this the recorder stops being polite, and empties its queue."""
+
+
+class ThreadedRecorder:
+    """A bounded queue in front of a writer: ``write`` never blocks and never fails.
+
+    A record that finds the queue full is counted in ``dropped`` and told as an event in the
+    log, once the queue has room again. The first failure of the file is kept in ``error``;
+    records after it are counted in ``dropped`` too.
+    """
+
+    def __init__(self, writer: RunWriter, *, limit: int = QUEUE_LIMIT) -> None:
+        self._writer = writer
+        self._limit = limit
+        self._queue: queue.SimpleQueue[Record] = queue.SimpleQueue()
+        self._closing = threading.Event()
+        self._drop_lock = threading.Lock()
+        self._dropped = 0
+        self._told = 0
+        self._error: Exception | None = None
+        self._last_ns = 0
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def dropped(self) -> int:
+        """Records that did not reach the file."""
+        return self._dropped
+
+    @property
+    def error(self) -> Exception | None:
+        """Why the file cannot be written any more, if so."""
+        return self._error
+
+    def write(self, record: Record) -> None:
+        """Queue one record; from any thread."""
+        if self._error is not None or self._queue.qsize() >= self._limit:
+            with self._drop_lock:
+                self._dropped += 1
+            return
+        self._queue.put(record)
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        """Write what is queued and close the file; again is no error.
+
+        A failure stands in ``error`` afterwards, it is not raised.
+        """
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._thread.join()
+        try:
+            self._tell_dropped()
+        except LogWriteError as error:
+            self._fail(error)
+        try:
+            self._writer.close(summary)
+        except LogWriteError as error:
+            self._fail(error)
+
+    def _run(self) -> None:
+        idle_s = 0.0
+        try:
+            while not self._closing.wait(_PERIOD_S):
+                if self._drain():
+                    idle_s = 0.0
+                    continue
+                idle_s += _PERIOD_S
+                if idle_s >= _IDLE_S:
+                    self._writer.flush()
+                    idle_s = 0.0
+            self._drain()
+        except Exception as error:  # noqa: BLE001 - a thread has nobody to raise to: kept in `error`
+            self._fail(error)
+
+    def _drain(self) -> bool:
+        """Write everything queued by now, in polite batches; True where there was anything."""
+        wrote = False
+        while True:
+            for _ in range(_BATCH):
+                try:
+                    record = self._queue.get_nowait()
+                except queue.Empty:
+                    if wrote:
+                        self._tell_dropped()
+                    return wrote
+                wrote = True
+                self._last_ns = record.log_ns
+                self._write_one(record)
+            self._tell_dropped()
+            if self._queue.qsize() < _CATCH_UP:
+                self._closing.wait(_PAUSE_S)
+
+    def _write_one(self, record: Record) -> None:
+        try:
+            self._writer.write(record)
+        except LogWriteError:
+            with self._drop_lock:
+                self._dropped += 1
+            raise
+
+    def _tell_dropped(self) -> None:
+        dropped = self._dropped
+        if dropped == self._told or self._error is not None:
+            return
+        lost, self._told = dropped - self._told, dropped
+        text = f"{lost} records were not written: the recorder's queue was full"
+        data = {"dropped": lost, "dropped_total": dropped}
+        self._writer.write(
+            EventRecord(self._last_ns, Severity.WARNING, "recorder", "overflow", text, data)
+        )
+
+    def _fail(self, error: Exception) -> None:
+        if self._error is None:
+            self._error = error
+        with self._drop_lock:
+            while True:
+                try:
+                    self._queue.get_nowait()
+                except queue.Empty:
+                    return
+                self._dropped += 1

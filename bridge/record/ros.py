@@ -1,0 +1,274 @@
+"""Device messages as ROS 2 has them, and maps, so that other tools draw them by themselves.
+
+Field lists are the interface definitions of ``sensor_msgs``, ``nav_msgs``, ``geometry_msgs``,
+``std_msgs`` and ``builtin_interfaces``, in the concatenated form that MCAP calls ``ros2msg``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+from bridge.record.cdr import CdrLayout, stamp
+from protocol.messages import Encoders, Imu, Power, Range
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.motion.robot_model import RangerMount, RobotModel
+    from bridge.telemetry import CoverageRecord, DeviceMessage
+
+BODY_FRAME = "base_link"
+MAP_FRAME = "map"
+
+_DEPENDENCIES = {
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    "geometry_msgs/Pose": ("geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation"),
+    "nav_msgs/MapMetaData": (
+        "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\n"
+        "uint32 height\ngeometry_msgs/Pose origin"
+    ),
+}
+_FIELDS = {
+    "sensor_msgs/msg/Imu": (
+        "std_msgs/Header header\n"
+        "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
+        "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
+        "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance"
+    ),
+    "sensor_msgs/msg/JointState": (
+        "std_msgs/Header header\n"
+        "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    ),
+    "sensor_msgs/msg/BatteryState": (
+        "std_msgs/Header header\n"
+        "float32 voltage\nfloat32 temperature\nfloat32 current\nfloat32 charge\n"
+        "float32 capacity\nfloat32 design_capacity\nfloat32 percentage\n"
+        "uint8 power_supply_status\nuint8 power_supply_health\nuint8 power_supply_technology\n"
+        "bool present\nfloat32[] cell_voltage\nfloat32[] cell_temperature\n"
+        "string location\nstring serial_number"
+    ),
+    "sensor_msgs/msg/Range": (
+        "std_msgs/Header header\n"
+        "uint8 radiation_type\nfloat32 field_of_view\nfloat32 min_range\nfloat32 max_range\n"
+        "float32 range\nfloat32 variance"
+    ),
+    "nav_msgs/msg/OccupancyGrid": (
+        "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data"
+    ),
+}
+IMU, JOINT_STATE, BATTERY_STATE, RANGE, OCCUPANCY_GRID = _FIELDS
+"""Names of the message types, as an MCAP schema has them."""
+
+
+def schema_text(name: str) -> str:
+    """A type's fields, followed by those of every type that it uses."""
+    text, pending, done = _FIELDS[name], [_FIELDS[name]], set[str]()
+    while pending:
+        for line in pending.pop().splitlines():
+            used = line.split()[0].partition("[")[0]
+            if used in _DEPENDENCIES and used not in done:
+                done.add(used)
+                pending.append(_DEPENDENCIES[used])
+                text += f"\n{'=' * 80}\nMSG: {used}\n{_DEPENDENCIES[used]}"
+    return text
+
+
+class RosMessage(NamedTuple):
+    """What a device message becomes for one topic."""
+
+    topic: str
+    type_name: str
+    data: bytes
+
+
+if TYPE_CHECKING:
+    _Translator = Callable[[DeviceMessage, tuple[int, int]], tuple[RosMessage, ...]]
+
+_NO_COVARIANCE = [("d", 0.0)] * 9
+_IMU = CdrLayout(
+    "2I",
+    ("text", BODY_FRAME),
+    *[("d", 0.0)] * 3,
+    ("d", 1.0),
+    ("d", -1.0),  # first covariance -1: there is no orientation in this message
+    *[("d", 0.0)] * 8,
+    "3d",
+    *_NO_COVARIANCE,
+    "3d",
+    *_NO_COVARIANCE,
+)
+_JOINT_STATE = CdrLayout(
+    "2I",
+    ("text", BODY_FRAME),
+    ("I", 2),
+    ("text", "left_wheel"),
+    ("text", "right_wheel"),
+    ("I", 2),
+    "2d",
+    ("I", 2),
+    "2d",
+    ("I", 0),
+)
+
+_DISCHARGING = 2
+_ULTRASOUND, _INFRARED = 0, 1
+
+_COUNT_WRAP = 1 << 16
+_US_WRAP = 1 << 32
+_GAP_S = 10.0
+"""At full speed half the counter's range passes in 14 s: beyond this the count is unknown."""
+
+
+class _Ranger:
+    """One range sensor's topic; no echo is +infinity, as ROS has it (REP 117)."""
+
+    def __init__(self, name: str, mount: RangerMount, radiation: int) -> None:
+        self.topic = f"/ros/range/{name}"
+        self._layout = CdrLayout(
+            "2I",
+            ("text", f"range_{name}"),
+            ("B", radiation),
+            ("f", mount.cone_rad),
+            ("f", mount.min_range_m),
+            ("f", mount.max_range_m),
+            "f",
+            ("f", 0.0),
+        )
+
+    def encode(self, time: tuple[int, int], range_m: float | None) -> RosMessage:
+        value = math.inf if range_m is None else range_m
+        return RosMessage(self.topic, RANGE, self._layout.encode(*time, value))
+
+
+class _Wheels:
+    """Wheel angles and speeds from wrapping counts; remembers one message."""
+
+    def __init__(self, rad_per_count: float) -> None:
+        self._rad_per_count = rad_per_count
+        self._counts: tuple[int, int] | None = None
+        self._t_us = 0
+        self._angles = (0.0, 0.0)
+
+    def advance(self, counts: tuple[int, int], t_us: int) -> tuple[float, float, float, float]:
+        """Angles (rad) since the first message and speeds (rad/s; NaN where unknown)."""
+        speeds = (math.nan, math.nan)
+        if self._counts is not None:
+            dt_s = (t_us - self._t_us) % _US_WRAP * 1e-6
+            if 0.0 < dt_s <= _GAP_S:
+                half = _COUNT_WRAP // 2
+                steps = [
+                    ((now - then + half) % _COUNT_WRAP - half) * self._rad_per_count
+                    for now, then in zip(counts, self._counts, strict=True)
+                ]
+                self._angles = (self._angles[0] + steps[0], self._angles[1] + steps[1])
+                speeds = (steps[0] / dt_s, steps[1] / dt_s)
+        self._counts, self._t_us = counts, t_us
+        return (*self._angles, *speeds)
+
+
+class RosTranslator:
+    """Turns device messages into their ROS 2 counterparts; one robot's messages in order."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._rad_per_count = 2.0 * math.pi / model.counts_per_turn
+        self._wheels: dict[int, _Wheels] = {}
+        self._front = _Ranger("front", model.ultrasonic, _ULTRASOUND)
+        self._left = _Ranger("left", model.infrared_left, _INFRARED)
+        self._right = _Ranger("right", model.infrared_right, _INFRARED)
+        nan = ("f", math.nan)  # not measured
+        self._battery = CdrLayout(
+            "2I",
+            ("text", BODY_FRAME),
+            "f",
+            *(nan, nan, nan, nan),
+            ("f", model.battery_ah),
+            nan,
+            ("B", _DISCHARGING),
+            ("B", 0),
+            ("B", 0),
+            ("?", True),
+            *(("I", 0), ("I", 0)),
+            ("text", ""),
+            ("text", ""),
+        )
+        self._translators: dict[type, _Translator] = {
+            Imu: self._imu,
+            Encoders: self._encoders,
+            Range: self._range,
+            Power: self._power,
+        }
+
+    def translate(self, record: DeviceMessage, time_ns: int) -> tuple[RosMessage, ...]:
+        """What ROS has a type for, stamped with ``time_ns``; nothing for other messages."""
+        translator = self._translators.get(type(record.message))
+        return () if translator is None else translator(record, stamp(time_ns))
+
+    def _imu(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
+        message = cast("Imu", record.message)
+        data = _IMU.encode(
+            *time,
+            message.gyro_x_rad_s,
+            message.gyro_y_rad_s,
+            message.gyro_z_rad_s,
+            message.accel_x_m_s2,
+            message.accel_y_m_s2,
+            message.accel_z_m_s2,
+        )
+        return (RosMessage("/ros/imu", IMU, data),)
+
+    def _encoders(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
+        message = cast("Encoders", record.message)
+        wheels = self._wheels.get(record.node)
+        if wheels is None:
+            wheels = self._wheels[record.node] = _Wheels(self._rad_per_count)
+        turned = wheels.advance((message.left, message.right), record.t_us)
+        data = _JOINT_STATE.encode(*time, *turned)
+        return (RosMessage("/ros/joint_states", JOINT_STATE, data),)
+
+    def _range(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
+        message = cast("Range", record.message)
+        return (
+            self._front.encode(time, message.ultrasonic_m),
+            self._left.encode(time, message.infrared_left_m),
+            self._right.encode(time, message.infrared_right_m),
+        )
+
+    def _power(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
+        message = cast("Power", record.message)
+        data = self._battery.encode(*time, message.battery_v)
+        return (RosMessage("/ros/battery", BATTERY_STATE, data),)
+
+
+def occupancy_grid(record: CoverageRecord) -> bytes:
+    """``nav_msgs/OccupancyGrid`` in the map frame."""
+    rows, columns = record.cells.shape
+    time = stamp(record.log_ns)
+    head = _GRID_HEAD.encode(
+        *time,
+        *time,
+        record.resolution_m,
+        columns,
+        rows,
+        record.origin_x_m,
+        record.origin_y_m,
+        rows * columns,
+    )
+    return head + record.cells.astype("i1").tobytes()
+
+
+_GRID_HEAD = CdrLayout(
+    "2I",
+    ("text", MAP_FRAME),
+    "2I",
+    "f",
+    "2I",
+    "2d",
+    *[("d", 0.0)] * 4,
+    ("d", 1.0),
+    "I",
+)

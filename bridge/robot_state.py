@@ -1,0 +1,79 @@
+"""The newest of everything the device told, in SI units, with its age."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from bridge.motion.observation import Observation
+from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.values import Contact
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+    from protocol.message import Message
+
+STALE_S = 0.3
+"""Six range readings or fifteen encoder readings: more is not jitter but a fault."""
+
+
+@dataclass(slots=True)
+class RobotState:
+    """Latest messages and when they arrived (host seconds)."""
+
+    imu: Imu | None = None
+    encoders: Encoders | None = None
+    range: Range | None = None
+    power: Power | None = None
+    status: Status | None = None
+    arrived_s: dict[type[Message], float] = field(default_factory=dict)
+
+    def take(self, message: Message, now_s: float) -> None:
+        """Keep a message if it is one of those kept."""
+        match message:
+            case Imu():
+                self.imu = message
+            case Encoders():
+                self.encoders = message
+            case Range():
+                self.range = message
+            case Power():
+                self.power = message
+            case Status():
+                self.status = message
+            case _:
+                return
+        self.arrived_s[type(message)] = now_s
+
+    def stale(self, now_s: float) -> str | None:
+        """Name of a stream that driving depends on and that has stopped, if any."""
+        for cls in (Encoders, Imu, Range):
+            if now_s - self.arrived_s.get(cls, -1e9) > STALE_S:
+                return cls.__name__.lower()
+        return None
+
+    def observation(
+        self, now_s: float, pose: Pose2, v_m_s: float, yaw_rate_rad_s: float
+    ) -> Observation | None:
+        """What planner and controllers are told; None before the first range reading."""
+        reading = self.range
+        if reading is None:
+            return None
+        contacts = reading.contacts
+        return Observation(
+            now_s,
+            pose,
+            v_m_s,
+            yaw_rate_rad_s,
+            reading.ultrasonic_m,
+            reading.infrared_left_m,
+            reading.infrared_right_m,
+            bool(contacts & Contact.BUMPER_LEFT),
+            bool(contacts & Contact.BUMPER_RIGHT),
+            bool(contacts & Contact.CLIFF),
+        )
+
+    def forget(self) -> None:
+        """Drop everything: another boot or session."""
+        self.imu = self.encoders = self.range = self.power = self.status = None
+        self.arrived_s.clear()

@@ -1,0 +1,153 @@
+"""The emulator's only I/O: a pseudo-terminal and the clock that paces the device.
+
+Like a UART, the pseudo-terminal does not care whether anybody listens: what does not fit
+its buffer is dropped and counted.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from sim_device.device import VirtualSweeper
+    from sim_device.plant import Truth
+
+_READ = 4096
+
+
+class PortUnavailableError(OSError):
+    """The pseudo-terminal cannot be made or linked; one line for people."""
+
+
+class PtyPort:
+    """A pseudo-terminal whose far end is the device's serial port."""
+
+    def __init__(self, link: Path | None = None) -> None:
+        """Make it, raw, and optionally a symbolic link with a stable name to it.
+
+        Raises:
+            PortUnavailableError: no pseudo-terminals on this system, or the link's path is
+                taken by something that is not a link.
+
+        """
+        if sys.platform == "win32":
+            raise PortUnavailableError("a pty needs Linux or macOS; use --link tcp there")
+        import pty  # noqa: PLC0415 - not on every platform
+        import tty  # noqa: PLC0415 - not on every platform
+
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.dropped_bytes = 0
+        self.path = os.ttyname(self._slave)
+        self._link = link
+        if link is not None:
+            self._make_link(link)
+            self.path = str(link)
+
+    def _make_link(self, link: Path) -> None:
+        try:
+            if link.is_symlink():
+                link.unlink()
+            link.symlink_to(self.path)
+        except OSError as error:
+            self._link = None
+            self.close()
+            raise PortUnavailableError(f"cannot make the link {link}: {error.strerror}") from None
+
+    def fileno(self) -> int:
+        """The device's end."""
+        return self._master
+
+    def read(self) -> bytes:
+        """What has come; empty when nothing has."""
+        try:
+            return os.read(self._master, _READ)
+        except (BlockingIOError, InterruptedError):
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Write what fits; the rest is lost, as on a wire."""
+        written = 0
+        with suppress(BlockingIOError, InterruptedError):
+            written = os.write(self._master, data)
+        self.dropped_bytes += len(data) - written
+
+    def close(self) -> None:
+        """Take the pseudo-terminal and its link away."""
+        if self._link is not None:
+            with suppress(OSError):
+                self._link.unlink()
+        for end in (self._master, self._slave):
+            with suppress(OSError):
+                os.close(end)
+
+    def __enter__(self) -> PtyPort:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class Stopper:
+    """Ends a serving loop from a signal handler or another thread."""
+
+    def __init__(self) -> None:
+        self.stopped = False
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._write, False)
+
+    def stop(self) -> None:
+        """End the loop now."""
+        self.stopped = True
+        with suppress(OSError):
+            os.write(self._write, b"!")
+
+    def fileno(self) -> int:
+        """Becomes readable when the loop should end."""
+        return self._read
+
+
+def serve(
+    device: VirtualSweeper,
+    port: PtyPort,
+    stopper: Stopper,
+    on_truth: Callable[[Truth, int], None] | None = None,
+) -> None:
+    """Run the device in real time on a port until stopped.
+
+    ``on_truth`` gets the truth and its Unix time in nanoseconds after every control period.
+    """
+    start_ns = time.monotonic_ns()
+    unix_at_boot_ns = time.time_ns()
+    last_tick = -1
+    with selectors.DefaultSelector() as selector:
+        selector.register(port.fileno(), selectors.EVENT_READ)
+        selector.register(stopper.fileno(), selectors.EVENT_READ)
+        while not stopper.stopped:
+            now_us = (time.monotonic_ns() - start_ns) // 1000
+            wait_s = max(0.0, (device.next_deadline_us() - now_us) / 1e6)
+            ready = selector.select(wait_s)
+            data = port.read() if any(key.fd == port.fileno() for key, _ in ready) else b""
+            out = device.step(data, (time.monotonic_ns() - start_ns) // 1000)
+            if out:
+                port.write(out)
+            if on_truth is not None:
+                truth = device.truth
+                if truth.tick_ms != last_tick:
+                    last_tick = truth.tick_ms
+                    on_truth(truth, unix_at_boot_ns + truth.tick_ms * 1_000_000)

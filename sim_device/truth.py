@@ -1,0 +1,57 @@
+"""What is really so: the plant's answers, which no host ever sees."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+
+
+class Inertial(NamedTuple):
+    """The part of the truth that the inertial sensor needs, named as in ``Truth``.
+
+    All are sums since power-on, so that differences over time are means.
+    """
+
+    tick_ms: int
+    heading_rad: float
+    impulse_x_m_s: float
+    impulse_y_m_s: float
+    left_rad: float
+    right_rad: float
+
+
+class Truth(NamedTuple):
+    """What is really so at one tick."""
+
+    tick_ms: int
+    pose: Pose2
+    """Heading wrapped to [-π, π)."""
+    heading_rad: float
+    """Heading, continuous."""
+    v_m_s: float
+    """Forward speed over the floor."""
+    v_lateral_m_s: float
+    """To the left; not 0 only while sliding along a wall."""
+    yaw_rate_rad_s: float
+    left_rad: float
+    """Wheel angle, continuous: what the wheel turned, slipping or not."""
+    right_rad: float
+    left_rad_s: float
+    right_rad_s: float
+    impulse_x_m_s: float
+    """Specific impulse along the body's x since power-on: the integral of what an
+    accelerometer at the axle's centre feels, centripetal share included; differences over
+    time are mean accelerations."""
+    impulse_y_m_s: float
+    path_m: float
+    """Travelled by the axle's centre over the floor."""
+    collisions: int
+    """Onsets of contact with normal speed above 0.03 m/s, re-armed after 0.5 s free."""
+    contact_s: float
+    """Time in contact, grazing included."""
+    touch_bearings_rad: tuple[float, ...]
+    """Where the disc is touched now, from the heading, counter-clockwise, [-π, π)."""
+    energy_wh: float
+    """Drawn from the battery."""

@@ -1,0 +1,164 @@
+"""Commands over a wire that loses, doubles, delays and reorders: every one ends, truthfully.
+
+Whole frames go through two hostile wires between two links, so framing, sequence accounts,
+sender and log work as they do in a session.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from random import Random
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from protocol.commands import MAX_TIMEOUT_US, MAX_TRIES, REMEMBERED, CommandLog, CommandSender
+from protocol.link import Link, Received
+from protocol.message import Direction, Message
+from protocol.messages import Ack, ClearStop, Nack, SetMode, Stop
+from protocol.uart import FLAG_RETRY
+from support.hostile import BitFlips, Delayed, Duplicating, Lossy, Pipe, Wire
+
+TYPES = {Stop: 0x00, ClearStop: 0x05, SetMode: 0x06}
+LONGEST_US = MAX_TRIES * MAX_TIMEOUT_US
+"""No command that may end without an answer takes longer."""
+
+
+@dataclass
+class Device:
+    """The obeying end: odd ids are refused with their remainder as the reason."""
+
+    link: Link = field(default_factory=lambda: Link(Direction.DEVICE))
+    log: CommandLog = field(default_factory=CommandLog)
+    done: list[tuple[int, int]] = field(default_factory=list)
+    """(session, command id) of everything carried out or judged, in order."""
+
+    def take(self, data: bytes, session_id: int, now_us: int) -> list[bytes]:
+        replies: list[bytes] = []
+        for event in self.link.receive(data):
+            if isinstance(event, Received):
+                reply = self.obey(event.message, session_id)
+                self.link.send(reply, now_us, node=1)
+                replies.append(self.link.data_to_send())
+        return replies
+
+    def obey(self, message: Message, session_id: int) -> Ack | Nack:
+        assert isinstance(message, Stop | ClearStop | SetMode)
+        command_id = message.command_id
+
+        def act() -> int | None:
+            self.done.append((session_id, command_id))
+            return command_id % 3 if command_id % 2 else None
+
+        return self.log.once(session_id, TYPES[type(message)], message, act)
+
+
+class CommandsOverAHostileWire(RuleBasedStateMachine):
+    """Time passes, commands are issued, the line gets better and worse."""
+
+    @initialize(
+        seed=st.integers(0, 2**32),
+        p=st.sampled_from([0.0, 0.2, 0.5]),
+        delay_us=st.sampled_from([0, 5_000, 300_000]),
+        first_id=st.sampled_from([1, 0xFFFD]),
+    )
+    def connect(self, seed: int, p: float, delay_us: int, first_id: int) -> None:
+        rng = Random(seed)
+
+        def wire() -> Wire:
+            line: Wire = Duplicating(Lossy(Pipe(500), p=p, rng=rng), p=p / 2, rng=rng)
+            line = Delayed(line, rng, low_us=0, high_us=delay_us, reorder=True)
+            return BitFlips(line, p=p / 4, rng=rng)
+
+        self.there, self.back = wire(), wire()
+        self.link = Link(Direction.HOST)
+        self.sender = CommandSender(first_id)
+        self.device = Device()
+        self.now_us = 0
+        self.waiting: dict[int, tuple[type[Message], int]] = {}
+        """Command id → what it is and when it was issued."""
+        self.ended: dict[int, str] = {}
+
+    @rule(kind=st.sampled_from([Stop, ClearStop, SetMode]))
+    def issue(self, kind: type[Stop | ClearStop | SetMode]) -> None:
+        if len(self.waiting) >= REMEMBERED:
+            return  # more at once than the device remembers is the sender's own fault
+        command_id = self.sender.issue(
+            lambda i: kind(i, 1), TYPES[kind], self.now_us, forever=kind is Stop
+        )
+        assert command_id not in self.waiting
+        self.waiting[command_id] = (kind, self.now_us)
+
+    @rule(for_us=st.sampled_from([1_000, 20_000, 150_000, 1_000_000]))
+    def wait(self, for_us: int) -> None:
+        until_us = self.now_us + for_us
+        while True:
+            moments = [self.sender.next_deadline_us(), self.there.next_us(), self.back.next_us()]
+            next_us = min((m for m in moments if m is not None), default=until_us + 1)
+            if next_us > until_us:
+                break
+            self.now_us = max(self.now_us, next_us)
+            self.step()
+        self.now_us = until_us
+
+    def step(self) -> None:
+        messages, outcomes = self.sender.due(self.now_us)
+        for message, retry in messages:
+            self.link.send(message, self.now_us, node=1, flags=FLAG_RETRY if retry else 0)
+            self.there.push(self.link.data_to_send(), self.now_us)
+        for outcome in outcomes:
+            assert outcome.timed_out
+            self.end(outcome.message, "silence")
+        for data in self.there.pull(self.now_us):
+            for reply in self.device.take(data, 7, self.now_us):
+                self.back.push(reply, self.now_us)
+        for data in self.back.pull(self.now_us):
+            for event in self.link.receive(data):
+                if isinstance(event, Received):
+                    assert isinstance(event.message, Ack | Nack)
+                    answered = self.sender.reply(event.message, self.now_us)
+                    if answered:
+                        verdict = "accepted" if answered.accepted else f"no {answered.reason}"
+                        self.end(answered.message, verdict)
+
+    def end(self, message: Message, verdict: str) -> None:
+        assert isinstance(message, Stop | ClearStop | SetMode)
+        command_id = message.command_id
+        assert command_id in self.waiting, "ended twice"
+        del self.waiting[command_id]
+        self.ended[command_id] = verdict
+        carried_out = (7, command_id) in self.device.done
+        if verdict == "silence":
+            assert not isinstance(message, Stop)  # what happened to it is honestly not known
+        else:
+            assert carried_out
+            expected = f"no {command_id % 3}" if command_id % 2 else "accepted"
+            assert verdict == expected
+
+    @invariant()
+    def nothing_is_carried_out_twice(self) -> None:
+        places: dict[tuple[int, int], int] = {}
+        for place, key in enumerate(self.device.done):
+            # Only what came again after sixteen others is beyond the device's memory.
+            assert key not in places or place - places[key] > REMEMBERED, key
+            places[key] = place
+
+    @invariant()
+    def nothing_waits_for_ever_but_stop(self) -> None:
+        for command_id, (kind, at_us) in self.waiting.items():
+            assert kind is Stop or self.now_us - at_us <= LONGEST_US, command_id
+
+    def teardown(self) -> None:
+        """Mend the line: then everything ends, stop included."""
+        if not hasattr(self, "sender"):
+            return
+        self.there, self.back = Pipe(500), Pipe(500)
+        self.wait(LONGEST_US + MAX_TIMEOUT_US)
+        assert not self.waiting
+        assert self.sender.idle
+        self.nothing_is_carried_out_twice()
+
+
+TestCommandsOverAHostileWire = CommandsOverAHostileWire.TestCase
+TestCommandsOverAHostileWire.settings = settings(max_examples=60, stateful_step_count=25)

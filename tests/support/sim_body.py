@@ -1,0 +1,61 @@
+"""The virtual sweeper's body in rooms made on the spot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bridge.coverage.floorplan import FloorPlan, Polygon
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from sim_device.motors import MotorParameters
+from sim_device.noise import noise_level
+from sim_device.plant import Plant
+from sim_device.power import BatteryParameters
+from sim_device.sensors import SensorSuite
+from sim_device.world import World
+
+IDEAL_BATTERY = BatteryParameters(resistance_ohm=0.0, capacity_ah=1e9)
+"""Stays at its voltage, so that motion has a closed form."""
+
+
+def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
+    """A rectangle, counter-clockwise."""
+    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+
+
+def room(
+    start: tuple[float, float, float],
+    *,
+    walls: Polygon | None = None,
+    obstacles: tuple[Polygon, ...] = (),
+) -> FloorPlan:
+    """A room of 20 m by 20 m unless told otherwise."""
+    return FloorPlan("test", walls or box(0.0, 0.0, 20.0, 20.0), obstacles, Pose2(*start))
+
+
+def world(plan: FloorPlan) -> World:
+    return World(plan, RobotModel())
+
+
+def plant(
+    plan: FloorPlan,
+    *,
+    level: str = "none",
+    seed: int = 1,
+    battery: BatteryParameters | None = IDEAL_BATTERY,
+) -> Plant:
+    return Plant(
+        world(plan), RobotModel(), noise_level(level), np.random.default_rng(seed), battery=battery
+    )
+
+
+def sensors(body: Plant, *, level: str = "none", seed: int = 2) -> SensorSuite:
+    return SensorSuite(body, RobotModel(), noise_level(level), np.random.default_rng(seed))
+
+
+def duty(v_m_s: float) -> float:
+    """Duty of a noise-free wheel that rolls at this speed on a full ideal battery."""
+    model = RobotModel()
+    return MotorParameters().duty_for(
+        v_m_s / (0.5 * model.wheel_diameter_m), model.battery_v, model.driver_drop_v
+    )

@@ -1,0 +1,208 @@
+"""The catalogue keeps its rules, and the lint sees each rule broken."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+from typing import Annotated
+
+import pytest
+
+from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.errors import UnknownMessageError
+from protocol.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
+from protocol.lint import findings
+from protocol.message import Direction, Message, MessageSpec, RateClass, message, specify
+from protocol.messages import Imu, LogText, Power, Range, SetMode, Status
+
+RAW = number(U8, "count", "a number")
+
+
+def layout(fields: tuple[Field, ...]) -> struct.Struct:
+    return struct.Struct("<" + "".join(f.wire.code for f in fields))
+
+
+def with_field(cls: type[Message], field: str, /, **change: object) -> MessageSpec:
+    """The message's specification with one field declared otherwise."""
+    spec = CATALOGUE.spec(cls)
+    fields = tuple(
+        replace(f, **change) if f.name == field else f  # type: ignore[arg-type]  # any attribute
+        for f in spec.fields
+    )
+    return replace(spec, fields=fields, layout=layout(fields))
+
+
+def with_more(cls: type[Message], *more: Field) -> MessageSpec:
+    spec = CATALOGUE.spec(cls)
+    fields = (*spec.fields, *more)
+    return replace(spec, fields=fields, layout=layout(fields))
+
+
+def test_ours_is_clean() -> None:
+    assert findings(CATALOGUE) == []
+
+
+def test_type_and_name_declared_twice() -> None:
+    imu = CATALOGUE.spec(Imu)
+    assert findings([imu, imu]) == [
+        "type 0x12 is declared 2 times",
+        "name imu is declared 2 times",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("spec", "finding"),
+    [
+        (replace(CATALOGUE.spec(Imu), type_id=0x7F), "imu: type 0x7f is out of range"),
+        (replace(CATALOGUE.spec(Imu), type_id=-1), "imu: type -0x1 is out of range"),
+        (replace(CATALOGUE.spec(Imu), doc=""), "imu: has no description"),
+        (replace(CATALOGUE.spec(Imu), default_hz=0.0), "imu: a stream needs a default rate"),
+        (
+            replace(CATALOGUE.spec(LogText), rate=RateClass.STREAM, default_hz=1.0),
+            "log_text: a stream may not carry text",
+        ),
+        (
+            with_more(
+                Imu, *(replace(RAW, name=f"more_{i}", can_part=3 + i // 6) for i in range(12))
+            ),
+            "imu: stream of 26 B exceeds 25 B",
+        ),
+        (
+            with_more(Imu, RAW.named("more")),
+            "imu: CAN part 0 of 7 B exceeds 6 B",
+        ),
+        (
+            with_more(SetMode, *(RAW.named(f"more_{i}") for i in range(239))),
+            "set_mode: payload of 242 B exceeds 241 B",
+        ),
+        (
+            with_field(SetMode, "command_id", name="ident"),
+            "set_mode: a command starts with its command_id",
+        ),
+        (
+            replace(CATALOGUE.spec(SetMode), fields=(), layout=layout(())),
+            "set_mode: a command starts with its command_id",
+        ),
+        (with_field(Power, "battery", doc=""), "power.battery: has no description"),
+        (with_field(Status, "load", unit="furlong"), "status.load: unit 'furlong' is not known"),
+        (
+            with_field(Status, "load", high=256),
+            "status.load: range 0..256 does not fit u8",
+        ),
+        (
+            with_field(Status, "load", low=-1),
+            "status.load: range -1..100 does not fit u8",
+        ),
+        (
+            with_field(Range, "ultrasonic", none=4000),
+            "range.ultrasonic: sentinel 4000 lies inside the range",
+        ),
+        (with_field(Status, "mode", enum=None), "status.mode: an enum needs its names"),
+        (
+            with_field(Status, "load", scale=2),
+            "status.load: a scaled value needs a physical unit, not 'percent'",
+        ),
+        (
+            with_field(Status, "load", unit="V"),
+            "status.load: lacks its SI property load_v",
+        ),
+        (  # a sentinel given as if it were a distance
+            with_field(Power, "logic", none=255, high=254),
+            "power.logic: lacks its SI property logic_v",
+        ),
+    ],
+    ids=lambda v: v if isinstance(v, str) else "",
+)
+def test_a_planted_fault_is_found_alone(spec: MessageSpec, finding: str) -> None:
+    assert findings([spec]) == [finding]
+
+
+# ---- declaring ----------------------------------------------------------------------------
+
+
+def test_a_field_without_declaration_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"Bare\.value: needs exactly one field declaration"):
+
+        @message(0x70, Direction.HOST, RateClass.RARE)
+        class Bare(Message):
+            """No declaration."""
+
+            value: int
+
+
+def test_text_before_the_last_field_is_refused() -> None:
+    @message(0x70, Direction.HOST, RateClass.RARE)
+    class TextFirst(Message):
+        """Text, then a number."""
+
+        line: Annotated[str, text("some text")]
+        value: Annotated[int, RAW]
+
+    with pytest.raises(TypeError, match=r"TextFirst\.line: only the last field may be text"):
+        specify(TextFirst)
+
+
+def test_an_undeclared_class_is_refused() -> None:
+    class Nobody(Message):
+        """Not declared."""
+
+    with pytest.raises(TypeError, match="Nobody is not declared as a message"):
+        specify(Nobody)
+
+
+def test_an_si_property_of_no_field_is_refused() -> None:
+    @message(0x70, Direction.HOST, RateClass.RARE)
+    class Misnamed(Message):
+        """A property that names no field."""
+
+        value: Annotated[int, number(U16, "V", "a voltage")]
+        volts_v = si("volts")
+
+    with pytest.raises(AttributeError, match="no field 'volts'"):
+        specify(Misnamed)
+
+
+def test_a_message_of_another_catalogue_is_unknown() -> None:
+    with pytest.raises(UnknownMessageError, match="Imu is not in the catalogue") as raised:
+        Catalogue([Power]).spec(Imu)
+    assert raised.value.message == "Imu"
+
+
+def test_an_appended_field_may_be_absent_and_its_property_too() -> None:
+    @message(0x70, Direction.DEVICE, RateClass.RARE)
+    class Grown(Message):
+        """A message that got a field later."""
+
+        value: Annotated[int, number(I16, "V", "a voltage", scale="0.5")]
+        later: Annotated[int | None, number(U8, "A", "a current", scale="0.1")] = None
+        value_v = si("value")
+        later_a = si_or_none("later")
+
+    assert findings(Catalogue([Grown])) == []
+    assert Grown(-3) == Grown(-3, None)
+    assert Grown(-3).value_v == -1.5
+    assert Grown(-3).later_a is None
+    assert Grown(-3, 20).later_a == pytest.approx(2.0)
+
+
+def test_messages_of_two_types_are_never_equal() -> None:
+    @message(0x70, Direction.HOST, RateClass.RARE)
+    class One(Message):
+        """One of two with the same fields."""
+
+        value: Annotated[int, RAW]
+
+    @message(0x71, Direction.HOST, RateClass.RARE)
+    class Two(Message):
+        """The other."""
+
+        value: Annotated[int, RAW]
+
+    one, again, two = One(1), One(1), Two(1)
+    assert one == again
+    assert not one != again  # noqa: SIM202 - both operators are on trial
+    assert one != two
+    assert not one == two  # noqa: SIM201 - both operators are on trial
+    assert one != (1,)
+    assert len({one, again, two}) == 2
+    assert TEXT.is_text

@@ -1,0 +1,120 @@
+"""``sweepctl emulate``: a virtual sweeper on a pseudo-terminal."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tools import options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.coverage.floorplan import FloorPlan
+    from bridge.record.writer import RunWriter
+    from sim_device.plant import Truth
+
+
+@click.command("emulate", epilog="Example:  sweepctl emulate case-1 --pty-link /tmp/sweeper")
+@click.argument("room", default="case-1")
+@click.option(
+    "--link",
+    type=click.Choice(["pty"]),
+    default="pty",
+    show_default=True,
+    help="What the device is connected by.",
+)
+@options.seed_option
+@options.noise_option
+@options.robot_option
+@click.option("--node", type=click.IntRange(1, 15), default=1, show_default=True)
+@click.option(
+    "--truth",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Log where the robot really is (/truth/pose, Unix time).",
+)
+@click.option("--force", is_flag=True, help="Replace the truth file if it exists.")
+@click.option(
+    "--pty-link",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also make this symbolic link to the port.",
+)
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    room: str,
+    link: str,
+    seed: int,
+    noise: str,
+    robot: Path | None,
+    node: int,
+    truth: Path | None,
+    force: bool,
+    pty_link: Path | None,
+) -> int:
+    """Run a virtual sweeper in ROOM, in real time, until ended by a signal.
+
+    The first line on stdout is "ready PORT", where PORT can be passed to connect.
+    """
+    from bridge.config import load_robot
+    from bridge.errors import PortError
+    from sim_device.device import VirtualSweeper
+    from sim_device.ports import PortUnavailableError, PtyPort, Stopper, serve
+    from tools.console import say
+    from tools.rooms import load_room
+
+    plan = load_room(room)
+    model, robot_toml = load_robot(robot)
+    device = VirtualSweeper(plan, model, seed=seed, noise=noise, node=node)
+    stopper = Stopper()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda _number, _frame: stopper.stop())
+    writer = _truth_writer(truth, robot_toml, plan, seed, noise, force=force) if truth else None
+    try:
+        with PtyPort(pty_link) as port:
+            sys.stdout.write(f"ready {port.path}\n")
+            sys.stdout.flush()
+            say(
+                f"virtual sweeper, node {node}, in {plan.name} ({noise} noise, seed {seed}, "
+                f"{link}); Ctrl-C ends it"
+            )
+            serve(device, port, stopper, _recording(writer) if writer else None)
+    except PortUnavailableError as error:
+        raise PortError(str(error)) from None
+    finally:
+        if writer is not None:
+            writer.close()
+    return 0
+
+
+def _truth_writer(  # noqa: PLR0913, PLR0917 - what a log says of itself
+    path: Path, robot_toml: str, plan: FloorPlan, seed: int, noise: str, *, force: bool
+) -> RunWriter:
+    from bridge.io import clock
+    from bridge.record.writer import RunWriter
+    from bridge.telemetry import RoomRecord, RunInfo
+    from tools.version import VERSION
+
+    offset_ns = clock.unix_offset_ns()
+    opened_ns = clock.now() + offset_ns
+    extra = {"noise": noise}
+    info = RunInfo("emulated", "", seed, VERSION, opened_ns, offset_ns, robot_toml, plan, extra)
+    writer = RunWriter(path, info, force=force)
+    writer.write(RoomRecord(opened_ns, plan))
+    return writer
+
+
+def _recording(writer: RunWriter) -> Callable[[Truth, int], None]:
+    from bridge.telemetry import TruthRecord
+
+    period_ms, last_ms = 20, [-20]
+
+    def record(truth: Truth, unix_ns: int) -> None:
+        if truth.tick_ms - last_ms[0] >= period_ms:
+            last_ms[0] = truth.tick_ms
+            writer.write(TruthRecord(unix_ns, truth.pose))
+
+    return record

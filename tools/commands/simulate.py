@@ -1,0 +1,149 @@
+"""``sweepctl simulate``: both ends in one process and in virtual time."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools import options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from bridge.host import Host
+    from bridge.mission import Ending
+
+
+@click.command("simulate", epilog="Example:  sweepctl simulate case-1 --planner paper --json")
+@click.argument("room")
+@click.option(
+    "--planner",
+    type=click.Choice(options.PLANNERS),
+    default=options.DEFAULT_PLANNER,
+    show_default=True,
+)
+@options.seed_option
+@options.noise_option
+@click.option(
+    "--max-time",
+    "max_time_s",
+    type=click.FloatRange(1.0, 1e6),
+    default=3600.0,
+    show_default=True,
+    help="End a run that takes longer, in simulated seconds.",
+)
+@options.robot_option
+@options.out_option
+@options.json_option
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    room: str,
+    planner: str,
+    seed: int,
+    noise: str,
+    max_time_s: float,
+    robot: Path | None,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Run PLANNER against the virtual sweeper in ROOM, every byte through the codec.
+
+    ROOM is a room file, or the name of one that ships with sweepctl.
+    """
+    from bridge.config import load_robot
+    from bridge.record.writer import RunWriter
+    from bridge.telemetry import RunInfo
+    from tools.console import print_summary
+    from tools.rooms import load_room
+    from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+    from tools.virtual_summary import summarise
+    from tools.version import VERSION
+
+    plan = load_room(room)
+    model, robot_toml = load_robot(robot)
+    check_start(plan, model)
+    path = options.log_path(out, plan.name)
+    info = RunInfo(
+        "virtual",
+        planner,
+        seed,
+        VERSION,
+        EPOCH_NS,
+        EPOCH_NS - HOST_BOOT_NS,
+        robot_toml,
+        plan,
+        {"noise": noise},
+    )
+    writer = RunWriter(path, info, force=force)
+    summary: dict[str, Any] | None = None
+    try:
+        with _interruptible() as ended, _progress(max_time_s) as progress:
+            run = run_virtual(
+                plan,
+                model,
+                planner,
+                writer,
+                seed=seed,
+                noise=noise,
+                max_time_s=max_time_s,
+                progress=progress,
+                ended=ended,
+            )
+        summary = summarise(run, plan, planner, seed, str(path))
+    finally:
+        writer.close(summary)
+    print_summary(summary, as_json=as_json)
+    ending = run.host.mission.ending
+    return ending.exit_status if ending else 1
+
+
+def check_start(plan: Any, model: Any) -> None:  # noqa: ANN401 - imported when needed
+    """Refuse a room in which the robot does not fit at its start, before a log is made."""
+    from sim_device.world import World
+
+    World(plan, model)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[Callable[[], Ending | None]]:
+    """Turn Ctrl-C and SIGTERM into an orderly end while the run goes on."""
+    from bridge.mission import Ending
+
+    asked: list[int] = []
+    handlers = {
+        number: signal.signal(number, lambda received, _frame: asked.append(received))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield lambda: Ending("stopped", "ended by Ctrl-C", 0) if asked else None
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _progress(max_time_s: float) -> Iterator[Callable[[float, Host], None]]:
+    """A bar on a terminal, nothing elsewhere."""
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from tools.console import ERR
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
+        task = bar.add_task("starting", total=max_time_s)
+
+        def show(time_s: float, host: Host) -> None:
+            runner = host.mission.runner
+            state = runner.state.state if runner else ""
+            bar.update(
+                task,
+                completed=time_s,
+                description=f"{time_s:6.0f} s simulated, {host.path_m:6.1f} m driven, {state}",
+            )
+
+        yield show

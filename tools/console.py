@@ -1,0 +1,97 @@
+"""What people read: a summary as a table, progress, one-line messages."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+ERR = Console(stderr=True, highlight=False)
+_OUTCOME_STYLE = {"complete": "green", "stopped": "yellow", "timeout": "red", "fault": "red"}
+
+
+def say(text: str) -> None:
+    """A line for people, on stderr."""
+    ERR.print(text, soft_wrap=True, markup=False)
+
+
+def complain(text: str) -> None:
+    """An error in one line, on stderr."""
+    click.echo(f"{click.style('sweepctl:', fg='red', bold=True)} {text}", err=True)
+
+
+def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
+    """A run's summary: one JSON object, or a table."""
+    if as_json:
+        sys.stdout.write(json.dumps(summary) + "\n")
+        sys.stdout.flush()
+        return
+    Console(highlight=False).print(summary_table(summary))
+
+
+def summary_table(summary: dict[str, Any]) -> Table:
+    """The figures that people ask for first."""
+    coverage, wire = summary["coverage"], summary["wire"]
+    style = _OUTCOME_STYLE.get(summary["outcome"], "")
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="dim")
+    table.add_column()
+    what = [str(summary[k]) for k in ("room", "planner") if summary[k] is not None]
+    if summary["seed"] is not None:
+        what.append(f"seed {summary['seed']}")
+    rows = [
+        ("run", ", ".join(what) or None),
+        ("outcome", f"[{style}]{summary['outcome']}[/] - {summary['reason']}"),
+        ("time", _with(summary["duration_s"], "{:.1f} s")),
+        ("path", _path(summary)),
+        ("swept by the mouth", _share(coverage, "mouth_sweepable", "of what it can reach")),
+        ("swept by the body", _share(coverage, "body_free", "of the floor (the paper's figure)")),
+        ("90 % / 99 % after", _pair(summary["t90_s"], summary["t99_s"], "{:.0f} s")),
+        ("largest hole", _with(summary["largest_hole_cm2"], "{:.0f} cm²")),
+        ("pose error, end / most", _pose_error(summary["pose_error_m"])),
+        ("collisions", _with(summary["collisions"], "{}")),
+        ("energy", _with(summary["energy_wh"], "{:.2f} Wh")),
+        (
+            "wire",
+            f"{wire['frames']['rx']} frames in, {wire['frames']['tx']} out, "
+            f"{wire['lost']} lost, {wire['crc_errors']} damaged, "
+            f"{(wire['bytes']['rx'] + wire['bytes']['tx']) / 1024:.0f} KiB",
+        ),
+        ("log", summary["log"]),
+    ]
+    for name, value in rows:
+        if value is not None:
+            table.add_row(name, value)
+    return table
+
+
+def _with(value: float | None, form: str) -> str | None:
+    return None if value is None else form.format(value)
+
+
+def _share(coverage: dict[str, float | None], key: str, text: str) -> str | None:
+    value = coverage[key]
+    return None if value is None else f"{100 * value:.2f} % {text}"
+
+
+def _pair(first: float | None, second: float | None, form: str) -> str | None:
+    if first is None and second is None:
+        return None
+    return " / ".join("never" if v is None else form.format(v) for v in (first, second))
+
+
+def _path(summary: dict[str, Any]) -> str | None:
+    if summary["path_m"] is None:
+        return None
+    turns = "" if summary["turns"] is None else f", {summary['turns']} turns"
+    return f"{summary['path_m']:.1f} m{turns}"
+
+
+def _pose_error(error: dict[str, float | None]) -> str | None:
+    if error["end"] is None or error["max"] is None:
+        return None
+    return f"{1000 * error['end']:.0f} / {1000 * error['max']:.0f} mm"

@@ -1,0 +1,42 @@
+"""Floor plans by path or by the name of one that ships with the project."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from bridge.coverage.floorplan import MAX_FILE_BYTES, FloorPlan, FloorPlanError, parse_floorplan
+
+
+def shipped_rooms() -> list[str]:
+    """Names of the floor plans that ship with the project."""
+    folder = resources.files("sim_device") / "rooms"
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".json"))
+
+
+def load_room(room: str) -> FloorPlan:
+    """Read a room file, or a shipped one by its name.
+
+    Raises:
+        FloorPlanError: no such room, or the file cannot be used; the text names it.
+
+    """
+    path = Path(room)
+    if not path.exists() and room in shipped_rooms():
+        text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
+        return parse_floorplan(text, default_name=room)
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise FloorPlanError(f"room {room} is larger than {MAX_FILE_BYTES} bytes")
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        names = ", ".join(shipped_rooms())
+        raise FloorPlanError(f"no room {room!r}: neither a file nor one of {names}") from None
+    except OSError as error:
+        raise FloorPlanError(f"cannot read room {room}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise FloorPlanError(f"room {room} is not UTF-8 text") from None
+    try:
+        return parse_floorplan(text, default_name=path.stem)
+    except FloorPlanError as error:
+        raise FloorPlanError(f"room {room}: {error}") from None

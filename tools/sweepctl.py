@@ -1,0 +1,95 @@
+"""The ``sweepctl`` command: parse, call, print."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import sys
+from typing import Any
+
+import click
+
+from tools.version import VERSION
+
+_COMMANDS = {
+    "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
+    "emulate": "Run a virtual sweeper on a pseudo-terminal, in real time.",
+    "simulate": "Run a plan against the virtual sweeper in virtual time.",
+    "view": "Open a log in Rerun.",
+    "info": "Say what a log holds.",
+}
+
+
+class LazyGroup(click.Group):
+    """Imports a command's module only when it runs, so that help is quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's interface
+        """Names in the order of use."""
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """The command of this name, imported now."""
+        if cmd_name not in _COMMANDS:
+            return None
+        command = importlib.import_module(f"tools.commands.{cmd_name}").command
+        assert isinstance(command, click.Command)  # noqa: S101 - every module has one
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+@click.command(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Example:  sweepctl simulate case-1 --planner paper",
+)
+@click.version_option(VERSION, prog_name="sweepctl")
+def cli() -> None:
+    """Bridge, recorder and virtual twin of a small sweeping robot."""
+
+
+def run(arguments: list[str] | None = None) -> int:
+    """Run the command line; its exit status."""
+    from bridge.coverage.floorplan import FloorPlanError
+    from bridge.errors import BridgeError
+    from tools.console import complain
+
+    try:
+        result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        complain("interrupted before anything was started")
+        return 0
+    except (FloorPlanError, BridgeError) as error:
+        status = error.exit_status if isinstance(error, BridgeError) else 2
+        complain(str(error))
+        if "--json" in (sys.argv if arguments is None else arguments):
+            _print_failure(str(error), status)
+        return status
+    except BrokenPipeError:
+        # The reader of our output left; nothing more can be said, at exit neither.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return result if isinstance(result, int) else 0
+
+
+def _print_failure(text: str, status: int) -> None:
+    """The one JSON object of a command that could not begin."""
+    sys.stdout.write(
+        json.dumps({"outcome": "fault", "reason": text, "exit_status": status}) + "\n"
+    )
+
+
+def main() -> None:
+    """Entry point."""
+    sys.exit(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""A virtual run's figures: metrics from the truth, collisions and energy from the plant."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from bridge.coverage.metrics import CoverageMeter
+from bridge.summary import run_summary
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import FloorPlan
+    from tools.virtual_run import VirtualRun
+
+
+def summarise(
+    run: VirtualRun, plan: FloorPlan, planner: str, seed: int, log: str | None
+) -> dict[str, Any]:
+    """The run's JSON object."""
+    host = run.host
+    truth = run.device.truth
+    report = None
+    if run.truth:
+        runner = host.mission.runner
+        meter = CoverageMeter(plan, host.model)
+        report = meter.measure(((t, *pose) for t, pose in run.truth), runner.lane_length_m if runner else 0.0)
+    return run_summary(
+        host,
+        room=plan.name,
+        planner=planner,
+        seed=seed,
+        log=log,
+        report=report,
+        errors_m=run.errors_m,
+        collisions=truth.collisions,
+        contact_s=truth.contact_s,
+        energy_wh=truth.energy_wh,
+    )
