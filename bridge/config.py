@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 MAX_FILE_BYTES = 64 * 1024
 MAX_NAME = 64
+_SHOWN = 10**30
 _RANGES: dict[str, tuple[float, float]] = {
     "robot_diameter_m": (0.05, 2.0),
     "cleaning_width_m": (0.02, 2.0),
@@ -59,9 +60,11 @@ def load_robot(path: Path | None) -> tuple[RobotModel, str]:
         model = RobotModel()
         return model, to_toml(model)
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
+        with path.open("rb") as file:  # not by its size: a device file says 0
+            content = file.read(MAX_FILE_BYTES + 1)
+        if len(content) > MAX_FILE_BYTES:
             raise ConfigError(f"robot file {path} is larger than {MAX_FILE_BYTES} bytes")
-        text = path.read_text(encoding="utf-8")
+        text = content.decode()
     except OSError as error:
         raise ConfigError(f"cannot read robot file {path}: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -81,7 +84,7 @@ def parse_robot(text: str) -> RobotModel:
     """
     try:
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # a number of 5000 digits is a ValueError
         raise ConfigError(f"not valid TOML: {error}") from None
     model = _fill(RobotModel(), data, "")
     if model.cleaning_width_m > model.robot_diameter_m:
@@ -103,11 +106,16 @@ def to_toml(model: RobotModel) -> str:
             tables.append(f"\n[{field.name}]")
             tables += [f"{k} = {v!r}" for k, v in dataclasses.asdict(value).items()]
         elif isinstance(value, str):
-            escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-            plain.append(f'{field.name} = "{escaped}"')
+            plain.append(f'{field.name} = "{"".join(_escaped(c) for c in value)}"')
         else:
             plain.append(f"{field.name} = {value!r}")
     return "\n".join(plain + tables) + "\n"
+
+
+def _escaped(character: str) -> str:
+    if character in '"\\':
+        return "\\" + character
+    return character if character.isprintable() else f"\\U{ord(character):08x}"
 
 
 _T = TypeVar("_T", RobotModel, RangerMount)
@@ -127,7 +135,10 @@ def _value(path: str, key: str, default: object, value: object) -> object:
     if isinstance(default, RangerMount):
         if not isinstance(value, dict):
             raise ConfigError(f"{path}: must be a table")
-        return _fill(default, value, f"{path}.")
+        mount = _fill(default, value, f"{path}.")
+        if mount.min_range_m >= mount.max_range_m:
+            raise ConfigError(f"{path}.min_range_m must be below {path}.max_range_m")
+        return mount
     if isinstance(default, str):
         if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME:
             raise ConfigError(f"{path}: must be a text of 1 to {MAX_NAME} characters")
@@ -138,5 +149,6 @@ def _value(path: str, key: str, default: object, value: object) -> object:
         raise ConfigError(f"{path}: {value!r} is not a whole number")
     low, high = _RANGES[key]
     if not low <= value <= high:
-        raise ConfigError(f"{path}: {value!r} is out of range {low:g}..{high:g}")
+        shown = repr(value) if isinstance(value, float) or abs(value) < _SHOWN else "a huge number"
+        raise ConfigError(f"{path}: {shown} is out of range {low:g}..{high:g}")
     return value if isinstance(default, int) else float(value)

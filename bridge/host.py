@@ -14,7 +14,8 @@ from bridge.mission import Ending, Mission, Phase, Request
 from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT
-from bridge.robot_state import RobotState
+from bridge.motion.relocalise import Relocaliser
+from bridge.robot_state import RobotState, missing_needs, understood
 from bridge.session import (
     Agreed,
     CommandEnded,
@@ -41,10 +42,10 @@ from bridge.telemetry import (
 from bridge.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Received, Rejected
-from protocol.messages import Encoders, Imu, LogText, Status
+from protocol.messages import Encoders, Imu, LogText, Range, Status
 from protocol.uart import DamagedFrame
-from protocol.values import LogLevel, StopCause, flag_labels, label
 from protocol.values import Fault as DeviceFault
+from protocol.values import Contact, LogLevel, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,6 +68,7 @@ _LEVELS = {
     LogLevel.WARNING: Severity.WARNING,
     LogLevel.ERROR: Severity.ERROR,
 }
+_ORIGIN = Pose2(0.0, 0.0, 0.0)
 _EXIT = {"disagreement": 4, "version": 4}
 
 
@@ -77,7 +79,7 @@ class HostOptions:
     unix_offset_ns: int
     """Unix time less the host's monotonic clock."""
     planner: str = ""
-    start: Pose2 = Pose2(0.0, 0.0, 0.0)
+    start: Pose2 = _ORIGIN
     """Where the robot stands at first, in the frame of the map."""
     node: int | None = None
 
@@ -101,6 +103,7 @@ class Host:
         self.state = RobotState()
         self.estimator = PoseEstimator(model, options.start)
         self.swept = SweptMap(model)
+        self._walls = Relocaliser(model, self.estimator)
         self.hello: Hello | None = None
         self.encoders_us = 0
         """Device time of the newest encoder sample: the estimate's position is of then."""
@@ -109,7 +112,7 @@ class Host:
         """Time (s, host) and estimate of every control step of the drive."""
         self._sink = sink
         self._options = options
-        self._control_ns = 0
+        self._control_ns = HostNs(0)
         self._map_ns = 0
         self._clock_ns = 0
         self._planner_state: PlannerState | None = None
@@ -135,10 +138,13 @@ class Host:
         self._digest(self.session.poll(now_ns), now_ns)
         if now_ns >= self._control_ns:
             late_ns = now_ns - self._control_ns
-            self._control_ns += CONTROL_PERIOD_NS
+            self._control_ns = HostNs(self._control_ns + CONTROL_PERIOD_NS)
             if late_ns > LATE_NS:
-                self._control_ns = now_ns + CONTROL_PERIOD_NS
-            self._control(now_ns)
+                self._control_ns = HostNs(now_ns + CONTROL_PERIOD_NS)
+                text = f"the host was held up for {late_ns / 1e6:.0f} ms; this step drives nothing"
+                self.event(now_ns, Severity.WARNING, "session", "late", text)
+            else:
+                self._control(now_ns)
         if now_ns >= self._clock_ns:
             self._clock_ns = now_ns + CLOCK_PERIOD_NS
             self._record_clock(now_ns)
@@ -153,14 +159,15 @@ class Host:
     def next_deadline(self) -> HostNs:
         """When :meth:`poll` has work next."""
         deadline = self.session.next_deadline()
-        control = HostNs(self._control_ns)
-        return control if deadline is None else min(control, deadline)
+        return self._control_ns if deadline is None else min(self._control_ns, deadline)
 
     def end(self, ending: Ending, now_ns: HostNs) -> None:
         """Ask for an orderly end: the robot stops first."""
         if self.session.state is State.READY:
             self.mission.request_end(ending, now_ns / 1e9)
         elif self.mission.ending is None:
+            if self.hello is not None:  # not heard is not the same as not hearing
+                self.session.stop(ending.cause, now_ns)
             self.mission.ending = ending
             self.mission.on_lost(now_ns / 1e9)
             self.mission.on_failed(ending.reason, ending.exit_status, now_ns / 1e9)
@@ -210,6 +217,7 @@ class Host:
             case "mode":
                 self.session.set_mode(request.value, now_ns)
             case _:
+                self.session.stop(request.value, now_ns)
                 if self.mission.ending is not None:
                     self.event(
                         now_ns,
@@ -219,7 +227,6 @@ class Host:
                         self.mission.ending.reason,
                         cause=label(StopCause, request.value),
                     )
-                self.session.stop(request.value, now_ns)
 
     def _changed(self, event: StateChanged, now_ns: HostNs) -> None:
         bad = event.new in {State.LOST, State.FAILED}
@@ -237,19 +244,22 @@ class Host:
     def _agreed(self, event: Agreed, now_ns: HostNs) -> None:
         self.hello = event.hello
         if event.rebooted:
+            # Its clock and its wheel counts began anew; the robot has not moved for that.
             self.sync.reset()
+            self.estimator = PoseEstimator(self.model, self.estimator.pose)
         for difference in event.differences:
-            self.event(
-                now_ns, Severity.WARNING, "session", "schema", difference.report()
-            )
+            self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
+        missing = missing_needs(event.differences)
+        if missing and self.mission.runner is not None:
+            text = f"the device cannot be driven: it lacks {', '.join(missing)}"
+            self.mission.on_failed(text, 4, now_ns / 1e9)
+            return
         self.mission.on_ready(now_ns / 1e9)
 
     def _ping(self, event: Ping, now_ns: HostNs) -> None:
         received, replied = self.sync.extend(event.received_us), self.sync.extend(event.replied_us)
         if not self.sync.exchange(event.sent_ns, received, replied, event.arrived_ns):
-            self.event(
-                now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped"
-            )
+            self.event(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
 
     def _data(self, received: Received, now_ns: HostNs) -> None:
         message, frame, spec = received
@@ -269,6 +279,8 @@ class Host:
                 message,
             )
         )
+        if not understood(message):
+            return
         self.state.take(message, now_ns / 1e9)
         match message:
             case Imu():
@@ -276,6 +288,8 @@ class Host:
             case Encoders():
                 self.encoders_us = device_us
                 self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
+            case Range():
+                self._see_walls(message)
             case Status():
                 self._status(message, now_ns)
             case LogText():
@@ -283,6 +297,16 @@ class Host:
                 self._sink.write(LogRecord(unix_ns, severity, "device", message.line))
             case _:
                 pass
+
+    def _see_walls(self, message: Range) -> None:
+        """Let walls that are seen again correct the estimate."""
+        if self.mission.phase is Phase.DRIVING:
+            self._walls.update(
+                message.ultrasonic_m,
+                message.infrared_left_m,
+                message.infrared_right_m,
+                touching=bool(message.contacts & (Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)),
+            )
 
     def _status(self, status: Status, now_ns: HostNs) -> None:
         faults = DeviceFault(status.faults)
@@ -333,7 +357,7 @@ class Host:
     def _unix(self, now_ns: int) -> int:
         return now_ns + self._options.unix_offset_ns
 
-    def event(  # noqa: PLR0913, PLR0917 - an event's parts
+    def event(
         self,
         now_ns: HostNs,
         severity: Severity,

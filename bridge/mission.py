@@ -6,7 +6,7 @@ Nothing moves unless the device has confirmed every step before it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 SETTLE_S = 2.5
 """At rest before the first move: the gyro's bias is averaged over 250 samples."""
+DATA_TIMEOUT_S = 3.0
+"""For the first status, and after settling for the data that driving needs: thirty periods."""
 END_TIMEOUT_S = 1.0
 LOST_TIMEOUT_S = 30.0
 
@@ -107,14 +109,17 @@ class Mission:
             )
             return
         self._was_ready = True
-        if self.phase is Phase.HOLDING:
+        if self.phase in {Phase.HOLDING, Phase.WAITING}:
             self._go(Phase.WAITING, now_s)
 
     def on_lost(self, now_s: float) -> None:
         """The device fell silent or forgot us."""
         self._ready = False
-        if self.phase in {Phase.DONE, Phase.ENDING}:
+        if self.phase is Phase.ENDING:
+            self._unconfirmed()
             self._finish(now_s)
+        elif self.phase is Phase.DONE:
+            return
         elif self._was_ready:
             self._go(Phase.HOLDING, now_s)
 
@@ -146,13 +151,13 @@ class Mission:
             return
         if not outcome.accepted:
             what = "clear stop" if isinstance(message, ClearStop) else "velocity mode"
-            why = (
-                "no answer"
-                if outcome.timed_out
-                else label(NackReason, outcome.reason if outcome.reason is not None else 0)
-            )
-            status = 5 if outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE} else 4
-            self._end(now_s, Ending("fault", f"the device refused {what}: {why}", status))
+            if outcome.reason is None:
+                ending = Ending("fault", f"the device did not answer {what}", 4)
+            else:
+                text = f"the device refused {what}: {label(NackReason, outcome.reason)}"
+                stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}
+                ending = Ending("stopped", text, 5) if stopped else Ending("fault", text, 4)
+            self._end(now_s, ending)
         elif isinstance(message, ClearStop):
             self._enable(now_s)
         elif isinstance(message, SetMode):
@@ -165,15 +170,17 @@ class Mission:
 
     # ---- time -----------------------------------------------------------------------------
 
-    def step(self, obs: Observation | None, stale: str | None, now_s: float) -> VelocityCommand | None:
+    def step(
+        self, obs: Observation | None, stale: str | None, now_s: float
+    ) -> VelocityCommand | None:
         """One control step; a velocity to send, or None where none may be sent."""
         elapsed_s = now_s - self._since_s
         match self.phase:
+            case Phase.WAITING:
+                if self.runner is not None and self._ready and elapsed_s > DATA_TIMEOUT_S:
+                    self._end(now_s, Ending("fault", "no status from the device", 3))
             case Phase.SETTLING:
-                if elapsed_s >= self._settle_s and obs is not None and stale is None:
-                    self.drive_started_s = now_s
-                    self._go(Phase.DRIVING, now_s)
-                return HALT
+                return self._settle(elapsed_s, obs, stale, now_s)
             case Phase.DRIVING:
                 return self._drive(obs, stale, now_s)
             case Phase.HOLDING:
@@ -182,10 +189,24 @@ class Mission:
                     self._finish(now_s)
             case Phase.ENDING:
                 if elapsed_s > END_TIMEOUT_S:
+                    self._unconfirmed()
                     self._finish(now_s)
             case _:
                 pass
         return None
+
+    def _settle(
+        self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
+    ) -> VelocityCommand:
+        if elapsed_s >= self._settle_s:
+            if obs is not None and stale is None:
+                self.drive_started_s = now_s
+                self._go(Phase.DRIVING, now_s)
+            elif elapsed_s > self._settle_s + DATA_TIMEOUT_S:
+                self._end(
+                    now_s, Ending("stopped", f"no {stale or 'range'} data from the device", 5)
+                )
+        return HALT
 
     def _drive(self, obs: Observation | None, stale: str | None, now_s: float) -> VelocityCommand:
         runner = self.runner
@@ -206,6 +227,7 @@ class Mission:
             and now_s - self.drive_started_s > self._max_time_s
         ):
             self._end(now_s, Ending("timeout", f"not finished after {self._max_time_s:g} s", 1))
+            return HALT
         return command
 
     # ---- inside ---------------------------------------------------------------------------
@@ -245,6 +267,12 @@ class Mission:
             return
         self._requests.append(Request("stop", ending.cause))
         self._go(Phase.ENDING, now_s)
+
+    def _unconfirmed(self) -> None:
+        """The run ends without the device's word that it stands; its own watchdog stops it."""
+        if self.ending is not None:
+            reason = f"{self.ending.reason}; the device did not confirm the stop"
+            self.ending = replace(self.ending, reason=reason)
 
     def _finish(self, now_s: float) -> None:
         if self.drive_started_s is not None and self.drive_ended_s is None:

@@ -6,15 +6,55 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bridge.motion.observation import Observation
-from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.messages import (
+    ClearStop,
+    Encoders,
+    Imu,
+    LogText,
+    Power,
+    Range,
+    SetMode,
+    Status,
+    VelocitySetpoint,
+)
 from protocol.values import Contact
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from bridge.motion.geometry import Pose2
+    from protocol.agreement import MessageAgreement
     from protocol.message import Message
 
 STALE_S = 0.3
 """Six range readings or fifteen encoder readings: more is not jitter but a fault."""
+
+_NEEDED: dict[type[Message], int] = {
+    Imu: 7,
+    Encoders: 2,
+    Range: 4,
+    Status: 3,
+    VelocitySetpoint: 4,
+    ClearStop: 2,
+    SetMode: 2,
+}
+"""Driving needs these messages, and of each that many leading fields."""
+_READ: dict[type[Message], int] = {**_NEEDED, Power: 1, LogText: 2}
+"""What the host looks into, and how far; the rest it only records."""
+
+
+def missing_needs(differences: Iterable[MessageAgreement]) -> list[str]:
+    """Names of what driving needs and the device does not have, or has otherwise."""
+    return [d.spec.name for d in differences if d.shared_fields < _NEEDED.get(d.spec.cls, 0)]
+
+
+def understood(message: Message) -> bool:
+    """Whether a device's message has every field that the host looks into.
+
+    An older device may leave fields out, which are then None.
+    """
+    count = _READ.get(type(message))
+    return count is None or None not in tuple(message)[:count]
 
 
 @dataclass(slots=True)

@@ -40,6 +40,8 @@ HELLO_PERIOD_NS = 200_000_000
 ANSWER_PERIOD_NS = 100_000_000
 OPEN_TIMEOUT_NS = 3_000_000_000
 """Three of the device's own hellos, which it sends at 1 Hz."""
+AGREE_TIMEOUT_NS = 8_000_000_000
+"""From opening to the first agreement: a device that is heard but never answers us."""
 LOST_AFTER_NS = 1_000_000_000
 FAST_PING_NS = 100_000_000
 FAST_PINGS = 50
@@ -67,6 +69,7 @@ TRANSITIONS: dict[tuple[State, str], State] = {
     (State.AGREEING, "agreed"): State.READY,
     (State.AGREEING, "disagree"): State.FAILED,
     (State.AGREEING, "silence"): State.LOST,
+    (State.AGREEING, "give_up"): State.FAILED,
     (State.READY, "silence"): State.LOST,
     (State.READY, "rebooted"): State.AGREEING,
     (State.READY, "forgotten"): State.AGREEING,
@@ -105,7 +108,8 @@ class Failed:
     """The session cannot go on."""
 
     kind: str
-    """``silence``, ``garbage``, ``echo``, ``version``, ``disagreement`` or ``other_device``."""
+    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``disagreement`` or
+    ``other_device``."""
     text: str
 
 
@@ -164,10 +168,15 @@ class Session:
         self.hello: Hello | None = None
         self.node = node
         self.session_id = 0
+        self._wanted_node = node
         self._new_session_id = new_session_id
         self._name = name
         self._catalogue = catalogue
         self._comparison: Comparison | None = None
+        self._joined = False
+        """The device has said that it is in our session."""
+        self._open_stop: int | None = None
+        """Cause of a stop that no device has confirmed yet; it outlives a lost link."""
         self._evidence = _Evidence()
         self._opened_ns = 0
         self._heard_ns = 0
@@ -182,8 +191,13 @@ class Session:
     # ---- in and out -----------------------------------------------------------------------
 
     def open(self, now_ns: HostNs) -> None:
-        """Start to look for a device."""
+        """Start to look for a device, any device: what was known of another is forgotten."""
+        if self.state is not State.CLOSED:
+            return
         self._opened_ns = self._next_ns = now_ns
+        self.hello = self._boot_known = self._open_stop = None
+        self.node = self._wanted_node
+        self._evidence = _Evidence()
         self._move("open", "opened")
         self.session_id = self._new_session_id()
 
@@ -213,6 +227,17 @@ class Session:
                 self._lose(now_ns)
         elif self.state is State.OPENING and now_ns - self._opened_ns > OPEN_TIMEOUT_NS:
             self._no_device()
+        if (
+            self.state in {State.AGREEING, State.LOST}
+            and self._boot_known is None
+            and now_ns - self._opened_ns > AGREE_TIMEOUT_NS
+        ):
+            self._fail(
+                "give_up",
+                "deaf",
+                "the device is heard but does not answer; check the wire from this host's TX "
+                "to its RX",
+            )
         if now_ns >= self._next_ns:
             self._periodic(now_ns)
         if self.state is State.READY:
@@ -240,15 +265,22 @@ class Session:
     # ---- what a user of the session asks for ----------------------------------------------
 
     def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send a velocity; it replaces one that still waits to be written."""
+        """Send a velocity; it replaces one that still waits to be written.
+
+        What is faster than the wire can say is sent as the fastest that it can.
+        """
         self._setpoint_counter = (self._setpoint_counter + 1) & 0xFF
         message = VelocitySetpoint(
-            round(v_m_s / 0.0001), round(yaw_rate_rad_s / 0.0002), ttl_ms, self._setpoint_counter
+            _raw(v_m_s / 0.0001), _raw(yaw_rate_rad_s / 0.0002), ttl_ms, self._setpoint_counter
         )
         self._send(message, now_ns, latest=True)
 
     def stop(self, cause: int, now_ns: HostNs) -> int:
-        """Latch a stop, repeated until the device has said yes."""
+        """Latch a stop, repeated until the device has said yes, in a later session if need be.
+
+        It is sent at once in any state: a device obeys a stop outside a session too.
+        """
+        self._open_stop = cause
         return self._command(Stop, cause, now_ns, forever=True)
 
     def clear_stop(self, cause: int, now_ns: HostNs) -> int:
@@ -322,16 +354,15 @@ class Session:
                 pass
 
     def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
-        self._send(
-            HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns
-        )
+        self._send(HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns)
 
     def _send_ping(self, now_ns: HostNs) -> None:
         self._ping = (self._ping + 1) & 0xFF
         self._pings[self._ping] = now_ns
         if len(self._pings) > 16:  # noqa: PLR2004 - four seconds of pings without an answer
             del self._pings[next(iter(self._pings))]
-        self._send(TimeRequest(self._ping), now_ns)
+        # On a port that takes nothing, pings must not queue up behind each other.
+        self._send(TimeRequest(self._ping), now_ns, latest=True)
 
     def _ask(self, now_ns: HostNs) -> None:
         comparison = self._comparison
@@ -351,6 +382,8 @@ class Session:
             case Ack() | Nack():
                 outcome = self.commands.reply(message, now_ns // 1000)
                 if outcome is not None:
+                    if isinstance(outcome.message, Stop) and outcome.accepted:
+                        self._open_stop = None
                     self._events.append(CommandEnded(outcome))
             case TimeReply():
                 sent_ns = self._pings.pop(message.ping, None)
@@ -359,8 +392,10 @@ class Session:
                         Ping(sent_ns, message.received_us, event.frame.t_us, now_ns)
                     )
             case _:
-                if self.state is State.AGREEING and self._settled:
-                    self._ready()
+                # Telemetry flows once the device knows that we agree; but what comes before it
+                # has named our session may still be of an earlier one.
+                if self.state is State.AGREEING and self._settled and self._joined:
+                    self._ready(now_ns)
         if self.state is State.READY:
             self._events.append(Data(event, now_ns))
 
@@ -390,7 +425,14 @@ class Session:
                 )
                 self._agree(hello, now_ns)
         elif self.state is State.AGREEING:
+            if known is not None and (known.boot_id, known.catalogue_hash) != (
+                hello.boot_id,
+                hello.catalogue_hash,
+            ):
+                self._agree(hello, now_ns)
+                return
             self.hello = hello
+            self._joined = self._joined or hello.session_id == self.session_id
 
     def _agree(self, hello: Hello, now_ns: HostNs) -> None:
         """Start agreement with the device that says ``hello``, always in a new session."""
@@ -399,8 +441,12 @@ class Session:
         if self._boot_known is not None and self._boot_known != hello.boot_id:
             self.link.forget_sequence()
         self.hello = hello
+        self._joined = False
         self.commands.cancel()
         self._pings.clear()
+        for spec in self._catalogue:  # what an earlier agreement said may be wrong now
+            self.link.codec.limit(spec.type_id, None)
+        self.link.disabled.clear()
         same = hello.catalogue_hash == self._catalogue.hash
         self._comparison = None if same else Comparison(self._catalogue)
         self._send_hello(now_ns, agreed=0)
@@ -411,9 +457,12 @@ class Session:
         comparison = self._comparison
         if self.state is not State.AGREEING or comparison is None:
             return
-        comparison.answer(reply)
+        if not comparison.answer(reply):
+            return
         if not comparison.complete:
-            self._ask(now_ns)
+            # One answer, one new question; what is lost is asked again by the clock.
+            for question in comparison.questions(QUESTIONS_AT_ONCE)[QUESTIONS_AT_ONCE - 1 :]:
+                self._send(question, now_ns)
             return
         broken = [a for a in comparison.outcome.values() if not a.usable and a.spec.bootstrap]
         if broken:
@@ -430,7 +479,7 @@ class Session:
                 self.link.disabled.add(type_id)
         self._ask(now_ns)
 
-    def _ready(self) -> None:
+    def _ready(self, now_ns: HostNs) -> None:
         hello = self.hello
         assert hello is not None  # noqa: S101 - set when agreement began
         assert self.node is not None  # noqa: S101 - set when agreement began
@@ -441,8 +490,12 @@ class Session:
         self._move("agreed", "both ends agree")
         outcome = self._comparison.outcome.values() if self._comparison else ()
         self._events.append(
-            Agreed(hello, self.node, rebooted, tuple(a for a in outcome if a.match.value != "equal"))
+            Agreed(
+                hello, self.node, rebooted, tuple(a for a in outcome if a.match.value != "equal")
+            )
         )
+        if self._open_stop is not None:
+            self.stop(self._open_stop, now_ns)
 
     def _lose(self, now_ns: HostNs) -> None:
         self._tries = 0
@@ -454,27 +507,41 @@ class Session:
         evidence = self._evidence
         if evidence.versions:
             spoken = ", ".join(str(v) for v in sorted(evidence.versions))
-            kind, text = "version", (
-                f"the device speaks protocol version {spoken}, this program {PROTOCOL_VERSION}; "
-                "update the older of the two"
+            kind, text = (
+                "version",
+                (
+                    f"the device speaks protocol version {spoken}, this program {PROTOCOL_VERSION}; "
+                    "update the older of the two"
+                ),
             )
         elif evidence.echoes:
             kind, text = "echo", "our own bytes come back: RX and TX are joined, or echo is on"
         elif self.link.statistics.damaged:
-            kind, text = "garbage", (
-                f"{evidence.received} bytes came, none of them an intact frame; "
-                "check the baud rate, or this is not a sweeper"
+            kind, text = (
+                "garbage",
+                (
+                    f"{evidence.received} bytes came, none of them an intact frame; "
+                    "check the baud rate, or this is not a sweeper"
+                ),
             )
         elif evidence.received:
-            kind, text = "garbage", (
-                f"{evidence.received} bytes came that are not a sweeper's; check the port"
+            kind, text = (
+                "garbage",
+                (f"{evidence.received} bytes came that are not a sweeper's; check the port"),
             )
         else:
-            kind, text = "silence", (
-                "nothing was heard for 3 s; check power, wiring, and that this is the right port"
+            kind, text = (
+                "silence",
+                ("nothing was heard for 3 s; check power, wiring, and that this is the right port"),
             )
         self._fail("no_device", kind, text)
 
     def _fail(self, what: str, kind: str, text: str) -> None:
-        self._move(what, text)
-        self._events.append(Failed(kind, text))
+        if (self.state, what) in TRANSITIONS:
+            self._move(what, text)
+            self._events.append(Failed(kind, text))
+
+
+def _raw(steps: float) -> int:
+    """To the wire's 16 bits, or the nearest that they hold."""
+    return round(min(32767.0, max(-32767.0, steps)))

@@ -25,6 +25,8 @@ MAX_DRIFT_PPM = 300.0
 BUCKET_US = 500_000
 BUCKETS = 60
 """Half a minute of history: longer and a crystal's own drift with temperature shows."""
+STAMP_NS = 1_000
+"""A device's stamp is up to this much before the moment that it names."""
 STEP_NS = 1_000_000
 STEP_SAMPLES = 5
 """Five contradictions of over 1 ms are a clock that jumped; one is a damaged stamp."""
@@ -100,14 +102,21 @@ class TimeSync:
         return True
 
     def map(self, device_us: DeviceUs) -> Mapped | None:
-        """Host time of a device moment, or None while nothing is known."""
+        """Host time of a device moment, or None while nothing is known, or all is in doubt.
+
+        A device's stamp is the moment cut to whole microseconds; the bound has room for that.
+        """
         fit = self.fit
-        if fit is None:
+        if fit is None or self._contradictions:
             return None
+        return self._at(fit, device_us)
+
+    @staticmethod
+    def _at(fit: Fit, device_us: int) -> Mapped:
         elapsed_ns = (device_us - fit.device_us) * 1000.0
         host_ns = fit.host_ns + elapsed_ns * (1.0 + fit.drift)
         bound_ns = fit.bound_ns + abs(elapsed_ns) * fit.drift_bound
-        return Mapped(HostNs(round(host_ns)), round(bound_ns) + 1)
+        return Mapped(HostNs(round(host_ns)), round(bound_ns) + STAMP_NS)
 
     # ---- fences ---------------------------------------------------------------------------
 
@@ -130,9 +139,7 @@ class TimeSync:
         fit = self.fit
         if fit is None:
             return False
-        received, replied = self.map(DeviceUs(received_us)), self.map(DeviceUs(replied_us))
-        assert received is not None  # noqa: S101 - there is a fit
-        assert replied is not None  # noqa: S101 - there is a fit
+        received, replied = self._at(fit, received_us), self._at(fit, replied_us)
         early = received.host_ns + received.bound_ns + STEP_NS < sent_ns
         late = replied.host_ns - replied.bound_ns - STEP_NS > arrived
         return early or late
@@ -147,7 +154,8 @@ class TimeSync:
         # Each fence carried to the moment of the fit along whichever slope is the laxer.
         high_ns = np.min(upper_ns - np.minimum(upper_at * (1 + slow), upper_at * (1 + fast)))
         low_ns = np.max(lower_ns - np.maximum(lower_at * (1 + slow), lower_at * (1 + fast)))
-        middle, half = 0.5 * float(high_ns + low_ns), max(0.0, 0.5 * float(high_ns - low_ns))
+        # Where they cross, they contradict each other by as much as that.
+        middle, half = 0.5 * float(high_ns + low_ns), 0.5 * abs(float(high_ns - low_ns))
         self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
 
 

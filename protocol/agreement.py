@@ -88,11 +88,11 @@ class Comparison:
         """Up to ``limit`` questions that are still unanswered."""
         return [Describe(t, len(s.fields)) for t, s in list(self._open.items())[:limit]]
 
-    def answer(self, reply: DescribeReply) -> None:
-        """Take one answer; what was not asked is passed over."""
+    def answer(self, reply: DescribeReply) -> bool:
+        """Take one answer; False for what is settled or was not asked: it is passed over."""
         spec = self._open.pop(reply.described_type, None)
         if spec is None:
-            return
+            return False
         own = len(spec.fields)
         chains = self._catalogue.chains[spec.type_id]
         if reply.field_count == UNKNOWN_MESSAGE:
@@ -105,3 +105,4 @@ class Comparison:
             match = Match.EQUAL if reply.field_count == own else Match.NEWER
         peer = 0 if match is Match.MISSING else reply.field_count
         self.outcome[spec.type_id] = MessageAgreement(spec, match, peer)
+        return True

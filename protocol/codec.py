@@ -9,7 +9,7 @@ from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.errors import FieldRangeError, PayloadError
 
 if TYPE_CHECKING:
-    from protocol.fields import Field, WireType
+    from protocol.fields import WireType
     from protocol.message import Message, MessageSpec
 
 _make = tuple.__new__
@@ -73,32 +73,27 @@ class Codec:
 
         """
         spec = self.catalogue.spec(type(message))
-        values = tuple(message)
-        fields, layout = spec.fields, spec.layout
         shared = self._shared.get(spec.type_id)
+        if shared is None and spec.is_numeric:
+            try:
+                return spec.type_id, spec.layout.pack(*message)
+            except struct.error:
+                pass  # the slow way finds out which field it was
+        return spec.type_id, self._encode_other(spec, tuple(message), shared)
+
+    def _encode_other(
+        self, spec: MessageSpec, values: tuple[Any, ...], shared: int | None
+    ) -> bytes:
+        fields, layout = spec.fields, spec.layout
         if shared is not None:
             values, fields, layout = values[:shared], fields[:shared], spec.prefix_layout(shared)
-        fixed, tail = values, b""
-        try:
-            if spec.text_field is not None and len(values) == len(spec.fields):
-                fixed, tail = values[:-1], values[-1].encode("utf-8", "replace")
-            payload = layout.pack(*fixed) + tail
-        except (struct.error, AttributeError, TypeError):
-            raise _range_error(spec, fields, values) from None
-        if "s" in layout.format:  # bytes, which struct cuts and pads without a word
-            for field, value in zip(fields, values, strict=True):
-                if not _fits(field.wire, value):
-                    raise FieldRangeError(spec.name, field.name, value)
-        return spec.type_id, payload
-
-
-def _range_error(
-    spec: MessageSpec, fields: tuple[Field, ...], values: tuple[Any, ...]
-) -> FieldRangeError:
-    for field, value in zip(fields, values, strict=True):
-        if not _fits(field.wire, value):
-            return FieldRangeError(spec.name, field.name, value)
-    return FieldRangeError(spec.name, "*", values)
+        for field, value in zip(fields, values, strict=True):
+            if not _fits(field.wire, value):  # struct cuts and pads bytes without a word
+                raise FieldRangeError(spec.name, field.name, value)
+        if fields and fields[-1].wire.is_text:
+            text: str = values[-1]
+            return layout.pack(*values[:-1]) + text.encode("utf-8", "replace")
+        return layout.pack(*values)
 
 
 def _fits(wire: WireType, value: Any) -> bool:  # noqa: ANN401 - whatever the caller put there

@@ -108,7 +108,7 @@ class Field:
         return float(self.offset) * SI_UNITS[self.unit][1]
 
     def named(self, name: str) -> Field:
-        """This declaration under its field's name."""
+        """Give the declaration under its field's name."""
         return replace(self, name=name)
 
 

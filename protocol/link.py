@@ -14,7 +14,7 @@ from protocol.catalogue import PROTOCOL_VERSION
 from protocol.codec import Codec
 from protocol.errors import LocalError, PayloadError
 from protocol.message import Direction, Message
-from protocol.uart import MAX_NODE, DamagedFrame, Frame, UartParser, check_frame, encode_frame
+from protocol.uart import MAX_NODE, DamagedFrame, Frame, UartParser, check_frame, encode_checked
 
 if TYPE_CHECKING:
     from protocol.message import MessageSpec
@@ -23,7 +23,6 @@ NODE_ALL = 0
 """Addresses every device; for stop, hello and time requests only."""
 NODE_MAX = MAX_NODE
 _HALF_SEQ = 128
-_HOST_SENDER = 0
 _new = tuple.__new__
 
 
@@ -94,40 +93,50 @@ class Link:
         self._sends = sends
         self._parser = UartParser()
         self._seq = 0
-        self._last_seq: dict[int, int] = {}
-        """Of each sender: the host counts all its frames together, whatever node they name."""
+        self._expected_seq: dict[int, int] = {}
+        # A device's frames name it; a host counts all its own together, whatever node they name.
+        self._sender_mask = 0xFF if sends is Direction.HOST else 0
         self._queue: list[_Waiting] = []
 
     # ---- receiving ------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> list[LinkEvent]:
         """Take bytes from the port; give what they complete, in order."""
-        statistics = self.statistics
-        statistics.bytes_in += len(data)
-        events: list[LinkEvent] = []
-        for item in self._parser.feed(data):
-            if isinstance(item, Frame):
-                events.append(self._interpret(item))
-            else:
-                statistics.damaged += 1
-                events.append(item)
-        return events
+        self.statistics.bytes_in += len(data)
+        return [
+            self._interpret(item) if isinstance(item, Frame) else self._damage(item)
+            for item in self._parser.feed(data)
+        ]
+
+    def _damage(self, item: DamagedFrame) -> DamagedFrame:
+        self.statistics.damaged += 1
+        return item
 
     def _interpret(self, frame: Frame) -> LinkEvent:
-        if frame[0] >> 4 != PROTOCOL_VERSION:
+        version_flags, node, type_id, seq, _, payload = frame
+        if version_flags >> 4 != PROTOCOL_VERSION:
             return self._reject(frame, "version")
         codec = self.codec
-        type_id = frame[2]
         spec = codec.catalogue.by_type.get(type_id)
         if spec is not None and spec.direction is self._sends:
             return self._reject(frame, "direction")
-        self._count(frame)
+        statistics = self.statistics
+        statistics.frames_in += 1
+        try:
+            statistics.by_type[type_id] += 1
+        except KeyError:
+            statistics.by_type[type_id] = 1
+        sender = node & self._sender_mask
+        if seq == self._expected_seq.get(sender, seq):
+            self._expected_seq[sender] = (seq + 1) & 0xFF
+        else:
+            self._out_of_sequence(sender, seq)
         if spec is None:
             return self._reject(frame, "type")
         if type_id in self.disabled:
             return self._reject(frame, "disabled")
         try:
-            return _new(Received, (codec.decode(spec, frame[5]), frame, spec))
+            return _new(Received, (codec.decode(spec, payload), frame, spec))
         except PayloadError:
             return self._reject(frame, "payload")
 
@@ -135,24 +144,17 @@ class Link:
         self.statistics.rejected += 1
         return Rejected(frame, reason)
 
-    def _count(self, frame: Frame) -> None:
-        statistics = self.statistics
-        statistics.frames_in += 1
-        type_id, seq = frame[2], frame[3]
-        statistics.by_type[type_id] = statistics.by_type.get(type_id, 0) + 1
-        sender = frame[1] if self._sends is Direction.HOST else _HOST_SENDER
-        last = self._last_seq.get(sender)
-        if last is not None:
-            gap = (seq - last - 1) & 0xFF
-            if gap >= _HALF_SEQ:
-                statistics.reordered += 1
-                return
-            statistics.lost += gap
-        self._last_seq[sender] = seq
+    def _out_of_sequence(self, sender: int, seq: int) -> None:
+        gap = (seq - self._expected_seq[sender]) & 0xFF
+        if gap >= _HALF_SEQ:
+            self.statistics.reordered += 1
+        else:
+            self.statistics.lost += gap
+            self._expected_seq[sender] = (seq + 1) & 0xFF
 
     def forget_sequence(self) -> None:
         """Expect any sequence number next: the peer has booted anew."""
-        self._last_seq.clear()
+        self._expected_seq.clear()
 
     # ---- sending --------------------------------------------------------------------------
 
@@ -195,7 +197,7 @@ class Link:
         # With a leading delimiter on an idle line, a damaged tail costs no intact neighbour.
         wires = [b"\0"]
         for node, type_id, t_us, payload, flags in self._queue:
-            wires.append(encode_frame(node, type_id, self._seq, t_us, payload, flags))
+            wires.append(encode_checked(node, type_id, self._seq, t_us, payload, flags))
             self._seq = (self._seq + 1) & 0xFF
         self._queue.clear()
         data = b"".join(wires)

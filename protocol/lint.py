@@ -43,18 +43,22 @@ def _message(spec: MessageSpec) -> Iterator[str]:
     if spec.layout.size > MAX_PAYLOAD:
         yield f"payload of {spec.layout.size} B exceeds {MAX_PAYLOAD} B"
     if spec.rate is RateClass.STREAM:
-        if spec.text_field is not None:
-            yield "a stream may not carry text"
-        if spec.layout.size > STREAM_PAYLOAD_MAX:
-            yield f"stream of {spec.layout.size} B exceeds {STREAM_PAYLOAD_MAX} B"
-        if spec.default_hz <= 0:
-            yield "a stream needs a default rate"
-        for part in sorted({f.can_part for f in spec.fields}):
-            size = sum(f.wire.size for f in spec.fields if f.can_part == part)
-            if size > CAN_PAYLOAD_MAX:
-                yield f"CAN part {part} of {size} B exceeds {CAN_PAYLOAD_MAX} B"
+        yield from _stream(spec)
     elif spec.rate is RateClass.COMMAND and [f.name for f in spec.fields[:1]] != ["command_id"]:
         yield "a command starts with its command_id"
+
+
+def _stream(spec: MessageSpec) -> Iterator[str]:
+    if spec.text_field is not None:
+        yield "a stream may not carry text"
+    if spec.layout.size > STREAM_PAYLOAD_MAX:
+        yield f"stream of {spec.layout.size} B exceeds {STREAM_PAYLOAD_MAX} B"
+    if spec.default_hz <= 0:
+        yield "a stream needs a default rate"
+    for part in sorted({f.can_part for f in spec.fields}):
+        size = sum(f.wire.size for f in spec.fields if f.can_part == part)
+        if size > CAN_PAYLOAD_MAX:
+            yield f"CAN part {part} of {size} B exceeds {CAN_PAYLOAD_MAX} B"
 
 
 def _field(spec: MessageSpec, field: Field) -> Iterator[str]:

@@ -101,6 +101,8 @@ class MessageSpec:
     """The fixed part; a text field follows it."""
     text_field: Field | None
     """The trailing text, where there is one."""
+    is_numeric: bool
+    """Nothing but integers: ``struct`` alone packs them and refuses what does not fit."""
 
     def prefix_layout(self, count: int) -> struct.Struct:
         """Layout of the first ``count`` fields, for a peer that knows only those."""
@@ -175,6 +177,7 @@ def specify(cls: type[Message]) -> MessageSpec:
         fields,
         struct.Struct("<" + "".join(f.wire.code for f in fields)),
         fields[-1] if fields and fields[-1].wire.is_text else None,
+        all(f.wire.is_integer for f in fields),
     )
 
 

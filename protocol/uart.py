@@ -30,6 +30,10 @@ FLAG_RETRY = 2
 MAX_FLAGS = 15
 MAX_NODE = 15
 _DELIMITER = b"\0"
+_unpack = {
+    MIN_DECODED + size: struct.Struct(f"<BBBBI{size}s4x").unpack for size in range(MAX_PAYLOAD + 1)
+}
+"""By the length of a decoded frame: header and payload in one call, the CRC passed over."""
 _new = tuple.__new__
 
 
@@ -97,6 +101,13 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
     """
     check_frame(node, type_id, payload, flags)
+    return encode_checked(node, type_id, seq, t_us, payload, flags)
+
+
+def encode_checked(  # noqa: PLR0913, PLR0917 - the header's fields
+    node: int, type_id: int, seq: int, t_us: int, payload: bytes, flags: int
+) -> bytes:
+    """Like :func:`encode_frame`, for what :func:`check_frame` has passed."""
     head = HEADER.pack(PROTOCOL_VERSION << 4 | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF)
     body = head + payload
     encoded: bytes = cobs.encode(body + CRC.pack(crc32(body)))
@@ -128,38 +139,41 @@ class UartParser:
 
     def feed(self, data: bytes) -> list[Frame | DamagedFrame]:
         """Take the next bytes; give what they complete, in order."""
-        start = self.bytes_seen - len(self._partial)
+        offset = self.bytes_seen - len(self._partial)
         self.bytes_seen += len(data)
         pieces = (self._partial + data).split(_DELIMITER)
         self._partial = pieces.pop()
         found: list[Frame | DamagedFrame] = []
-        offset = start
-        for piece in pieces:
-            if self._overlong:
-                found.append(self._end_overlong(piece, offset))
-            elif piece:
-                found.append(self._frame(piece, offset))
+        damaged = self.damaged
+        if self._overlong and pieces:
+            found.append(self._end_overlong(pieces[0], offset))
+            offset += len(pieces.pop(0)) + 1
+        for piece in pieces:  # every frame passes here: no call that is not needed
+            if piece:
+                try:
+                    body = cobs.decode(piece)
+                except cobs.DecodeError:
+                    found.append(self._damage(Damage.COBS, piece, offset))
+                else:
+                    unpack = _unpack.get(len(body))
+                    if unpack is None:
+                        found.append(self._damage(Damage.LENGTH, piece, offset))
+                    # The CRC over a codeword and its own CRC is a constant, the residue.
+                    elif crc32(body) != _RESIDUE:
+                        found.append(self._damage(Damage.CRC, piece, offset))
+                    else:
+                        found.append(_new(Frame, unpack(body)))
             offset += len(piece) + 1
+        self.frames += len(found) - (self.damaged - damaged)
         if len(self._partial) > MAX_ENCODED:
             self._overlong += len(self._partial) - MAX_ENCODED
             self._partial = self._partial[:MAX_ENCODED]
         return found
 
-    def _frame(self, piece: bytes, offset: int) -> Frame | DamagedFrame:
-        damage = Damage.LENGTH
-        if len(piece) <= MAX_ENCODED:
-            try:
-                body = cobs.decode(piece)
-            except cobs.DecodeError:
-                damage = Damage.COBS
-            else:
-                if len(body) >= MIN_DECODED:
-                    # The CRC over a codeword and its own CRC is a constant, the residue.
-                    if crc32(body) == _RESIDUE:
-                        self.frames += 1
-                        return _new(Frame, (*HEADER.unpack_from(body), body[8:-4]))
-                    damage = Damage.CRC
+    def _damage(self, damage: Damage, piece: bytes, offset: int) -> DamagedFrame:
         self.damaged += 1
+        if len(piece) > MAX_ENCODED:
+            damage = Damage.LENGTH  # whatever else: as where it came in many reads
         return DamagedFrame(damage, offset, len(piece), piece[:MAX_ENCODED])
 
     def _end_overlong(self, piece: bytes, offset: int) -> DamagedFrame:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bridge.motion.robot_model import RobotModel
+from protocol.catalogue import CATALOGUE
+from protocol.values import ResetCause
 from sim_device.firmware import TICK_US, Firmware, Identity
 from sim_device.noise import noise_level
 from sim_device.plant import Plant, Truth
@@ -15,6 +18,7 @@ from sim_device.world import World
 
 if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
+    from protocol.catalogue import Catalogue
 
 _TICK_MS = TICK_US // 1000
 
@@ -34,8 +38,11 @@ class VirtualSweeper:
         seed: int = 0,
         noise: str = "typical",
         node: int = 1,
+        catalogue: Catalogue = CATALOGUE,
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
+
+        ``catalogue`` is what the firmware's version of the project declares.
 
         Raises:
             FloorPlanError: the robot does not fit where it should start.
@@ -48,7 +55,8 @@ class VirtualSweeper:
         self.plant = Plant(World(plan, model), model, level, plant_rng)
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         identity = Identity(node, identity_rng.bytes(12), int(identity_rng.integers(1, 1 << 32)))
-        self.firmware = Firmware(model, identity, self.sensors)
+        self._model, self._catalogue = model, catalogue
+        self.firmware = Firmware(model, identity, self.sensors, catalogue)
         self._next_tick_us = 0
 
     def step(self, data: bytes, now_us: int) -> bytes:
@@ -60,6 +68,13 @@ class VirtualSweeper:
         if data:
             self.firmware.receive(data, now_us)
         return self.firmware.data_to_send()
+
+    def reboot(self, boot_id: int, cause: ResetCause = ResetCause.SOFTWARE) -> None:
+        """Start the firmware anew where the body stands; the device's time begins at 0 again."""
+        self.plant.set_duty(0.0, 0.0)
+        identity = replace(self.firmware.identity, boot_id=boot_id, reset_cause=cause)
+        self.firmware = Firmware(self._model, identity, self.sensors, self._catalogue)
+        self._next_tick_us = 0
 
     def next_deadline_us(self) -> int:
         """When the device has something to do next, bytes aside."""

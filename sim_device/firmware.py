@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.agreement import describe
+from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.codec import Codec
 from protocol.commands import CommandLog
 from protocol.link import NODE_ALL, Link, Received
 from protocol.message import Direction
@@ -55,6 +57,8 @@ HELLO_TICKS = 100
 LOG_PERIOD_US = 100_000
 """At most ten log lines a second; what waits longer is dropped, oldest first."""
 LOG_WAITING = 16
+LOG_BYTES = 120
+"""A line's length on the wire, whatever name a host gives itself."""
 BATTERY_LOW_V = 12.8
 """3.2 V a cell of four."""
 TICK_WORK_US = 400
@@ -86,14 +90,21 @@ class Identity:
 class Firmware:
     """The device's program, one instance per boot."""
 
-    def __init__(self, model: RobotModel, identity: Identity, sensors: Sensors) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        identity: Identity,
+        sensors: Sensors,
+        catalogue: Catalogue = CATALOGUE,
+    ) -> None:
+        """``catalogue`` is what this firmware's version of the project declares."""
         self.identity = identity
         self.mode = Mode.IDLE
         self.latch = StopLatch()
         self.agreed = False
         self.session_id = 0
         self.faults = Fault(0)
-        self.link = Link(Direction.DEVICE)
+        self.link = Link(Direction.DEVICE, codec=Codec(catalogue))
         self.wheels = WheelControl(model)
         self.watchdog = SetpointWatchdog()
         self._sensors = sensors
@@ -153,6 +164,8 @@ class Firmware:
     # ---- session --------------------------------------------------------------------------
 
     def _open(self, hello: HostHello, now_us: int) -> None:
+        if not hello.session_id:
+            return  # 0 says "no session", whose host is never missed
         if hello.session_id != self.session_id:
             if self.session_id:
                 self.stop(StopCause.LINK, only_if_free=True)
@@ -163,7 +176,7 @@ class Firmware:
             self._freshness.reset()
         if hello.agreed and not self.agreed:
             self.agreed = True
-            self.log(LogLevel.INFO, f"session with {hello.name}"[:80])
+            self.log(LogLevel.INFO, f"session with {hello.name}")
         self._hello(now_us)
 
     def _hello(self, now_us: int) -> None:
@@ -195,13 +208,17 @@ class Firmware:
     def _command(self, message: ClearStop | SetMode) -> int | None:
         if not self.agreed:
             return NackReason.NO_SESSION
-        if isinstance(message, ClearStop):
-            if not self.latch.latched:
-                return None
-            if not self.latch.clear(message.cause):
-                return NackReason.OTHER_CAUSE
-            self.log(LogLevel.INFO, f"stop cleared: {label(StopCause, message.cause)}")
+        return self._clear(message) if isinstance(message, ClearStop) else self._choose(message)
+
+    def _clear(self, message: ClearStop) -> int | None:
+        if not self.latch.latched:
             return None
+        if not self.latch.clear(message.cause):
+            return NackReason.OTHER_CAUSE
+        self.log(LogLevel.INFO, f"stop cleared: {label(StopCause, message.cause)}")
+        return None
+
+    def _choose(self, message: SetMode) -> int | None:
         if message.mode not in {Mode.IDLE, Mode.VELOCITY}:
             return NackReason.BAD_VALUE
         if message.mode != Mode.IDLE and self.latch.latched:
@@ -307,7 +324,8 @@ class Firmware:
 
     def log(self, level: LogLevel, line: str) -> None:
         """Queue a line for the host."""
-        self._log.append(LogText(level, line))
+        text = line.encode()[:LOG_BYTES].decode(errors="ignore")
+        self._log.append(LogText(level, text))
         del self._log[:-LOG_WAITING]
 
 

@@ -326,8 +326,12 @@ class Plant:
                 self._chassis.wall_friction,
             )
             self._gap_m = min(gap_m, _CAREFUL_M)
-        gone_x, gone_y = x1 - x, y1 - y
-        ahead, aside = gone_x * c + gone_y * s, gone_y * c - gone_x * s
+        if x1 == x + dx and y1 == y + dy:  # unhindered: the floats of the free floor
+            ahead, aside = ds, 0.0
+        else:
+            gone_x, gone_y = x1 - x, y1 - y
+            ahead, aside = gone_x * c + gone_y * s, gone_y * c - gone_x * s
+            travel = hypot(gone_x, gone_y)
         self._slide_v, self._slide_lateral_v = ahead / TICK_S, aside / TICK_S
         self._slide_m_rad += aside * dth
         self._r = Rolling(
@@ -339,7 +343,7 @@ class Plant:
             y1,
             th + dth,
             sway + ahead * dth,
-            path + hypot(gone_x, gone_y),
+            path + travel,
         )
         if self._touches:
             self._contacts.count(self.tick_ms, before, self._touches, vx, vy)

@@ -11,11 +11,11 @@ import selectors
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
     from types import TracebackType
 
     from sim_device.device import VirtualSweeper
@@ -91,7 +91,7 @@ class PtyPort:
             with suppress(OSError):
                 os.close(end)
 
-    def __enter__(self) -> PtyPort:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

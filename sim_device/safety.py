@@ -5,9 +5,13 @@ Pure rules over device microseconds; the firmware asks them, and the wheels obey
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from protocol.clock import DeviceUs, extend_us
-from protocol.messages import VelocitySetpoint
 from protocol.values import StopCause
+
+if TYPE_CHECKING:
+    from protocol.messages import VelocitySetpoint
 
 MAX_TIME_TO_LIVE_US = 250_000
 HOST_SILENCE_US = 1_000_000

@@ -46,9 +46,15 @@ class LaneOptions:
     cliff_back_off_m: float = 0.05
     short_step_m: float = 0.015
     """A side step that lacks less than this of W is a whole one."""
+    step_from: Literal["lane_line", "here"] = "lane_line"
+    """What "move distance W" is counted from: the line that the last lane was meant to keep,
+    so that lanes stay W apart whatever a bump or a wheel's slip did in between, or wherever
+    the robot happens to stand."""
     rest_s: float = 0.6
     """Stand still at the end of every lane: the gyro's bias is measured in the second half of
     it. At 0.01 °/s a run of case 1 would else end 2° askew. 0 leaves it out."""
+    least_step_m: float = 0.02
+    """A step is never shorter, however far a lane strayed towards the next one."""
     max_lanes: int = 2000
     """Bound on a run in which the ends above are never met."""
 
@@ -62,6 +68,7 @@ class LanePlanner(ScriptedPlanner, ABC):
         self._lane_options = options
         self._origin = Pose2(0.0, 0.0, 0.0)
         self._step_heading = 0.0
+        self._line_m = 0.0
         self._lanes = 0
         self._blocked_steps = 0
 
@@ -70,6 +77,7 @@ class LanePlanner(ScriptedPlanner, ABC):
         self._origin = pose
         turn = math.pi / 2 if self._lane_options.side == "left" else -math.pi / 2
         self._step_heading = wrap_angle(pose.theta_rad + turn)
+        self._line_m = 0.0
         self._lanes = 0
         self._blocked_steps = 0
 
@@ -91,19 +99,32 @@ class LanePlanner(ScriptedPlanner, ABC):
             yield Rest(options.rest_s)
         return lane
 
-    def _side_step(self, heading_rad: float, distance_m: float) -> Part:
-        """Turn across the lanes and drive one cleaning width."""
+    def _side_step(self, pose: Pose2, distance_m: float) -> Part:
+        """Turn across the lanes and drive to the line ``distance_m`` on, or back if negative.
+
+        ``pose`` is where the robot stands; the line of the last lane decides how far that is.
+        """
+        options = self._lane_options
+        if options.step_from == "here":
+            self._line_m = self._offset_m(pose)
+        self._line_m += distance_m
+        way_m = self._line_m - self._offset_m(pose)
+        if distance_m < 0.0:
+            way_m = -way_m
+        turn = 0.0 if distance_m >= 0.0 else math.pi
+        heading_rad = wrap_angle(self._step_heading + turn)
         yield Turn(heading_rad)
-        return (
-            yield from self._drive(
-                Drive(
-                    heading_rad,
-                    distance_m,
-                    stop_range_m=self._lane_options.step_stop_range_m,
-                    purpose="step",
-                ),
-            )
+        result = yield from self._drive(
+            Drive(
+                heading_rad,
+                max(way_m, options.least_step_m),
+                stop_range_m=options.step_stop_range_m,
+                purpose="step",
+            ),
         )
+        if self._is_short(result):
+            self._line_m = self._offset_m(result.pose)
+        return result
 
     def _drive(self, leg: Drive) -> Part:
         """Drive a leg; after a bump or a cliff, back off far enough to turn."""
@@ -118,9 +139,10 @@ class LanePlanner(ScriptedPlanner, ABC):
         elif result.reason is StopReason.CLIFF:
             yield Drive(heading_rad, -options.cliff_back_off_m, speed_m_s=0.1, purpose="back-off")
 
-    def _is_short(self, result: LegResult, wanted_m: float) -> bool:
-        """Whether a drive ended before its length for a reason in the world."""
-        lacking = wanted_m - result.distance_m
+    def _is_short(self, result: LegResult) -> bool:
+        """Whether a step ended before its length for a reason in the world."""
+        wanted_m = result.leg.distance_m if isinstance(result.leg, Drive) else None
+        lacking = (wanted_m or 0.0) - result.distance_m
         return result.reason.blocked and lacking > self._lane_options.short_step_m
 
     def _stuck(self, lane: LegResult, *, blocked: bool) -> str | None:

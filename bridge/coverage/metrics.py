@@ -22,6 +22,8 @@ _CHUNK_S = 0.25
 """Poses are merged into straight pieces up to this long: the resolution of the times."""
 _TOLERANCE_M = 2e-4
 """... as long as neither end of the mouth strays further than this from the piece."""
+_JUMP_M = 0.2
+"""Poses further apart than this are not joined: a log with a hole, or an estimate set anew."""
 _T90, _T99 = 0.90, 0.99
 
 
@@ -125,8 +127,8 @@ class CoverageMeter:
         times = np.full(raster.shape, np.inf)
         body = raster.empty()
         start_s = track[0].time_s if track else 0.0
-        if track:
-            pieces = self._pieces(track)
+        for part in _unbroken(track):
+            pieces = self._pieces(part)
             ends = [self._mouth(p) for p in pieces]
             for pose, old, new in zip(pieces[1:], ends, ends[1:], strict=False):
                 raster.stamp_sweep(times, old, new, pose.time_s - start_s)
@@ -184,7 +186,8 @@ class CoverageMeter:
         lane_length_m: float | None,
     ) -> CoverageReport:
         raster, regions, width = self.regions.raster, self.regions, self._model.cleaning_width_m
-        path_m = sum(math.dist(a[1:3], b[1:3]) for a, b in pairwise(track))
+        steps = (math.dist(a[1:3], b[1:3]) for a, b in pairwise(track))
+        path_m = sum(step for step in steps if step <= _JUMP_M)
         duration_s = track[-1].time_s - track[0].time_s if track else 0.0
         hole_cm2, inradius_m = self._holes(regions.sweepable & ~swept)
         swept_m2 = raster.area_m2(swept)
@@ -246,6 +249,16 @@ def _straight(anchor: Sequence[float], directions: Sequence[float], ends: Sequen
         if dx * ex + dy * ey < 0.0 or abs(dx * ey - dy * ex) > _TOLERANCE_M * length:
             return False
     return True
+
+
+def _unbroken(track: list[TimedPose]) -> list[list[TimedPose]]:
+    """The track cut where it jumps."""
+    parts: list[list[TimedPose]] = [track[:1]] if track else []
+    for a, b in pairwise(track):
+        if math.dist(a[1:3], b[1:3]) > _JUMP_M:
+            parts.append([])
+        parts[-1].append(b)
+    return parts
 
 
 def _moving(path: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -74,8 +74,8 @@ class PaperPlanner(LanePlanner):
             if case == 3:  # noqa: PLR2004 - the paper's own number
                 yield from self._recover(heading, lane)
             self._state = replace(self._state, state="step", target=None)
-            step = yield from self._side_step(self._step_heading, width)
-            blocked = self._is_short(step, width)
+            step = yield from self._side_step(lane.pose, width)
+            blocked = self._is_short(step)
             if blocked:
                 self._tell_blocked(step)
             reason = self._stuck(lane, blocked=blocked)
@@ -147,14 +147,16 @@ class PaperPlanner(LanePlanner):
         )
         if length > 0.0:
             self._state = replace(self._state, state="recovery-back")
-            back = yield from self._side_step(wrap_angle(self._step_heading + math.pi), length)
-            if self._is_short(back, length):
+            line_m = self._line_m
+            back = yield from self._side_step(leave, -length)
+            if self._is_short(back):
                 self._tell_blocked(back)
             pose = yield from self._sweep_shadow(
                 wrap_angle(heading + math.pi), back.pose, self._offset_m(leave) - 0.5 * width
             )
             if self.options.return_by == "leave_point":
                 yield from self._return_to(leave, pose)
+                self._line_m = line_m
         if self.options.clear_after_recovery:
             self._state = replace(self._state, turn_count=0)
         self.decide("recovery-end", "the shadow is swept as far as it could be")
@@ -180,9 +182,9 @@ class PaperPlanner(LanePlanner):
                     distance_m=lane.distance_m,
                 )
             self._state = replace(self._state, state="recovery-step")
-            step = yield from self._side_step(self._step_heading, width)
+            step = yield from self._side_step(lane.pose, width)
             pose = step.pose
-            blocked = self._is_short(step, width)
+            blocked = self._is_short(step)
             if blocked:
                 self._tell_blocked(step)
             if self._stuck(lane, blocked=blocked) is not None:

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from bridge.coverage.planner import Script, ScriptedPlanner
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import Drive, StopReason, Turn
 
 if TYPE_CHECKING:
-    import random
-
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
+
+
+class Dice(Protocol):
+    """Where chance comes from: ``random.Random`` is one."""
+
+    def uniform(self, a: float, b: float, /) -> float:
+        """A number between ``a`` and ``b``, all equally likely."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +42,7 @@ class RandomPlanner(ScriptedPlanner):
     def __init__(
         self,
         model: RobotModel,
-        rng: random.Random,
+        rng: Dice,
         options: RandomOptions | None = None,
     ) -> None:
         """All chance comes from ``rng``."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.coverage.paper import PaperPlanner
-from bridge.coverage.random_bounce import RandomPlanner
+from bridge.coverage.random_bounce import Dice, RandomPlanner
 from bridge.coverage.u_shape import UShapePlanner
 
 if TYPE_CHECKING:
-    import random
     from collections.abc import Callable
 
     from bridge.coverage.planner import Planner
     from bridge.motion.robot_model import RobotModel
 
-    Factory = Callable[[RobotModel, random.Random], Planner]
+    Factory = Callable[[RobotModel, Dice], Planner]
 
 PLANNERS: dict[str, str] = {
     "paper": "the paper's algorithm to the letter: lanes, and one slot of memory for an obstacle",
@@ -40,7 +39,7 @@ class UnknownPlannerError(ValueError):
         super().__init__(f"unknown planner '{name}'; there are: {', '.join(PLANNERS)}")
 
 
-def make_planner(name: str, model: RobotModel, rng: random.Random) -> Planner:
+def make_planner(name: str, model: RobotModel, rng: Dice) -> Planner:
     """A new planner. ``rng`` is used only by those that throw dice.
 
     Raises:

@@ -90,7 +90,8 @@ class SweptMap:
         turn = math.remainder(pose.theta_rad - last.theta_rad, math.tau)
         reach = abs(self._offset_m) + self._half_m
         way = (abs(dx) + abs(dy) + abs(turn) * reach) * self._per_m
-        if way < 0.25:  # noqa: PLR2004 - a quarter of a cell: nothing new yet
+        if not way >= 0.25:  # noqa: PLR2004 - a quarter of a cell: nothing new yet
+            self.dropped += way != way  # noqa: PLR0124 - not a number
             return
         self._last = pose
         steps = 1 if abs(dx) + abs(dy) > _GAP_M else math.ceil(way)

@@ -39,8 +39,8 @@ class UShapePlanner(LanePlanner):
             )
             self.decide("lane", f"lane ended: {lane.reason}", distance_m=lane.distance_m)
             self._state = replace(self._state, state="step")
-            step = yield from self._side_step(self._step_heading, width)
-            blocked = self._is_short(step, width)
+            step = yield from self._side_step(lane.pose, width)
+            blocked = self._is_short(step)
             if blocked:
                 self.decide(
                     "blocked",

@@ -7,7 +7,7 @@ import os
 import selectors
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, Self
 
 import serial
 
@@ -68,6 +68,8 @@ class SerialPort:
             self.low_latency = True
         self._port.timeout = 0 if self._selectable else 0.005
         self._port.write_timeout = 0
+        # pyserial's own write spins for as long as a full port says "not now".
+        self._fd = self._port.fileno() if self._selectable and os.name == "posix" else None
 
     def wait(self, timeout_s: float) -> bytes:
         """Bytes that are there, or that come within the time; empty at its end or a wake.
@@ -99,12 +101,14 @@ class SerialPort:
 
         """
         try:
+            if self._fd is not None:
+                return os.write(self._fd, data)
             return self._port.write(data) or 0
+        except (BlockingIOError, InterruptedError):
+            return 0
         except serial.SerialTimeoutException:
             return 0
         except (OSError, TypeError) as error:
-            if getattr(error, "errno", None) in {errno.EAGAIN, errno.EWOULDBLOCK}:
-                return 0
             raise PortError(f"{self.name} is gone: {_reason(error)}") from None
 
     def wake(self) -> None:
@@ -126,7 +130,7 @@ class SerialPort:
             with suppress(OSError):
                 os.close(end)
 
-    def __enter__(self) -> SerialPort:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

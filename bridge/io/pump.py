@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 _IDLE_S = 0.25
+STUCK_NS = 50_000_000
+"""Nothing older goes out: what a port did not take by then is dropped, and told."""
 
 
 class Pump:
@@ -31,6 +33,8 @@ class Pump:
         self._port: BytePort | None = port
         self._reopen = reopen
         self._pending = b""
+        self._fetched_ns = HostNs(0)
+        self._stuck = False
         self._ask: Ending | None = None
         self._end_at_ns: HostNs | None = None
         self._tries = 0
@@ -44,7 +48,7 @@ class Pump:
             port.wake()
 
     def end_after(self, duration_s: float) -> None:
-        """End the run in order after this long."""
+        """End the run in order after this long; not before a device was found or given up."""
         self._end_at_ns = HostNs(clock.now() + round(duration_s * 1e9))
 
     def run(self) -> None:
@@ -73,10 +77,14 @@ class Pump:
                 self._gone(error, now_ns)
         now_ns = clock.now()
         host.receive(data, now_ns)
-        ending, self._ask = self._ask or self.watch(), None
+        ending = self._ask
+        if ending is None:  # cleared only where it was seen: a signal may come between any lines
+            ending = self.watch()
+        else:
+            self._ask = None
         if ending is not None:
             host.end(ending, now_ns)
-        if self._end_at_ns is not None and now_ns >= self._end_at_ns:
+        if self._end_at_ns is not None and now_ns >= self._end_at_ns and host.hello is not None:
             self._end_at_ns = None
             host.end(Ending("stopped", "the time asked for is over", 0), now_ns)
         host.poll(now_ns)
@@ -85,13 +93,30 @@ class Pump:
     def _write(self, now_ns: HostNs) -> None:
         # New bytes are fetched only once the old ones are gone: what waits in the link's
         # queue can still be superseded, what waits here cannot.
+        port = self._port
+        if port is None:
+            return
+        if self._pending and now_ns - self._fetched_ns > STUCK_NS:
+            self._drop_stuck(now_ns)
         if not self._pending:
             self._pending = self.host.data_to_send(now_ns)
-        if self._pending and self._port is not None:
+            self._fetched_ns = now_ns
+        if self._pending:
             try:
-                self._pending = self._pending[self._port.write(self._pending) :]
+                self._pending = self._pending[port.write(self._pending) :]
             except PortError as error:
                 self._gone(error, now_ns)
+                return
+            self._stuck = self._stuck and bool(self._pending)
+
+    def _drop_stuck(self, now_ns: HostNs) -> None:
+        # The frame that is cut short is damaged at the far end, and no other: each batch
+        # begins with a delimiter. Stops and commands are repeated by the session.
+        if not self._stuck:
+            self._stuck = True
+            text = f"the port takes no bytes; {len(self._pending)} bytes are dropped"
+            self.host.event(now_ns, Severity.WARNING, "link", "stuck", text)
+        self._pending = b""
 
     def _flush(self) -> None:
         for _ in range(10):

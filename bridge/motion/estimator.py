@@ -28,8 +28,10 @@ ENCODER_GAP_S = 10.0
 """Beyond this a 16-bit counter may have wrapped by more than half unseen (4.3 m)."""
 IMU_GAP_S = 0.1
 """Beyond this the rate between two gyro samples is not known; the wheels turn the heading."""
-_FIRST_BIAS_SAMPLES = 50
-"""Rest samples before the gyro's veto on rest means anything."""
+_FIRST_BIAS_SAMPLES = 25
+"""Rest samples before the gyro is trusted; until then the wheels turn the heading."""
+_LARGEST_BIAS_RAD_S = 0.4
+"""Above the data sheet's ±20 °/s a first sample is a motion, not a bias."""
 _ALONG_M_SQRT_M = 0.01
 """Position noise along the way per √m: wheel scale, quantisation, a little slip (our choice)."""
 _ACROSS_M_SQRT_M = 0.003
@@ -44,8 +46,8 @@ class PoseEstimator:
 
     Feed samples in the order of their stamps as far as possible; a stale gyro sample is
     ignored. All times are of one clock, in seconds; only differences matter. The first encoder
-    sample is the reference. While no gyro sample comes for 0.1 s the heading is taken from the
-    wheels (eq. 4).
+    sample is the reference. While no gyro sample comes for 0.1 s, and before the first rest of
+    25 gyro samples, the heading is taken from the wheels (eq. 4).
     """
 
     __slots__ = (
@@ -162,12 +164,19 @@ class PoseEstimator:
         self._imu_s = t_s
         self._gyro = gyro_z_rad_s
         rate = gyro_z_rad_s - self._bias
-        self._resting = self._standstill.at_rest(t_s) and (
-            self._rest_samples < _FIRST_BIAS_SAMPLES or abs(rate) < Standstill.RATE_VETO_RAD_S
-        )
+        trusted = self._rest_samples >= _FIRST_BIAS_SAMPLES
+        least = Standstill.RATE_VETO_RAD_S if trusted else _LARGEST_BIAS_RAD_S
+        still = self._standstill.at_rest(t_s)
+        self._resting = still and abs(rate if trusted else gyro_z_rad_s) < least
         if self._resting:
             self._measure_bias(gyro_z_rad_s)
             self._yaw_rate = 0.0
+            return
+        if not trusted:
+            # set off before the rest was long enough: its few samples may be of the start
+            self._rest_samples = 0
+            self._bias = 0.0
+            self._pbb = self._noise.bias_prior_rad_s**2
             return
         self._yaw_rate = rate
         if previous_s is None or t_s - previous_s > IMU_GAP_S:
@@ -208,12 +217,57 @@ class PoseEstimator:
         if travel or rotation or self._turning_s:
             self._advance(travel, rotation)
 
+    def correct_yaw(self, error_rad: float, variance: float) -> None:
+        """Take a measurement of the heading's error (estimate less truth, rad²)."""
+        self._correct((0.0, 0.0, 1.0), error_rad, variance)
+
+    def correct_position(
+        self, direction_x: float, direction_y: float, error_m: float, variance: float
+    ) -> None:
+        """Take a measurement of the position's error along a unit vector (m, m²)."""
+        self._correct((direction_x, direction_y, 0.0), error_m, variance)
+
+    def disturb(self, sigma_m: float, sigma_rad: float) -> None:
+        """Grow the doubt: something moved the robot that wheels and gyro do not tell whole."""
+        self._pxx += sigma_m**2
+        self._pyy += sigma_m**2
+        self._ptt += sigma_rad**2
+
     # -- inside ----------------------------------------------------------------------------
+
+    def _correct(self, h: tuple[float, float, float], error: float, variance: float) -> None:
+        """One scalar Kalman update for a measurement of h·(x, y, θ); the bias follows."""
+        hx, hy, ht = h
+        x = self._pxx * hx + self._pxy * hy + self._pxt * ht
+        y = self._pxy * hx + self._pyy * hy + self._pyt * ht
+        t = self._pxt * hx + self._pyt * hy + self._ptt * ht
+        b = self._pxb * hx + self._pyb * hy + self._ptb * ht
+        gain = 1.0 / (hx * x + hy * y + ht * t + variance)
+        step = -error * gain
+        self._x += x * step
+        self._y += y * step
+        self._theta += t * step
+        self._heading_mark += t * step
+        self._bias += b * step
+        self._pxx -= x * x * gain
+        self._pxy -= x * y * gain
+        self._pyy -= y * y * gain
+        self._pxt -= x * t * gain
+        self._pyt -= y * t * gain
+        self._ptt -= t * t * gain
+        self._pxb -= x * b * gain
+        self._pyb -= y * b * gain
+        self._ptb -= t * b * gain
+        self._pbb -= b * b * gain
 
     def _rotation(self, t_s: float, dt_s: float, wheel_turn: float) -> float:
         """Heading change since the last encoder sample; leaves the mark at this one."""
         mark = self._heading_mark
-        if self._imu_s is not None and t_s - self._imu_s <= IMU_GAP_S:
+        if (
+            self._imu_s is not None
+            and t_s - self._imu_s <= IMU_GAP_S
+            and self._rest_samples >= _FIRST_BIAS_SAMPLES
+        ):
             now = self._theta + self._yaw_rate * (t_s - self._imu_s)
         else:
             now = mark + wheel_turn

@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 from bridge.record.cdr import CdrLayout, stamp
+from bridge.record.wheels import WheelAngles
 from protocol.messages import Encoders, Imu, Power, Range
 
 if TYPE_CHECKING:
@@ -118,11 +119,6 @@ _JOINT_STATE = CdrLayout(
 _DISCHARGING = 2
 _ULTRASOUND, _INFRARED = 0, 1
 
-_COUNT_WRAP = 1 << 16
-_US_WRAP = 1 << 32
-_GAP_S = 10.0
-"""At full speed half the counter's range passes in 14 s: beyond this the count is unknown."""
-
 
 class _Ranger:
     """One range sensor's topic; no echo is +infinity, as ROS has it (REP 117)."""
@@ -145,38 +141,12 @@ class _Ranger:
         return RosMessage(self.topic, RANGE, self._layout.encode(*time, value))
 
 
-class _Wheels:
-    """Wheel angles and speeds from wrapping counts; remembers one message."""
-
-    def __init__(self, rad_per_count: float) -> None:
-        self._rad_per_count = rad_per_count
-        self._counts: tuple[int, int] | None = None
-        self._t_us = 0
-        self._angles = (0.0, 0.0)
-
-    def advance(self, counts: tuple[int, int], t_us: int) -> tuple[float, float, float, float]:
-        """Angles (rad) since the first message and speeds (rad/s; NaN where unknown)."""
-        speeds = (math.nan, math.nan)
-        if self._counts is not None:
-            dt_s = (t_us - self._t_us) % _US_WRAP * 1e-6
-            if 0.0 < dt_s <= _GAP_S:
-                half = _COUNT_WRAP // 2
-                steps = [
-                    ((now - then + half) % _COUNT_WRAP - half) * self._rad_per_count
-                    for now, then in zip(counts, self._counts, strict=True)
-                ]
-                self._angles = (self._angles[0] + steps[0], self._angles[1] + steps[1])
-                speeds = (steps[0] / dt_s, steps[1] / dt_s)
-        self._counts, self._t_us = counts, t_us
-        return (*self._angles, *speeds)
-
-
 class RosTranslator:
     """Turns device messages into their ROS 2 counterparts; one robot's messages in order."""
 
     def __init__(self, model: RobotModel) -> None:
         self._rad_per_count = 2.0 * math.pi / model.counts_per_turn
-        self._wheels: dict[int, _Wheels] = {}
+        self._wheels: dict[int, WheelAngles] = {}
         self._front = _Ranger("front", model.ultrasonic, _ULTRASOUND)
         self._left = _Ranger("left", model.infrared_left, _INFRARED)
         self._right = _Ranger("right", model.infrared_right, _INFRARED)
@@ -225,7 +195,7 @@ class RosTranslator:
         message = cast("Encoders", record.message)
         wheels = self._wheels.get(record.node)
         if wheels is None:
-            wheels = self._wheels[record.node] = _Wheels(self._rad_per_count)
+            wheels = self._wheels[record.node] = WheelAngles(self._rad_per_count)
         turned = wheels.advance((message.left, message.right), record.t_us)
         data = _JOINT_STATE.encode(*time, *turned)
         return (RosMessage("/ros/joint_states", JOINT_STATE, data),)

@@ -1,0 +1,1 @@
+"""Seeing a run in Rerun, in a process of its own."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.unknown_fields import UnknownFieldSet
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,8 +31,7 @@ def parse(layout: FlatMessage, data: bytes) -> Any:  # noqa: ANN401 - a class ma
     cls = message_factory.GetMessageClass(pool.FindMessageTypeByName(layout.full_name))
     message: ProtoMessage = cls()
     assert message.ParseFromString(data) == len(data)
-    unknown = message.UnknownFields() if hasattr(message, "UnknownFields") else ()
-    assert not list(unknown)
+    assert len(UnknownFieldSet(message)) == 0
     return message
 
 

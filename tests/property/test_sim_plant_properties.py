@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from support.sim_body import box, plant, room, sensors
@@ -80,6 +80,16 @@ def test_the_disc_never_enters_a_wall(
                 assert 0.02 <= ranges.ultrasonic_m <= 4.0
 
 
+@example(
+    # Close to a wall but free: found where the careful loop rounded otherwise than the free one.
+    plan=room(
+        (0.0, 0.0, 2.5),
+        walls=box(-1.0, -1.0, 1.0, 1.0),
+        obstacles=(_polygon(-0.25, 0.5, 0.34375, 5, 0.0),),
+    ),
+    drive=[(0.0, 0.0, 2), (0.5, 0.0, 410), (0.0, 1.0, 214)],
+    pieces=[1],
+)
 @given(plan=plans(), drive=DRIVE, pieces=st.lists(st.integers(1, 60), min_size=1, max_size=10))
 def test_how_time_is_split_changes_nothing(
     plan: FloorPlan, drive: list[tuple[float, float, int]], pieces: list[int]

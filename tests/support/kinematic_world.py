@@ -99,6 +99,11 @@ class KinematicWorld:
         self._feed()
         return self.observe()
 
+    def rest(self, seconds: float) -> None:
+        """Stand still: the estimator learns the gyro's bias."""
+        for _ in range(round(seconds / STEP_S)):
+            self.step(HALT)
+
     def _move(self, dt: float) -> None:
         old = self.truth
         theta = old.theta_rad + self._w * dt
@@ -214,9 +219,8 @@ class Run:
 def run_plan(world: KinematicWorld, planner: Planner, max_time_s: float) -> Run:
     """Run a planner to its end or for ``max_time_s`` of its own time."""
     runner = PlanRunner(planner, world.model)
+    world.rest(_REST_FIRST_S)
     obs = world.observe()
-    while world.time_s < _REST_FIRST_S:
-        obs = world.step(HALT)
     start_s = world.time_s
     run = Run(None, 0.0, [(world.time_s, *world.truth)], [], runner, world)
     bumped = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING
 
@@ -97,6 +98,7 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
     swept = np.full((rows, columns), -1, dtype=np.int8)
     xs, ys = np.meshgrid((np.arange(columns) + 0.5) * _GRID_M, (np.arange(rows) + 0.5) * _GRID_M)
     left = right = 0.0
+    sequence = itertools.count()
     last_state, turns = "", 0
     yield RoomRecord(EPOCH_NS, PLAN)
     yield LogRecord(EPOCH_NS, Severity.INFO, "session", "agreed with the device")
@@ -112,7 +114,7 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
         def device(message: Message, at_us: int = t_us, log_ns: int = now_ns) -> DeviceMessage:
             name = CATALOGUE.spec(type(message)).name
             return DeviceMessage(
-                log_ns, log_ns - 900_000, 15_000, 1, (at_us // 5000) % 256, at_us, name, message
+                log_ns, log_ns - 900_000, 15_000, 1, next(sequence) % 256, at_us, name, message
             )
 
         yield device(Encoders(int(left) % 65536, int(right) % 65536))
@@ -151,7 +153,7 @@ def synthetic_run(seed: int = 1) -> Iterator[Record]:
         across = (ys - pose.y_m) * math.cos(pose.theta_rad) - (xs - pose.x_m) * math.sin(
             pose.theta_rad
         )
-        swept[(np.abs(along) < 0.02) & (np.abs(across) < 0.08)] = 100
+        swept[(np.abs(along) < 0.02) & (np.abs(across) < 0.08)] = 0
         if step % 50 == 0:
             yield ClockRecord(now_ns, EPOCH_NS - 1_000_000, 12.5, 15_000, 2_100_000, step, 7)
             yield CoverageRecord(now_ns, swept.copy(), 0.0, 0.0, _GRID_M)

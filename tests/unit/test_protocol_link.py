@@ -303,6 +303,7 @@ def test_after_a_new_boot_any_sequence_number_may_come() -> None:
         (5 << 32, 0xFFFFFFFF, (5 << 32) - 1),
         ((5 << 32) + 7, 7, (5 << 32) + 7),
         (0x7FFFFFFF, 0xFFFFFFFE, 0xFFFFFFFE),  # just below half a turn ahead
+        (0x80000000, 5, 5),  # just below half a turn back
     ],
 )
 def test_extend_us_gives_the_nearest_moment(reference: int, low32: int, expected: int) -> None:

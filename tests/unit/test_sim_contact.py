@@ -198,3 +198,23 @@ def test_bumpers_tell_the_side_of_a_wall(heading_deg: float, pressed: tuple[bool
     body.advance_ms(600)
     assert suite.bumpers() == pressed
     assert suite.cliff() is False
+
+
+def test_what_the_accelerometer_feels_adds_up_to_the_velocity_while_sliding_in_a_bend() -> None:
+    body = plant(room((10.0, 0.3, math.radians(-20.0))))
+    body.set_duty(duty(0.22), duty(0.12))
+    vx = vy = 0.0
+    before = body.truth
+    while body.truth.contact_s < 0.4:
+        body.advance_ms(1)
+        after = body.truth
+        mid = 0.5 * (before.heading_rad + after.heading_rad)
+        felt_x = after.impulse_x_m_s - before.impulse_x_m_s
+        felt_y = after.impulse_y_m_s - before.impulse_y_m_s
+        vx += math.cos(mid) * felt_x - math.sin(mid) * felt_y
+        vy += math.sin(mid) * felt_x + math.cos(mid) * felt_y
+        before = after
+    c, s = math.cos(before.heading_rad), math.sin(before.heading_rad)
+    assert before.v_lateral_m_s > 0.02
+    assert vx == pytest.approx(before.v_m_s * c - before.v_lateral_m_s * s, abs=3e-4)
+    assert vy == pytest.approx(before.v_m_s * s + before.v_lateral_m_s * c, abs=3e-4)

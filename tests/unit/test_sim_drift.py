@@ -55,7 +55,7 @@ def run_cycles(seed: int, level: str, *, rest_s: float = 5.0) -> tuple[float, fl
         until = body.truth.path_m + distance_m
         body.set_duty(cruise, cruise)
         while body.truth.path_m < until:
-            host.drive(20)
+            host.drive(50)  # the gyro's sample is the mean over them
 
     def turn_to(heading_rad: float) -> None:
         sign = 1.0 if heading_rad > body.truth.heading_rad else -1.0
@@ -79,7 +79,7 @@ def run_cycles(seed: int, level: str, *, rest_s: float = 5.0) -> tuple[float, fl
 
 
 def test_paper_level_ends_as_far_off_as_the_papers_robot() -> None:
-    runs = [run_cycles(seed, "paper") for seed in range(20)]
+    runs = [run_cycles(seed, "paper") for seed in range(12)]
     assert all(26.0 < path < 28.0 for _, _, path in runs)
     assert 5.0 <= statistics.median(error for error, _, _ in runs) <= 9.0
     assert statistics.median(drift for _, drift, _ in runs) < 0.0014

@@ -1,0 +1,29 @@
+"""What can go wrong when a run is to be seen."""
+
+from __future__ import annotations
+
+from bridge.errors import BridgeError
+
+
+class ViewerMissingError(BridgeError):
+    """Rerun is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__("the viewer is not installed: pip install 'sweepctl[view]'")
+
+
+class NoDisplayError(BridgeError):
+    """A window was asked for where there is none to be had."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "no display to open a window on; save a Rerun file or serve it to a browser instead"
+        )
+
+
+class ViewerFailedError(BridgeError):
+    """The viewer did not start, or crashed: no graphics driver, its port taken."""
+
+    def __init__(self, status: int, told: str) -> None:
+        super().__init__(f"the viewer ended with status {status}: {told}")
+        self.status = status

@@ -1,0 +1,134 @@
+"""Starting Rerun on a recorded run, in a process of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+import uuid
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.record.errors import LogWriteError
+from bridge.view.errors import NoDisplayError, ViewerFailedError, ViewerMissingError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bridge.record.reader import LogReader
+
+APPLICATION = "sweepctl"
+_LOOPBACK = "127.0.0.1"
+_INTERRUPTED = {-2, 130}
+"""Ended by Ctrl-C, which is how a person ends a viewer that holds the terminal."""
+
+
+def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False) -> LogReader:
+    """Show a run, or save what would be shown; gives the reader, which knows of damage.
+
+    The viewer reads a Rerun file made beforehand, so that nothing it does can reach back.
+    This returns when its window is closed, or on Ctrl-C.
+
+    Args:
+        path: the run's MCAP file.
+        save: write a Rerun file (``.rrd``) here, blueprint included, and open nothing.
+        serve_web: serve the viewer to a browser on this machine instead of opening a window.
+
+    Raises:
+        ViewerMissingError: Rerun is not installed.
+        LogReadError: the log cannot be read.
+        LogWriteError: ``save`` cannot be written.
+        NoDisplayError: a window is wanted and there is no display.
+        ViewerFailedError: the viewer did not start.
+
+    """
+    if importlib.util.find_spec("rerun") is None:
+        raise ViewerMissingError
+    if save is not None:
+        return write_rerun_file(path, save)
+    if not serve_web and not _has_display():
+        raise NoDisplayError
+    with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
+        file = Path(folder) / f"{path.stem}.rrd"
+        reader = write_rerun_file(path, file)
+        _run_viewer(viewer_command(file, serve_web=serve_web))
+    return reader
+
+
+def write_rerun_file(path: Path, file: Path) -> LogReader:
+    """Write a run with its blueprint as a Rerun file.
+
+    Raises:
+        LogReadError: the log cannot be read.
+        LogWriteError: the file cannot be written.
+
+    """
+    import rerun as rr  # noqa: PLC0415 - optional, and slow to load
+
+    from bridge.view.blueprint import blueprint  # noqa: PLC0415 - loads rerun
+    from bridge.view.convert import to_rerun  # noqa: PLC0415 - loads rerun
+
+    stream = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
+    try:
+        # Rerun only warns where it cannot write.
+        file.open("wb").close()
+    except OSError as error:
+        raise LogWriteError(file, error.strerror or str(error)) from None
+    stream.save(file)
+    try:
+        run = to_rerun(path, stream)
+        stream.send_blueprint(blueprint(run.plan, run.duration_s))
+    finally:
+        stream.flush()
+        stream.disconnect()
+    return run.reader
+
+
+def viewer_command(file: Path, *, serve_web: bool) -> list[str]:
+    """The command line of a viewer that listens on this machine only.
+
+    Raises:
+        ViewerMissingError: Rerun is not installed, or without its viewer.
+
+    """
+    command = [str(_viewer_program()), str(file), "--bind", _LOOPBACK, "--new"]
+    return [*command, "--serve-web"] if serve_web else [*command, "--hide-welcome-screen"]
+
+
+def _viewer_program() -> Path:
+    """The program itself: started through Python its exit status is lost."""
+    spec = importlib.util.find_spec("rerun_cli")
+    if spec is not None and spec.origin is not None:
+        folder = Path(spec.origin).parent
+        for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"):
+            if (folder / name).is_file():
+                return folder / name
+    raise ViewerMissingError
+
+
+def _has_display() -> bool:
+    """Only Linux can tell beforehand."""
+    return sys.platform != "linux" or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    )
+
+
+def _run_viewer(command: Sequence[str]) -> None:
+    # Of its notices only the last lines matter, and only where it fails.
+    environment = {"RUST_LOG": "warn", **os.environ, "RERUN_APP_ONLY": "true", "NO_COLOR": "1"}
+    with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours
+        command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace"
+    ) as viewer:
+        told = ""
+        try:
+            for line in viewer.stderr or ():
+                if line.strip() and not told.startswith("Error: "):
+                    told = line.strip()
+            status = viewer.wait()
+        except KeyboardInterrupt:
+            viewer.terminate()
+            return
+    if status not in {0, *_INTERRUPTED}:
+        raise ViewerFailedError(status, told or "it gave no reason")

@@ -1,0 +1,31 @@
+"""Entity paths and colours: what the converter writes and the blueprint shows."""
+
+from __future__ import annotations
+
+TIMELINE = "run_time"
+"""Since the first message; what the views run on."""
+UNIX_TIMELINE = "unix_time"
+
+WORLD = "world"
+ROOM = f"{WORLD}/room"
+WALLS = f"{WORLD}/walls"
+SWEPT = f"{WORLD}/swept"
+PATH = f"{WORLD}/path"
+TRUTH_PATH = f"{WORLD}/truth_path"
+TARGET = f"{WORLD}/target"
+ROBOT = f"{WORLD}/robot"
+
+VELOCITY, YAW_RATE = "plots/velocity", "plots/yaw_rate"
+WHEELS, ACCELERATION = "plots/wheels", "plots/acceleration"
+RANGE, BATTERY, CURRENT = "plots/range", "plots/battery", "plots/current"
+POSE_ERROR, CLOCK, LINK = "plots/pose_error", "plots/clock", "plots/link"
+STATES, EVENTS = "states", "events"
+
+Colour = tuple[int, int, int]
+BLUE: Colour = (86, 156, 255)
+ORANGE: Colour = (255, 160, 60)
+GREEN: Colour = (80, 200, 120)
+RED: Colour = (240, 90, 90)
+VIOLET: Colour = (190, 130, 255)
+GREY: Colour = (150, 150, 150)
+WHITE: Colour = (235, 235, 235)

@@ -1,0 +1,155 @@
+"""A run as a picture: room, path, swept and missed floor."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bridge.coverage.metrics import CoverageMeter
+from bridge.errors import BridgeError
+from bridge.view.run_track import load_track
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.patches import Patch
+
+    from bridge.view.run_track import RunTrack
+
+_WALL, _OBSTACLE = "#30343b", "#9aa2ad"
+_MOUTH, _BODY, _MISSED = "#8fd0b5", "#d9efe5", "#f0a35e"
+_PATH, _ESTIMATE = "#1f4e79", "#b03a48"
+
+
+class PlotMissingError(BridgeError):
+    """matplotlib is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__("pictures need matplotlib: pip install 'sweepctl[plot]'")
+
+
+def draw_run(log: Path, png: Path) -> Path:
+    """Draw a log's run into a PNG; gives its path.
+
+    Raises:
+        LogReadError: the log cannot be read.
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra
+        from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise PlotMissingError from None
+    track = load_track(log)
+    figure = Figure(figsize=(8.0, 8.6), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    _draw_floor(axes, track)
+    _draw_path(axes, track)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.set_title(_title(track), fontsize=10, loc="left")
+    lines, _ = axes.get_legend_handles_labels()
+    axes.legend(
+        handles=[*lines, *_floor_legend(track)],
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.07),
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+    )
+    png.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(png)
+    return png
+
+
+def _draw_floor(axes: Axes, track: RunTrack) -> None:
+    from matplotlib.colors import ListedColormap  # noqa: PLC0415 - an extra
+    from matplotlib.patches import Polygon  # noqa: PLC0415 - an extra
+
+    if track.plan is None:
+        return
+    meter = CoverageMeter(track.plan, track.model, 0.01)
+    report = meter.measure((t, *pose) for t, pose in track.best)
+    swept = np.isfinite(report.first_swept_s)
+    layers = np.zeros(swept.shape)
+    layers[report.body_swept] = 1
+    layers[meter.regions.sweepable] = 3
+    layers[swept] = 2
+    x0, y0 = report.origin_m
+    rows, columns = swept.shape
+    size = report.resolution_m
+    axes.imshow(
+        np.ma.masked_equal(layers, 0),
+        origin="lower",
+        extent=(x0, x0 + columns * size, y0, y0 + rows * size),
+        cmap=ListedColormap([_BODY, _MOUTH, _MISSED]),
+        vmin=1,
+        vmax=3,
+        interpolation="nearest",
+        zorder=1,
+    )
+    axes.add_patch(
+        Polygon(track.plan.walls, closed=True, fill=False, edgecolor=_WALL, lw=2.5, zorder=4)
+    )
+    for obstacle in track.plan.obstacles:
+        axes.add_patch(
+            Polygon(obstacle, closed=True, facecolor=_OBSTACLE, edgecolor=_WALL, lw=1.2, zorder=3)
+        )
+
+
+def _floor_legend(track: RunTrack) -> list[Patch]:
+    from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
+
+    if track.plan is None:
+        return []
+    return [
+        Patch(facecolor=colour, label=text)
+        for colour, text in (
+            (_MOUTH, "swept by the mouth"),
+            (_BODY, "under the body only"),
+            (_MISSED, "reachable, not swept"),
+        )
+    ]
+
+
+def _draw_path(axes: Axes, track: RunTrack) -> None:
+    for poses, colour, text, style in (
+        (track.truth, _PATH, "path", "-"),
+        (track.estimate, _ESTIMATE, "path as estimated", (0, (4, 3))),
+    ):
+        if not poses:
+            continue
+        xs, ys = [p.x_m for _, p in poses], [p.y_m for _, p in poses]
+        axes.plot(xs, ys, color=colour, lw=0.9, ls=style, label=text, zorder=5)
+    if track.best:
+        first, last = track.best[0][1], track.best[-1][1]
+        mark: dict[str, Any] = {"zorder": 6, "ls": "none", "mec": "white"}
+        axes.plot(first.x_m, first.y_m, "o", color=_PATH, ms=8, label="start", **mark)
+        axes.plot(last.x_m, last.y_m, "s", color=_PATH, ms=8, label="end", **mark)
+
+
+def _title(track: RunTrack) -> str:
+    summary = track.summary
+    parts = [str(summary[k]) for k in ("room", "planner") if summary.get(k)]
+    if summary.get("seed") is not None:
+        parts.append(f"seed {summary['seed']}")
+    lines = [", ".join(parts) or track.name]
+    figures = []
+    if summary.get("duration_s") is not None:
+        figures.append(f"{summary['duration_s']:.0f} s")
+    if summary.get("path_m") is not None:
+        figures.append(f"{summary['path_m']:.1f} m")
+    coverage = summary.get("coverage") or {}
+    if coverage.get("mouth_sweepable") is not None:
+        figures.append(f"mouth {100 * coverage['mouth_sweepable']:.1f} % of sweepable")
+    if coverage.get("body_free") is not None:
+        figures.append(f"body {100 * coverage['body_free']:.1f} % of floor")
+    if summary.get("outcome"):
+        figures.append(str(summary["outcome"]))
+    lines.append("  ·  ".join(figures))
+    return "\n".join(line for line in lines if line)

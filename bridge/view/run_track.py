@@ -1,0 +1,83 @@
+"""What a picture of a run needs from its log: room, robot, poses and summary."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bridge.config import parse_robot
+from bridge.coverage.floorplan import FloorPlan, FloorPlanError, parse_floorplan
+from bridge.errors import ConfigError
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from bridge.record.reader import LogReader
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from bridge.record.reader import LogMessage
+
+TRUTH_TOPIC, POSE_TOPIC = "/truth/pose", "/pose"
+_MOVED_M, _MOVED_RAD = 1e-4, 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class RunTrack:
+    """A run's geometry."""
+
+    name: str
+    plan: FloorPlan | None
+    model: RobotModel
+    truth: list[tuple[float, Pose2]]
+    """Seconds since the log's first pose, and where the robot really was; may be empty."""
+    estimate: list[tuple[float, Pose2]]
+    """Seconds since the log's first pose, and where it believed to be."""
+    summary: dict[str, Any]
+
+    @property
+    def best(self) -> list[tuple[float, Pose2]]:
+        """The truth where known, else the estimate."""
+        return self.truth or self.estimate
+
+
+def load_track(path: Path) -> RunTrack:
+    """Read a log's room, robot, poses and summary.
+
+    Raises:
+        LogReadError: the file is missing or no log.
+
+    """
+    reader = LogReader(path)
+    plan, model = None, RobotModel()
+    if "room.json" in reader.attachments:
+        try:
+            plan = parse_floorplan(reader.attachments["room.json"].decode("utf-8", "replace"))
+        except FloorPlanError:
+            plan = None
+    if "robot.toml" in reader.attachments:
+        try:
+            model = parse_robot(reader.attachments["robot.toml"].decode("utf-8", "replace"))
+        except ConfigError:
+            model = RobotModel()
+    truth, estimate = _poses(reader.messages({TRUTH_TOPIC, POSE_TOPIC}))
+    return RunTrack(path.stem, plan, model, truth, estimate, reader.summary or {})
+
+
+def _poses(
+    messages: Iterable[LogMessage],
+) -> tuple[list[tuple[float, Pose2]], list[tuple[float, Pose2]]]:
+    """Both tracks on one clock that starts with the first pose of either."""
+    raw: dict[str, list[tuple[int, Pose2]]] = {TRUTH_TOPIC: [], POSE_TOPIC: []}
+    for message in messages:
+        try:
+            pose = message.decoded.pose
+        except (ValueError, AttributeError):
+            continue
+        quaternion = pose.orientation
+        theta = 2.0 * math.atan2(quaternion.z, quaternion.w)
+        raw[message.topic].append((message.log_ns, Pose2(pose.position.x, pose.position.y, theta)))
+    first_ns = min((track[0][0] for track in raw.values() if track), default=0)
+    tracks = (raw[TRUTH_TOPIC], raw[POSE_TOPIC])
+    return tuple([((t - first_ns) / 1e9, p) for t, p in track] for track in tracks)  # type: ignore[return-value]  # two of them

@@ -1,0 +1,311 @@
+"""Both ends of a wire in virtual time: a host or session and a virtual sweeper, joined."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+from bridge.coverage.planner import PlannerState, ScriptedPlanner
+from bridge.coverage.runner import PlanRunner
+from bridge.host import Host, HostOptions
+from bridge.mission import Mission
+from bridge.motion.geometry import wrap_angle
+from bridge.motion.legs import Turn
+from bridge.motion.robot_model import RobotModel
+from bridge.session import Session
+from protocol.catalogue import CATALOGUE
+from protocol.clock import HostNs
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import VelocitySetpoint
+from sim_device.device import VirtualSweeper
+from support.hostile import Piece, Pipe, Wire
+from support.sim_body import room
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from bridge.coverage.planner import Script
+    from bridge.motion.observation import Observation
+    from bridge.session import SessionEvent
+    from bridge.telemetry import Record
+    from protocol.catalogue import Catalogue
+    from protocol.message import Message
+
+E = TypeVar("E")
+R = TypeVar("R")
+HOST_BOOT_US = 7_000_000
+"""The host's clock at the device's first boot."""
+RAMP_US = 450_000
+"""From top speed to rest: 0.3 s at the device's 1 m/s², the motors' lag, one control tick."""
+TIME_TO_LIVE_US = 250_000
+REST_M_S = 0.005
+REST_RAD_S = 0.02
+MAX_STEP_US = 10_000
+OPEN_FLOOR = room((10.0, 10.0, 0.0))
+
+
+class Valve(Wire):
+    """A wire that can be cut (all is lost) or held (all comes later, at once)."""
+
+    def __init__(self, inner: Wire) -> None:
+        super().__init__(inner)
+        self.cut = False
+        self.held = False
+        self._kept: list[Piece] = []
+
+    def arrived(self, now_us: int) -> list[Piece]:
+        """Give what may pass, and what was held before."""
+        pieces = self._inside.arrived(now_us)
+        if self.cut:
+            pieces = []
+        self._kept += pieces
+        if self.held:
+            return []
+        kept, self._kept = self._kept, []
+        return [Piece(now_us, data) for _, data in kept]
+
+    def next_us(self) -> int | None:
+        """What is held arrives when it is let go, which is nobody's timer."""
+        return self._inside.next_us()
+
+
+class Weather(Wire):
+    """What other wires do to pieces, as long as it storms."""
+
+    def __init__(self, inner: Wire, *storms: Wire) -> None:
+        super().__init__(inner)
+        self.storming = False
+        self._storms = storms
+
+    def misbehave(self, piece: Piece) -> list[Piece]:
+        """Pass, or go through every storm."""
+        pieces = [piece]
+        if self.storming:
+            for storm in self._storms:
+                pieces = [out for p in pieces for out in storm.misbehave(p)]
+        return pieces
+
+
+class Sent(NamedTuple):
+    """A message as the host wrote it to its port."""
+
+    at_us: int
+    message: Message
+
+
+class Collector:
+    """A sink that keeps everything."""
+
+    def __init__(self) -> None:
+        self.records: list[Record] = []
+
+    def write(self, record: Record) -> None:
+        self.records.append(record)
+
+    def close(self, summary: object = None) -> None:
+        """Nothing to close."""
+
+    def of(self, kind: type[R]) -> list[R]:
+        return [r for r in self.records if isinstance(r, kind)]
+
+
+class Spinning(ScriptedPlanner):
+    """Turns to and fro for ever: motion that never meets a wall."""
+
+    def script(self, obs: Observation) -> Script:
+        self._state = PlannerState("spinning")
+        heading = obs.pose.theta_rad
+        while True:
+            heading = wrap_angle(heading + 2.0)
+            yield Turn(heading)
+
+
+def spinning_host(sink: Collector | None = None, **mission: bool | float) -> Host:
+    """A host whose plan never ends."""
+    model = RobotModel()
+    ids = itertools.count(1)
+    return Host(
+        model,
+        sink or Collector(),
+        HostOptions(0, "spinning"),
+        Mission(PlanRunner(Spinning(model), model), **mission),  # type: ignore[arg-type]  # by name
+        lambda: next(ids),
+    )
+
+
+class HostEnd:
+    """A host behind the interface that :class:`Ends` drives."""
+
+    def __init__(self, host: Host) -> None:
+        self.host = host
+        self.session = host.session
+
+    def open(self, now_ns: HostNs) -> None:
+        self.host.open(now_ns)
+
+    def turn(self, data: Sequence[bytes], now_ns: HostNs) -> bytes:
+        for piece in data:
+            self.host.receive(piece, now_ns)
+        self.host.poll(now_ns)
+        return self.host.data_to_send(now_ns)
+
+    def deadline_ns(self) -> int:
+        return self.host.next_deadline()
+
+
+class SessionEnd:
+    """A bare session; ``each_turn`` plays the program that uses it."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.events: list[SessionEvent] = []
+        self.each_turn: Callable[[HostNs], None] = lambda _now_ns: None
+
+    def open(self, now_ns: HostNs) -> None:
+        self.session.open(now_ns)
+
+    def turn(self, data: Sequence[bytes], now_ns: HostNs) -> bytes:
+        for piece in data:
+            self.events += self.session.receive(piece, now_ns)
+        self.events += self.session.poll(now_ns)
+        self.each_turn(now_ns)
+        return self.session.data_to_send()
+
+    def deadline_ns(self) -> int:
+        deadline = self.session.next_deadline()
+        return deadline if deadline is not None else 1 << 62
+
+    def of(self, kind: type[E]) -> list[E]:
+        return [e for e in self.events if isinstance(e, kind)]
+
+
+def session_end(first_id: int = 1, catalogue: Catalogue = CATALOGUE) -> SessionEnd:
+    ids = itertools.count(first_id)
+    return SessionEnd(Session(lambda: next(ids), catalogue=catalogue))
+
+
+def sweeper(*, seed: int = 1, catalogue: Catalogue = CATALOGUE, node: int = 1) -> VirtualSweeper:
+    """A device in the middle of an empty floor, with perfect sensors."""
+    return VirtualSweeper(OPEN_FLOOR, seed=seed, noise="none", catalogue=catalogue, node=node)
+
+
+class Ends:
+    """Runs both ends and keeps watch: what the host sent, and whether the robot moves."""
+
+    def __init__(
+        self,
+        host: HostEnd | SessionEnd,
+        device: VirtualSweeper,
+        *,
+        to_device: Wire | None = None,
+        to_host: Wire | None = None,
+        host_first_us: int = HOST_BOOT_US,
+        device_first_us: int = 0,
+    ) -> None:
+        self.host = host
+        self.device = device
+        self.now_us = 0
+        self.to_device = Valve(to_device or Pipe(1_000))
+        self.to_host = Valve(to_host or Pipe(1_000))
+        self.host_alive = True
+        self.sent: list[Sent] = []
+        self.moving_us = -1
+        """When the robot was last seen to move."""
+        self.latched_us: int | None = None
+        """Since when the device holds a stop."""
+        self.watch: Callable[[], None] = lambda: None
+        """Called after every step."""
+        self._host_first_us = host_first_us
+        self._booted_us = -device_first_us
+        self._tap = Link(Direction.DEVICE)
+        if device_first_us:
+            device.step(b"", 0)
+            device._next_tick_us = device_first_us  # noqa: SLF001 - it has been on for long
+        host.open(self.host_ns)
+
+    @property
+    def host_ns(self) -> HostNs:
+        return HostNs((self.now_us + self._host_first_us) * 1000)
+
+    @property
+    def device_us(self) -> int:
+        return self.now_us - self._booted_us
+
+    @property
+    def moving(self) -> bool:
+        truth = self.device.plant.truth
+        return abs(truth.v_m_s) > REST_M_S or abs(truth.yaw_rate_rad_s) > REST_RAD_S
+
+    def restart_host(self, host: HostEnd | SessionEnd) -> None:
+        """Replace the host: the old one was killed, its bytes on the wire were not."""
+        self.host = host
+        self.host_alive = True
+        host.open(self.host_ns)
+
+    def reboot_device(self, boot_id: int) -> None:
+        self.device.reboot(boot_id)
+        self._booted_us = self.now_us
+
+    def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Let both live; True once ``until`` holds, False where the time ran out before."""
+        end_us = self.now_us + round(duration_s * 1e6)
+        while self.now_us < end_us:
+            self._step(end_us)
+            if until():
+                return True
+        return False
+
+    def _step(self, end_us: int) -> None:
+        moments = [
+            self.now_us + MAX_STEP_US,
+            self.device.next_deadline_us() + self._booted_us,
+            self.to_device.next_us(),
+            self.to_host.next_us(),
+        ]
+        if self.host_alive:
+            moments.append(-(-self.host.deadline_ns() // 1000) - self._host_first_us)
+        soonest = min(m for m in moments if m is not None)
+        self.now_us = min(end_us, max(self.now_us + 100, soonest))
+        arrived = b"".join(self.to_device.pull(self.now_us))
+        self.to_host.push(self.device.step(arrived, self.device_us), self.now_us)
+        data = self.to_host.pull(self.now_us)
+        if self.host_alive:
+            out = self.host.turn(data, self.host_ns)
+            self._note(out)
+            self.to_device.push(out, self.now_us)
+        self._look()
+        self.watch()
+
+    def _note(self, out: bytes) -> None:
+        for event in self._tap.receive(out):
+            assert isinstance(event, Received), "the host wrote something unreadable"
+            self.sent.append(Sent(self.now_us, event.message))
+
+    def _look(self) -> None:
+        if self.moving:
+            self.moving_us = self.now_us
+        if not self.device.firmware.latch.latched:
+            self.latched_us = None
+        elif self.latched_us is None:
+            self.latched_us = self.now_us
+
+    def setpoints_us(self) -> int:
+        """When the host last wrote a setpoint that asks for motion; -1: never."""
+        for sent in reversed(self.sent):
+            message = sent.message
+            if isinstance(message, VelocitySetpoint) and (message.v or message.yaw_rate):
+                return sent.at_us
+        return -1
+
+
+def check_safe(ends: Ends) -> None:
+    """Motion needs a setpoint that is fresh and a latch that is open, the ramp aside."""
+    if not ends.moving:
+        return
+    latched_us = ends.latched_us
+    assert latched_us is None or ends.now_us - latched_us <= RAMP_US, "it moves while latched"
+    asked_us = ends.setpoints_us()
+    assert asked_us >= 0, "it moves and was never asked to"
+    age_us = ends.now_us - asked_us
+    assert age_us <= TIME_TO_LIVE_US + RAMP_US, f"it moves on a setpoint {age_us} us old"

@@ -1,0 +1,231 @@
+"""Older, newer, missing and different declarations, agreed on by two real ends."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import pytest
+
+from bridge.mission import Phase
+from bridge.robot_state import missing_needs, understood
+from bridge.session import Agreed, Data, Failed, State
+from protocol.agreement import Match, MessageAgreement
+from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.fields import U8, U16, number
+from protocol.link import Rejected
+from protocol.message import Direction, Message, RateClass, message, specify
+from protocol.messages import (
+    ALL_MESSAGES,
+    Describe,
+    Encoders,
+    HostHello,
+    Imu,
+    LinkCounters,
+    Power,
+    Range,
+    SetMode,
+    Status,
+    VelocitySetpoint,
+)
+from support.ends import Ends, HostEnd, SessionEnd, session_end, spinning_host, sweeper
+from support.hostile import Lossy, Pipe, Wire
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+def variant(original: type[Message], hints: dict[str, Any]) -> type[Message]:
+    """A message of the same type and name with other fields."""
+    spec = specify(original)
+    cls: type[Message] = type(original.__name__, (Message,), {"__annotations__": hints})
+    cls.__doc__ = original.__doc__
+    declare = message(spec.type_id, spec.direction, spec.rate, default_hz=spec.default_hz)
+    return declare(cls)
+
+
+def hints_of(original: type[Message]) -> dict[str, Any]:
+    return {f.name: Annotated[int, f] for f in specify(original).fields}
+
+
+EXTRA = Annotated[int, number(U16, "count", "something new")]
+LonelyPower = variant(Power, dict(list(hints_of(Power).items())[:2]))
+RicherPower = variant(Power, {**hints_of(Power), "fan": EXTRA})
+OtherPower = variant(
+    Power,
+    {**hints_of(Power), "battery": Annotated[int, number(U16, "V", "the rail", scale="0.002")]},
+)
+OtherSetpoint = variant(
+    VelocitySetpoint,
+    {**hints_of(VelocitySetpoint), "counter": Annotated[int, number(U8, "id", "must advance")]},
+)
+
+
+@message(0x60, Direction.DEVICE, RateClass.RARE)
+class Fan(Message):
+    """A message that only one end has."""
+
+    speed: EXTRA
+
+
+def catalogue(*, less: Iterable[type[Message]] = (), more: Iterable[type[Message]] = ()) -> Catalogue:
+    replaced = {m.__name__ for m in (*less, *more)}
+    return Catalogue([*(m for m in ALL_MESSAGES if m.__name__ not in replaced), *more])
+
+
+def agreed(host: SessionEnd, ends: Ends, within_s: float = 3.0) -> Agreed:
+    assert ends.run(within_s, lambda: host.session.state is State.READY)
+    return host.of(Agreed)[-1]
+
+
+def power_of(host: SessionEnd) -> list[Message]:
+    return [d.received.message for d in host.of(Data) if d.received.spec.name == "power"]
+
+
+def test_equal_catalogues_ask_nothing() -> None:
+    host = session_end()
+    ends = Ends(host, sweeper())
+    assert agreed(host, ends).differences == ()
+    assert not [s for s in ends.sent if isinstance(s.message, Describe)]
+
+
+def test_an_older_device_lacks_our_last_field() -> None:
+    host = session_end(catalogue=catalogue(more=[RicherPower]))
+    ends = Ends(host, sweeper())
+    (difference,) = agreed(host, ends).differences
+    assert difference.match is Match.OLDER
+    assert difference.report() == "power: the device lacks fan"
+    ends.run(1.0)
+    message = power_of(host)[-1]
+    assert tuple(message)[-1] is None
+    assert 15_000 < tuple(message)[0] <= 17_000
+
+
+def test_a_newer_devices_fields_are_passed_over_and_counted() -> None:
+    host = session_end(catalogue=catalogue(more=[LonelyPower]))
+    ends = Ends(host, sweeper())
+    (difference,) = agreed(host, ends).differences
+    assert difference.match is Match.NEWER
+    assert "2 more field(s)" in difference.report()
+    ends.run(1.0)
+    messages = power_of(host)
+    assert len(messages) >= 4
+    assert all(len(tuple(m)) == 2 for m in messages)
+    assert host.session.link.codec.extra_bytes == 2 * len(messages)
+
+
+def test_a_different_declaration_is_disabled_and_named() -> None:
+    host = session_end(catalogue=catalogue(more=[OtherPower]))
+    ends = Ends(host, sweeper())
+    (difference,) = agreed(host, ends).differences
+    assert difference.match is Match.DIFFERENT
+    assert difference.report() == "power: the device declares other fields; disabled"
+    ends.run(1.0)
+    assert power_of(host) == []
+    assert {e.reason for e in host.of(Rejected)} == {"disabled"}
+
+
+def test_a_message_that_the_device_does_not_have() -> None:
+    host = session_end(catalogue=catalogue(more=[Fan]))
+    ends = Ends(host, sweeper())
+    (difference,) = agreed(host, ends).differences
+    assert difference.match is Match.MISSING
+    assert difference.report() == "fan: the device does not have it; disabled"
+
+
+def test_a_message_that_only_the_device_has_is_passed_over() -> None:
+    host = session_end(catalogue=catalogue(less=[LinkCounters]))
+    ends = Ends(host, sweeper())
+    assert agreed(host, ends).differences == ()
+    ends.run(1.5)
+    assert {e.reason for e in host.of(Rejected)} == {"type"}
+
+
+def test_other_bootstrap_messages_are_no_common_ground() -> None:
+    other = variant(HostHello, {**hints_of(HostHello)})
+    host = session_end()
+    ends = Ends(host, sweeper(catalogue=catalogue(less=[Describe], more=[])))
+    # A device that cannot be asked never agrees; one that says otherwise is refused at once.
+    ends.run(9.0)
+    assert [e.kind for e in host.of(Failed)] == ["deaf"]
+    assert other.__name__ == "HostHello"
+
+
+def test_a_different_bootstrap_message_fails_with_a_name() -> None:
+    changed = variant(
+        SetMode, {"command_id": Annotated[int, number(U8, "id", "shorter")]}
+    )  # not of the bootstrap: this one is only disabled
+    host = session_end()
+    ends = Ends(host, sweeper(catalogue=catalogue(more=[changed])))
+    assert [d.report() for d in agreed(host, ends).differences] == [
+        "set_mode: the device declares other fields; disabled"
+    ]
+    stop = next(m for m in ALL_MESSAGES if m.__name__ == "Stop")
+    bad = variant(stop, {"command_id": Annotated[int, number(U8, "id", "shorter")]})
+    host = session_end()
+    ends = Ends(host, sweeper(catalogue=catalogue(more=[bad])))
+    assert ends.run(3.0, lambda: host.session.state is State.FAILED)
+    (failed,) = host.of(Failed)
+    assert failed.kind == "disagreement"
+    assert "stop" in failed.text
+
+
+@pytest.mark.parametrize("p", [0.0, 0.3])
+def test_agreement_costs_a_question_a_message(p: float) -> None:
+    """Each answer once set off four questions, which set off four answers each."""
+    import random
+
+    def lossy() -> Wire:
+        return Lossy(Pipe(3_000), p, random.Random(5))
+
+    host = session_end(catalogue=catalogue(more=[Fan]))
+    ends = Ends(host, sweeper(), to_device=lossy(), to_host=lossy())
+    agreed(host, ends, within_s=9.0)
+    questions = [s for s in ends.sent if isinstance(s.message, Describe)]
+    assert len(questions) <= (2 if p == 0.0 else 8) * len(CATALOGUE.specs)
+
+
+def test_a_device_that_was_flashed_anew_is_not_read_with_the_old_agreement() -> None:
+    host = session_end(catalogue=catalogue(more=[OtherPower]))
+    ends = Ends(host, sweeper())
+    agreed(host, ends)
+    assert host.session.link.disabled
+    # Now it has our catalogue, word for word.
+    ends.device.firmware.link.codec.catalogue.hash = host.session.link.codec.catalogue.hash
+    try:
+        ends.device.firmware.identity = sweeper().firmware.identity
+        ends.reboot_device(5)
+        assert ends.run(3.0, lambda: len(host.of(Agreed)) == 2)
+        assert not host.session.link.disabled
+    finally:
+        CATALOGUE.hash = Catalogue(ALL_MESSAGES).hash
+
+
+def test_a_device_without_our_setpoint_is_not_driven() -> None:
+    host = HostEnd(spinning_host())
+    ends = Ends(host, sweeper(catalogue=catalogue(more=[OtherSetpoint])))
+    mission = host.host.mission
+    assert ends.run(5.0, lambda: mission.done)
+    assert mission.ending is not None
+    assert mission.ending.exit_status == 4
+    assert "velocity_setpoint" in mission.ending.reason
+    assert mission.phase is Phase.DONE
+    assert ends.moving_us < 0
+
+
+def test_what_driving_needs() -> None:
+    def differ(cls: type[Message], match: Match, fields: int) -> MessageAgreement:
+        return MessageAgreement(specify(cls), match, fields)
+
+    assert missing_needs([differ(Power, Match.DIFFERENT, 4)]) == []
+    assert missing_needs([differ(Imu, Match.OLDER, 6)]) == ["imu"]
+    assert missing_needs([differ(Imu, Match.NEWER, 9)]) == []
+    assert missing_needs([differ(Range, Match.MISSING, 0)]) == ["range"]
+    assert missing_needs([differ(SetMode, Match.DIFFERENT, 2)]) == ["set_mode"]
+
+
+def test_a_message_is_looked_into_only_where_it_is_whole() -> None:
+    assert understood(Encoders(1, 2))
+    assert not understood(Encoders(1, None))  # type: ignore[arg-type]  # as from an older peer
+    assert understood(Status(0, 0, 0, None, None))  # type: ignore[arg-type]  # not looked into
+    assert not understood(Status(0, 0, None, None, None))  # type: ignore[arg-type]  # needed
+    assert understood(LinkCounters(None, None, None))  # type: ignore[arg-type]  # only recorded

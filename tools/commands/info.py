@@ -1,0 +1,62 @@
+"""``sweepctl info``: what a log holds."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tools import options
+
+if TYPE_CHECKING:
+    from bridge.record.info import RunDescription
+
+
+@click.command("info", epilog="Example:  sweepctl info runs/demo-simulated.mcap")
+@click.argument("file", type=click.Path(path_type=Path))
+@options.json_option
+def command(*, file: Path, as_json: bool) -> int:
+    """Say what FILE holds: the run, its topics and rates, and whether it was closed whole."""
+    from bridge.record.info import describe
+
+    description = describe(file)
+    if as_json:
+        sys.stdout.write(json.dumps(description.as_json()) + "\n")
+        return 0
+    _print(description)
+    return 0
+
+
+def _print(description: RunDescription) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from tools.console import summary_table
+
+    console = Console(highlight=False)
+    console.print(f"[bold]{description.path}[/]  {description.file_bytes / 1e6:.2f} MB", end="  ")
+    console.print(f"{description.duration_s:.1f} s, {description.message_count} messages")
+    if not description.whole:
+        console.print(
+            "[yellow]its end is missing (the writer was killed); what is there was read[/]"
+        )
+    for problem in description.problems:
+        console.print(f"[yellow]{problem}[/]")
+    for key in ("version", "port", "planner", "seed", "noise"):
+        if description.metadata.get(key):
+            console.print(f"{key:<9}{description.metadata[key]}", markup=False)
+    if description.summary is not None and "coverage" in description.summary:
+        console.print(summary_table({**description.summary, "log": None}))
+    table = Table(box=None, header_style="dim")
+    table.add_column("topic")
+    table.add_column("messages", justify="right")
+    table.add_column("rate", justify="right")
+    table.add_column("bytes", justify="right")
+    table.add_column("schema")
+    for topic in sorted(description.topics, key=lambda t: t.topic):
+        rate = "" if topic.rate_hz is None else f"{topic.rate_hz:.1f} Hz"
+        table.add_row(topic.topic, str(topic.count), rate, str(topic.bytes), topic.schema)
+    console.print(table)
