@@ -1,0 +1,24 @@
+"""The host's end of the bridge: ``bridge.open(port)`` gives a robot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bridge.robot import Robot
+
+__all__ = ["open"]
+
+
+def open(port: str, **options: Any) -> Robot:  # noqa: A001, ANN401 - bridge.open, like os.open; options of Robot
+    """Open a robot's port and agree with it; options are those of :class:`bridge.robot.Robot`.
+
+    Raises:
+        PortError: the port cannot be opened.
+        NoDeviceError: no sweeper answered.
+        DisagreementError: it speaks another protocol.
+
+    """
+    from bridge.robot import Robot  # noqa: PLC0415 - importing the package must stay cheap
+
+    return Robot(port, **options)

@@ -335,7 +335,7 @@ class Host:
         command = mission.step(obs, stale, now_s)
         if command is not None and self.session.state is State.READY:
             self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
-            target = HALT if mission.runner is None else mission.runner.executor.target
+            target = HALT if mission.runner is None else mission.runner.target
             self._sink.write(CommandRecord(self._unix(now_ns), *command, *target))
         if obs is not None:
             self._record_pose(pose, now_ns)

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause, label
 
 if TYPE_CHECKING:
-    from bridge.coverage.runner import PlanRunner
+    from bridge.coverage.planner import PlannerEvent, PlannerState
     from protocol.commands import Outcome
 
 SETTLE_S = 2.5
@@ -24,6 +24,40 @@ DATA_TIMEOUT_S = 3.0
 """For the first status, and after settling for the data that driving needs: thirty periods."""
 END_TIMEOUT_S = 1.0
 LOST_TIMEOUT_S = 30.0
+
+
+class Runner(Protocol):
+    """What decides the velocity while the robot is free to move."""
+
+    @property
+    def finished(self) -> bool:
+        """True when it has come to an end by itself."""
+
+    @property
+    def finish_reason(self) -> str | None:
+        """Why it ended."""
+
+    @property
+    def turns(self) -> int:
+        """Turns in place so far."""
+
+    @property
+    def lane_length_m(self) -> float:
+        """Sum of the lanes driven (eq. 8)."""
+
+    @property
+    def state(self) -> PlannerState:
+        """For the log."""
+
+    @property
+    def target(self) -> VelocityCommand:
+        """The velocity wanted, before smoothing."""
+
+    def step(self, obs: Observation) -> VelocityCommand:
+        """The velocity for one control step."""
+
+    def drain_events(self) -> list[PlannerEvent]:
+        """Decisions since the last call."""
 
 
 class Phase(Enum):
@@ -67,7 +101,7 @@ class Mission:
 
     def __init__(
         self,
-        runner: PlanRunner | None,
+        runner: Runner | None,
         *,
         clear_stop: bool = False,
         max_time_s: float | None = None,
@@ -91,6 +125,12 @@ class Mission:
     def done(self) -> bool:
         """True when nothing is left to do."""
         return self.phase is Phase.DONE
+
+    def start(self, runner: Runner, *, clear_stop: bool = False) -> None:
+        """Give a run that only watched something to do; begins with the next status."""
+        if self.runner is None and self.phase is Phase.WAITING:
+            self.runner = runner
+            self._clear_any = clear_stop
 
     def requests(self) -> list[Request]:
         """Fetch and forget what the session should do."""

@@ -74,6 +74,11 @@ class PlanRunner:
         return self._executor
 
     @property
+    def target(self) -> VelocityCommand:
+        """The velocity wanted, before smoothing."""
+        return self._executor.target
+
+    @property
     def paused(self) -> bool:
         """Whether ``pause`` holds the plan."""
         return self._paused

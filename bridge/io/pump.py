@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING
 
 from bridge.errors import PortBusyError, PortError
@@ -36,6 +37,7 @@ class Pump:
         self._fetched_ns = HostNs(0)
         self._stuck = False
         self._ask: Ending | None = None
+        self._calls: deque[Callable[[], None]] = deque()
         self._end_at_ns: HostNs | None = None
         self._tries = 0
         self._retry_ns = HostNs(0)
@@ -43,6 +45,13 @@ class Pump:
     def request_end(self, ending: Ending) -> None:
         """End the run in order; from a signal handler or another thread."""
         self._ask = ending
+        port = self._port
+        if port is not None:
+            port.wake()
+
+    def call(self, action: Callable[[], None]) -> None:
+        """Run something in the loop's own thread, at its next turn."""
+        self._calls.append(action)
         port = self._port
         if port is not None:
             port.wake()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
+LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _NANOSECONDS = 1_000_000_000
 
 
@@ -22,11 +22,10 @@ class CdrLayout:
     """
 
     def __init__(self, *parts: str | tuple[str, Any]) -> None:
-        # What stays is packed here once, in as few pieces as possible.
+        # What stays is packed here once: constant bytes at even places, values at odd ones.
         self._format = ["<"]
         self._template: list[Any] = []
-        self._varying: list[int] = []
-        self._constant = _LITTLE_ENDIAN
+        self._constant = LITTLE_ENDIAN
         for part in parts:
             if isinstance(part, tuple):
                 code, value = part
@@ -45,7 +44,7 @@ class CdrLayout:
 
     def _align(self, code: str) -> None:
         done = struct.calcsize("".join(self._format)) + len(self._constant)
-        self._constant += bytes(-(done - len(_LITTLE_ENDIAN)) % struct.calcsize(f"<{code}"))
+        self._constant += bytes(-(done - len(LITTLE_ENDIAN)) % struct.calcsize(f"<{code}"))
 
     def _append_constant(self, code: str, value: object) -> None:
         self._align(code)
@@ -54,21 +53,23 @@ class CdrLayout:
     def _append_varying(self, code: str) -> None:
         self._align(code)
         self._end_constant()
-        self._varying.append(len(self._template))
         self._format.append(code)
         self._template.append(0)
 
     def _end_constant(self) -> None:
-        if self._constant:
-            self._format.append(f"{len(self._constant)}s")
-            self._template.append(self._constant)
-            self._constant = b""
+        self._format.append(f"{len(self._constant)}s")
+        self._template.append(self._constant)
+        self._constant = b""
 
     def encode(self, *values: float) -> bytes:
-        """Serialise the values that vary, in their order."""
+        """Serialise the values that vary, in their order.
+
+        Raises:
+            ValueError: there are more or fewer of them than the layout has places.
+
+        """
         parts = self._template.copy()
-        for index, value in zip(self._varying, values, strict=True):
-            parts[index] = value
+        parts[1::2] = values
         return self._pack(*parts)
 
 

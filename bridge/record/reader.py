@@ -26,7 +26,7 @@ from bridge.record.errors import LogReadError
 from bridge.record.writer import METADATA, SUMMARY_ATTACHMENT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Container, Iterator
     from pathlib import Path
     from typing import BinaryIO
 
@@ -125,7 +125,7 @@ class LogReader:
             return None
         return value if isinstance(value, dict) else None
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[LogMessage]:
+    def messages(self, topics: Container[str] | None = None) -> Iterator[LogMessage]:
         """Every message (of these topics), in the order of the file.
 
         A damaged chunk is stepped over and named in ``problems``.
@@ -210,7 +210,7 @@ _SKIP_INDEXES = frozenset({int(Opcode.MESSAGE_INDEX), int(Opcode.ATTACHMENT), in
 class _Channels:
     """Channels and schemas met so far, and which of them are asked for."""
 
-    def __init__(self, topics: Collection[str] | None) -> None:
+    def __init__(self, topics: Container[str] | None) -> None:
         self.wanted: dict[int, LogChannel] = {}
         self._topics = topics
         self._schemas: dict[int, Schema] = {}

@@ -7,17 +7,22 @@ Field lists are the interface definitions of ``sensor_msgs``, ``nav_msgs``, ``ge
 from __future__ import annotations
 
 import math
+import struct
 from typing import TYPE_CHECKING, NamedTuple, cast
 
-from bridge.record.cdr import CdrLayout, stamp
+import numpy as np
+
+from bridge.record.cdr import LITTLE_ENDIAN, CdrLayout, stamp
 from bridge.record.wheels import WheelAngles
+from bridge.telemetry import CoverageRecord
+from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, Power, Range
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.motion.robot_model import RangerMount, RobotModel
-    from bridge.telemetry import CoverageRecord, DeviceMessage
+    from bridge.telemetry import DeviceMessage
 
 BODY_FRAME = "base_link"
 MAP_FRAME = "map"
@@ -103,6 +108,9 @@ _IMU = CdrLayout(
     "3d",
     *_NO_COVARIANCE,
 )
+_ACCEL_GAIN, _GYRO_GAIN = (
+    field.si_gain for field in CATALOGUE.spec(Imu).fields if field.name in {"accel_x", "gyro_x"}
+)
 _JOINT_STATE = CdrLayout(
     "2I",
     ("text", BODY_FRAME),
@@ -179,16 +187,10 @@ class RosTranslator:
         return () if translator is None else translator(record, stamp(time_ns))
 
     def _imu(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
-        message = cast("Imu", record.message)
-        data = _IMU.encode(
-            *time,
-            message.gyro_x_rad_s,
-            message.gyro_y_rad_s,
-            message.gyro_z_rad_s,
-            message.accel_x_m_s2,
-            message.accel_y_m_s2,
-            message.accel_z_m_s2,
-        )
+        # By position and gain: a third of the time of the message's own properties.
+        ax, ay, az, _, gx, gy, gz, *_ = record.message
+        a, g = _ACCEL_GAIN, _GYRO_GAIN
+        data = _IMU.encode(*time, gx * g, gy * g, gz * g, ax * a, ay * a, az * a)
         return (RosMessage("/ros/imu", IMU, data),)
 
     def _encoders(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
@@ -242,3 +244,32 @@ _GRID_HEAD = CdrLayout(
     ("d", 1.0),
     "I",
 )
+
+
+def parse_occupancy_grid(log_ns: int, data: bytes) -> CoverageRecord:
+    """Read ``nav_msgs/OccupancyGrid``; its cells stay where they are, in ``data``.
+
+    The library's decoder makes a Python integer of every cell, which takes a hundred times
+    as long. A turned origin is read as an upright one.
+
+    Raises:
+        ValueError: it is not one in little-endian CDR, or is cut short.
+
+    """
+    if not data.startswith(LITTLE_ENDIAN):
+        raise ValueError("not little-endian CDR")
+    body = memoryview(data)[len(LITTLE_ENDIAN) :]
+    try:
+        (length,) = struct.unpack_from("<I", body, 8)
+        info = _aligned(12 + length, 4)
+        resolution_m, columns, rows = struct.unpack_from("<f2I", body, info + 8)
+        origin = _aligned(info + 20, 8)
+        x_m, y_m = struct.unpack_from("<2d", body, origin)
+        cells = np.frombuffer(body, dtype=np.int8, count=rows * columns, offset=origin + 60)
+    except struct.error as error:
+        raise ValueError(str(error)) from None
+    return CoverageRecord(log_ns, cells.reshape(rows, columns), x_m, y_m, resolution_m)
+
+
+def _aligned(offset: int, size: int) -> int:
+    return offset + -offset % size

@@ -91,7 +91,7 @@ def _room(plan: FloorPlan | None) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=paths.WORLD,
         name="Room from above",
-        background=rrb.Background(color=[20, 22, 26]),
+        background=rrb.Background(color=paths.BACKGROUND),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,

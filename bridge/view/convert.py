@@ -128,24 +128,24 @@ class _Run:
             "/events": self._on_event,
             "/log": self._on_log,
             "/clock/sync": self._on_clock,
-            "/map/room": self._room.add,
-            "/map/coverage": self._swept.add,
             "/device/imu": self._on_imu,
             "/device/encoders": self._on_encoders,
             "/device/range": self._on_range,
             "/device/power": self._on_power,
             "/device/status": self._on_status,
         }
-        self.topics = _AnyOf(self._handlers)
+        self._maps = {"/map/room": self._room, "/map/coverage": self._swept}
+        self.topics = _AnyOf({*self._handlers, *self._maps})
 
     def take(self, message: LogMessage) -> None:
         """Collect one message; one that does not decode is left out."""
         self._link.count(message)
-        handler = self._handlers.get(message.channel.topic)
-        if handler is None:
-            return
+        topic = message.channel.topic
         try:
-            handler(message.log_ns, message.decoded)
+            if topic in self._handlers:
+                self._handlers[topic](message.log_ns, message.decoded)
+            elif topic in self._maps:
+                self._maps[topic].add(message.log_ns, message.data)
         except (ValueError, AttributeError):  # another program's topic of the same name
             return
 
@@ -233,17 +233,11 @@ class _Run:
 class _AnyOf:
     """The topics with a handler, and every topic of the link."""
 
-    def __init__(self, handlers: dict[str, Any]) -> None:
-        self._handlers = handlers
+    def __init__(self, topics: set[str]) -> None:
+        self._topics = topics
 
     def __contains__(self, topic: object) -> bool:
-        return topic in self._handlers or str(topic).startswith(("/device/", "/raw/"))
-
-    def __iter__(self) -> Any:  # noqa: ANN401 - only asked whether it contains
-        return iter(self._handlers)
-
-    def __len__(self) -> int:
-        return len(self._handlers)
+        return topic in self._topics or str(topic).startswith(("/device/", "/raw/uart/rx"))
 
 
 class _LinkHealth:

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 
+from bridge.record.ros import parse_occupancy_grid
 from bridge.view import paths
 
 if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan, Polygon
     from bridge.motion.robot_model import RangerMount, RobotModel
+    from bridge.telemetry import CoverageRecord
     from bridge.view.columns import Recording
 
 _PATH_STEP_M = 0.01
@@ -27,7 +29,8 @@ _RGBA = 4
 _FLOOR, _BLOCK = (46, 50, 58, 255), (120, 108, 96, 255)
 _SWEPT = (64, 170, 110, 150)
 _OPACITY = 0.999
-"""Below 1, or Rerun draws clear cells black."""
+"""Of the swept map: below 1, or Rerun draws clear cells black. The room is opaque, since among
+clear maps Rerun draws the one with the nearest centre last."""
 _OCCUPIED = 50
 """Of 100, as nav_msgs has it; below is free floor, which in the swept map is swept floor."""
 
@@ -201,52 +204,55 @@ class Maps:
     def __init__(self, entity: str, *, swept: bool) -> None:
         self._entity = entity
         self._swept = swept
-        self._grids: list[tuple[int, Any]] = []
+        self._grids: list[CoverageRecord] = []
+        self._latest: CoverageRecord | None = None
+        self._bytes = 0
+        self._stride = self._seen = 1
 
-    def add(self, time_ns: int, grid: Any) -> None:  # noqa: ANN401 - a decoded nav_msgs/OccupancyGrid
-        """Keep a grid."""
-        self._grids.append((time_ns, grid))
+    def add(self, time_ns: int, data: bytes) -> None:
+        """Keep a ``nav_msgs/OccupancyGrid``; every second of them where memory runs short."""
+        self._latest = parse_occupancy_grid(time_ns, data)
+        self._seen += 1
+        if self._seen % self._stride:
+            return
+        self._grids.append(self._latest)
+        self._bytes += _RGBA * self._latest.cells.size
+        if self._bytes > _MAX_MAP_BYTES:
+            self._grids = self._grids[::2]
+            self._bytes = sum(_RGBA * grid.cells.size for grid in self._grids)
+            self._stride *= 2
 
     def send(self, recording: Recording) -> None:
-        """Send what was collected, thinned to what memory allows, the last one always."""
-        if not self._grids:
-            return
-        size = _RGBA * len(self._grids[-1][1].data)
-        step = max(1, math.ceil(size * len(self._grids) / _MAX_MAP_BYTES))
-        kept = self._grids[::-1][::step][::-1]
-        for time_ns, grid in kept:
-            info = grid.info
-            cells = np.asarray(grid.data, dtype=np.int8).reshape(info.height, info.width)
+        """Send what was kept, and the last one in any case."""
+        if self._latest is not None and (not self._grids or self._grids[-1] is not self._latest):
+            self._grids.append(self._latest)
+        stream = recording.stream
+        for grid in self._grids:
+            rows, columns = grid.cells.shape
             # Rerun places an image's last row at the origin, an occupancy grid its first.
-            image = self._paint(cells[::-1])
+            image = self._paint(grid.cells[::-1])
             map_ = rr.GridMap(
                 data=image.tobytes(),
                 format=rr.components.ImageFormat(
-                    width=info.width,
-                    height=info.height,
-                    color_model="RGBA",
-                    channel_datatype="U8",
+                    width=columns, height=rows, color_model="RGBA", channel_datatype="U8"
                 ),
-                cell_size=info.resolution,
-                translation=[
-                    info.origin.position.x,
-                    info.origin.position.y,
-                    _Z_SWEPT if self._swept else 0.0,
-                ],
+                cell_size=grid.resolution_m,
+                translation=[grid.origin_x_m, grid.origin_y_m, _Z_SWEPT if self._swept else 0.0],
                 draw_order=1.0 if self._swept else 0.0,
-                opacity=_OPACITY,
+                opacity=_OPACITY if self._swept else None,
             )
-            stream = recording.stream
-            stream.set_time(paths.TIMELINE, duration=recording.seconds(time_ns))
-            stream.set_time(paths.UNIX_TIMELINE, timestamp=np.datetime64(time_ns, "ns"))
+            stream.set_time(paths.TIMELINE, duration=recording.seconds(grid.log_ns))
+            stream.set_time(paths.UNIX_TIMELINE, timestamp=np.datetime64(grid.log_ns, "ns"))
             stream.log(self._entity, map_)
-            stream.reset_time()
+        stream.reset_time()
 
     def _paint(
         self, cells: np.ndarray[Any, np.dtype[np.int8]]
     ) -> np.ndarray[Any, np.dtype[np.uint8]]:
-        """Colours by cell; what is not known is clear."""
+        """Colours by cell; what is not known is clear, or as the background."""
         image = np.zeros((*cells.shape, _RGBA), dtype=np.uint8)
+        if not self._swept:
+            image[:] = (*paths.BACKGROUND, 255)
         image[(cells >= 0) & (cells < _OCCUPIED)] = _SWEPT if self._swept else _FLOOR
         image[cells >= _OCCUPIED] = _BLOCK
         return image

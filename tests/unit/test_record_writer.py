@@ -14,6 +14,7 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
+from mcap_ros2._dynamic import serialize_dynamic
 from mcap_ros2.decoder import DecoderFactory as RosFactory
 
 from bridge.config import to_toml
@@ -23,6 +24,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.chunked import CHUNK_BYTES, ChunkedFile
 from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.ros import OCCUPANCY_GRID, occupancy_grid, parse_occupancy_grid, schema_text
 from bridge.record.writer import RunWriter
 from bridge.telemetry import (
     ClockRecord,
@@ -268,6 +270,10 @@ def test_maps_are_occupancy_grids(tmp_path: Path) -> None:
         CoverageRecord(NOW, cells, -1.5, 2.5, 0.05),
         RoomRecord(NOW, PLAN),
     )
+    parsed = parse_occupancy_grid(NOW, occupancy_grid(CoverageRecord(NOW, cells, -1.5, 2.5, 0.05)))
+    assert np.array_equal(parsed.cells, cells)
+    assert (parsed.origin_x_m, parsed.origin_y_m) == (-1.5, 2.5)
+    assert parsed.resolution_m == pytest.approx(0.05)
     assert (swept.info.width, swept.info.height) == (3, 2)
     assert swept.info.resolution == pytest.approx(0.05)
     assert (swept.info.origin.position.x, swept.info.origin.position.y) == (-1.5, 2.5)
@@ -284,6 +290,20 @@ def test_maps_are_occupancy_grids(tmp_path: Path) -> None:
 
     assert (at(0.2, 0.2), at(1.3, 1.25), at(0.01 - 0.02, 1.0)) == (0, 100, 100)
     assert set(grid[0]) == {-1}
+
+
+@pytest.mark.parametrize("frame_id", ["", "map", "odom", "a/longer/frame"])
+def test_a_grid_of_another_program_is_read_too(frame_id: str) -> None:
+    encode = serialize_dynamic(OCCUPANCY_GRID, schema_text(OCCUPANCY_GRID))[OCCUPANCY_GRID]
+    origin = {"position": {"x": 1.0, "y": 2.0}, "orientation": {"w": 1.0}}
+    info = {"resolution": 0.5, "width": 3, "height": 2, "origin": origin}
+    data = encode({"header": {"frame_id": frame_id}, "info": info, "data": [0, 1, 2, -1, 4, 100]})
+    grid = parse_occupancy_grid(NOW, bytes(data))
+    assert grid.cells.tolist() == [[0, 1, 2], [-1, 4, 100]]
+    assert grid[2:] == (1.0, 2.0, 0.5)
+    for cut in range(len(data)):
+        with pytest.raises(ValueError, match=r"\w"):
+            parse_occupancy_grid(NOW, bytes(data[:cut]))
 
 
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:

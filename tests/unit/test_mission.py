@@ -1,0 +1,243 @@
+"""The phases of a run: leave to move is asked step by step, and every phase ends."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.coverage.runner import PlanRunner
+from bridge.mission import (
+    DATA_TIMEOUT_S,
+    END_TIMEOUT_S,
+    LOST_TIMEOUT_S,
+    SETTLE_S,
+    Ending,
+    Mission,
+    Phase,
+    Request,
+)
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import HALT, Observation
+from bridge.motion.robot_model import RobotModel
+from protocol.commands import Outcome
+from protocol.messages import ClearStop, SetMode, Status, Stop
+from protocol.values import Mode, NackReason, StopCause
+from support.ends import Spinning
+
+MODEL = RobotModel()
+CLEARED = Outcome(ClearStop(1, 1), accepted=True, reason=None)
+ENABLED = Outcome(SetMode(2, 1), accepted=True, reason=None)
+STOPPED = Outcome(Stop(3, 1), accepted=True, reason=None)
+
+
+def planned(**options: bool | float) -> Mission:
+    return Mission(PlanRunner(Spinning(MODEL), MODEL), **options)  # type: ignore[arg-type]  # by name
+
+
+def status(cause: int = 0) -> Status:
+    return Status(0, cause, 0, 0, 0)
+
+
+def seen(now_s: float) -> Observation:
+    return Observation(now_s, Pose2(0, 0, 0), 0.0, 0.0, None, None, None, False, False, False)
+
+
+def driving(**options: bool | float) -> Mission:
+    mission = planned(**options)
+    mission.on_ready(0.0)
+    mission.on_status(status(StopCause.SESSION_END), 0.1)
+    mission.on_command(CLEARED, 0.2)
+    mission.on_command(ENABLED, 0.3)
+    mission.step(seen(3.0), None, 3.0)
+    assert mission.phase is Phase.DRIVING
+    mission.requests()
+    return mission
+
+
+def test_each_step_waits_for_the_one_before() -> None:
+    mission = planned()
+    assert mission.step(None, None, 0.0) is None
+    mission.on_status(status(StopCause.SESSION_END), 0.0)
+    assert mission.requests() == [], "not before both ends agree"
+    mission.on_ready(0.1)
+    mission.on_status(status(StopCause.SESSION_END), 0.2)
+    assert mission.requests() == [Request("clear", StopCause.SESSION_END)]
+    mission.on_status(status(StopCause.SESSION_END), 0.3)
+    assert mission.requests() == []
+    assert mission.step(seen(0.3), None, 0.3) is None, "no velocity before leave is given"
+    mission.on_command(CLEARED, 0.4)
+    assert mission.requests() == [Request("mode", Mode.VELOCITY)]
+    mission.on_command(ENABLED, 0.5)
+    assert mission.step(seen(0.6), None, 0.6) == HALT
+    assert mission.step(seen(2.9), None, 0.5 + SETTLE_S - 0.01) == HALT
+    assert mission.phase is Phase.SETTLING
+    mission.step(seen(3.0), None, 0.5 + SETTLE_S)
+    assert mission.phase is Phase.DRIVING
+    assert mission.drive_started_s == 0.5 + SETTLE_S
+    command = mission.step(seen(3.1), None, 3.1)
+    assert command is not None
+    assert command != HALT
+
+
+@pytest.mark.parametrize("cause", [c for c in StopCause if c > StopCause.SESSION_END])
+def test_a_latched_stop_is_not_cleared_unasked(cause: StopCause) -> None:
+    mission = planned()
+    mission.on_ready(0.0)
+    mission.on_status(status(cause), 0.1)
+    assert mission.ending is not None
+    assert (mission.ending.outcome, mission.ending.exit_status) == ("stopped", 5)
+    assert f"cause: {cause.name.lower()}" in mission.ending.reason
+    assert "--clear-stop" in mission.ending.reason
+    assert [r.kind for r in mission.requests()] == ["stop"]
+    free = planned(clear_stop=True)
+    free.on_ready(0.0)
+    free.on_status(status(cause), 0.1)
+    assert free.requests() == [Request("clear", cause)]
+
+
+def test_a_stop_latched_meanwhile_ends_the_run() -> None:
+    mission = driving()
+    mission.on_status(status(StopCause.HARDWARE), 4.0)
+    assert mission.ending is not None
+    assert mission.ending.exit_status == 5
+    assert "hardware" in mission.ending.reason
+    assert mission.step(seen(4.1), None, 4.1) is None
+
+
+@pytest.mark.parametrize(
+    ("outcome", "ended", "exit_status", "word"),
+    [
+        (Outcome(ClearStop(1, 1), False, NackReason.OTHER_CAUSE), "stopped", 5, "other_cause"),  # noqa: FBT003 - refused
+        (Outcome(ClearStop(1, 1), False, NackReason.FAULT), "fault", 4, "refused"),  # noqa: FBT003 - refused
+        (Outcome(ClearStop(1, 1), False, None), "fault", 4, "did not answer"),  # noqa: FBT003 - refused
+    ],
+)
+def test_a_refused_clear_ends_the_run(
+    outcome: Outcome, ended: str, exit_status: int, word: str
+) -> None:
+    mission = planned()
+    mission.on_ready(0.0)
+    mission.on_status(status(StopCause.SESSION_END), 0.1)
+    mission.on_command(outcome, 0.5)
+    assert mission.ending is not None
+    assert (mission.ending.outcome, mission.ending.exit_status) == (ended, exit_status)
+    assert word in mission.ending.reason
+
+
+def test_no_status_is_no_reason_to_wait_for_ever() -> None:
+    mission = planned()
+    mission.step(None, "imu", 100.0)
+    assert mission.phase is Phase.WAITING, "before agreement the session keeps the time"
+    mission.on_ready(100.0)
+    mission.step(None, "imu", 100.0 + DATA_TIMEOUT_S)
+    assert mission.ending is None
+    mission.step(None, "imu", 100.1 + DATA_TIMEOUT_S)
+    assert mission.ending is not None
+    assert (mission.ending.outcome, mission.ending.exit_status) == ("fault", 3)
+
+
+def test_settling_without_data_ends() -> None:
+    mission = planned()
+    mission.on_ready(0.0)
+    mission.on_status(status(), 0.0)
+    mission.on_command(ENABLED, 0.0)
+    for tenth in range(200):
+        mission.step(None, "imu", tenth / 10)
+    assert mission.ending is not None
+    assert mission.ending.reason == "no imu data from the device"
+    assert mission.ending.exit_status == 5
+    assert mission.done
+
+
+def test_driving_without_data_stops_at_once() -> None:
+    mission = driving()
+    assert mission.step(seen(4.0), "range", 4.0) == HALT
+    assert mission.ending is not None
+    assert "range" in mission.ending.reason
+    assert mission.requests() == [Request("stop", StopCause.SUPERVISE)]
+
+
+def test_the_end_waits_for_the_devices_word() -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "ended by Ctrl-C", 0), 4.0)
+    assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
+    assert mission.step(seen(4.1), None, 4.1) is None, "nothing is sent after the stop"
+    assert not mission.done
+    mission.on_command(STOPPED, 4.2)
+    assert mission.done
+    assert mission.ending == Ending("stopped", "ended by Ctrl-C", 0)
+    assert mission.drive_ended_s == 4.0
+
+
+def test_but_not_for_ever_and_says_so() -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "ended by Ctrl-C", 0), 4.0)
+    mission.step(seen(4.9), None, 4.0 + END_TIMEOUT_S)
+    assert not mission.done
+    mission.step(seen(5.1), None, 4.1 + END_TIMEOUT_S)
+    assert mission.done
+    assert mission.ending is not None
+    assert mission.ending.reason == "ended by Ctrl-C; the device did not confirm the stop"
+
+
+def test_a_second_end_changes_nothing() -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "first", 0), 4.0)
+    mission.request_end(Ending("fault", "second", 1), 4.1)
+    assert mission.ending is not None
+    assert mission.ending.reason == "first"
+    assert len(mission.requests()) == 1
+
+
+def test_a_time_limit_ends_with_a_halt() -> None:
+    mission = driving(max_time_s=10.0)
+    assert mission.step(seen(12.0), None, 12.0) != HALT
+    assert mission.step(seen(13.1), None, 13.1) == HALT
+    assert mission.ending is not None
+    assert (mission.ending.outcome, mission.ending.exit_status) == ("timeout", 1)
+
+
+def test_lost_and_back_never_drives_on() -> None:
+    mission = driving()
+    mission.on_lost(5.0)
+    assert mission.phase is Phase.HOLDING
+    assert mission.step(seen(5.1), None, 5.1) is None
+    mission.on_ready(8.0)
+    assert mission.ending is not None
+    assert mission.ending.exit_status == 5
+    assert "lost and is back" in mission.ending.reason
+    assert [r.kind for r in mission.requests()] == ["stop"]
+    mission.on_status(status(), 8.1)
+    assert mission.step(seen(8.2), None, 8.2) is None
+
+
+@pytest.mark.parametrize("watching", [True, False])
+def test_lost_for_good_is_a_fault(watching: bool) -> None:  # noqa: FBT001 - two cases
+    mission = Mission(None) if watching else driving()
+    mission.on_ready(4.0)
+    mission = mission if watching else driving()
+    mission.on_lost(5.0)
+    mission.step(None, None, 5.0 + LOST_TIMEOUT_S)
+    assert not mission.done
+    mission.step(None, None, 5.1 + LOST_TIMEOUT_S)
+    assert mission.done
+    assert mission.ending is not None
+    assert (mission.ending.outcome, mission.ending.exit_status) == ("fault", 3)
+
+
+def test_watching_goes_on_when_the_device_is_back() -> None:
+    mission = Mission(None)
+    mission.on_ready(0.0)
+    mission.on_status(status(StopCause.OPERATOR), 1.0)
+    mission.on_lost(5.0)
+    mission.on_ready(8.0)
+    assert mission.phase is Phase.WAITING
+    mission.step(None, None, 1000.0)
+    assert mission.ending is None
+    assert mission.requests() == []
+
+
+def test_a_failed_session_is_the_end() -> None:
+    mission = planned()
+    mission.on_failed("nothing was heard", 3, 3.0)
+    assert mission.done
+    assert mission.ending == Ending("fault", "nothing was heard", 3)
