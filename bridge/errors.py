@@ -60,7 +60,3 @@ class StoppedForSafetyError(BridgeError):
     """The robot is stopped and must be freed by hand."""
 
     exit_status = 5
-
-    def __init__(self, cause: str, hint: str) -> None:
-        super().__init__(f"the robot is stopped (cause: {cause}); {hint}")
-        self.cause = cause

@@ -15,7 +15,7 @@ from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT
 from bridge.motion.relocalise import Relocaliser
-from bridge.robot_state import RobotState, missing_needs, understood
+from bridge.robot_state import STALE_S, RobotState, missing_needs, understood
 from bridge.session import (
     Agreed,
     CommandEnded,
@@ -44,8 +44,8 @@ from protocol.clock import HostNs
 from protocol.link import Received, Rejected
 from protocol.messages import Encoders, Imu, LogText, Range, Status
 from protocol.uart import DamagedFrame
-from protocol.values import Fault as DeviceFault
 from protocol.values import Contact, LogLevel, StopCause, flag_labels, label
+from protocol.values import Fault as DeviceFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,6 +60,8 @@ SETPOINT_TTL_MS = 200
 """Ten control periods, below the device's limit of 250."""
 LATE_NS = 50_000_000
 """A control step later than this drives nothing: a blocked host must not jump."""
+SILENT_NS = 100_000_000
+"""Ten frames of the quickest stream: the wire is silent, not one of the sensors."""
 MAP_PERIOD_NS = 2_000_000_000
 CLOCK_PERIOD_NS = 1_000_000_000
 _LEVELS = {
@@ -115,6 +117,8 @@ class Host:
         self._control_ns = HostNs(0)
         self._map_ns = 0
         self._clock_ns = 0
+        self._silent_ns = 0
+        """When the wire was last found silent."""
         self._planner_state: PlannerState | None = None
         self._faults = DeviceFault(0)
         self._stop_cause = -1
@@ -141,6 +145,7 @@ class Host:
             self._control_ns = HostNs(self._control_ns + CONTROL_PERIOD_NS)
             if late_ns > LATE_NS:
                 self._control_ns = HostNs(now_ns + CONTROL_PERIOD_NS)
+                self._silent_ns = now_ns  # what came meanwhile may be lost, or still unread
                 text = f"the host was held up for {late_ns / 1e6:.0f} ms; this step drives nothing"
                 self.event(now_ns, Severity.WARNING, "session", "late", text)
             else:
@@ -155,6 +160,10 @@ class Host:
         if data:
             self._sink.write(RawBytes(self._unix(now_ns), True, data))  # noqa: FBT003 - outgoing
         return data
+
+    def discard_output(self) -> None:
+        """Forget what waits to be written: there is no port, and it must not come late."""
+        self.session.data_to_send()
 
     def next_deadline(self) -> HostNs:
         """When :meth:`poll` has work next."""
@@ -331,6 +340,8 @@ class Host:
         stale = self.state.stale(now_s)
         if stale is None and not estimator.known:
             stale = "odometry"
+        if self._in_doubt(now_ns):
+            obs = stale = None
         was = mission.phase
         command = mission.step(obs, stale, now_s)
         if command is not None and self.session.state is State.READY:
@@ -351,6 +362,15 @@ class Host:
         if mission.phase is not was:
             self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
         self._serve(now_ns)
+
+    def _in_doubt(self, now_ns: HostNs) -> bool:
+        """Whether the wire is silent, or was until now, so that old data accuse no sensor.
+
+        Nothing is driven meanwhile; the session judges a silence, within a second.
+        """
+        if now_ns - self.session.heard_ns > SILENT_NS:
+            self._silent_ns = now_ns
+        return now_ns - self._silent_ns <= STALE_S * 1e9
 
     # ---- records --------------------------------------------------------------------------
 

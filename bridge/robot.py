@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import secrets
 import threading
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, Self, TypeVar
 
 from bridge.coverage.planner import PlannerEvent, PlannerState
 from bridge.errors import (
@@ -31,18 +31,18 @@ from bridge.io import clock
 from bridge.io.ports import DEFAULT_BAUD, SerialPort
 from bridge.io.pump import Pump
 from bridge.mission import Ending, Mission, Phase
-from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.session import State
 from protocol.messages import Encoders, Imu, Power, Range, Status
-from protocol.values import StopCause, label
+from protocol.values import StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
+    from bridge.motion.geometry import Pose2
     from bridge.record.sink import Sink
     from protocol.message import Message
 
@@ -192,9 +192,7 @@ class Robot:
 
     def stop(self) -> None:
         """Stop and latch, cause ``operator``; :meth:`enable` then needs ``clear_stop``."""
-        self._pump.request_end(
-            Ending("stopped", "stopped by the program", 5, StopCause.OPERATOR)
-        )
+        self._pump.request_end(Ending("stopped", "stopped by the program", 5, StopCause.OPERATOR))
         self._thread.join(timeout=OPEN_TIMEOUT_S)
 
     def close(self) -> None:
@@ -202,7 +200,7 @@ class Robot:
         self._pump.request_end(Ending("stopped", "closed by the program", 0))
         self._thread.join(timeout=OPEN_TIMEOUT_S)
 
-    def __enter__(self) -> Robot:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -222,9 +220,9 @@ class Robot:
     def _why(self) -> BridgeError:
         ending = self._mission.ending
         if ending is None:
-            return StoppedForSafetyError("not enabled", "call enable() first")
+            return StoppedForSafetyError("the robot is not enabled: call enable() first")
         if ending.exit_status == 3:  # noqa: PLR2004 - the contract's status for a lost device
             return DeviceLostError(ending.reason)
         if ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
             return CommandRejectedError("to move", ending.reason)
-        return StoppedForSafetyError(label(StopCause, ending.cause), ending.reason)
+        return StoppedForSafetyError(ending.reason)

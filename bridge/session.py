@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from protocol.agreement import Comparison, MessageAgreement
 from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.clock import HostNs
 from protocol.codec import Codec
 from protocol.commands import CommandSender, Outcome
 from protocol.link import NODE_ALL, Link, Received, Rejected
@@ -33,8 +34,6 @@ from protocol.uart import FLAG_RETRY, DamagedFrame
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from protocol.clock import HostNs
 
 HELLO_PERIOD_NS = 200_000_000
 ANSWER_PERIOD_NS = 100_000_000
@@ -179,7 +178,7 @@ class Session:
         """Cause of a stop that no device has confirmed yet; it outlives a lost link."""
         self._evidence = _Evidence()
         self._opened_ns = 0
-        self._heard_ns = 0
+        self._heard_ns = HostNs(0)
         self._next_ns = 0
         self._tries = 0
         self._pings: dict[int, HostNs] = {}
@@ -261,6 +260,11 @@ class Session:
             if due_us is not None:
                 deadlines.append((due_us + 1) * 1000)
         return min(deadlines)  # type: ignore[return-value]  # all of them host nanoseconds
+
+    @property
+    def heard_ns(self) -> HostNs:
+        """When the device's last intact frame came; 0: never."""
+        return self._heard_ns
 
     # ---- what a user of the session asks for ----------------------------------------------
 
@@ -507,33 +511,26 @@ class Session:
         evidence = self._evidence
         if evidence.versions:
             spoken = ", ".join(str(v) for v in sorted(evidence.versions))
-            kind, text = (
-                "version",
-                (
-                    f"the device speaks protocol version {spoken}, this program {PROTOCOL_VERSION}; "
-                    "update the older of the two"
-                ),
+            kind = "version"
+            text = (
+                f"the device speaks protocol version {spoken}, this program "
+                f"{PROTOCOL_VERSION}; update the older of the two"
             )
         elif evidence.echoes:
-            kind, text = "echo", "our own bytes come back: RX and TX are joined, or echo is on"
+            kind = "echo"
+            text = "our own bytes come back: RX and TX are joined, or echo is on"
         elif self.link.statistics.damaged:
-            kind, text = (
-                "garbage",
-                (
-                    f"{evidence.received} bytes came, none of them an intact frame; "
-                    "check the baud rate, or this is not a sweeper"
-                ),
+            kind = "garbage"
+            text = (
+                f"{evidence.received} bytes came, none of them an intact frame; "
+                "check the baud rate, or this is not a sweeper"
             )
         elif evidence.received:
-            kind, text = (
-                "garbage",
-                (f"{evidence.received} bytes came that are not a sweeper's; check the port"),
-            )
+            kind = "garbage"
+            text = f"{evidence.received} bytes came that are not a sweeper's; check the port"
         else:
-            kind, text = (
-                "silence",
-                ("nothing was heard for 3 s; check power, wiring, and that this is the right port"),
-            )
+            kind = "silence"
+            text = "nothing was heard for 3 s; check power, wiring, and that this is the right port"
         self._fail("no_device", kind, text)
 
     def _fail(self, what: str, kind: str, text: str) -> None:

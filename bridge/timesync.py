@@ -159,9 +159,7 @@ class TimeSync:
         self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
 
 
-def _relative(
-    side: dict[int, tuple[int, int]], at_us: int, base_ns: int
-) -> tuple[Floats, Floats]:
+def _relative(side: dict[int, tuple[int, int]], at_us: int, base_ns: int) -> tuple[Floats, Floats]:
     """Fences as device and host nanoseconds from the moment of the fit."""
     device = np.array([(d - at_us) * 1000.0 for d, _ in side.values()])
     return device, np.array([float(h - base_ns) for _, h in side.values()])

@@ -1,0 +1,1 @@
+"""A virtual sweeper that speaks the wire protocol: world, plant, sensors, firmware."""

@@ -30,7 +30,7 @@ class VirtualSweeper:
     the plant moves on in control periods of 10 ms; bytes are taken at the moment given.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a device can be made with
         self,
         plan: FloorPlan,
         model: RobotModel | None = None,

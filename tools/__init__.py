@@ -1,0 +1,1 @@
+"""The ``sweepctl`` command and what joins host and virtual sweeper."""

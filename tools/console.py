@@ -57,9 +57,11 @@ def summary_table(summary: dict[str, Any]) -> Table:
         ("energy", _with(summary["energy_wh"], "{:.2f} Wh")),
         (
             "wire",
-            f"{wire['frames']['rx']} frames in, {wire['frames']['tx']} out, "
-            f"{wire['lost']} lost, {wire['crc_errors']} damaged, "
-            f"{(wire['bytes']['rx'] + wire['bytes']['tx']) / 1024:.0f} KiB",
+            (
+                f"{wire['frames']['rx']} frames in, {wire['frames']['tx']} out, "
+                f"{wire['lost']} lost, {wire['crc_errors']} damaged, "
+                f"{(wire['bytes']['rx'] + wire['bytes']['tx']) / 1024:.0f} KiB"
+            ),
         ),
         ("log", summary["log"]),
     ]

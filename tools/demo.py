@@ -77,7 +77,7 @@ def _sweepctl(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command as a user would; what it says for people is shown as it comes."""
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     command: list[Any] = [sys.executable, "-m", "tools.sweepctl", *arguments]
-    return subprocess.run(
+    return subprocess.run(  # noqa: S603 - our own command
         command, stdout=subprocess.PIPE, text=True, check=False, env=environment
     )
 
@@ -85,12 +85,11 @@ def _sweepctl(*arguments: str) -> subprocess.CompletedProcess[str]:
 def _picture(log: Path) -> None:
     from bridge.view.picture import draw_run
 
-    _OUT.print(f"picture  {draw_run(log, log.with_suffix('.png'))}", style="dim")
+    _OUT.print(f"picture  {draw_run(log, log.with_suffix('.png'))}")
 
 
 def _where(log: Path) -> None:
-    _OUT.print(f"log      {log}", style="dim")
-    _OUT.print(f"see it   .venv/bin/sweepctl view {log}\n", style="dim")
+    _OUT.print(f"see it   .venv/bin/sweepctl view {log}\n")
 
 
 if __name__ == "__main__":

@@ -81,9 +81,7 @@ def run(arguments: list[str] | None = None) -> int:
 
 def _print_failure(text: str, status: int) -> None:
     """The one JSON object of a command that could not begin."""
-    sys.stdout.write(
-        json.dumps({"outcome": "fault", "reason": text, "exit_status": status}) + "\n"
-    )
+    sys.stdout.write(json.dumps({"outcome": "fault", "reason": text, "exit_status": status}) + "\n")
 
 
 def main() -> None:

@@ -1,5 +1,7 @@
 """The distribution's version."""
 
+from __future__ import annotations
+
 from importlib.metadata import PackageNotFoundError, version
 
 try:

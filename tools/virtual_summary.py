@@ -22,7 +22,9 @@ def summarise(
     if run.truth:
         runner = host.mission.runner
         meter = CoverageMeter(plan, host.model)
-        report = meter.measure(((t, *pose) for t, pose in run.truth), runner.lane_length_m if runner else 0.0)
+        report = meter.measure(
+            ((t, *pose) for t, pose in run.truth), runner.lane_length_m if runner else 0.0
+        )
     return run_summary(
         host,
         room=plan.name,

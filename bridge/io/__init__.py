@@ -1,0 +1,1 @@
+"""The host's only place with a clock and a port."""

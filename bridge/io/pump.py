@@ -86,6 +86,8 @@ class Pump:
                 self._gone(error, now_ns)
         now_ns = clock.now()
         host.receive(data, now_ns)
+        while self._calls:
+            self._calls.popleft()()
         ending = self._ask
         if ending is None:  # cleared only where it was seen: a signal may come between any lines
             ending = self.watch()
@@ -104,6 +106,7 @@ class Pump:
         # queue can still be superseded, what waits here cannot.
         port = self._port
         if port is None:
+            self.host.discard_output()
             return
         if self._pending and now_ns - self._fetched_ns > STUCK_NS:
             self._drop_stuck(now_ns)

@@ -36,7 +36,10 @@ _MESSAGE = struct.Struct("<HIQQ")
 MAX_CHUNK_BYTES = 512 * 1024 * 1024
 """A chunk that claims more is taken for damage, not for a reason to fill the memory."""
 
-_DAMAGE = (McapError, ValueError, struct.error, ZstdError, EOFError, KeyError, OverflowError)
+_DAMAGE = (
+    *(McapError, ZstdError, struct.error, ValueError, KeyError),
+    *(EOFError, OverflowError, RuntimeError, MemoryError),
+)
 """What the library raises on content that is not what it should be."""
 
 
@@ -103,13 +106,21 @@ class LogReader:
         self.problems: list[str] = []
         """Damage that was stepped over while messages were read, a line each."""
         self.bytes = 0
-        for opcode, record in self._records(self._skip_bulk):
-            if opcode == Opcode.ATTACHMENT:
-                attachment = Attachment.read(_stream(record))
-                self.attachments[attachment.name] = attachment.data
-            elif opcode == Opcode.METADATA:
-                metadata = Metadata.read(_stream(record))
-                self.metadata.setdefault(metadata.name, {}).update(metadata.metadata)
+        self._head_problems: list[str] = []
+        for opcode, record in self._records(_SKIP_BULK):
+            try:
+                self._take_head(opcode, record)
+            except _DAMAGE as error:
+                self._head_problems.append(f"damaged record stepped over: {error!r}")
+        self.problems = self._head_problems
+
+    def _take_head(self, opcode: int, record: bytes) -> None:
+        if opcode == Opcode.ATTACHMENT:
+            attachment = Attachment.read(_stream(record))
+            self.attachments[attachment.name] = attachment.data
+        elif opcode == Opcode.METADATA:
+            metadata = Metadata.read(_stream(record))
+            self.metadata.setdefault(metadata.name, {}).update(metadata.metadata)
 
     @property
     def run(self) -> dict[str, str]:
@@ -131,14 +142,14 @@ class LogReader:
         A damaged chunk is stepped over and named in ``problems``.
         """
         state = _Channels(topics)
-        self.problems = []
+        self.problems = self._head_problems.copy()
         for opcode, record in self._records(_SKIP_INDEXES):
             if opcode == Opcode.CHUNK:
                 try:
                     content = _chunk_content(record)
                     yield from self._within(content, state)
                 except _DAMAGE as error:
-                    self.problems.append(f"damaged chunk stepped over: {error}")
+                    self.problems.append(f"damaged chunk stepped over: {error!r}")
             else:
                 yield from self._one(opcode, record, state)
 
@@ -170,7 +181,7 @@ class LogReader:
             else:
                 state.take(opcode, record)
         except _DAMAGE as error:
-            self.problems.append(f"damaged record stepped over: {error}")
+            self.problems.append(f"damaged record stepped over: {error!r}")
 
     def _records(self, skip: frozenset[int]) -> Iterator[tuple[int, bytes]]:
         """Opcode and content of every whole record up to the end of the data."""
@@ -201,9 +212,8 @@ class LogReader:
             else:
                 yield opcode, file.read(length)
 
-    _skip_bulk = frozenset({int(Opcode.CHUNK), int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)})
 
-
+_SKIP_BULK = frozenset({int(Opcode.CHUNK), int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)})
 _SKIP_INDEXES = frozenset({int(Opcode.MESSAGE_INDEX), int(Opcode.ATTACHMENT), int(Opcode.METADATA)})
 
 

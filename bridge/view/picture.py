@@ -52,7 +52,7 @@ def draw_run(log: Path, png: Path) -> Path:
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    axes.set_title(_title(track), fontsize=10, loc="left")
+    figure.suptitle(_title(track), fontsize=10, x=0.06, ha="left")
     lines, _ = axes.get_legend_handles_labels()
     axes.legend(
         handles=[*lines, *_floor_legend(track)],

@@ -42,6 +42,8 @@ TIME_TO_LIVE_US = 250_000
 REST_M_S = 0.005
 REST_RAD_S = 0.02
 MAX_STEP_US = 10_000
+_session_ids = itertools.count(1)
+"""Of every host that a test makes: no two may ever say the same."""
 OPEN_FLOOR = room((10.0, 10.0, 0.0))
 
 
@@ -124,13 +126,12 @@ class Spinning(ScriptedPlanner):
 def spinning_host(sink: Collector | None = None, **mission: bool | float) -> Host:
     """A host whose plan never ends."""
     model = RobotModel()
-    ids = itertools.count(1)
     return Host(
         model,
         sink or Collector(),
         HostOptions(0, "spinning"),
         Mission(PlanRunner(Spinning(model), model), **mission),  # type: ignore[arg-type]  # by name
-        lambda: next(ids),
+        lambda: next(_session_ids),
     )
 
 
@@ -180,9 +181,8 @@ class SessionEnd:
         return [e for e in self.events if isinstance(e, kind)]
 
 
-def session_end(first_id: int = 1, catalogue: Catalogue = CATALOGUE) -> SessionEnd:
-    ids = itertools.count(first_id)
-    return SessionEnd(Session(lambda: next(ids), catalogue=catalogue))
+def session_end(catalogue: Catalogue = CATALOGUE) -> SessionEnd:
+    return SessionEnd(Session(lambda: next(_session_ids), catalogue=catalogue))
 
 
 def sweeper(*, seed: int = 1, catalogue: Catalogue = CATALOGUE, node: int = 1) -> VirtualSweeper:

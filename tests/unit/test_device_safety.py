@@ -75,7 +75,7 @@ def test_two_crystals_never_make_a_fresh_setpoint_stale(drift_ppm: int) -> None:
     fresh = Freshness()
     worst = 0.0
     host_first, device_first = WRAP - 3_000_000, WRAP - 9_000_000
-    for k in range(0, 5 * 3600 * 4):  # a ping each 250 ms
+    for k in range(5 * 3600 * 4):  # a ping each 250 ms
         sent = k * 250_000
         arrival = device_first + round(sent * (1 + drift_ppm * 1e-6)) + rng.randint(300, 1500)
         worst = max(worst, fresh.extra_delay_us((host_first + sent) % WRAP, arrival))

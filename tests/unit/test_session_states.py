@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import pytest
 
 from bridge.session import (
@@ -356,13 +355,13 @@ def test_a_stop_is_obeyed_without_a_session() -> None:
 
 def test_commands_of_a_restarted_host_are_not_taken_for_repeats() -> None:
     """It counts its command ids from 1 again, as its predecessor did."""
-    ends = Ends(first := session_end(first_id=10), sweeper())
+    ends = Ends(first := session_end(), sweeper())
     ready(ends, first)
     first.session.clear_stop(StopCause.SESSION_END, ends.host_ns)
     first.session.set_mode(Mode.VELOCITY, ends.host_ns)
     ends.run(0.1)
     assert ends.device.firmware.mode is Mode.VELOCITY
-    second = session_end(first_id=20)
+    second = session_end()
     ends.restart_host(second)
     ready(ends, second)
     assert ends.device.firmware.latch.cause is StopCause.LINK, "a new host finds it standing"

@@ -90,7 +90,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     return 0
 
 
-def _truth_writer(  # noqa: PLR0913, PLR0917 - what a log says of itself
+def _truth_writer(  # noqa: PLR0913 - what a log says of itself
     path: Path, robot_toml: str, plan: FloorPlan, seed: int, noise: str, *, force: bool
 ) -> RunWriter:
     from bridge.io import clock

@@ -60,9 +60,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.telemetry import RunInfo
     from tools.console import print_summary
     from tools.rooms import load_room
+    from tools.version import VERSION
     from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
     from tools.virtual_summary import summarise
-    from tools.version import VERSION
 
     plan = load_room(room)
     model, robot_toml = load_robot(robot)

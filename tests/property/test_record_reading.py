@@ -1,0 +1,86 @@
+"""Whatever stands in a file, reading it ends in messages or in our own error."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+from itertools import islice
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.record.errors import LogReadError
+from bridge.record.info import describe
+from bridge.record.reader import LogReader
+from bridge.record.writer import RunWriter
+from support.synthetic_run import run_info, summary, synthetic_run
+
+
+@functools.cache
+def small_log() -> bytes:
+    """A second of a run."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        writer = RunWriter(path, run_info())
+        for record in islice(synthetic_run(), 300):
+            writer.write(record)
+        writer.close(summary())
+        return path.read_bytes()
+
+
+def read_all(data: bytes) -> int:
+    """Read and decode everything; gives the number of messages that decoded."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.mcap"
+        path.write_bytes(data)
+        decoded = 0
+        try:
+            for message in LogReader(path).messages():
+                try:
+                    decoded += message.decoded is not None
+                except ValueError:
+                    continue
+            describe(path)
+        except LogReadError:
+            return 0
+        return decoded
+
+
+edits = st.lists(
+    st.tuples(st.floats(0, 1, exclude_max=True), st.binary(min_size=1, max_size=9)),
+    min_size=1,
+    max_size=4,
+)
+
+
+@given(edits)
+def test_an_overwritten_log_never_breaks_the_reader(edits: list[tuple[float, bytes]]) -> None:
+    data = bytearray(small_log())
+    for where, what in edits:
+        at = int(where * len(data))
+        data[at : at + len(what)] = what
+    read_all(bytes(data))
+
+
+@given(edits)
+def test_a_log_that_lost_or_won_bytes_never_breaks_the_reader(
+    edits: list[tuple[float, bytes]],
+) -> None:
+    data = bytearray(small_log())
+    for where, what in edits:
+        at = int(where * len(data))
+        if what[0] & 1:
+            del data[at : at + len(what)]
+        else:
+            data[at:at] = what
+    read_all(bytes(data))
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_behind_the_magic_never_break_the_reader(tail: bytes) -> None:
+    read_all(small_log()[:8] + tail)
+
+
+def test_the_log_that_these_damage_decodes_whole() -> None:
+    assert read_all(small_log()) > 300

@@ -1,0 +1,214 @@
+"""``sweepctl emulate`` and ``sweepctl connect`` as two processes over a real pty."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+from bridge.record.reader import LogReader
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMAND = [sys.executable, "-m", "tools.sweepctl"]
+PATIENCE_S = 60.0
+"""For what takes seconds; only a hang is longer."""
+
+
+class Ended(NamedTuple):
+    """A finished command."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The one object on stdout."""
+        lines = self.out.splitlines()
+        assert len(lines) == 1, self.out
+        value = json.loads(lines[0])
+        assert isinstance(value, dict)
+        return value
+
+    @property
+    def complaint(self) -> str:
+        """The last line on stderr: what a person is told."""
+        return self.err.strip().splitlines()[-1]
+
+
+class Command:
+    """A running ``sweepctl``."""
+
+    def __init__(self, *arguments: str | Path, cwd: Path) -> None:
+        self.process = subprocess.Popen(
+            [*COMMAND, *map(str, arguments)],
+            cwd=cwd,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self._lines: list[str] = []
+        self._said = threading.Condition()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            with self._said:
+                self._lines.append(line)
+                self._said.notify_all()
+
+    def says(self, text: str) -> None:
+        """Wait until a line on stderr holds ``text``."""
+        with self._said:
+            found = self._said.wait_for(
+                lambda: any(text in line for line in self._lines) or self.process.poll() is not None,
+                PATIENCE_S,
+            )
+            assert found, "".join(self._lines)
+            assert any(text in line for line in self._lines), "".join(self._lines)
+
+    def first_line(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline()
+
+    def send(self, number: int) -> None:
+        self.process.send_signal(number)
+
+    def end(self) -> Ended:
+        """Wait for its end."""
+        assert self.process.stdout is not None
+        assert self.process.stderr is not None
+        try:
+            status = self.process.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            raise
+        out = self.process.stdout.read()
+        self._reader.join(PATIENCE_S)
+        self.process.stdout.close()
+        self.process.stderr.close()
+        return Ended(status, out, "".join(self._lines))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.send_signal(signal.SIGCONT)
+        if self.process.stdout is not None and not self.process.stdout.closed:
+            self.end()
+
+
+class Emulator(Command):
+    """A virtual sweeper on a pty of its own."""
+
+    def __init__(self, cwd: Path, *arguments: str | Path) -> None:
+        super().__init__("emulate", "case-1", "--noise", "none", *arguments, cwd=cwd)
+        line = self.first_line()
+        assert line.startswith("ready "), line
+        self.port = line.split()[1]
+
+    def stop(self) -> Ended:
+        self.send(signal.SIGTERM)
+        return self.end()
+
+
+def connect(cwd: Path, port: str, *arguments: str | Path) -> Ended:
+    """Run ``sweepctl connect`` to its end."""
+    with Command("connect", port, *arguments, cwd=cwd) as command:
+        return command.end()
+
+
+class Pose(NamedTuple):
+    """Where the robot really was, Unix time in seconds."""
+
+    at_s: float
+    x_m: float
+    y_m: float
+    half_yaw: float
+    """Sine of half the heading."""
+
+
+def truth(path: Path) -> list[Pose]:
+    """The emulator's own account."""
+    poses = []
+    for message in LogReader(path).messages(["/truth/pose"]):
+        pose = message.decoded.pose
+        poses.append(
+            Pose(message.log_ns / 1e9, pose.position.x, pose.position.y, pose.orientation.z)
+        )
+    return poses
+
+
+def last_motion_s(poses: list[Pose]) -> float:
+    """When the robot was last seen to move."""
+    last = -1.0
+    for before, after in zip(poses, poses[1:], strict=False):
+        moved = abs(after.x_m - before.x_m) + abs(after.y_m - before.y_m)
+        if moved > 1e-4 or abs(after.half_yaw - before.half_yaw) > 2e-4:
+            last = after.at_s
+    return last
+
+
+class PtyPeer:
+    """A pty that something else than a sweeper answers on."""
+
+    def __init__(self, answer: Callable[[], bytes]) -> None:
+        """``answer`` is asked about ten times a second what to write."""
+        import pty
+        import tty
+
+        self._master, self._slave = pty.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self._answer = answer
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while not self._end.wait(0.1):
+            if select.select([self._master], [], [], 0.0)[0]:
+                os.read(self._master, 65536)
+            data = self._answer()
+            if data:
+                try:
+                    os.write(self._master, data)
+                except BlockingIOError:  # nobody listens
+                    continue
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._end.set()
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)

@@ -1,0 +1,287 @@
+"""The host's core against the virtual sweeper: a run begins, holds, and ends as it should."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.host import Host
+from bridge.mission import Ending, Phase
+from bridge.session import State
+from bridge.telemetry import EventRecord, Record, Severity
+from protocol.clock import HostNs
+from protocol.messages import Stop, VelocitySetpoint
+from protocol.values import Mode, StopCause
+from support.ends import (
+    RAMP_US,
+    TIME_TO_LIVE_US,
+    Collector,
+    Ends,
+    HostEnd,
+    check_safe,
+    spinning_host,
+    sweeper,
+)
+
+CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
+
+
+def started(**mission: bool | float) -> tuple[Ends, Host]:
+    host = spinning_host(**mission)
+    ends = Ends(HostEnd(host), sweeper())
+    ends.watch = lambda: check_safe(ends)
+    assert ends.run(6.0, lambda: ends.moving), host.mission.phase
+    return ends, host
+
+
+def events(host: Host) -> list[tuple[str, str]]:
+    sink = host._sink  # noqa: SLF001 - given by the test itself
+    assert isinstance(sink, Collector)
+    return [(e.source, e.kind) for e in sink.of(EventRecord)]
+
+
+def ending(host: Host) -> Ending:
+    assert host.mission.ending is not None
+    return host.mission.ending
+
+
+def test_a_plan_moves_only_after_settling() -> None:
+    ends, host = started()
+    assert host.mission.phase is Phase.DRIVING
+    assert ends.now_us > 2_500_000
+    assert ends.device.firmware.mode is Mode.VELOCITY
+
+
+def test_ctrl_c_stops_the_robot_and_waits_for_its_word() -> None:
+    ends, host = started()
+    ends.run(1.0)
+    at_us = ends.now_us
+    host.end(CTRL_C, ends.host_ns)
+    assert ends.run(2.0, lambda: host.mission.done)
+    assert ends.now_us - at_us < 50_000
+    assert ends.device.firmware.latch.cause is StopCause.SESSION_END
+    assert ending(host) == CTRL_C
+    ends.run(1.0)
+    assert ends.moving_us <= at_us + RAMP_US
+    assert not [s for s in ends.sent if isinstance(s.message, VelocitySetpoint) and s.at_us > at_us]
+
+
+def test_the_stop_goes_out_before_anybody_is_told() -> None:
+    class Deaf(Collector):
+        """A terminal that was closed."""
+
+        def write(self, record: Record) -> None:
+            if isinstance(record, EventRecord) and record.kind == "stop":
+                raise BrokenPipeError
+            super().write(record)
+
+    host = spinning_host(Deaf())
+    ends = Ends(HostEnd(host), sweeper())
+    assert ends.run(6.0, lambda: ends.moving)
+    with pytest.raises(BrokenPipeError):
+        host.end(CTRL_C, ends.host_ns)
+    ends._note(out := host.data_to_send(ends.host_ns))  # noqa: SLF001 - as the pump's last act
+    assert out
+    assert [s for s in ends.sent if isinstance(s.message, Stop)]
+
+
+def test_ctrl_c_while_the_device_is_not_heard_still_sends_a_stop() -> None:
+    ends, host = started()
+    ends.to_host.cut = True
+    assert ends.run(3.0, lambda: host.session.state is State.LOST)
+    host.end(CTRL_C, ends.host_ns)
+    assert host.mission.done
+    ends.run(0.1)
+    assert [s for s in ends.sent if isinstance(s.message, Stop)]
+    assert ends.device.firmware.latch.latched
+
+
+def test_ctrl_c_before_any_device_answered() -> None:
+    host = spinning_host()
+    ends = Ends(HostEnd(host), sweeper())
+    ends.to_device.cut = ends.to_host.cut = True
+    ends.run(0.5)
+    host.end(CTRL_C, ends.host_ns)
+    assert host.mission.done
+    assert ending(host) == CTRL_C
+
+
+@pytest.mark.parametrize("both", [True, False])
+def test_a_lost_link_stops_the_robot_and_the_run_asks(both: bool) -> None:  # noqa: FBT001 - two cases
+    ends, host = started()
+    at_us = ends.now_us
+    ends.to_device.cut = True
+    ends.to_host.cut = both
+    ends.run(4.0, lambda: host.mission.phase is Phase.HOLDING)
+    assert host.mission.phase is Phase.HOLDING
+    assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US
+    assert ends.device.firmware.latch.cause is StopCause.LINK
+    ends.to_device.cut = ends.to_host.cut = False
+    assert ends.run(5.0, lambda: host.mission.done)
+    assert ending(host).exit_status == 5
+    ends.run(2.0)
+    assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US, "it never drives on by itself"
+
+
+def test_lost_for_good_ends_after_30_s() -> None:
+    ends, host = started()
+    ends.to_device.cut = ends.to_host.cut = True
+    at_us = ends.now_us
+    assert ends.run(40.0, lambda: host.mission.done)
+    assert 30e6 < ends.now_us - at_us < 33e6
+    assert (ending(host).outcome, ending(host).exit_status) == ("fault", 3)
+
+
+def test_a_reboot_while_driving_ends_the_run() -> None:
+    ends, host = started()
+    ends.reboot_device(4711)
+    assert ends.run(5.0, lambda: host.mission.done)
+    assert ending(host).exit_status == 5
+    assert ("session", "agreeing") in events(host)
+    ends.run(2.0)
+    assert not ends.moving
+
+
+def test_a_reboot_while_watching_keeps_the_pose_and_goes_on() -> None:
+    ends, host = started()
+    ends.run(3.0)
+    pose = host.estimator.pose
+    watcher = spinning_host()
+    watcher.mission.runner = None
+    watcher.estimator.reset(pose)
+    ends.restart_host(HostEnd(watcher))
+    ends.run(3.0)
+    before = watcher.estimator.pose
+    ends.reboot_device(4711)
+    ends.run(6.0)
+    assert watcher.session.state is State.READY
+    assert watcher.estimator.pose.distance_m(before) < 0.01
+    fit = watcher.sync.fit
+    assert fit is not None
+    assert fit.device_us < 7_000_000, "the clock of the new boot"
+    assert watcher.sync.steps == 0
+
+
+def test_a_stalled_wire_and_its_burst_move_nothing() -> None:
+    ends, host = started()
+    at_us = ends.now_us
+    ends.to_device.held = True
+    ends.run(3.0)
+    assert not ends.moving
+    ends.to_device.held = False  # three seconds of setpoints at once
+    ends.run(3.0)
+    assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US
+    assert host.mission.done or host.mission.phase is Phase.HOLDING
+
+
+def test_a_frozen_host_does_not_jump() -> None:
+    ends, host = started()
+    at_us = ends.now_us
+    ends.host_alive = False  # SIGSTOP, or a blocked loop
+    ends.run(0.7)
+    assert not ends.moving
+    assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US
+    sent = len(ends.sent)
+    ends.host_alive = True
+    ends.run(0.0005)
+    assert ("session", "late") in events(host)
+    assert not [s for s in ends.sent[sent:] if isinstance(s.message, VelocitySetpoint)]
+    # No latch for less than a second: the run goes on with fresh setpoints.
+    ends.run(2.0)
+    assert host.mission.phase is Phase.DRIVING
+
+
+def test_a_host_frozen_for_long_finds_the_stop_latched() -> None:
+    ends, host = started()
+    ends.host_alive = False
+    ends.run(3.0)
+    assert ends.device.firmware.latch.cause is StopCause.LINK
+    ends.host_alive = True
+    assert ends.run(3.0, lambda: host.mission.done)
+    assert ending(host).exit_status == 5
+    ends.run(1.0)
+    assert not ends.moving
+
+
+def test_a_killed_host_and_its_successor() -> None:
+    ends, _ = started()
+    at_us = ends.now_us
+    second = spinning_host()
+    ends.restart_host(HostEnd(second))
+    assert ends.run(3.0, lambda: second.mission.done)
+    assert ending(second).exit_status == 5
+    assert "cause: link" in ending(second).reason
+    assert ends.moving_us <= at_us + TIME_TO_LIVE_US + RAMP_US
+    third = spinning_host(clear_stop=True)
+    ends.restart_host(HostEnd(third))
+    assert ends.run(6.0, lambda: ends.moving)
+    assert third.mission.phase is Phase.DRIVING
+
+
+def test_an_orderly_end_needs_no_clear_stop() -> None:
+    ends, host = started()
+    host.end(CTRL_C, ends.host_ns)
+    ends.run(2.0)
+    second = spinning_host()
+    ends.restart_host(HostEnd(second))
+    assert ends.run(6.0, lambda: ends.moving)
+
+
+def test_an_operators_stop_from_elsewhere_ends_the_run() -> None:
+    ends, host = started()
+    ends.device.firmware.stop(StopCause.OPERATOR)
+    assert ends.run(1.0, lambda: host.mission.done)
+    assert ending(host).exit_status == 5
+    assert "operator" in ending(host).reason
+    assert ends.device.firmware.latch.cause is StopCause.OPERATOR, "the graver cause stays"
+
+
+def test_a_sensor_that_falls_silent_stops_the_robot() -> None:
+    ends, host = started()
+    rates = ends.device.firmware._rates  # noqa: SLF001 - a sensor that hangs
+    ends.device.firmware._rates = tuple(r for r in rates if r.name != "range")  # noqa: SLF001
+    assert ends.run(2.0, lambda: host.mission.done)
+    assert "range" in ending(host).reason
+    assert ending(host).exit_status == 5
+    assert ends.device.firmware.latch.cause is StopCause.SUPERVISE
+
+
+def test_watching_moves_nothing() -> None:
+    host = spinning_host()
+    host.mission.runner = None
+    ends = Ends(HostEnd(host), sweeper())
+    ends.run(5.0)
+    assert host.session.state is State.READY
+    assert ends.moving_us < 0
+    assert ends.device.firmware.latch.cause is StopCause.SESSION_END
+    assert not [s for s in ends.sent if isinstance(s.message, VelocitySetpoint)]
+
+
+def test_what_went_wrong_is_on_record() -> None:
+    sink = Collector()
+    host = spinning_host(sink)
+    ends = Ends(HostEnd(host), sweeper())
+    ends.to_host.cut = ends.to_device.cut = True
+    assert ends.run(4.0, lambda: host.mission.done)
+    (failure,) = [e for e in sink.of(EventRecord) if e.severity is Severity.ERROR]
+    assert failure.kind == "silence"
+    assert ending(host).exit_status == 3
+
+
+def test_it_runs_across_the_wrap_of_both_clocks() -> None:
+    wrap = 1 << 32
+    host = spinning_host()
+    ends = Ends(
+        HostEnd(host),
+        sweeper(),
+        host_first_us=wrap - 5_000_000,
+        device_first_us=wrap - 4_000_000,
+    )
+    ends.watch = lambda: check_safe(ends)
+    assert ends.run(6.0, lambda: ends.moving)
+    ends.run(6.0)
+    assert host.mission.phase is Phase.DRIVING
+    assert host.session.link.statistics.lost == 0
+    assert ends.now_us - ends.moving_us < 100_000
+    mapped = host.sync.map(host.sync.extend(ends.device_us % wrap))
+    assert mapped is not None
+    assert abs(mapped.host_ns - HostNs(ends.host_ns)) <= mapped.bound_ns + 12_000_000
