@@ -122,10 +122,14 @@ SI_UNITS: dict[str, tuple[str, float]] = {
     "A": ("_a", 1.0),
     "s": ("_s", 1.0),
     "degC": ("_deg_c", 1.0),
+    "Hz": ("_hz", 1.0),
+    "duty": ("_duty", 1.0),
 }
 """Physical unit of the wire → (name suffix, factor to the SI unit that the suffix names)."""
 
-PLAIN_UNITS = frozenset({"count", "percent", "enum", "bits", "id", "us", "hash", "text", "uid"})
+PLAIN_UNITS = frozenset(
+    {"count", "percent", "enum", "bits", "id", "us", "hash", "text", "uid", "raw"}
+)
 """Units of fields whose raw value is the value."""
 
 

@@ -18,6 +18,12 @@ from protocol.values import (
     LogLevel,
     Mode,
     NackReason,
+    OnboardPlanner,
+    ParameterFlag,
+    ParameterKind,
+    PlannerAction,
+    PlannerPhase,
+    RebootKind,
     ResetCause,
     StopCause,
 )
@@ -61,6 +67,26 @@ class VelocitySetpoint(Message):
     time_to_live_s = si("time_to_live")
 
 
+@message(0x03, _HOST, _STREAM, default_hz=50)
+class WheelDuty(Message):
+    """Motor duties, obeyed in bring-up mode only and capped there."""
+
+    left: Annotated[
+        int, number(I16, "duty", "forward positive", scale="1/10000", low=-10000, high=10000)
+    ]
+    right: Annotated[
+        int, number(I16, "duty", "forward positive", scale="1/10000", low=-10000, high=10000)
+    ]
+    time_to_live: Annotated[
+        int, number(U8, "s", "the motors are off after it", scale="0.001", high=250)
+    ]
+    counter: Annotated[int, number(U8, "count", "must advance; wraps")]
+
+    left_duty = si("left")
+    right_duty = si("right")
+    time_to_live_s = si("time_to_live")
+
+
 @message(0x04, _HOST, _RARE, bootstrap=True)
 class HostHello(Message):
     """Opens a session; sent again with ``agreed`` set once the catalogues are compared."""
@@ -84,7 +110,7 @@ class SetMode(Message):
     """Choose what moves the wheels; refused while a stop is latched."""
 
     command_id: Annotated[int, _ID]
-    mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode, high=1)]
+    mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode, high=3)]
 
 
 @message(0x07, _HOST, _RARE)
@@ -102,6 +128,61 @@ class Describe(Message):
     field_count: Annotated[int, number(U8, "count", "fields that the host knows of it")]
 
 
+@message(0x09, _HOST, _COMMAND)
+class PlannerCommand(Message):
+    """Start, pause, resume or abort the device's own planner."""
+
+    command_id: Annotated[int, _ID]
+    action: Annotated[int, number(U8, "enum", "what to do", enum=PlannerAction, high=3)]
+    planner: Annotated[int, number(U8, "enum", "which, at start", enum=OnboardPlanner, high=3)]
+
+
+@message(0x0A, _HOST, _COMMAND)
+class GetParameter(Message):
+    """Ask for one parameter; the value comes before the acknowledgement."""
+
+    command_id: Annotated[int, _ID]
+    parameter: Annotated[int, number(U8, "id", "number of the parameter, from 0 without gaps")]
+
+
+@message(0x0B, _HOST, _COMMAND)
+class SetParameter(Message):
+    """Change one parameter until the next boot; save makes it stay."""
+
+    command_id: Annotated[int, _ID]
+    parameter: Annotated[int, number(U8, "id", "number of the parameter")]
+    kind: Annotated[
+        int, number(U8, "enum", "must be the parameter's own", enum=ParameterKind, high=3)
+    ]
+    value: Annotated[int, number(U32, "raw", "32 bits, read as the kind says")]
+
+
+@message(0x0C, _HOST, _COMMAND)
+class SaveParameters(Message):
+    """Store every parameter's present value."""
+
+    command_id: Annotated[int, _ID]
+
+
+@message(0x0D, _HOST, _COMMAND)
+class SetStreamRate(Message):
+    """Change how often a stream is sent, until the session ends."""
+
+    command_id: Annotated[int, _ID]
+    stream_type: Annotated[int, number(U8, "id", "type of the stream", high=0x7E)]
+    rate: Annotated[int, number(U16, "Hz", "0: off", scale="0.1", high=10000)]
+
+    rate_hz = si("rate")
+
+
+@message(0x0E, _HOST, _COMMAND)
+class Reboot(Message):
+    """Boot anew; acknowledged before it happens, refused while the robot moves."""
+
+    command_id: Annotated[int, _ID]
+    kind: Annotated[int, number(U8, "enum", "how", enum=RebootKind, high=2)]
+
+
 # ---- device to host ---------------------------------------------------------------------
 
 
@@ -116,7 +197,7 @@ class Sync(Message):
 class Status(Message):
     """What the device is doing and why it is not."""
 
-    mode: Annotated[int, number(U8, "enum", "what moves the wheels", enum=Mode, high=1)]
+    mode: Annotated[int, number(U8, "enum", "what moves the wheels", enum=Mode, high=3)]
     stop_cause: Annotated[int, number(U8, "enum", "0: no stop latched", enum=StopCause, high=5)]
     faults: Annotated[int, number(U16, "bits", "conditions that hold now", enum=Fault)]
     setpoint_left: Annotated[
@@ -207,6 +288,30 @@ class LinkCounters(Message):
     stale: Annotated[int, number(U16, "count", "setpoints refused as old or repeated")]
 
 
+@message(0x17, _DEVICE, _STREAM, default_hz=5)
+class PlannerState(Message):
+    """The device's own planner: the paper's variables and where it drives to."""
+
+    phase: Annotated[int, number(U8, "enum", "what it is doing", enum=PlannerPhase, high=9)]
+    turn_count: Annotated[int, number(U8, "count", "T of the paper")]
+    target_x: Annotated[int, number(I16, "m", "in the frame of its start", scale="0.001")]
+    target_y: Annotated[int, number(I16, "m", "in the frame of its start", scale="0.001")]
+    lane_distance: Annotated[int, number(U16, "m", "D of the paper", scale="0.001", can_part=1)]
+    previous_lane_distance: Annotated[
+        int, number(U16, "m", "Prev-D of the paper", scale="0.001", can_part=1)
+    ]
+    length: Annotated[int, number(U8, "m", "Length of the paper", scale="0.02", can_part=1)]
+    lane_case: Annotated[
+        int, number(U8, "count", "case of the last lane; 0: none", high=3, can_part=1)
+    ]
+
+    target_x_m = si("target_x")
+    target_y_m = si("target_y")
+    lane_distance_m = si("lane_distance")
+    previous_lane_distance_m = si("previous_lane_distance")
+    length_m = si("length")
+
+
 @message(0x18, _DEVICE, _RARE)
 class TimeReply(Message):
     """Answer to a time request; the header's stamp is the moment of sending."""
@@ -229,7 +334,7 @@ class Nack(Message):
 
     command_id: Annotated[int, number(U16, "id", "of the command")]
     command_type: Annotated[int, number(U8, "id", "type of the command", high=0x7E)]
-    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason, high=5)]
+    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason, high=9)]
 
 
 @message(0x1B, _DEVICE, _RARE, default_hz=1, bootstrap=True)
@@ -266,14 +371,36 @@ class LogText(Message):
     line: Annotated[str, text("UTF-8")]
 
 
+@message(0x1E, _DEVICE, _RARE)
+class ParameterValue(Message):
+    """A parameter with all that is to be known of it; sent as get and set are carried out."""
+
+    parameter: Annotated[int, number(U8, "id", "number of the parameter")]
+    parameter_count: Annotated[int, number(U8, "count", "parameters that the device has")]
+    kind: Annotated[int, number(U8, "enum", "how its 32 bits are read", enum=ParameterKind, high=3)]
+    flags: Annotated[int, number(U8, "bits", "what is true of it", enum=ParameterFlag)]
+    value: Annotated[int, number(U32, "raw", "present value")]
+    default: Annotated[int, number(U32, "raw", "after a factory reset")]
+    low: Annotated[int, number(U32, "raw", "least value")]
+    high: Annotated[int, number(U32, "raw", "greatest value")]
+    name: Annotated[str, text('name, a blank, unit: "wheel_diameter m"')]
+
+
 ALL_MESSAGES = (
     Stop,
     VelocitySetpoint,
+    WheelDuty,
     HostHello,
     ClearStop,
     SetMode,
     TimeRequest,
     Describe,
+    PlannerCommand,
+    GetParameter,
+    SetParameter,
+    SaveParameters,
+    SetStreamRate,
+    Reboot,
     Sync,
     Status,
     Imu,
@@ -281,10 +408,12 @@ ALL_MESSAGES = (
     Range,
     Power,
     LinkCounters,
+    PlannerState,
     TimeReply,
     Ack,
     Nack,
     Hello,
     DescribeReply,
     LogText,
+    ParameterValue,
 )

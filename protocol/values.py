@@ -12,6 +12,10 @@ class Mode(IntEnum):
     """Nothing: motors are off."""
     VELOCITY = 1
     """The host's cyclic velocity setpoints."""
+    BRINGUP = 2
+    """Wheel duties set by hand, capped, wheels off the floor."""
+    ONBOARD = 3
+    """The device's own planner."""
 
 
 class StopCause(IntEnum):
@@ -62,6 +66,8 @@ class Capability(IntFlag):
     INFRARED = 1 << 3
     BUMPER = 1 << 4
     CLIFF = 1 << 5
+    ONBOARD_PLANNER = 1 << 6
+    AUTHENTICATION = 1 << 7
 
 
 class Contact(IntFlag):
@@ -84,6 +90,76 @@ class NackReason(IntEnum):
     """The latched stop has another cause than the one to be cleared."""
     FAULT = 5
     """The condition that stopped the device still holds."""
+    UNSUPPORTED = 6
+    """The device lacks what the command needs; its hello's capabilities say so."""
+    READ_ONLY = 7
+    UNKNOWN_PARAMETER = 8
+    OTHER_MODE = 9
+    """The command needs another mode."""
+
+
+class ParameterKind(IntEnum):
+    """How a parameter's 32 bits are read."""
+
+    U32 = 0
+    I32 = 1
+    F32 = 2
+    """IEEE 754 binary32."""
+    BOOL = 3
+
+
+class ParameterFlag(IntFlag):
+    """What is true of a parameter's value now."""
+
+    STORED = 1 << 0
+    """The value survives a reset."""
+    CHANGED = 1 << 1
+    """The value differs from the stored one."""
+    READ_ONLY = 1 << 2
+    NEEDS_REBOOT = 1 << 3
+    """A change counts from the next boot on."""
+
+
+class PlannerAction(IntEnum):
+    """What to do with the device's own planner."""
+
+    START = 0
+    PAUSE = 1
+    RESUME = 2
+    ABORT = 3
+
+
+class OnboardPlanner(IntEnum):
+    """Planners that a device may have."""
+
+    PAPER = 0
+    RECOVERY = 1
+    U_SHAPE = 2
+    RANDOM = 3
+
+
+class PlannerPhase(IntEnum):
+    """What the device's own planner is doing."""
+
+    IDLE = 0
+    LANE = 1
+    TURN = 2
+    STEP = 3
+    RECOVERY_BACK = 4
+    RECOVERY_LANE = 5
+    RECOVERY_RETURN = 6
+    PAUSED = 7
+    FINISHED = 8
+    ABORTED = 9
+
+
+class RebootKind(IntEnum):
+    """How to boot."""
+
+    NORMAL = 0
+    FACTORY_RESET = 1
+    """Stored parameters are forgotten."""
+    BOOTLOADER = 2
 
 
 class LogLevel(IntEnum):
