@@ -37,11 +37,13 @@ from bridge.telemetry import (
     PlannerRecord,
     PoseRecord,
     RawBytes,
+    RawCan,
     Severity,
 )
 from bridge.timesync import TimeSync
+from protocol.can_frames import RECORD
 from protocol.clock import HostNs
-from protocol.link import Received, Rejected
+from protocol.link import Link, LinkBase, Medium, Received, Rejected
 from protocol.messages import Encoders, Imu, LogText, Range, Status
 from protocol.uart import DamagedFrame
 from protocol.values import Contact, LogLevel, StopCause, flag_labels, label
@@ -71,7 +73,7 @@ _LEVELS = {
     LogLevel.ERROR: Severity.ERROR,
 }
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
-_EXIT = {"disagreement": 4, "version": 4}
+_EXIT = {"disagreement": 4, "version": 4, "several": 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +86,8 @@ class HostOptions:
     start: Pose2 = _ORIGIN
     """Where the robot stands at first, in the frame of the map."""
     node: int | None = None
+    link: type[LinkBase] = Link
+    """What the device is connected by."""
 
 
 class Host:
@@ -100,7 +104,7 @@ class Host:
         """Make everything, closed; :meth:`open` begins."""
         self.model = model
         self.mission = mission
-        self.session = Session(new_session_id, node=options.node)
+        self.session = Session(new_session_id, node=options.node, link=options.link)
         self.sync = TimeSync()
         self.state = RobotState()
         self.estimator = PoseEstimator(model, options.start)
@@ -123,6 +127,7 @@ class Host:
         self._faults = DeviceFault(0)
         self._stop_cause = -1
         self._trouble = ""
+        self._other_host = False
 
     # ---- in and out -----------------------------------------------------------------------
 
@@ -134,7 +139,7 @@ class Host:
     def receive(self, data: bytes, now_ns: HostNs) -> None:
         """Take bytes from the port."""
         if data:
-            self._sink.write(RawBytes(self._unix(now_ns), False, data))  # noqa: FBT003 - incoming
+            self._tap(data, now_ns, outgoing=False)
             self._digest(self.session.receive(data, now_ns), now_ns)
 
     def poll(self, now_ns: HostNs) -> None:
@@ -158,8 +163,17 @@ class Host:
         """Bytes for the port; the caller writes them at once."""
         data = self.session.data_to_send()
         if data:
-            self._sink.write(RawBytes(self._unix(now_ns), True, data))  # noqa: FBT003 - outgoing
+            self._tap(data, now_ns, outgoing=True)
         return data
+
+    def _tap(self, data: bytes, now_ns: HostNs, *, outgoing: bool) -> None:
+        """Put on record exactly what the port gave or takes."""
+        log_ns = self._unix(now_ns)
+        if self.session.link.medium is Medium.UART:
+            self._sink.write(RawBytes(log_ns, outgoing, data))
+            return
+        for can_id, length, content in RECORD.iter_unpack(data):
+            self._sink.write(RawCan(log_ns, outgoing, can_id, content[:length]))
 
     def discard_output(self) -> None:
         """Forget what waits to be written: there is no port, and it must not come late."""
@@ -211,9 +225,17 @@ class Host:
                         offset=event.offset,
                     )
                 case Rejected():
+                    self._note_other_host(event, now_ns)
                     text = f"frame of type {event.frame.type_id:#04x} not used: {event.reason}"
                     self.event(now_ns, Severity.DEBUG, "link", "rejected", text)
         self._serve(now_ns)
+
+    def _note_other_host(self, event: Rejected, now_ns: HostNs) -> None:
+        bus = self.session.link.medium is Medium.CAN
+        if bus and event.reason == "direction" and not self._other_host:
+            self._other_host = True
+            text = "another host talks on this bus, and a bus has one: end it"
+            self.event(now_ns, Severity.WARNING, "link", "other_host", text)
 
     def _serve(self, now_ns: HostNs) -> None:
         for request in self.mission.requests():

@@ -28,7 +28,7 @@ from bridge.errors import (
 )
 from bridge.host import Host, HostOptions
 from bridge.io import clock
-from bridge.io.ports import DEFAULT_BAUD, SerialPort
+from bridge.io.ports import DEFAULT_BAUD, link_of, open_port
 from bridge.io.pump import Pump
 from bridge.mission import Ending, Mission, Phase
 from bridge.motion.observation import HALT, Observation, VelocityCommand
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
+    from bridge.io.ports import BytePort
     from bridge.motion.geometry import Pose2
     from bridge.record.sink import Sink
     from protocol.message import Message
@@ -125,15 +126,15 @@ class Robot:
 
         """
 
-        def reopen() -> SerialPort:
-            return SerialPort(port, baud=baud)
+        def reopen() -> BytePort:
+            return open_port(port, baud=baud)
 
         self._drive = ManualDrive()
         self._mission = Mission(None)
         self._host = Host(
             model or RobotModel(),
             sink or NullSink(),
-            HostOptions(clock.unix_offset_ns(), "manual", node=node),
+            HostOptions(clock.unix_offset_ns(), "manual", node=node, link=link_of(port)),
             self._mission,
             lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
         )

@@ -15,7 +15,7 @@ from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.clock import HostNs
 from protocol.codec import Codec
 from protocol.commands import CommandSender, Outcome
-from protocol.link import NODE_ALL, Link, Received, Rejected
+from protocol.link import NODE_ALL, Link, LinkBase, Medium, Received, Rejected
 from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
@@ -47,6 +47,10 @@ FAST_PINGS = 50
 SLOW_PING_NS = 250_000_000
 """Four a second: the device holds us lost after 1 s, and one or two lost pings are normal."""
 QUESTIONS_AT_ONCE = 4
+LISTEN_NS = 300_000_000
+"""On a bus: a host that is there already sends more than one ping in this time."""
+SETTLE_NS = 300_000_000
+"""On a bus every device answers the first hello at once: what else there is is heard by then."""
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 
 
@@ -107,8 +111,8 @@ class Failed:
     """The session cannot go on."""
 
     kind: str
-    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``disagreement`` or
-    ``other_device``."""
+    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``disagreement``,
+    ``other_device``, ``other_host`` or ``several``."""
     text: str
 
 
@@ -159,10 +163,11 @@ class Session:
         name: str = "sweepctl",
         node: int | None = None,
         catalogue: Catalogue = CATALOGUE,
+        link: type[LinkBase] = Link,
     ) -> None:
         """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids."""
         self.state = State.CLOSED
-        self.link = Link(Direction.HOST, codec=Codec(catalogue))
+        self.link = link(Direction.HOST, codec=Codec(catalogue))
         self.commands = CommandSender()
         self.hello: Hello | None = None
         self.node = node
@@ -177,6 +182,9 @@ class Session:
         self._open_stop: int | None = None
         """Cause of a stop that no device has confirmed yet; it outlives a lost link."""
         self._evidence = _Evidence()
+        self._answers: dict[tuple[int, bytes], Received] = {}
+        """On a bus: who answered, by node and uid, until it is known that no other does."""
+        self._settled_ns: HostNs | None = None
         self._opened_ns = 0
         self._heard_ns = HostNs(0)
         self._next_ns = 0
@@ -194,9 +202,13 @@ class Session:
         if self.state is not State.CLOSED:
             return
         self._opened_ns = self._next_ns = now_ns
+        if self.link.medium is Medium.CAN:  # a hello would end another host's session
+            self._next_ns = now_ns + LISTEN_NS
         self.hello = self._boot_known = self._open_stop = None
         self.node = self._wanted_node
         self._evidence = _Evidence()
+        self._answers.clear()
+        self._settled_ns = None
         self._move("open", "opened")
         self.session_id = self._new_session_id()
 
@@ -208,7 +220,7 @@ class Session:
     def receive(self, data: bytes, now_ns: HostNs) -> list[SessionEvent]:
         """Take bytes from the port."""
         self._evidence.received += len(data)
-        for event in self.link.receive(data):
+        for event in self.link.receive(data, now_ns // 1000):
             if isinstance(event, Received):
                 if self.node is None or event.frame.node == self.node:
                     self._heard_ns = now_ns
@@ -224,6 +236,10 @@ class Session:
         if self.state in {State.READY, State.AGREEING}:
             if now_ns - self._heard_ns > LOST_AFTER_NS:
                 self._lose(now_ns)
+        elif self._others_talk:
+            self._no_device()
+        elif self._settled_ns is not None and now_ns >= self._settled_ns:
+            self._choose(now_ns)
         elif self.state is State.OPENING and now_ns - self._opened_ns > OPEN_TIMEOUT_NS:
             self._no_device()
         if (
@@ -255,6 +271,8 @@ class Session:
         if self.state in {State.CLOSED, State.FAILED}:
             return None
         deadlines = [self._next_ns]
+        if self._settled_ns is not None:
+            deadlines.append(self._settled_ns)
         if self.state is State.READY:
             due_us = self.commands.next_deadline_us()
             if due_us is not None:
@@ -408,6 +426,42 @@ class Session:
         return self._comparison is None or self._comparison.complete
 
     def _hello(self, hello: Hello, event: Received, now_ns: HostNs) -> None:
+        if self.state is State.OPENING and self.link.medium is Medium.CAN:
+            if self._settled_ns is None:
+                said_ns = max(now_ns, self._opened_ns + LISTEN_NS)
+                self._settled_ns = HostNs(said_ns + SETTLE_NS)
+            self._answers[event.frame.node, hello.uid] = event
+            return
+        self._accept(hello, event.frame.node, now_ns)
+
+    @property
+    def _others_talk(self) -> bool:
+        """On a bus that we are about to use, another host does."""
+        bus = self.link.medium is Medium.CAN
+        return bus and self.state is State.OPENING and self._evidence.echoes > 0
+
+    def _choose(self, now_ns: HostNs) -> None:
+        """Everybody on the bus has had time to answer: go on where it was one."""
+        self._settled_ns = None
+        answers = dict(sorted(self._answers.items()))
+        self._answers.clear()
+        if len(answers) == 1:
+            ((node, _), event) = answers.popitem()
+            if isinstance(event.message, Hello):
+                self._accept(event.message, node, now_ns)
+            return
+        named = "; ".join(
+            f"node {node}: {hello.name} {hello.version_major}.{hello.version_minor}."
+            f"{hello.version_patch}, uid {uid.hex()}"
+            for (node, uid), event in answers.items()
+            if isinstance(hello := event.message, Hello)
+        )
+        advice = "choose one with --node N"
+        if len({node for node, _ in answers}) < len(answers):
+            advice = "two devices may not share a node"
+        self._fail("no_device", "several", f"several devices answer; {advice} ({named})")
+
+    def _accept(self, hello: Hello, node: int, now_ns: HostNs) -> None:
         known = self.hello
         if known is not None and known.uid != hello.uid:
             self._fail(
@@ -417,7 +471,7 @@ class Session:
             )
             return
         if self.state in {State.OPENING, State.LOST}:
-            self.node = event.frame.node
+            self.node = node
             self._move("hello", "device answered")
             self._agree(hello, now_ns)
         elif self.state is State.READY:
@@ -516,6 +570,9 @@ class Session:
                 f"the device speaks protocol version {spoken}, this program "
                 f"{PROTOCOL_VERSION}; update the older of the two"
             )
+        elif evidence.echoes and self.link.medium is Medium.CAN:
+            kind = "other_host"
+            text = "another host talks on this bus, and a bus has one: end it first"
         elif evidence.echoes:
             kind = "echo"
             text = "our own bytes come back: RX and TX are joined, or echo is on"

@@ -28,6 +28,16 @@ class RawBytes(NamedTuple):
     data: bytes
 
 
+class RawCan(NamedTuple):
+    """A CAN frame exactly as it came from or went to the bus."""
+
+    log_ns: int
+    outgoing: bool
+    can_id: int
+    """As SocketCAN has it: flags for extended, remote and error frames in the top bits."""
+    data: bytes
+
+
 class DeviceMessage(NamedTuple):
     """A decoded message of the device."""
 
@@ -146,6 +156,7 @@ class RoomRecord(NamedTuple):
 
 Record = (
     RawBytes
+    | RawCan
     | DeviceMessage
     | PoseRecord
     | TruthRecord

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from protocol.message import Direction
 from protocol.messages import UNKNOWN_MESSAGE, Describe, DescribeReply
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ class MessageAgreement:
                 return f"{name}: the device lacks {', '.join(names[self.peer_fields :])}"
             case Match.NEWER:
                 extra = self.peer_fields - len(names)
+                if self.spec.direction is Direction.HOST:
+                    return f"{name}: the device knows {extra} more field(s), not sent to it"
                 return f"{name}: the device sends {extra} more field(s), passed over"
             case Match.MISSING:
                 return f"{name}: the device does not have it; disabled"

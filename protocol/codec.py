@@ -9,6 +9,8 @@ from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.errors import FieldRangeError, PayloadError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from protocol.fields import WireType
     from protocol.message import Message, MessageSpec
 
@@ -28,13 +30,26 @@ class Codec:
         self.extra_bytes = 0
         """Bytes of fields that only the peer knows, passed over so far."""
         self._shared: dict[int, int] = {}
+        self._whole: dict[type[Message], tuple[int, Callable[..., bytes]]] = {
+            spec.cls: (spec.type_id, spec.layout.pack) for spec in catalogue if spec.is_numeric
+        }
+        """What ``struct`` alone can encode, all its fields being sent."""
 
     def limit(self, type_id: int, shared_fields: int | None) -> None:
         """Note how many leading fields the peer shares; None: exactly ours."""
+        spec = self.catalogue.by_type.get(type_id)
         if shared_fields is None:
             self._shared.pop(type_id, None)
+            if spec is not None and spec.is_numeric:
+                self._whole[spec.cls] = type_id, spec.layout.pack
         else:
             self._shared[type_id] = shared_fields
+            if spec is not None:
+                self._whole.pop(spec.cls, None)
+
+    def shared_fields(self, spec: MessageSpec) -> int:
+        """How many leading fields of ours the peer shares."""
+        return self._shared.get(spec.type_id, len(spec.fields))
 
     def decode(self, spec: MessageSpec, payload: bytes) -> Message:
         """Decode one payload.
@@ -72,13 +87,13 @@ class Codec:
             FieldRangeError: a value does not fit its field.
 
         """
+        try:
+            type_id, pack = self._whole[message.__class__]
+            return type_id, pack(*message)
+        except (KeyError, struct.error):
+            pass  # the slow way knows the others, and which field it was
         spec = self.catalogue.spec(type(message))
         shared = self._shared.get(spec.type_id)
-        if shared is None and spec.is_numeric:
-            try:
-                return spec.type_id, spec.layout.pack(*message)
-            except struct.error:
-                pass  # the slow way finds out which field it was
         return spec.type_id, self._encode_other(spec, tuple(message), shared)
 
     def _encode_other(

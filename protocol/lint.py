@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from protocol.can_frames import CAN_PART_TYPES
 from protocol.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
 from protocol.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
 from protocol.message import MAX_TYPE, RateClass
@@ -28,6 +29,11 @@ def findings(specs: Iterable[MessageSpec]) -> list[str]:
         ("name", Counter(s.name for s in specs)),
     ):
         found += [f"{what} {key} is declared {n} times" for key, n in counts.items() if n > 1]
+    own = {s.type_id for s in specs}
+    parts = Counter(CAN_PART_TYPES.values())
+    found += [f"CAN part type {t:#x} is declared {n} times" for t, n in parts.items() if n > 1]
+    found += [f"CAN part type {t:#x} is a message's too" for t in parts if t in own]
+    found += [f"CAN part type {t:#x} is out of range" for t in parts if not 0 <= t <= MAX_TYPE]
     for spec in specs:
         found += [f"{spec.name}: {line}" for line in _message(spec)]
         for field in spec.fields:
@@ -59,6 +65,9 @@ def _stream(spec: MessageSpec) -> Iterator[str]:
         size = sum(f.wire.size for f in spec.fields if f.can_part == part)
         if size > CAN_PAYLOAD_MAX:
             yield f"CAN part {part} of {size} B exceeds {CAN_PAYLOAD_MAX} B"
+        known = (spec.type_id, part) in CAN_PART_TYPES or not 0 <= spec.type_id <= MAX_TYPE
+        if part and not known:
+            yield f"CAN part {part} has no type of its own"
 
 
 def _field(spec: MessageSpec, field: Field) -> Iterator[str]:

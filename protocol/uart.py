@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from zlib import crc32
 
 from cobs import cobs
@@ -30,10 +30,15 @@ FLAG_RETRY = 2
 MAX_FLAGS = 15
 MAX_NODE = 15
 _DELIMITER = b"\0"
-_unpack = {
+UNPACK_BODY = {
     MIN_DECODED + size: struct.Struct(f"<BBBBI{size}s4x").unpack for size in range(MAX_PAYLOAD + 1)
 }
 """By the length of a decoded frame: header and payload in one call, the CRC passed over."""
+RESIDUE = 0x2144DF1C
+"""zlib.crc32(m + crc32(m) little-endian) for every m: a body is intact where it gives this."""
+_VERSION = PROTOCOL_VERSION << 4
+_pack_head = HEADER.pack
+_pack_crc = CRC.pack
 _new = tuple.__new__
 
 
@@ -101,17 +106,16 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
     """
     check_frame(node, type_id, payload, flags)
-    return encode_checked(node, type_id, seq, t_us, payload, flags)
+    return encode_checked(node, type_id, seq, t_us, payload, flags) + _DELIMITER
 
 
 def encode_checked(  # noqa: PLR0913, PLR0917 - the header's fields
     node: int, type_id: int, seq: int, t_us: int, payload: bytes, flags: int
 ) -> bytes:
-    """Like :func:`encode_frame`, for what :func:`check_frame` has passed."""
-    head = HEADER.pack(PROTOCOL_VERSION << 4 | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF)
-    body = head + payload
-    encoded: bytes = cobs.encode(body + CRC.pack(crc32(body)))
-    return encoded + _DELIMITER
+    """COBS-encode what :func:`check_frame` has passed, without any delimiter."""
+    body = _pack_head(_VERSION | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF) + payload
+    encoded: bytes = cobs.encode(body + _pack_crc(crc32(body)))
+    return encoded
 
 
 def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
@@ -127,7 +131,11 @@ def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
 
 
 class UartParser:
-    """Finds frames in a byte stream, however it is cut; keeps at most one frame's bytes."""
+    """Finds frames in a byte stream, however it is cut; keeps at most one frame's bytes.
+
+    :meth:`split` and :meth:`locate` are its halves, for a loop that does more with each
+    intact body in the same breath.
+    """
 
     def __init__(self) -> None:
         self.bytes_seen = 0
@@ -136,54 +144,70 @@ class UartParser:
         self._partial = b""
         self._overlong = 0
         """Bytes dropped of a stretch that is already longer than any frame."""
+        self._ended_overlong = 0
+        """The same, of the stretch that the last bytes ended."""
 
     def feed(self, data: bytes) -> list[Frame | DamagedFrame]:
         """Take the next bytes; give what they complete, in order."""
-        offset = self.bytes_seen - len(self._partial)
-        self.bytes_seen += len(data)
-        pieces = (self._partial + data).split(_DELIMITER)
-        self._partial = pieces.pop()
-        found: list[Frame | DamagedFrame] = []
-        damaged = self.damaged
-        if self._overlong and pieces:
-            found.append(self._end_overlong(pieces[0], offset))
-            offset += len(pieces.pop(0)) + 1
+        found: list[Any] = []
+        pieces = self.split(data)
+        damaged = False
         for piece in pieces:  # every frame passes here: no call that is not needed
             if piece:
                 try:
                     body = cobs.decode(piece)
+                    unpack = UNPACK_BODY[len(body)]
                 except cobs.DecodeError:
-                    found.append(self._damage(Damage.COBS, piece, offset))
+                    found.append(Damage.COBS)
+                    damaged = True
+                except KeyError:
+                    found.append(Damage.LENGTH)
+                    damaged = True
                 else:
-                    unpack = _unpack.get(len(body))
-                    if unpack is None:
-                        found.append(self._damage(Damage.LENGTH, piece, offset))
-                    # The CRC over a codeword and its own CRC is a constant, the residue.
-                    elif crc32(body) != _RESIDUE:
-                        found.append(self._damage(Damage.CRC, piece, offset))
-                    else:
+                    if crc32(body) == RESIDUE:
                         found.append(_new(Frame, unpack(body)))
-            offset += len(piece) + 1
-        self.frames += len(found) - (self.damaged - damaged)
-        if len(self._partial) > MAX_ENCODED:
-            self._overlong += len(self._partial) - MAX_ENCODED
-            self._partial = self._partial[:MAX_ENCODED]
+                    else:
+                        found.append(Damage.CRC)
+                        damaged = True
+        self.frames += len(found)
+        if damaged:
+            self.locate(found, pieces)
         return found
 
-    def _damage(self, damage: Damage, piece: bytes, offset: int) -> DamagedFrame:
-        self.damaged += 1
-        if len(piece) > MAX_ENCODED:
-            damage = Damage.LENGTH  # whatever else: as where it came in many reads
-        return DamagedFrame(damage, offset, len(piece), piece[:MAX_ENCODED])
+    def split(self, data: bytes) -> list[bytes]:
+        """Take the next bytes; give the stretches that they end, empty ones included."""
+        pieces = (self._partial + data).split(_DELIMITER)
+        self._partial = partial = pieces.pop()
+        self.bytes_seen += len(data)
+        if pieces:
+            self._ended_overlong, self._overlong = self._overlong, 0
+        if len(partial) > MAX_ENCODED:
+            # One byte more than any frame has: it stays too long, whatever follows.
+            self._overlong += len(partial) - MAX_ENCODED - 1
+            self._partial = partial[: MAX_ENCODED + 1]
+        return pieces
 
-    def _end_overlong(self, piece: bytes, offset: int) -> DamagedFrame:
-        # Dropped bytes lie behind what was kept, so the stretch starts where it did.
-        length = len(piece) + self._overlong
-        first = offset - self._overlong
-        self._overlong = 0
-        self.damaged += 1
-        return DamagedFrame(Damage.LENGTH, first, length, piece[:MAX_ENCODED])
+    def locate(self, found: list[Any], pieces: list[bytes]) -> None:
+        """Replace each :class:`Damage` in ``found`` by what it befell, and count it.
 
-
-_RESIDUE = 0x2144DF1C
-"""zlib.crc32(m + crc32(m) little-endian) for every m."""
+        ``found`` has one item for each of ``pieces`` that is not empty; all of them were
+        counted as frames.
+        """
+        dropped = self._ended_overlong
+        # Counted back from the end: what is kept of the next stretch, then all that was ended.
+        offset = self.bytes_seen - self._overlong - len(self._partial)
+        offset -= sum(map(len, pieces)) + len(pieces) + dropped
+        index = 0
+        for piece in pieces:
+            length = len(piece) + dropped
+            if piece:
+                damage = found[index]
+                if damage.__class__ is Damage:
+                    if length > MAX_ENCODED:
+                        damage = Damage.LENGTH  # whatever else: as where it came in many reads
+                    found[index] = DamagedFrame(damage, offset, length, piece[:MAX_ENCODED])
+                    self.damaged += 1
+                    self.frames -= 1
+                index += 1
+            offset += length + 1
+            dropped = 0

@@ -13,54 +13,67 @@ from protocol.agreement import describe
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.codec import Codec
 from protocol.commands import CommandLog
-from protocol.link import NODE_ALL, Link, Received
+from protocol.link import NODE_ALL, Link, LinkBase, Received
 from protocol.message import Direction
 from protocol.messages import (
     Ack,
-    ClearStop,
     Describe,
+    GetParameter,
     Hello,
     HostHello,
     LinkCounters,
     LogText,
-    SetMode,
+    SetParameter,
     Status,
     Stop,
     Sync,
     TimeReply,
     TimeRequest,
     VelocitySetpoint,
+    WheelDuty,
 )
 from protocol.values import (
     Capability,
     Fault,
     LogLevel,
     Mode,
-    NackReason,
+    RebootKind,
     ResetCause,
     StopCause,
     label,
 )
-from sim_device import streams
-from sim_device.safety import HOST_SILENCE_US, Freshness, SetpointWatchdog, StopLatch
+from sim_device import parameters, streams
+from sim_device.commands import COMMANDS, carry_out
+from sim_device.parameters import ParameterStore
+from sim_device.power import PowerReading
+from sim_device.safety import (
+    HOST_SILENCE_US,
+    DutyWatchdog,
+    Freshness,
+    SetpointWatchdog,
+    StopLatch,
+    Watchdog,
+)
+from sim_device.versions import as_declared, as_ours, blank
 from sim_device.wheel_control import WheelControl
 
 if TYPE_CHECKING:
+    from collections.abc import MutableMapping
+
     from bridge.motion.robot_model import RobotModel
-    from protocol.message import Message
+    from protocol.message import Message, MessageSpec
     from protocol.uart import Frame
     from sim_device.streams import Sensors
 
-TICK_US = 10_000
-TICK_HZ = 100
+TICK_US = 1_000_000 // streams.TICK_HZ
 HELLO_TICKS = 100
 LOG_PERIOD_US = 100_000
 """At most ten log lines a second; what waits longer is dropped, oldest first."""
 LOG_WAITING = 16
 LOG_BYTES = 120
 """A line's length on the wire, whatever name a host gives itself."""
-BATTERY_LOW_V = 12.8
-"""3.2 V a cell of four."""
+POWER_TICKS, POWER_PHASE = 20, 5
+"""The supply is measured at 5 Hz, with the stream's default phase."""
 TICK_WORK_US = 400
 FRAME_WORK_US = 25
 """Assumed cost on a 168 MHz Cortex-M4 of a control period and of a frame, for ``load``."""
@@ -90,32 +103,50 @@ class Identity:
 class Firmware:
     """The device's program, one instance per boot."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a boot finds
         self,
         model: RobotModel,
         identity: Identity,
         sensors: Sensors,
         catalogue: Catalogue = CATALOGUE,
+        *,
+        stored: MutableMapping[str, int] | None = None,
+        link: type[LinkBase] = Link,
     ) -> None:
-        """``catalogue`` is what this firmware's version of the project declares."""
+        """Boot.
+
+        ``catalogue`` is what this firmware's version of the project declares, ``stored`` the
+        memory in which parameters outlive a boot, ``link`` what it is connected by.
+        """
         self.identity = identity
         self.mode = Mode.IDLE
         self.latch = StopLatch()
         self.agreed = False
         self.session_id = 0
         self.faults = Fault(0)
-        self.link = Link(Direction.DEVICE, codec=Codec(catalogue))
-        self.wheels = WheelControl(model)
+        self.link = link(Direction.DEVICE, codec=Codec(catalogue))
+        self.parameters = ParameterStore(
+            parameters.table(model, identity.node), {} if stored is None else stored
+        )
+        self.wheels = WheelControl(
+            self.parameters.applied_to(model), self.parameters.value("stop_deceleration")
+        )
         self.watchdog = SetpointWatchdog()
+        self.duty_watchdog = DutyWatchdog()
+        self.schedule = streams.Schedule(catalogue, int(CAPABILITIES))
+        self.reboot_wanted: RebootKind | None = None
+        """Set once a reboot was accepted; whoever runs the firmware boots it anew."""
+        self._model = model
         self._sensors = sensors
         self._freshness = Freshness()
         self._commands = CommandLog()
-        self._rates = streams.schedule(TICK_HZ)
         self._heard_us = 0
         self._stale = 0
         self._log: list[LogText] = []
         self._logged_us = -LOG_PERIOD_US
         self._supply_v = model.battery_v
+        self._battery_low_v = self.parameters.value("battery_low")
+        self._power = PowerReading(self._supply_v, 0.0, 0.0, 0.0)
         self._load_percent = 0
         self._frames_before = 0
 
@@ -123,20 +154,22 @@ class Firmware:
 
     def receive(self, data: bytes, now_us: int) -> None:
         """Take bytes that arrived at ``now_us``."""
-        for event in self.link.receive(data):
+        for event in self.link.receive(data, now_us):
             if isinstance(event, Received) and event.frame.node in {
                 self.identity.node,
                 NODE_ALL,
             }:
                 self._heard_us = now_us
-                self._handle(event.message, event.frame, now_us)
+                self._handle(as_ours(event.message, event.spec), event.frame, now_us)
 
     def data_to_send(self) -> bytes:
         """Bytes for the port."""
         return self.link.data_to_send()
 
     def _send(self, message: Message, t_us: int) -> None:
-        self.link.send(message, t_us, node=self.identity.node)
+        declared = as_declared(message, self.link.codec.catalogue)
+        if declared is not None:
+            self.link.send(declared, t_us, node=self.identity.node)
 
     def _handle(self, message: Message, frame: Frame, now_us: int) -> None:
         if isinstance(message, HostHello):
@@ -145,21 +178,40 @@ class Firmware:
         match message:
             case VelocitySetpoint():
                 self._setpoint(message, extra_us, now_us)
+            case WheelDuty():
+                self._duty(message, extra_us, now_us)
             case TimeRequest():
                 self._send(TimeReply(message.ping, now_us & 0xFFFF_FFFF), now_us)
             case Describe():
-                self._send(describe(self.link.codec.catalogue, message), now_us)
+                self._describe(message, now_us)
             case Stop():
                 # Obeyed before any question of session or repetition.
                 self.stop(_cause(message.cause))
                 self._send(Ack(message.command_id, frame.type_id), now_us)
-            case ClearStop() | SetMode():
-                reply = self._commands.once(
-                    self.session_id, frame.type_id, message, lambda: self._command(message)
-                )
-                self._send(reply, now_us)
+            case _ if isinstance(message, COMMANDS):
+                self._command(message, frame.type_id, now_us)
             case _:
                 pass
+
+    def _command(self, message: Message, type_id: int, now_us: int) -> None:
+        reply = self._commands.once(
+            self.session_id, type_id, message, lambda: carry_out(self, message)
+        )
+        if isinstance(message, GetParameter | SetParameter) and isinstance(reply, Ack):
+            # For a repeated command too: its value may be what was lost.
+            value = self.parameters.describe(message.parameter)
+            if value is not None:
+                self._send(value, now_us)
+        self._send(reply, now_us)
+
+    def _describe(self, question: Describe, now_us: int) -> None:
+        codec = self.link.codec
+        self._send(describe(codec.catalogue, question), now_us)
+        spec = codec.catalogue.by_type.get(question.described_type)
+        if spec is not None and spec.direction is Direction.HOST:
+            # An older host leaves out our last fields; one that differs will not send it at all.
+            fewer = question.field_count < len(spec.fields)
+            codec.limit(spec.type_id, question.field_count if fewer else None)
 
     # ---- session --------------------------------------------------------------------------
 
@@ -170,10 +222,8 @@ class Firmware:
             if self.session_id:
                 self.stop(StopCause.LINK, only_if_free=True)
             self.session_id = hello.session_id
-            self.agreed = False
-            self.mode = Mode.IDLE
-            self.watchdog.reset()
-            self._freshness.reset()
+            self.link.forget_sequence()  # another host, or the same begun anew
+            self._forget_host()
         if hello.agreed and not self.agreed:
             self.agreed = True
             self.log(LogLevel.INFO, f"session with {hello.name}")
@@ -199,33 +249,37 @@ class Firmware:
         """Nobody is there: be safe, and say hello until somebody is."""
         self.stop(StopCause.LINK, only_if_free=True)
         self.session_id = 0
+        self._forget_host()
+
+    def _forget_host(self) -> None:
+        """Nothing that a session asked for outlives it."""
         self.agreed = False
-        self._freshness.reset()
+        self.mode = Mode.IDLE
         self.watchdog.reset()
+        self.duty_watchdog.reset()
+        self._freshness.reset()
+        self.schedule.reset()
+        for spec in self.link.codec.catalogue:
+            self.link.codec.limit(spec.type_id, None)
 
-    # ---- commands -------------------------------------------------------------------------
+    # ---- what commands ask for ------------------------------------------------------------
 
-    def _command(self, message: ClearStop | SetMode) -> int | None:
-        if not self.agreed:
-            return NackReason.NO_SESSION
-        return self._clear(message) if isinstance(message, ClearStop) else self._choose(message)
-
-    def _clear(self, message: ClearStop) -> int | None:
-        if not self.latch.latched:
-            return None
-        if not self.latch.clear(message.cause):
-            return NackReason.OTHER_CAUSE
-        self.log(LogLevel.INFO, f"stop cleared: {label(StopCause, message.cause)}")
-        return None
-
-    def _choose(self, message: SetMode) -> int | None:
-        if message.mode not in {Mode.IDLE, Mode.VELOCITY}:
-            return NackReason.BAD_VALUE
-        if message.mode != Mode.IDLE and self.latch.latched:
-            return NackReason.STOP_LATCHED
-        self.mode = Mode(message.mode)
+    def enter(self, mode: Mode) -> None:
+        """Let something else move the wheels, from rest."""
+        self.mode = mode
         self.watchdog.halt()
-        return None
+        self.duty_watchdog.halt()
+
+    def apply_parameters(self) -> None:
+        """Keep to what was set, as far as it counts at once."""
+        model = self.parameters.applied_to(self._model)
+        self.wheels.limit(model, self.parameters.value("stop_deceleration"))
+        self._battery_low_v = self.parameters.value("battery_low")
+
+    def stream_spec(self, type_id: int) -> MessageSpec | None:
+        """The device's stream of this type; None where it is another kind of message."""
+        spec = self.link.codec.catalogue.by_type.get(type_id)
+        return spec if spec is not None and streams.is_device_stream(spec) else None
 
     def stop(self, cause: StopCause, *, only_if_free: bool = False) -> None:
         """Latch a stop and leave any driving mode.
@@ -237,13 +291,18 @@ class Firmware:
             return
         if self.latch.latch(cause):
             self.log(LogLevel.WARNING, f"stop latched: {label(StopCause, cause)}")
-        self.mode = Mode.IDLE
-        self.watchdog.halt()
+        self.enter(Mode.IDLE)
 
     def _setpoint(self, message: VelocitySetpoint, extra_us: float, now_us: int) -> None:
         if self.mode is not Mode.VELOCITY or not self.agreed:
             return
         if not self.watchdog.offer(message, extra_us, now_us):
+            self._stale += 1
+
+    def _duty(self, message: WheelDuty, extra_us: float, now_us: int) -> None:
+        if self.mode is not Mode.BRINGUP or not self.agreed:
+            return
+        if not self.duty_watchdog.offer(message, extra_us, now_us):
             self._stale += 1
 
     # ---- control --------------------------------------------------------------------------
@@ -252,17 +311,30 @@ class Firmware:
         """One control period: left and right duty, and the streams that are due."""
         if self.session_id and now_us - self._heard_us > HOST_SILENCE_US:
             self._close()
-        if self.watchdog.expired(now_us):
+        active = self._active_watchdog
+        if active.expired(now_us):
             self.faults |= Fault.SETPOINT_EXPIRED
-        elif self.watchdog.left_us(now_us):
+        elif active.left_us(now_us):
             self.faults &= ~Fault.SETPOINT_EXPIRED
-        moving = self.mode is Mode.VELOCITY and not self.latch.latched
-        v = self.watchdog.v_m_s if moving else 0.0
-        yaw = self.watchdog.yaw_rate_rad_s if moving else 0.0
-        duties = self.wheels.step(v, yaw, self._sensors.encoders(), self._supply_v)
+        duties = self._drive()
         self.faults = _with(self.faults, Fault.MOTOR_STALL, present=self.wheels.stalled)
         self._stream(now_us)
         return duties
+
+    @property
+    def _active_watchdog(self) -> Watchdog:
+        return self.duty_watchdog if self.mode is Mode.BRINGUP else self.watchdog
+
+    def _drive(self) -> tuple[float, float]:
+        counts = self._sensors.encoders()
+        free = not self.latch.latched
+        if self.mode is Mode.BRINGUP and free:
+            self.wheels.coast(counts)
+            return self.duty_watchdog.duties
+        moving = self.mode is Mode.VELOCITY and free
+        v = self.watchdog.v_m_s if moving else 0.0
+        yaw = self.watchdog.yaw_rate_rad_s if moving else 0.0
+        return self.wheels.step(v, yaw, counts, self._supply_v)
 
     def _stream(self, now_us: int) -> None:
         tick = now_us // TICK_US
@@ -272,7 +344,11 @@ class Firmware:
             if tick % HELLO_TICKS == 0:
                 self._hello(now_us)
             return
-        for name in streams.due(self._rates, tick):
+        due = list(self.schedule.due(tick))
+        # The supply is looked after whether or not anybody is told.
+        if "power" in due or tick % POWER_TICKS == POWER_PHASE:
+            self._measure_power()
+        for name in due:
             self._send(self._read(name, now_us), now_us)
         if self._log and now_us - self._logged_us >= LOG_PERIOD_US:
             self._send(self._log.pop(0), now_us)
@@ -288,7 +364,7 @@ class Firmware:
             case "range":
                 return streams.read_range(self._sensors)
             case "power":
-                return self._power()
+                return streams.power_message(self._power)
             case "sync":
                 return Sync((statistics.frames_out + 1) & 0xFFFF_FFFF)
             case "link_counters":
@@ -302,11 +378,11 @@ class Firmware:
                     self.mode,
                     self.latch.cause,
                     int(self.faults),
-                    min(250, self.watchdog.left_us(now_us) // 1000),
+                    min(250, self._active_watchdog.left_us(now_us) // 1000),
                     self._load_percent,
                 )
-            case _:
-                raise LookupError(name)
+            case _:  # of another version of the project
+                return blank(self.link.codec.catalogue.by_name[name])
 
     def _measure_load(self) -> None:
         statistics = self.link.statistics
@@ -315,12 +391,11 @@ class Firmware:
         self._frames_before = frames
         self._load_percent = min(100, round(100 * work_us / (LOAD_TICKS * TICK_US)))
 
-    def _power(self) -> Message:
-        message = streams.read_power(self._sensors)
-        self._supply_v = self._sensors.power().battery_v
-        low = self._supply_v < BATTERY_LOW_V
+    def _measure_power(self) -> None:
+        self._power = reading = self._sensors.power()
+        self._supply_v = reading.battery_v
+        low = self._supply_v < self._battery_low_v
         self.faults = _with(self.faults, Fault.BATTERY_LOW, present=low)
-        return message
 
     def log(self, level: LogLevel, line: str) -> None:
         """Queue a line for the host."""

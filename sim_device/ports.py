@@ -1,4 +1,4 @@
-"""The emulator's only I/O: a pseudo-terminal and the clock that paces the device.
+"""The emulator's only I/O: pseudo-terminals, CAN buses, and the clock that paces the device.
 
 Like a UART, the pseudo-terminal does not care whether anybody listens: what does not fit
 its buffer is dropped and counted.
@@ -10,22 +10,47 @@ import os
 import selectors
 import sys
 import time
+from collections import deque
 from contextlib import suppress
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self
+
+from protocol.can_frames import RECORD
+from sim_device.slcan import SlcanAdapter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
     from types import TracebackType
 
+    import can
+
     from sim_device.device import VirtualSweeper
     from sim_device.plant import Truth
 
 _READ = 4096
+MULTICAST_GROUP = "239.74.163.2"
+"""The IPv4 group that python-can names as its default."""
+_ECHOES = 512
 
 
 class PortUnavailableError(OSError):
     """The pseudo-terminal cannot be made or linked; one line for people."""
+
+
+class DevicePort(Protocol):
+    """What :func:`serve` needs of the device's end of a link."""
+
+    path: str
+    """What a host opens."""
+
+    def fileno(self) -> int:
+        """Becomes readable when something has come."""
+
+    def read(self) -> bytes:
+        """What has come; empty when nothing has."""
+
+    def write(self, data: bytes) -> None:
+        """Write what fits; the rest is lost, as on a wire."""
 
 
 class PtyPort:
@@ -103,6 +128,115 @@ class PtyPort:
         self.close()
 
 
+class SlcanPort(PtyPort):
+    """A serial CAN adapter on a pseudo-terminal, the device alone on its bus."""
+
+    def __init__(self, link: Path | None = None, *, bitrate: int = 500_000) -> None:
+        """Plug it in; the host opens its bus.
+
+        Raises:
+            PortUnavailableError: as for :class:`PtyPort`.
+
+        """
+        super().__init__(link)
+        self.path = f"can:slcan:{self.path}"
+        self._adapter = SlcanAdapter(bitrate)
+
+    def read(self) -> bytes:
+        """Frames that the host has put on the bus."""
+        records, answer = self._adapter.feed(super().read())
+        super().write(answer)
+        return records
+
+    def write(self, data: bytes) -> None:
+        """Frames for the host; while its bus is closed they go nowhere."""
+        super().write(self._adapter.from_bus(data))
+
+
+class MulticastPort:
+    """A CAN bus made of UDP datagrams, which any process on this machine can join."""
+
+    def __init__(self, group: str = MULTICAST_GROUP, *, lan: bool = False) -> None:
+        """Join the group; nothing leaves this machine unless ``lan``.
+
+        Raises:
+            PortUnavailableError: this system has no multicast.
+
+        """
+        import can  # noqa: PLC0415 - slow to import, and for one kind of link only
+
+        self.path = f"can:udp_multicast:{group}"
+        self.dropped_bytes = 0
+        self._echoes: deque[bytes] = deque(maxlen=_ECHOES)
+        try:
+            self._bus = can.Bus(
+                interface="udp_multicast",
+                channel=group,
+                hop_limit=1 if lan else 0,
+                fd=False,
+                ignore_config=True,
+            )
+        except (can.CanError, OSError) as error:
+            cause = error.__cause__ or error
+            raise PortUnavailableError(
+                f"cannot join the multicast group {group}: {cause}; "
+                "it needs a route (ip route add 224.0.0.0/4 dev lo)"
+            ) from None
+        self._error = can.CanError
+
+    def fileno(self) -> int:
+        """The socket."""
+        return self._bus.fileno()
+
+    def read(self) -> bytes:
+        """One frame of another node on the bus; the socket gives our own back to us too."""
+        try:
+            message = self._bus.recv(0.0)
+        except (self._error, ValueError):  # any process may send anything to the group
+            return b""
+        if message is None or message.is_fd or message.is_extended_id or message.is_remote_frame:
+            return b""
+        record = _record(message)
+        if record in self._echoes:
+            self._echoes.remove(record)
+            return b""
+        return record
+
+    def write(self, data: bytes) -> None:
+        """Send frames; what the system does not take is lost."""
+        import can  # noqa: PLC0415 - loaded already
+
+        for can_id, length, content in RECORD.iter_unpack(data):
+            message = can.Message(
+                arbitration_id=can_id, data=content[:length], is_extended_id=False
+            )
+            self._echoes.append(_record(message))
+            try:
+                self._bus.send(message)
+            except (self._error, OSError):
+                self._echoes.pop()
+                self.dropped_bytes += RECORD.size
+
+    def close(self) -> None:
+        """Leave the group."""
+        self._bus.shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _record(message: can.Message) -> bytes:
+    return RECORD.pack(message.arbitration_id, min(message.dlc, 8), bytes(message.data)[:8])
+
+
 class Stopper:
     """Ends a serving loop from a signal handler or another thread."""
 
@@ -124,7 +258,7 @@ class Stopper:
 
 def serve(
     device: VirtualSweeper,
-    port: PtyPort,
+    port: DevicePort,
     stopper: Stopper,
     on_truth: Callable[[Truth, int], None] | None = None,
 ) -> None:

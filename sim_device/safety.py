@@ -11,12 +11,14 @@ from protocol.clock import DeviceUs, extend_us
 from protocol.values import StopCause
 
 if TYPE_CHECKING:
-    from protocol.messages import VelocitySetpoint
+    from protocol.messages import VelocitySetpoint, WheelDuty
 
 MAX_TIME_TO_LIVE_US = 250_000
 HOST_SILENCE_US = 1_000_000
 DRIFT_ALLOWANCE_PPM = 250
 """Two crystals of ±100 ppm differ by 200; the smallest delay may age by this much."""
+BRINGUP_DUTY_MAX = 0.5
+"""Half of what the motors could: enough to see a wheel turn, on a robot that is held up."""
 _HALF_COUNTER = 128
 
 
@@ -82,38 +84,45 @@ class Freshness:
         return delay_us - self._least_us
 
 
-class SetpointWatchdog:
-    """Holds the last good setpoint for as long as it may live."""
+class Watchdog:
+    """Holds the last good pair of cyclic values for as long as it may live."""
 
     def __init__(self) -> None:
-        self.v_m_s = 0.0
-        self.yaw_rate_rad_s = 0.0
+        self._first = self._second = 0.0
         self._counter: int | None = None
         self._until_us = 0
         self._was_live = False
 
     def reset(self) -> None:
-        """Forget the setpoint and the counter: a new session or mode."""
+        """Forget the values and the counter: a new session."""
         self.halt()
         self._counter = None
 
     def halt(self) -> None:
-        """Let go of the setpoint; later ones of the session are taken again."""
-        self.v_m_s = self.yaw_rate_rad_s = 0.0
+        """Let go of the values; later ones of the session are taken again."""
+        self._first = self._second = 0.0
         self._until_us = 0
         self._was_live = False
 
-    def offer(self, setpoint: VelocitySetpoint, extra_delay_us: float, now_us: int) -> bool:
-        """Take a setpoint; False where it is repeated, reordered or too old."""
+    def take(  # noqa: PLR0913, PLR0917 - two values and what judges them
+        self,
+        first: float,
+        second: float,
+        time_to_live_ms: int,
+        counter: int,
+        extra_delay_us: float,
+        now_us: int,
+    ) -> bool:
+        """Take values; False where they are repeated, reordered or too old."""
         if self._counter is not None:
-            advance = (setpoint.counter - self._counter) & 0xFF
+            advance = (counter - self._counter) & 0xFF
             if advance == 0 or advance >= _HALF_COUNTER:
                 return False
-        live_us = min(setpoint.time_to_live * 1000, MAX_TIME_TO_LIVE_US) - extra_delay_us
+        live_us = min(time_to_live_ms * 1000, MAX_TIME_TO_LIVE_US) - extra_delay_us
         if live_us <= 0:
             return False
-        self._counter = setpoint.counter
-        self.v_m_s, self.yaw_rate_rad_s = setpoint.v_m_s, setpoint.yaw_rate_rad_s
+        self._counter = counter
+        self._first, self._second = first, second
         self._until_us = now_us + int(live_us)
         self._was_live = True
         return True
@@ -123,8 +132,57 @@ class SetpointWatchdog:
         return max(0, self._until_us - now_us)
 
     def expired(self, now_us: int) -> bool:
-        """True once, when a setpoint that held has run out."""
+        """True once, when values that held have run out."""
         if self._was_live and now_us >= self._until_us:
             self.halt()
             return True
         return False
+
+
+class SetpointWatchdog(Watchdog):
+    """Holds the body velocity that the host wants."""
+
+    @property
+    def v_m_s(self) -> float:
+        """Forward speed."""
+        return self._first
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        """Counter-clockwise."""
+        return self._second
+
+    def offer(self, setpoint: VelocitySetpoint, extra_delay_us: float, now_us: int) -> bool:
+        """Take a setpoint; False where it is repeated, reordered or too old."""
+        return self.take(
+            setpoint.v_m_s,
+            setpoint.yaw_rate_rad_s,
+            setpoint.time_to_live,
+            setpoint.counter,
+            extra_delay_us,
+            now_us,
+        )
+
+
+class DutyWatchdog(Watchdog):
+    """Holds the motor duties that the host wants in bring-up mode, capped."""
+
+    @property
+    def duties(self) -> tuple[float, float]:
+        """Left and right."""
+        return self._first, self._second
+
+    def offer(self, wanted: WheelDuty, extra_delay_us: float, now_us: int) -> bool:
+        """Take duties; False where they are repeated, reordered or too old."""
+        return self.take(
+            _capped(wanted.left_duty),
+            _capped(wanted.right_duty),
+            wanted.time_to_live,
+            wanted.counter,
+            extra_delay_us,
+            now_us,
+        )
+
+
+def _capped(duty: float) -> float:
+    return min(BRINGUP_DUTY_MAX, max(-BRINGUP_DUTY_MAX, duty))

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from protocol.catalogue import CATALOGUE
+from protocol.message import Direction, RateClass
 from protocol.messages import INFRARED_NONE, ULTRASONIC_NONE, Encoders, Imu, Power, Range
-from protocol.values import Contact
+from protocol.values import Capability, Contact
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.message import Message
+    from protocol.catalogue import Catalogue
+    from protocol.message import Message, MessageSpec
     from sim_device.contacts import Bumpers
     from sim_device.imu import ImuCounts
     from sim_device.power import PowerReading
     from sim_device.rangers import Ranges
+
+TICK_HZ = 100
+"""Of the control loop; no stream is quicker."""
+_NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
 
 
 class Sensors(Protocol):
@@ -41,29 +46,61 @@ class Sensors(Protocol):
 
 
 class Rate(NamedTuple):
-    """A stream's period and phase in control ticks."""
+    """A stream's period and phase in control ticks; a period of 0: off."""
 
     name: str
     period: int
     phase: int
 
 
-def schedule(tick_hz: int) -> tuple[Rate, ...]:
-    """Every device stream at its default rate, phases spread so that none come in bursts."""
-    rates = [
-        Rate(spec.name, max(1, round(tick_hz / spec.default_hz)), index)
-        for index, spec in enumerate(
-            s for s in CATALOGUE if s.direction.value == "device" and s.rate.value == "stream"
-        )
-    ]
-    return tuple(Rate(r.name, r.period, r.phase % r.period) for r in rates)
+class Schedule:
+    """When each stream is due, in control ticks; phases are spread so that none come in bursts."""
+
+    def __init__(self, catalogue: Catalogue, capabilities: int) -> None:
+        """Every stream that the device declares and has something to say in, at its default."""
+        self._streams: dict[int, MessageSpec] = {}
+        self._phases: dict[int, int] = {}
+        for index, spec in enumerate(s for s in catalogue if is_device_stream(s)):
+            needed = _NEEDS.get(spec.name)
+            if needed is None or needed & capabilities:
+                self._streams[spec.type_id] = spec
+                self._phases[spec.type_id] = index
+        self._rates: dict[int, Rate] = {}
+        self._due: tuple[Rate, ...] = ()
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the default rates."""
+        self._rates = {
+            t: self._rate(t, max(1, round(TICK_HZ / s.default_hz)))
+            for t, s in self._streams.items()
+        }
+        self._due = tuple(self._rates.values())
+
+    def set_rate(self, type_id: int, rate: int) -> None:
+        """Send a stream at ``rate`` tenths of a hertz, as near as whole ticks allow; 0: not."""
+        period = max(1, round(10 * TICK_HZ / rate)) if rate else 0
+        self._rates[type_id] = self._rate(type_id, period)
+        self._due = tuple(r for r in self._rates.values() if r.period)
+
+    def _rate(self, type_id: int, period: int) -> Rate:
+        phase = self._phases[type_id]
+        return Rate(self._streams[type_id].name, period, phase % period if period else 0)
+
+    def __contains__(self, type_id: int) -> bool:
+        """Whether the device sends this stream, if only at some rate."""
+        return type_id in self._streams
+
+    def due(self, tick: int) -> Iterator[str]:
+        """Names of the streams to send at this tick."""
+        for name, period, phase in self._due:
+            if tick % period == phase:
+                yield name
 
 
-def due(rates: tuple[Rate, ...], tick: int) -> Iterator[str]:
-    """Names of the streams to send at this tick."""
-    for name, period, phase in rates:
-        if tick % period == phase:
-            yield name
+def is_device_stream(spec: MessageSpec) -> bool:
+    """True of what a device sends periodically."""
+    return spec.direction is Direction.DEVICE and spec.rate is RateClass.STREAM
 
 
 def read_imu(sensors: Sensors) -> Message:
@@ -89,9 +126,8 @@ def read_range(sensors: Sensors) -> Message:
     return Range(front, _infrared(left_m), _infrared(right_m), int(contacts))
 
 
-def read_power(sensors: Sensors) -> Message:
+def power_message(reading: PowerReading) -> Message:
     """Rails and currents as a message."""
-    reading = sensors.power()
     return Power(
         _byte(reading.battery_v, 0.001, 0xFFFF),
         _byte(reading.rail_v, 0.025),

@@ -16,7 +16,7 @@ from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.host import Host, HostOptions
 from bridge.io import clock
-from bridge.io.ports import SerialPort
+from bridge.io.ports import link_of, open_port
 from bridge.io.pump import Pump
 from bridge.mission import Ending, Mission
 from bridge.motion.geometry import Pose2
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.coverage.floorplan import FloorPlan
+    from bridge.io.ports import BytePort
     from bridge.motion.robot_model import RobotModel
 
 
@@ -51,6 +52,8 @@ class LiveOptions:
     duration_s: float | None
     node: int | None
     baud: int
+    bitrate: int | None
+    lan: bool
     dtr: bool
     rts: bool
     clear_stop: bool
@@ -76,14 +79,21 @@ def run_live(asked: LiveOptions) -> LiveResult:
 
     """
 
-    def open_port() -> SerialPort:
-        return SerialPort(asked.port, baud=asked.baud, dtr=asked.dtr, rts=asked.rts)
+    def reopen() -> BytePort:
+        return open_port(
+            asked.port,
+            baud=asked.baud,
+            dtr=asked.dtr,
+            rts=asked.rts,
+            bitrate=asked.bitrate,
+            lan=asked.lan,
+        )
 
     runner = None
     if asked.planner is not None:
         planner = make_planner(asked.planner, asked.model, np.random.default_rng())
         runner = PlanRunner(planner, asked.model)
-    opened = open_port()
+    opened = reopen()
     try:
         recorder, offset_ns = _recorder(asked)
     except BaseException:
@@ -98,11 +108,12 @@ def run_live(asked: LiveOptions) -> LiveResult:
             asked.planner or "",
             asked.plan.start if asked.plan else Pose2(0.0, 0.0, 0.0),
             asked.node,
+            link_of(asked.port),
         ),
         Mission(runner, clear_stop=asked.clear_stop),
         lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
     )
-    pump = Pump(host, opened, open_port)
+    pump = Pump(host, opened, reopen)
     pump.watch = lambda: _log_failed(recorder)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)

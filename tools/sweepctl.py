@@ -18,6 +18,7 @@ _COMMANDS = {
     "simulate": "Run a plan against the virtual sweeper in virtual time.",
     "view": "Open a log in Rerun.",
     "info": "Say what a log holds.",
+    "generate": "Write the wire's messages for C, CAN tools, Wireshark, protobuf or people.",
 }
 
 

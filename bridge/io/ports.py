@@ -6,12 +6,14 @@ import errno
 import os
 import selectors
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 import serial
 
 from bridge.errors import PortBusyError, PortError
+from bridge.io.device_lock import owner_pid
+from protocol.can_link import CanLink
+from protocol.link import Link, LinkBase
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -142,6 +144,39 @@ class SerialPort:
         self.close()
 
 
+def is_can(port: str) -> bool:
+    """Whether a port's name is that of a CAN bus: ``can:INTERFACE:CHANNEL``."""
+    return port.startswith("can:")
+
+
+def link_of(port: str) -> type[LinkBase]:
+    """The link to run over a port of this name."""
+    return CanLink if is_can(port) else Link
+
+
+def open_port(  # noqa: PLR0913 - what the two kinds of port can be asked for
+    port: str,
+    *,
+    baud: int = DEFAULT_BAUD,
+    dtr: bool = False,
+    rts: bool = False,
+    bitrate: int | None = None,
+    lan: bool = False,
+) -> BytePort:
+    """Open a serial port, or a bus that ``can:INTERFACE:CHANNEL`` names.
+
+    Raises:
+        PortBusyError: another program has it.
+        PortError: it does not exist, may not be opened, or is no port.
+
+    """
+    if not is_can(port):
+        return SerialPort(port, baud=baud, dtr=dtr, rts=rts)
+    from bridge.io.can_port import DEFAULT_BITRATE, CanPort  # noqa: PLC0415 - 0.1 s to import
+
+    return CanPort(port, bitrate=bitrate or DEFAULT_BITRATE, lan=lan)
+
+
 def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial:
     try:
         port = serial.serial_for_url(url, baudrate=baud, do_not_open=True)
@@ -171,22 +206,6 @@ def _open_error(url: str, error: OSError) -> PortError:
     if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
         return PortError(f"{url} is not a serial port")
     return PortError(f"cannot open {url}: {_reason(error)}")
-
-
-def owner_pid(path: str) -> int | None:
-    """The process that holds the lock on a device file, where the system tells (Linux)."""
-    try:
-        stat = Path(path).stat()
-        locks = Path("/proc/locks").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return None
-    device = f"{os.major(stat.st_dev):02x}:{os.minor(stat.st_dev):02x}:{stat.st_ino}"
-    for line in locks:
-        fields = line.split()
-        if device in fields and "FLOCK" in fields:
-            pid = int(fields[fields.index(device) - 1])
-            return pid if pid > 0 else None
-    return None
 
 
 def _reason(error: BaseException) -> str:

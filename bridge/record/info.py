@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 _NANOSECONDS = 1e9
 _RAW = {"/raw/uart/rx": "received_bytes", "/raw/uart/tx": "sent_bytes"}
+_RAW_CAN = "/raw/can"
 
 
 @dataclass(slots=True)
@@ -124,8 +125,9 @@ def describe(path: Path) -> RunDescription:
             topic.first_ns = topic.last_ns = message.log_ns
         topic.count += 1
         topic.bytes += len(message.data)
-        if topic.topic in _RAW:
-            wire_bytes[topic.topic] = wire_bytes.get(topic.topic, 0) + _payload(message)
+        raw = _raw_name(message)
+        if raw is not None:
+            wire_bytes[raw] = wire_bytes.get(raw, 0) + _payload(message)
         topic.first_ns = min(topic.first_ns, message.log_ns)
         topic.last_ns = max(topic.last_ns, message.log_ns)
     summary = reader.summary
@@ -147,6 +149,17 @@ def describe(path: Path) -> RunDescription:
     return description
 
 
+def _raw_name(message: LogMessage) -> str | None:
+    """Which figure a raw message belongs to; None for all others."""
+    topic = message.channel.topic
+    if topic != _RAW_CAN:
+        return _RAW.get(topic)
+    try:
+        return "sent_bytes" if message.decoded.outgoing else "received_bytes"
+    except (ValueError, AttributeError, TypeError):  # another program's topic of the same name
+        return None
+
+
 def _payload(message: LogMessage) -> int:
     try:
         return len(message.decoded.data)
@@ -163,5 +176,5 @@ def _counted_wire(
         "frames": sum(device) if device else None,
         "lost": None,
         "crc_errors": None,
-        **{key: wire_bytes.get(name) for name, key in _RAW.items()},
+        **{key: wire_bytes.get(key) for key in _RAW.values()},
     }

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         PlannerRecord,
         PoseRecord,
         RawBytes,
+        RawCan,
     )
     from protocol.catalogue import Catalogue
     from protocol.fields import Field
@@ -135,6 +136,9 @@ def _flat(name: str, **kinds: Kind) -> FlatMessage:
 RAW_BYTES = _flat("RawBytes", data=Kind.BYTES)
 """``/raw/uart/rx`` and ``tx``: one read or write of the port, every byte as it was."""
 
+RAW_CAN = _flat("RawCan", outgoing=Kind.FIXED32, can_id=Kind.FIXED32, data=Kind.BYTES)
+"""``/raw/can``: one frame; the identifier has SocketCAN's flags in its top bits."""
+
 POSE_ESTIMATE = _flat(
     "PoseEstimate",
     x_m=Kind.DOUBLE,
@@ -201,6 +205,11 @@ CLOCK_SYNC = _flat(
 def encode_raw(record: RawBytes) -> bytes:
     """``RawBytes``."""
     return RAW_BYTES.encode([bytes(record.data)])
+
+
+def encode_raw_can(record: RawCan) -> bytes:
+    """``RawCan``."""
+    return RAW_CAN.encode([int(record.outgoing), record.can_id, bytes(record.data)])
 
 
 def encode_estimate(record: PoseRecord) -> bytes:

@@ -25,6 +25,7 @@ from bridge.telemetry import (
     PlannerRecord,
     PoseRecord,
     RawBytes,
+    RawCan,
     RoomRecord,
     TruthRecord,
 )
@@ -83,6 +84,7 @@ class RunWriter:
             self._add_foxglove("/tf_static", FrameTransform, info.opened_unix_ns, data)
         self._handlers: dict[type, Callable[[Any], None]] = {
             RawBytes: self._raw,
+            RawCan: self._raw_can,
             DeviceMessage: self._device_message,
             PoseRecord: self._pose,
             TruthRecord: self._truth,
@@ -166,6 +168,10 @@ class RunWriter:
         topic = "/raw/uart/tx" if record.outgoing else "/raw/uart/rx"
         data = schemas.encode_raw(record)
         self._add_flat(topic, schemas.RAW_BYTES, record.log_ns, data)
+
+    def _raw_can(self, record: RawCan) -> None:
+        data = schemas.encode_raw_can(record)
+        self._add_flat("/raw/can", schemas.RAW_CAN, record.log_ns, data)
 
     def _device_message(self, record: DeviceMessage) -> None:
         known = self._device.get(record.name)

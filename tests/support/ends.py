@@ -15,7 +15,7 @@ from bridge.motion.robot_model import RobotModel
 from bridge.session import Session
 from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
-from protocol.link import Link, Received
+from protocol.link import Link, LinkBase, Received
 from protocol.message import Direction
 from protocol.messages import VelocitySetpoint
 from sim_device.device import VirtualSweeper
@@ -181,13 +181,24 @@ class SessionEnd:
         return [e for e in self.events if isinstance(e, kind)]
 
 
-def session_end(catalogue: Catalogue = CATALOGUE) -> SessionEnd:
-    return SessionEnd(Session(lambda: next(_session_ids), catalogue=catalogue))
+def session_end(
+    catalogue: Catalogue = CATALOGUE, link: type[LinkBase] = Link, node: int | None = None
+) -> SessionEnd:
+    session = Session(lambda: next(_session_ids), catalogue=catalogue, link=link, node=node)
+    return SessionEnd(session)
 
 
-def sweeper(*, seed: int = 1, catalogue: Catalogue = CATALOGUE, node: int = 1) -> VirtualSweeper:
+def sweeper(
+    *,
+    seed: int = 1,
+    catalogue: Catalogue = CATALOGUE,
+    node: int = 1,
+    link: type[LinkBase] = Link,
+) -> VirtualSweeper:
     """A device in the middle of an empty floor, with perfect sensors."""
-    return VirtualSweeper(OPEN_FLOOR, seed=seed, noise="none", catalogue=catalogue, node=node)
+    return VirtualSweeper(
+        OPEN_FLOOR, seed=seed, noise="none", catalogue=catalogue, node=node, link=link
+    )
 
 
 class Ends:
@@ -218,7 +229,7 @@ class Ends:
         """Called after every step."""
         self._host_first_us = host_first_us
         self._booted_us = -device_first_us
-        self._tap = Link(Direction.DEVICE)
+        self._tap: LinkBase = type(host.session.link)(Direction.DEVICE)
         if device_first_us:
             device.step(b"", 0)
             device._next_tick_us = device_first_us  # noqa: SLF001 - it has been on for long
@@ -278,7 +289,7 @@ class Ends:
         self.watch()
 
     def _note(self, out: bytes) -> None:
-        for event in self._tap.receive(out):
+        for event in self._tap.receive(out, self.host_ns // 1000):
             assert isinstance(event, Received), "the host wrote something unreadable"
             self.sent.append(Sent(self.now_us, event.message))
 

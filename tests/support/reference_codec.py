@@ -175,6 +175,16 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("counter", "u8"),
         ],
     ),
+    0x03: (
+        "wheel_duty",
+        "host",
+        [
+            ("left", "i16", "left_duty", 0.0001),
+            ("right", "i16", "right_duty", 0.0001),
+            ("time_to_live", "u8", "time_to_live_s", 0.001),
+            ("counter", "u8"),
+        ],
+    ),
     0x04: (
         "host_hello",
         "host",
@@ -184,6 +194,24 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
     0x06: ("set_mode", "host", [("command_id", "u16"), ("mode", "u8")]),
     0x07: ("time_request", "host", [("ping", "u8")]),
     0x08: ("describe", "host", [("described_type", "u8"), ("field_count", "u8")]),
+    0x09: (
+        "planner_command",
+        "host",
+        [("command_id", "u16"), ("action", "u8"), ("planner", "u8")],
+    ),
+    0x0A: ("get_parameter", "host", [("command_id", "u16"), ("parameter", "u8")]),
+    0x0B: (
+        "set_parameter",
+        "host",
+        [("command_id", "u16"), ("parameter", "u8"), ("kind", "u8"), ("value", "u32")],
+    ),
+    0x0C: ("save_parameters", "host", [("command_id", "u16")]),
+    0x0D: (
+        "set_stream_rate",
+        "host",
+        [("command_id", "u16"), ("stream_type", "u8"), ("rate", "u16", "rate_hz", 0.1)],
+    ),
+    0x0E: ("reboot", "host", [("command_id", "u16"), ("kind", "u8")]),
     0x10: ("sync", "device", [("frame_count", "u32")]),
     0x11: (
         "status",
@@ -235,6 +263,20 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
         "device",
         [("received", "u16"), ("damaged", "u16"), ("stale", "u16")],
     ),
+    0x17: (
+        "planner_state",
+        "device",
+        [
+            ("phase", "u8"),
+            ("turn_count", "u8"),
+            ("target_x", "i16", "target_x_m", 0.001),
+            ("target_y", "i16", "target_y_m", 0.001),
+            ("lane_distance", "u16", "lane_distance_m", 0.001),
+            ("previous_lane_distance", "u16", "previous_lane_distance_m", 0.001),
+            ("length", "u8", "length_m", 0.02),
+            ("lane_case", "u8"),
+        ],
+    ),
     0x18: ("time_reply", "device", [("ping", "u8"), ("received_us", "u32")]),
     0x19: ("ack", "device", [("command_id", "u16"), ("command_type", "u8")]),
     0x1A: ("nack", "device", [("command_id", "u16"), ("command_type", "u8"), ("reason", "u8")]),
@@ -265,6 +307,21 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
         ],
     ),
     0x1D: ("log_text", "device", [("level", "u8"), ("line", "text")]),
+    0x1E: (
+        "parameter_value",
+        "device",
+        [
+            ("parameter", "u8"),
+            ("parameter_count", "u8"),
+            ("kind", "u8"),
+            ("flags", "u8"),
+            ("value", "u32"),
+            ("default", "u32"),
+            ("low", "u32"),
+            ("high", "u32"),
+            ("name", "text"),
+        ],
+    ),
 }
 
 OFFSETS = {"temperature_deg_c": 36.53}

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import pytest
 
+from protocol.can_frames import CAN_PART_TYPES
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.errors import UnknownMessageError
 from protocol.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
@@ -62,12 +63,6 @@ def test_type_and_name_declared_twice() -> None:
             "log_text: a stream may not carry text",
         ),
         (
-            with_more(
-                Imu, *(replace(RAW, name=f"more_{i}", can_part=3 + i // 6) for i in range(12))
-            ),
-            "imu: stream of 26 B exceeds 25 B",
-        ),
-        (
             with_more(Imu, RAW.named("more")),
             "imu: CAN part 0 of 7 B exceeds 6 B",
         ),
@@ -115,6 +110,26 @@ def test_type_and_name_declared_twice() -> None:
 )
 def test_a_planted_fault_is_found_alone(spec: MessageSpec, finding: str) -> None:
     assert findings([spec]) == [finding]
+
+
+def test_a_stream_too_long_for_its_frame_and_for_the_types_of_its_parts() -> None:
+    more = (replace(RAW, name=f"more_{i}", can_part=3 + i // 6) for i in range(12))
+    assert findings([with_more(Imu, *more)]) == [
+        "imu: stream of 26 B exceeds 25 B",
+        "imu: CAN part 3 has no type of its own",
+        "imu: CAN part 4 has no type of its own",
+    ]
+
+
+def test_types_of_parts_are_held_against_all_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CAN_PART_TYPES, (0x12, 1), 0x13)
+    monkeypatch.setitem(CAN_PART_TYPES, (0x12, 2), 0x27)
+    monkeypatch.setitem(CAN_PART_TYPES, (0x12, 3), 0x7F)
+    assert findings(CATALOGUE) == [
+        "CAN part type 0x27 is declared 2 times",
+        "CAN part type 0x13 is a message's too",
+        "CAN part type 0x7f is out of range",
+    ]
 
 
 # ---- declaring ----------------------------------------------------------------------------

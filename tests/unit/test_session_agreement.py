@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import pytest
 
@@ -11,7 +11,7 @@ from bridge.mission import Phase
 from bridge.robot_state import missing_needs, understood
 from bridge.session import Agreed, Data, Failed, State
 from protocol.agreement import Match, MessageAgreement
-from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.catalogue import CATALOGUE
 from protocol.fields import U8, U16, number
 from protocol.link import Rejected
 from protocol.message import Direction, Message, RateClass, message, specify
@@ -29,25 +29,8 @@ from protocol.messages import (
 )
 from support.ends import Ends, HostEnd, SessionEnd, session_end, spinning_host, sweeper
 from support.hostile import Lossy, Pipe, Wire
+from support.peers import EXTRA, catalogue, hints_of, variant
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-
-def variant(original: type[Message], hints: dict[str, Any]) -> type[Message]:
-    """A message of the same type and name with other fields."""
-    spec = specify(original)
-    cls: type[Message] = type(original.__name__, (Message,), {"__annotations__": hints})
-    cls.__doc__ = original.__doc__
-    declare = message(spec.type_id, spec.direction, spec.rate, default_hz=spec.default_hz)
-    return declare(cls)
-
-
-def hints_of(original: type[Message]) -> dict[str, Any]:
-    return {f.name: Annotated[int, f] for f in specify(original).fields}
-
-
-EXTRA = Annotated[int, number(U16, "count", "something new")]
 LonelyPower = variant(Power, dict(list(hints_of(Power).items())[:2]))
 RicherPower = variant(Power, {**hints_of(Power), "fan": EXTRA})
 OtherPower = variant(
@@ -65,11 +48,6 @@ class Fan(Message):
     """A message that only one end has."""
 
     speed: EXTRA
-
-
-def catalogue(*, less: Iterable[type[Message]] = (), more: Iterable[type[Message]] = ()) -> Catalogue:
-    replaced = {m.__name__ for m in (*less, *more)}
-    return Catalogue([*(m for m in ALL_MESSAGES if m.__name__ not in replaced), *more])
 
 
 def agreed(host: SessionEnd, ends: Ends, within_s: float = 3.0) -> Agreed:
@@ -97,7 +75,7 @@ def test_an_older_device_lacks_our_last_field() -> None:
     ends.run(1.0)
     message = power_of(host)[-1]
     assert tuple(message)[-1] is None
-    assert 15_000 < tuple(message)[0] <= 17_000
+    assert 15_000 < next(iter(message)) <= 17_000
 
 
 def test_a_newer_devices_fields_are_passed_over_and_counted() -> None:
@@ -169,6 +147,7 @@ def test_a_different_bootstrap_message_fails_with_a_name() -> None:
 @pytest.mark.parametrize("p", [0.0, 0.3])
 def test_agreement_costs_a_question_a_message(p: float) -> None:
     """Each answer once set off four questions, which set off four answers each."""
+
     def lossy() -> Wire:
         return Lossy(Pipe(3_000), p, random.Random(5))
 

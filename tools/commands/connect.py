@@ -29,6 +29,12 @@ from tools import options
 @click.option("--room", help="The room, where it is known: gives coverage and a map.")
 @click.option("--node", type=click.IntRange(1, 15), help="Talk to this device only.")
 @click.option("--baud", type=click.IntRange(1200, 12_000_000), default=921_600, show_default=True)
+@click.option(
+    "--bitrate",
+    type=click.IntRange(10_000, 1_000_000),
+    help="Of a CAN bus whose adapter can be told.  [default: 500000]",
+)
+@click.option("--lan", is_flag=True, help="With can:udp_multicast: let frames leave this machine.")
 @click.option("--dtr", is_flag=True, help="Set DTR (many boards reset on it).")
 @click.option("--rts", is_flag=True, help="Set RTS (many boards reset on it).")
 @click.option(
@@ -47,6 +53,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     room: str | None,
     node: int | None,
     baud: int,
+    bitrate: int | None,
+    lan: bool,
     dtr: bool,
     rts: bool,
     clear_stop: bool,
@@ -57,8 +65,9 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Open PORT, agree with the robot, record and show it.
 
-    Nothing moves unless --plan asks for it. PORT is a device path, socket://HOST:PORT or
-    rfc2217://HOST:PORT.
+    Nothing moves unless --plan asks for it. PORT is a device path, socket://HOST:PORT,
+    rfc2217://HOST:PORT, or can:INTERFACE:CHANNEL for a CAN bus (can:slcan:/dev/ttyACM0,
+    can:socketcan:can0, can:udp_multicast:239.74.163.2).
     """
     from bridge.config import load_robot
     from tools.console import complain, print_summary
@@ -80,6 +89,8 @@ def command(  # noqa: PLR0913 - one parameter per option
             duration_s=duration_s,
             node=node,
             baud=baud,
+            bitrate=bitrate,
+            lan=lan,
             dtr=dtr,
             rts=rts,
             clear_stop=clear_stop,

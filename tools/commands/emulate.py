@@ -1,4 +1,4 @@
-"""``sweepctl emulate``: a virtual sweeper on a pseudo-terminal."""
+"""``sweepctl emulate``: a virtual sweeper on a pseudo-terminal or a CAN bus."""
 
 from __future__ import annotations
 
@@ -17,17 +17,27 @@ if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
     from bridge.record.writer import RunWriter
     from sim_device.plant import Truth
+    from sim_device.ports import MulticastPort, PtyPort
 
 
 @click.command("emulate", epilog="Example:  sweepctl emulate case-1 --pty-link /tmp/sweeper")
 @click.argument("room", default="case-1")
 @click.option(
     "--link",
-    type=click.Choice(["pty"]),
+    type=click.Choice(["pty", "slcan", "udpcan"]),
     default="pty",
     show_default=True,
-    help="What the device is connected by.",
+    help="What the device is connected by: a serial line, a serial CAN adapter, or a CAN bus "
+    "of UDP datagrams that several devices and one host can join.",
 )
+@click.option(
+    "--bitrate",
+    type=click.IntRange(10_000, 1_000_000),
+    default=500_000,
+    show_default=True,
+    help="Of the bus behind the serial CAN adapter.",
+)
+@click.option("--lan", is_flag=True, help="With udpcan: let frames leave this machine.")
 @options.seed_option
 @options.noise_option
 @options.robot_option
@@ -47,6 +57,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     *,
     room: str,
     link: str,
+    bitrate: int,
+    lan: bool,
     seed: int,
     noise: str,
     robot: Path | None,
@@ -61,20 +73,27 @@ def command(  # noqa: PLR0913 - one parameter per option
     """
     from bridge.config import load_robot
     from bridge.errors import PortError
+    from protocol.can_link import CanLink
+    from protocol.link import Link
     from sim_device.device import VirtualSweeper
-    from sim_device.ports import PortUnavailableError, PtyPort, Stopper, serve
+    from sim_device.ports import PortUnavailableError, Stopper, serve
     from tools.console import say
     from tools.rooms import load_room
 
+    if lan and link != "udpcan":
+        raise click.UsageError("--lan goes with --link udpcan")
+    if pty_link is not None and link == "udpcan":
+        raise click.UsageError("--pty-link goes with --link pty or slcan")
     plan = load_room(room)
     model, robot_toml = load_robot(robot)
-    device = VirtualSweeper(plan, model, seed=seed, noise=noise, node=node)
+    kind = Link if link == "pty" else CanLink
+    device = VirtualSweeper(plan, model, seed=seed, noise=noise, node=node, link=kind)
     stopper = Stopper()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: stopper.stop())
     writer = _truth_writer(truth, robot_toml, plan, seed, noise, force=force) if truth else None
     try:
-        with PtyPort(pty_link) as port:
+        with _port(link, pty_link, bitrate, lan=lan) as port:
             sys.stdout.write(f"ready {port.path}\n")
             sys.stdout.flush()
             say(
@@ -88,6 +107,18 @@ def command(  # noqa: PLR0913 - one parameter per option
         if writer is not None:
             writer.close()
     return 0
+
+
+def _port(link: str, pty_link: Path | None, bitrate: int, *, lan: bool) -> PtyPort | MulticastPort:
+    from sim_device.ports import MulticastPort, PtyPort, SlcanPort
+
+    match link:
+        case "slcan":
+            return SlcanPort(pty_link, bitrate=bitrate)
+        case "udpcan":
+            return MulticastPort(lan=lan)
+        case _:
+            return PtyPort(pty_link)
 
 
 def _truth_writer(  # noqa: PLR0913 - what a log says of itself

@@ -1,0 +1,270 @@
+"""CAN buses through python-can: slcan adapters, SocketCAN, UDP multicast, in-process.
+
+Frames pass as bytes, 16 for each (:data:`protocol.can_frames.RECORD`), as they do above.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import time
+from collections import deque
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Self
+
+import can
+
+from bridge.errors import PortBusyError, PortError
+from bridge.io.device_lock import DeviceLock
+from protocol.can_frames import RECORD
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+PREFIX = "can:"
+DEFAULT_BITRATE = 500_000
+SEND_TIMEOUT_S = 0.02
+"""One control period: a bus that takes nothing is told of, not waited for."""
+POLL_S = 0.02
+"""How soon a wake is seen on a bus that cannot be selected on."""
+ECHOES = 512
+"""Own frames awaited back from an interface that gives them to their sender too."""
+READ_FRAMES = 1024
+_EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
+_FULL = frozenset({errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK})
+_WITHOUT_BITRATE = frozenset({"socketcan", "udp_multicast", "virtual"})
+"""Where nobody can set one, or ``ip link`` does."""
+_MULTICAST = "udp_multicast"
+
+
+def split_port(port: str) -> tuple[str, str]:
+    """``can:INTERFACE:CHANNEL`` to interface and channel.
+
+    Raises:
+        PortError: it lacks one of them.
+
+    """
+    _, _, rest = port.partition(":")
+    interface, _, channel = rest.partition(":")
+    if not interface or not channel:
+        raise PortError(f"{port} is not a CAN port: write can:INTERFACE:CHANNEL")
+    return interface, channel
+
+
+class CanPort:
+    """A bus that this process is the one host of."""
+
+    def __init__(self, port: str, *, bitrate: int = DEFAULT_BITRATE, lan: bool = False) -> None:
+        """Open ``can:INTERFACE:CHANNEL``.
+
+        UDP multicast does not leave this machine unless ``lan``.
+
+        Raises:
+            PortBusyError: another program has the adapter.
+            PortError: there is no such interface or channel, or it may not be opened.
+
+        """
+        self.name = port
+        interface, channel = split_port(port)
+        options: dict[str, Any] = {}
+        if interface not in _WITHOUT_BITRATE:
+            options["bitrate"] = bitrate
+        if interface == _MULTICAST:
+            options |= {"hop_limit": 1 if lan else 0, "fd": False}
+        self._lock: DeviceLock | None = None
+        if interface == "slcan":
+            # Before python-can opens it: its first bytes would close another host's bus.
+            self._lock = DeviceLock(channel.split("@")[0])
+            options["sleep_after_open"] = 0.0  # python-can's 2 s are for boards that boot on it
+        try:
+            self._bus = _open(port, interface, channel, options)
+        except PortError:
+            self._unlock()
+            raise
+        self._echoes: deque[bytes] | None = (
+            deque(maxlen=ECHOES) if interface == _MULTICAST else None
+        )
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_read, False)
+        os.set_blocking(self._wake_write, False)
+        self._woken = False
+        self.garbled = 0
+        """Lines of an adapter that were no frames."""
+        self._fd = -1
+        with suppress(NotImplementedError, can.CanError):
+            self._fd = self._bus.fileno()
+
+    # ---- the pump's side ------------------------------------------------------------------
+
+    def wait(self, timeout_s: float) -> bytes:
+        """Frames that are there, or that come within the time; empty at its end or a wake.
+
+        Raises:
+            PortError: the bus is gone.
+
+        """
+        if self._fd < 0:
+            return self._wait_polling(timeout_s)
+        try:
+            ready, _, _ = select.select([self._fd, self._wake_read], [], [], max(0.0, timeout_s))
+            if self._wake_read in ready:
+                self._drain_wakes()
+            records: list[bytes] = []
+            while self._fd in ready and len(records) < READ_FRAMES:
+                self._take(self._receive(0.0), records)
+                ready, _, _ = select.select([self._fd], [], [], 0.0)
+        except (can.CanError, OSError, TypeError) as error:
+            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+        return b"".join(records)
+
+    def _wait_polling(self, timeout_s: float) -> bytes:
+        records: list[bytes] = []
+        end_s = time.monotonic() + timeout_s
+        try:
+            while not records and not self._woken:
+                left_s = end_s - time.monotonic()
+                self._take(self._receive(min(POLL_S, max(0.0, left_s))), records)
+                if left_s <= 0:
+                    break
+            self._woken = False
+            while records and len(records) < READ_FRAMES:
+                message = self._receive(0.0)
+                if message is None:
+                    break
+                self._take(message, records)
+        except (can.CanError, OSError) as error:
+            raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+        return b"".join(records)
+
+    def _receive(self, timeout_s: float) -> can.Message | None:
+        try:
+            return self._bus.recv(timeout_s)
+        except UnicodeDecodeError:  # python-can would keep those bytes and fail on them again
+            self.garbled += 1
+            self._bus.flush()  # type: ignore[attr-defined]  # only slcan decodes text
+        except (ValueError, IndexError):  # a line cut short between adapter and host
+            self.garbled += 1
+        return None
+
+    def _take(self, message: can.Message | None, records: list[bytes]) -> None:
+        if message is None or message.is_fd:
+            return
+        record = to_bytes(message)
+        if self._echoes and record in self._echoes:
+            self._echoes.remove(record)
+            return
+        records.append(record)
+
+    def write(self, data: bytes) -> int:
+        """Send the frames that the bus takes without delay; how many bytes those were.
+
+        Raises:
+            PortError: the bus is gone.
+
+        """
+        written = 0
+        while written + RECORD.size <= len(data):
+            record = data[written : written + RECORD.size]
+            if self._echoes is not None:
+                self._echoes.append(record)
+            try:
+                self._bus.send(from_bytes(record), SEND_TIMEOUT_S)
+            except can.CanError as error:
+                if self._echoes:
+                    self._echoes.pop()
+                if _is_full(error):
+                    break
+                raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+            except OSError as error:
+                raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+            written += RECORD.size
+        return written
+
+    def wake(self) -> None:
+        """End a wait now; safe in a signal handler."""
+        self._woken = True
+        with suppress(OSError):
+            os.write(self._wake_write, b"!")
+
+    def _drain_wakes(self) -> None:
+        with suppress(OSError):
+            while os.read(self._wake_read, 64):
+                pass
+
+    def close(self) -> None:
+        """Give the bus back."""
+        with suppress(can.CanError, OSError, TypeError):
+            self._bus.shutdown()
+        self._unlock()
+        for end in (self._wake_read, self._wake_write):
+            with suppress(OSError):
+                os.close(end)
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            self._lock.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def to_bytes(message: can.Message) -> bytes:
+    """A frame as python-can has it, in 16 bytes."""
+    word = (
+        message.arbitration_id
+        | (_EXTENDED if message.is_extended_id else 0)
+        | (_REMOTE if message.is_remote_frame else 0)
+        | (_ERROR if message.is_error_frame else 0)
+    )
+    return RECORD.pack(word, min(message.dlc, 8), bytes(message.data or b"")[:8])
+
+
+def from_bytes(record: bytes) -> can.Message:
+    """The data frame in 16 bytes, for python-can."""
+    can_id, length, data = RECORD.unpack(record)
+    return can.Message(arbitration_id=can_id, data=data[:length], is_extended_id=False)
+
+
+def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:
+    try:
+        return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
+    except can.CanInterfaceNotImplementedError as error:
+        raise PortError(f"cannot open {port}: {_reason(error)}") from None
+    except (can.CanError, OSError, ValueError, AttributeError, ImportError) as error:
+        cause: BaseException = error.__cause__ or error
+        number = getattr(cause, "errno", None)
+        if number in {errno.EBUSY, errno.EAGAIN}:
+            raise PortBusyError(port, None) from None
+        if interface == "socketcan":
+            raise PortError(
+                f"cannot open {port}: {_reason(cause)}; does 'ip link' show {channel} as up?"
+            ) from None
+        if interface == _MULTICAST:
+            raise PortError(
+                f"cannot open {port}: {_reason(cause)}; multicast needs a route "
+                "(ip route add 224.0.0.0/4 dev lo)"
+            ) from None
+        raise PortError(f"cannot open {port}: {_reason(cause)}") from None
+
+
+def _is_full(error: can.CanError) -> bool:
+    if isinstance(error, can.CanTimeoutError):
+        return True
+    cause = error.__cause__
+    if type(cause).__name__ == "SerialTimeoutException":
+        return True
+    return error.error_code in _FULL or getattr(cause, "errno", None) in _FULL
+
+
+def _reason(error: BaseException) -> str:
+    strerror = getattr(error, "strerror", None)
+    return str(strerror or error).strip().splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,343 @@
+"""A whole capture to numpy arrays, one per message type.
+
+Gives what :class:`protocol.uart.UartParser` and :class:`protocol.codec.Codec` give, damaged
+stretches included, with the place of each in the capture. Frames are handled by their length
+(:mod:`protocol.batch_frames`); only texts take a step of Python each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from protocol.batch_frames import (
+    DAMAGES,
+    INTACT,
+    LENGTH,
+    OFFSET_SIZE,
+    decode_frames,
+    find_stretches,
+)
+from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.uart import HEADER, MAX_ENCODED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+    from protocol.message import MessageSpec
+    from protocol.uart import Damage
+
+
+class Readable(Protocol):
+    """What a file opened for reading bytes can do."""
+
+    def read(self, size: int, /) -> bytes:
+        """Give up to ``size`` bytes; none at the end."""
+
+
+CHUNK_BYTES = 1 << 20
+"""Of a capture at a time; what is needed beside the result is some ten times this."""
+REASONS = ("version", "type", "payload")
+"""Why an intact frame is no message of the catalogue, by its code in ``rejected``."""
+DAMAGED_DTYPE = np.dtype([("offset", "<i8"), ("length", "<i8"), ("damage", "u1")])
+REJECTED_DTYPE = np.dtype(
+    {
+        "names": ["offset", "version", "flags", "node", "type_id", "seq", "t_us", "reason"],
+        "formats": ["<i8", "u1", "u1", "u1", "u1", "u1", "<u4", "u1"],
+    }
+)
+_HEAD = {
+    "offset": ("<i8", 0),
+    "frame_flags": ("u1", OFFSET_SIZE),
+    "node": ("u1", OFFSET_SIZE + 1),
+    "type_id": ("u1", OFFSET_SIZE + 2),
+    "seq": ("u1", OFFSET_SIZE + 3),
+    "t_us": ("<u4", OFFSET_SIZE + 4),
+}
+"""Format and place of what stands before the payload in each row."""
+_HEAD_DTYPE = np.dtype([(name, code) for name, (code, _) in _HEAD.items()])
+_HEAD_SIZE = OFFSET_SIZE + HEADER.size
+_FLAGS, _TYPE = OFFSET_SIZE, OFFSET_SIZE + 2
+_FORMATS = {"u8": "u1", "u16": "<u2", "u32": "<u4", "i16": "<i2", "uid96": "V12"}
+
+
+@dataclass(frozen=True, slots=True)
+class BatchResult:
+    """What a capture holds, each array in the capture's order."""
+
+    catalogue: Catalogue
+    messages: dict[str, NDArray[np.void]]
+    """Rows of :func:`row_dtype` by the message's name; empty where none came."""
+    damaged: NDArray[np.void]
+    """Rows of :data:`DAMAGED_DTYPE`: stretches that are no frame; see :meth:`damage_of`."""
+    rejected: NDArray[np.void]
+    """Rows of :data:`REJECTED_DTYPE`: intact frames that are no message of the catalogue."""
+    bytes_seen: int
+    """Of the capture, up to where this result ends."""
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all types."""
+        return sum(len(rows) for rows in self.messages.values())
+
+    @staticmethod
+    def damage_of(code: int) -> Damage:
+        """What a code in ``damaged["damage"]`` stands for."""
+        return DAMAGES[code]
+
+    def si(self, message: str, field: str) -> NDArray[np.float64]:
+        """One field's values in SI units; NaN where it says "nothing there"."""
+        declared = next(f for f in self.catalogue.by_name[message].fields if f.name == field)
+        raw = self.messages[message][field]
+        values: NDArray[np.float64] = raw * declared.si_gain + declared.si_offset
+        if declared.none is not None:
+            values[raw == declared.none] = np.nan
+        return values
+
+
+def row_dtype(spec: MessageSpec) -> np.dtype[np.void]:
+    """Columns of one message type: offset, header, then the raw fields by their names.
+
+    ``offset`` is the place of the first encoded byte in the capture; ``frame_flags`` are the
+    header's, since a message may have ``flags`` of its own. A 96-bit id is a void
+    of 12 bytes, a text an object (str).
+    """
+    fixed = _fixed_dtype(spec)
+    if spec.text_field is None:
+        return fixed
+    columns: list[tuple[str, Any]] = [(name, fixed[name]) for name in fixed.names or ()]
+    return np.dtype([*columns, (spec.text_field.name, "O")])
+
+
+def _fixed_dtype(spec: MessageSpec) -> np.dtype[np.void]:
+    """Columns that lie in a row as in the frame; the type byte, always the same, is passed over."""
+    heads = [name for name in _HEAD if name != "type_id"]
+    names = [*heads]
+    formats = [_HEAD[name][0] for name in heads]
+    places = [_HEAD[name][1] for name in heads]
+    place = _HEAD_SIZE
+    for field in spec.fields:
+        if not field.wire.is_text:
+            names.append(field.name)
+            formats.append(_FORMATS[field.wire.name])
+            places.append(place)
+            place += field.wire.size
+    return np.dtype({"names": names, "formats": formats, "offsets": places, "itemsize": place})
+
+
+def decode_capture(
+    source: bytes | Iterable[bytes] | Readable,
+    catalogue: Catalogue = CATALOGUE,
+    *,
+    chunk_bytes: int = CHUNK_BYTES,
+) -> BatchResult:
+    """Decode a whole capture: bytes, pieces of it in order, or an open binary file.
+
+    Beside the result itself the memory needed depends on ``chunk_bytes`` alone; for a capture
+    whose result is too large as well there is :func:`iter_capture`.
+    """
+    return join(list(iter_capture(source, catalogue, chunk_bytes=chunk_bytes)), catalogue)
+
+
+def iter_capture(
+    source: bytes | Iterable[bytes] | Readable,
+    catalogue: Catalogue = CATALOGUE,
+    *,
+    chunk_bytes: int = CHUNK_BYTES,
+) -> Iterator[BatchResult]:
+    """Decode a capture of any size a chunk at a time; a frame belongs to where it ends."""
+    decoder = BatchDecoder(catalogue)
+    for chunk in _chunks(source, chunk_bytes):
+        yield decoder.feed(chunk)
+
+
+def _chunks(
+    source: bytes | Iterable[bytes] | Readable, chunk_bytes: int
+) -> Iterator[bytes | memoryview]:
+    if isinstance(source, (bytes, bytearray, memoryview)):
+        view = memoryview(source)
+        for start in range(0, len(view), chunk_bytes):
+            yield view[start : start + chunk_bytes]
+        return
+    read = getattr(source, "read", None)
+    if read is not None:
+        while data := read(chunk_bytes):
+            yield data
+        return
+    pieces: list[bytes] = []
+    size = 0
+    for piece in source:  # type: ignore[union-attr]  # no file: an iterable
+        # Reads of a port are small: gathered, or numpy's calls would cost more than the work.
+        if size + len(piece) < chunk_bytes:
+            pieces.append(piece)
+            size += len(piece)
+            continue
+        yield from _chunks(b"".join([*pieces, piece]), chunk_bytes)
+        pieces, size = [], 0
+    yield b"".join(pieces)
+
+
+def join(results: list[BatchResult], catalogue: Catalogue = CATALOGUE) -> BatchResult:
+    """Put the results of successive chunks together."""
+    if len(results) == 1:
+        return results[0]
+    empty = {spec.name: np.empty(0, row_dtype(spec)) for spec in catalogue}
+    messages = {
+        name: np.concatenate([r.messages[name] for r in results if len(r.messages[name])] or [rows])
+        for name, rows in empty.items()
+    }
+    return BatchResult(
+        catalogue,
+        messages,
+        np.concatenate([np.empty(0, DAMAGED_DTYPE), *(r.damaged for r in results)]),
+        np.concatenate([np.empty(0, REJECTED_DTYPE), *(r.rejected for r in results)]),
+        results[-1].bytes_seen if results else 0,
+    )
+
+
+class _Layout(NamedTuple):
+    """How one type's rows lie."""
+
+    spec: MessageSpec
+    fixed: np.dtype[np.void]
+    """All but a text."""
+    row: np.dtype[np.void]
+
+
+class BatchDecoder:
+    """Decodes a capture chunk by chunk; keeps at most one frame's bytes between two."""
+
+    def __init__(self, catalogue: Catalogue = CATALOGUE) -> None:
+        self.catalogue = catalogue
+        self.bytes_seen = 0
+        self._partial = b""
+        self._overlong = 0
+        """Bytes dropped of a stretch that is already longer than any frame."""
+        self._layouts = {s.type_id: _Layout(s, _fixed_dtype(s), row_dtype(s)) for s in catalogue}
+        self._empty = {w.spec.name: np.empty(0, w.row) for w in self._layouts.values()}
+
+    def feed(self, chunk: bytes | memoryview) -> BatchResult:
+        """Decode what ends in the next bytes."""
+        data = b"".join((self._partial, chunk))
+        first = self.bytes_seen - len(self._partial)
+        self.bytes_seen += len(chunk)
+        end = data.rfind(b"\0") + 1
+        # One byte more than any frame has: it stays too long, whatever follows.
+        self._partial = data[end : end + MAX_ENCODED + 1]
+        dropped = len(data) - end - len(self._partial)
+        if not end:
+            self._overlong += dropped
+            return self._result(_Sorter(self._layouts))
+        sorter = self._sort(data[:end], first)
+        self._overlong = dropped
+        return self._result(sorter)
+
+    def _sort(self, data: bytes, first: int) -> _Sorter:
+        sorter = _Sorter(self._layouts)
+        found = find_stretches(data)
+        if len(found.overlong_starts):
+            offsets, lengths = found.overlong_starts + first, found.overlong_lengths.copy()
+            if self._overlong:  # then it is the first: what was kept of it is too long by itself
+                offsets[0] -= self._overlong
+                lengths[0] += self._overlong
+            sorter.damage(offsets, lengths, np.full(len(offsets), LENGTH, np.uint8))
+        counts = np.bincount(found.lengths)
+        for length in np.flatnonzero(counts).tolist():
+            starts = found.starts
+            if counts[length] < len(starts):
+                starts = starts[found.lengths == length]
+            rows, damage = decode_frames(data, starts, length, first)
+            hit = damage != INTACT
+            if hit.any():
+                offsets = starts[hit] + first
+                sorter.damage(offsets, np.full(len(offsets), length), damage[hit])
+            if len(rows):
+                sorter.frames(rows)
+        return sorter
+
+    def _result(self, sorter: _Sorter) -> BatchResult:
+        return BatchResult(
+            self.catalogue,
+            {**self._empty, **{name: _ordered(parts) for name, parts in sorter.messages.items()}},
+            _ordered([np.empty(0, DAMAGED_DTYPE), *sorter.damaged]),
+            _ordered([np.empty(0, REJECTED_DTYPE), *sorter.rejected]),
+            self.bytes_seen,
+        )
+
+
+def _ordered(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
+    if len(parts) == 1:
+        return parts[0]
+    rows = np.concatenate(parts)
+    return rows[np.argsort(rows["offset"], kind="stable")]
+
+
+class _Sorter:
+    """Puts rows of header and payload where they belong."""
+
+    def __init__(self, layouts: dict[int, _Layout]) -> None:
+        self._layouts = layouts
+        self.messages: dict[str, list[NDArray[np.void]]] = {}
+        self.damaged: list[NDArray[np.void]] = []
+        self.rejected: list[NDArray[np.void]] = []
+
+    def damage(
+        self, offsets: NDArray[np.int64], lengths: NDArray[np.int64], kinds: NDArray[np.uint8]
+    ) -> None:
+        """Take stretches that are no frame."""
+        rows = np.empty(len(offsets), DAMAGED_DTYPE)
+        rows["offset"], rows["length"], rows["damage"] = offsets, lengths, kinds
+        self.damaged.append(rows)
+
+    def frames(self, rows: NDArray[np.uint8]) -> None:
+        """Take intact frames of one length."""
+        current = rows[:, _FLAGS] >> 4 == PROTOCOL_VERSION
+        if not current.all():
+            self._reject(rows[~current], "version")
+            rows = rows[current]
+        types = rows[:, _TYPE]
+        counts = np.bincount(types)
+        for type_id in np.flatnonzero(counts).tolist():
+            layout = self._layouts.get(type_id)
+            own = rows if counts[type_id] == len(rows) else rows[types == type_id]
+            if layout is None:
+                self._reject(own, "type")
+            else:
+                self._message(layout, own)
+
+    def _message(self, layout: _Layout, rows: NDArray[np.uint8]) -> None:
+        spec, fixed = layout.spec, layout.fixed.itemsize
+        extra = rows.shape[1] - fixed
+        # The codec's rule: what is needed to agree at all may have grown at its end.
+        if extra < 0 or (extra and spec.text_field is None and not spec.bootstrap):
+            self._reject(rows, "payload")
+            return
+        head = rows if not extra else np.ascontiguousarray(rows[:, :fixed])
+        head[:, _FLAGS] &= 0x0F
+        made = head.view(layout.fixed).reshape(-1)
+        if spec.text_field is not None:
+            made = _with_text(layout.row, made, rows[:, fixed:])
+        self.messages.setdefault(spec.name, []).append(made)
+
+    def _reject(self, rows: NDArray[np.uint8], reason: str) -> None:
+        head = np.ascontiguousarray(rows[:, :_HEAD_SIZE]).view(_HEAD_DTYPE).reshape(-1)
+        made = np.empty(len(rows), REJECTED_DTYPE)
+        for name in ("offset", "node", "type_id", "seq", "t_us"):
+            made[name] = head[name]
+        made["version"], made["flags"] = head["frame_flags"] >> 4, head["frame_flags"] & 0x0F
+        made["reason"] = REASONS.index(reason)
+        self.rejected.append(made)
+
+
+def _with_text(
+    row: np.dtype[np.void], head: NDArray[np.void], tails: NDArray[np.uint8]
+) -> NDArray[np.void]:
+    made = np.empty(len(head), row)
+    for name in head.dtype.names or ():
+        made[name] = head[name]
+    made[(row.names or ())[-1]] = [tail.tobytes().decode("utf-8", "replace") for tail in tails]
+    return made

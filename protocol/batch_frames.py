@@ -1,0 +1,150 @@
+"""Framing of a whole capture with numpy: delimiters, COBS, CRC-32, for all frames of a length.
+
+The streaming parser (:mod:`protocol.uart`) says what is right; this must find the same.
+"""
+
+from __future__ import annotations
+
+import zlib
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from protocol.uart import CRC, MAX_DECODED, MAX_ENCODED, MIN_DECODED, RESIDUE, Damage
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+DAMAGES = (Damage.COBS, Damage.LENGTH, Damage.CRC)
+"""Kinds of damage by their code in arrays."""
+COBS, LENGTH, CHECK = range(3)
+INTACT = 255
+OFFSET_SIZE = 8
+"""Bytes before the content in each row: where the frame stood, as a little-endian i8."""
+_FEW = 256
+"""Rows below which zlib, a frame at a time, is quicker than a few numpy calls per byte."""
+
+
+class Stretches(NamedTuple):
+    """What stands between the delimiters of some bytes; nothing empty, nothing overlong."""
+
+    starts: NDArray[np.int64]
+    """Of each stretch in the bytes."""
+    lengths: NDArray[np.int64]
+    """1-254."""
+    overlong_starts: NDArray[np.int64]
+    """Of what is longer than any frame."""
+    overlong_lengths: NDArray[np.int64]
+
+
+def find_stretches(data: bytes) -> Stretches:
+    """Cut ``data``, which ends with a delimiter or is empty."""
+    ends = np.flatnonzero(np.frombuffer(data, np.uint8) == 0)
+    gaps = np.diff(ends, prepend=-1)
+    gaps -= 1
+    filled = np.flatnonzero(gaps)
+    lengths = gaps[filled]
+    starts = ends[filled]
+    starts -= lengths
+    overlong = lengths > MAX_ENCODED
+    if not overlong.any():
+        return Stretches(starts, lengths, starts[:0], lengths[:0])
+    usable = ~overlong
+    return Stretches(starts[usable], lengths[usable], starts[overlong], lengths[overlong])
+
+
+def decode_frames(
+    data: bytes, starts: NDArray[np.int64], length: int, first: int
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Decode all stretches of one length, 1-254 B.
+
+    Gives the damage of each (:data:`INTACT` where there is none), and of the intact ones a
+    row each: its offset, counted from ``first`` bytes before ``data``, as 8 bytes, then its
+    header and payload.
+    """
+    encoded = _gather(data, starts, length)
+    whole = _undo_cobs(encoded)
+    size = length - 1  # a stretch of at most 254 B has one byte beside its content
+    if size < MIN_DECODED:
+        return np.empty((0, OFFSET_SIZE), np.uint8), np.where(
+            whole, np.uint8(LENGTH), np.uint8(COBS)
+        )
+    body = encoded[:, 1:]
+    intact = _check(body)
+    intact &= whole
+    damage = np.full(len(starts), INTACT, np.uint8)
+    if not intact.all():
+        damage[~intact] = CHECK
+        damage[~whole] = COBS
+        body, starts = body[intact], starts[intact]
+    content = size - CRC.size
+    rows = np.empty((len(body), OFFSET_SIZE + content), np.uint8)
+    rows[:, :OFFSET_SIZE] = (starts + first).astype("<i8").view(np.uint8).reshape(-1, OFFSET_SIZE)
+    rows[:, OFFSET_SIZE:] = body[:, :content]
+    return rows, damage
+
+
+def _gather(data: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
+    # One overlapping item of `length` bytes at each byte: numpy then copies whole frames.
+    places = len(data) - length + 1
+    items = np.ndarray((places,), f"V{length}", data, 0, (1,))
+    return items[starts].view(np.uint8).reshape(-1, length)
+
+
+def _undo_cobs(encoded: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Put the zeros back in place; False where the distances do not lead to the end.
+
+    There are no zeros in it, so that each step leads on; up to 254 B there is no code 0xFF
+    that leads anywhere but past the end.
+    """
+    count, length = encoded.shape
+    flat = encoded.reshape(-1)
+    row_ends = np.arange(length, (count + 1) * length, length)
+    whole = np.ones(count, np.bool_)
+    which = np.arange(count)
+    places = row_ends - length + encoded[:, 0]
+    while True:
+        whole[which[places > row_ends]] = False
+        inside = places < row_ends
+        places, row_ends, which = places[inside], row_ends[inside], which[inside]
+        if not len(which):
+            return whole
+        steps = flat[places]
+        flat[places] = 0
+        places += steps
+
+
+def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Whether the CRC-32 at the end of each row is that of what stands before it."""
+    count, size = body.shape
+    if count < _FEW:
+        rows = np.ascontiguousarray(body).view(f"V{size}").ravel().tolist()
+        checks = np.fromiter(map(zlib.crc32, rows), np.uint32, count)
+        residue: NDArray[np.bool_] = checks == np.uint32(RESIDUE)
+        return residue
+    # A CRC is affine: the exclusive or of what each byte does at its distance from the end.
+    content = size - CRC.size
+    register = np.full(count, zlib.crc32(bytes(content)), np.uint32)
+    for column in range(content):
+        register ^= _EFFECTS[content - 1 - column].take(body[:, column])
+    stored = np.ascontiguousarray(body[:, content:]).view("<u4").ravel()
+    equal: NDArray[np.bool_] = register == stored
+    return equal
+
+
+def _effects() -> NDArray[np.uint32]:
+    """What one byte does to the CRC: by its distance from the end, then by its value."""
+    step = np.arange(256, dtype=np.uint32)
+    for _ in range(8):
+        step = (step >> np.uint32(1)) ^ np.where(step & np.uint32(1), _POLYNOMIAL, np.uint32(0))
+    effects = np.empty((MAX_DECODED, 256), np.uint32)
+    effects[0] = step
+    for distance in range(1, MAX_DECODED):
+        before = effects[distance - 1]
+        effects[distance] = step[before & np.uint32(0xFF)] ^ (before >> np.uint32(8))
+    return effects
+
+
+_POLYNOMIAL = np.uint32(0xEDB88320)
+"""0x04C11DB7 with its bits in reverse."""
+_EFFECTS = _effects()

@@ -1,0 +1,205 @@
+"""Classic CAN frames: identifiers, the packing of periodic messages, and their length in bits.
+
+``id = type << 4 | node``: the type first, so that stop wins arbitration over everything. A
+periodic message is one frame of at most 6 B of payload and the low 16 bits of its stamp, or
+several such frames, its parts, with a type each: every frame can be decoded by itself.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.message import MAX_TYPE, RateClass
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from protocol.fields import Field
+    from protocol.message import MessageSpec
+
+CAN_PART_TYPES: dict[tuple[int, int], int] = {
+    (0x12, 1): 0x22,  # IMU: rates
+    (0x12, 2): 0x32,  # IMU: temperature
+    (0x17, 1): 0x27,  # planner state: lanes
+}
+"""(message type, part) → the type in the identifier; part 0 has the message's own."""
+CAN_SLOW_PARTS_US: dict[tuple[int, int], int] = {(0x12, 2): 1_000_000}
+"""Parts that go out with the first message and then after this long; receivers keep them."""
+CAN_FULL_STAMP = frozenset({0x10})
+"""Sync: ``t_us u32 | payload`` instead of ``payload | t16``."""
+
+STAMP_SHIFT = 4
+"""A short stamp counts 16 µs."""
+T16 = struct.Struct("<H")
+T32 = struct.Struct("<I")
+MAX_DATA = 8
+MAX_ID = MAX_TYPE << 4 | 15
+
+RECORD = struct.Struct("<IB3x8s")
+"""A frame among bytes: Linux' ``struct can_frame``, 16 B, identifier in little-endian."""
+_NOT_PLAIN = 0xE000_0000
+"""Extended, remote and error flags of the identifier's word."""
+_MAX_STANDARD_ID = 0x7FF
+
+
+class CanFrame(NamedTuple):
+    """A data frame with an 11-bit identifier."""
+
+    can_id: int
+    data: bytes
+
+    @property
+    def can_type(self) -> int:
+        """Message type, or that of one of its parts."""
+        return self.can_id >> 4
+
+    @property
+    def node(self) -> int:
+        """The device's id, 0 for all."""
+        return self.can_id & 0x0F
+
+
+def to_record(frame: CanFrame) -> bytes:
+    """The frame as 16 bytes."""
+    return RECORD.pack(frame.can_id, len(frame.data), frame.data)
+
+
+def from_record(record: bytes) -> CanFrame | None:
+    """Read 16 bytes; None for what is no data frame with an 11-bit identifier."""
+    word, length, data = RECORD.unpack(record)
+    if word & _NOT_PLAIN or word > _MAX_STANDARD_ID or length > MAX_DATA:
+        return None
+    return CanFrame(word, data[:length])
+
+
+# ---- periodic messages ------------------------------------------------------------------
+
+
+class Part(NamedTuple):
+    """What one frame of a periodic message carries."""
+
+    can_type: int
+    number: int
+    spans: tuple[tuple[int, int], ...]
+    """Where its fields stand in the message's payload: first byte and the one after."""
+    slow_us: int
+    """Not sent again before this; 0: with every message."""
+
+
+def parts_of(spec: MessageSpec, shared_fields: int) -> tuple[Part, ...]:
+    """The frames of a periodic message of which the peer shares so many leading fields.
+
+    In the order of sending: what is slow goes first, or the first message would wait for it.
+    """
+    spans: dict[int, list[tuple[int, int]]] = {}
+    offset = 0
+    for field in spec.fields[:shared_fields]:
+        spans.setdefault(field.can_part, []).append((offset, offset + field.wire.size))
+        offset += field.wire.size
+    parts = (
+        Part(
+            can_type(spec.type_id, number),
+            number,
+            tuple(_joined(spans[number])),
+            CAN_SLOW_PARTS_US.get((spec.type_id, number), 0),
+        )
+        for number in sorted(spans)
+    )
+    return tuple(sorted(parts, key=lambda part: not part.slow_us))
+
+
+def can_type(type_id: int, part: int) -> int:
+    """Type in the identifier of a message's part.
+
+    Raises:
+        KeyError: the part has none declared; the lint finds that.
+
+    """
+    return CAN_PART_TYPES[type_id, part] if part else type_id
+
+
+def _joined(spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    first, last = -1, -1
+    for start, end in spans:
+        if start != last:
+            if last >= 0:
+                yield first, last
+            first = start
+        last = end
+    yield first, last
+
+
+def is_native(spec: MessageSpec) -> bool:
+    """Whether a message is packed here; all others are transfers."""
+    return spec.rate is RateClass.STREAM
+
+
+def pack(part: Part, payload: bytes, t_us: int) -> bytes:
+    """Data of one frame, from the message's payload."""
+    mine = b"".join(payload[start:end] for start, end in part.spans)
+    if part.can_type in CAN_FULL_STAMP:
+        return T32.pack(t_us & 0xFFFF_FFFF) + mine
+    return mine + T16.pack(t_us >> STAMP_SHIFT & 0xFFFF)
+
+
+def join(fields: Iterable[Field], parts: dict[int, bytes]) -> bytes:
+    """A message's payload from its parts' payloads, as far as they go.
+
+    It ends before the first field of ours that the peer did not send; what the peer sent
+    beyond our fields is put behind, for the codec to judge.
+    """
+    left = dict(parts)
+    whole: list[bytes] = []
+    for field in fields:
+        size, source = field.wire.size, left.get(field.can_part, b"")
+        if len(source) < size:
+            break
+        whole.append(source[:size])
+        left[field.can_part] = source[size:]
+    return b"".join(whole) + b"".join(left.values())
+
+
+# ---- how long a frame occupies the bus ----------------------------------------------------
+
+_FIXED_BITS = 47
+"""Start bit, 11 of identifier, 3 of control, 4 of length, 15 of CRC, 3 of delimiters and
+acknowledge, 7 of end, 3 between frames (ISO 11898-1)."""
+_CRC15 = 0x4599
+_STUFF_RUN = 5
+
+
+def nominal_bits(length: int) -> int:
+    """Bits of a frame with so many data bytes, without stuff bits."""
+    return _FIXED_BITS + 8 * length
+
+
+def worst_bits(length: int) -> int:
+    """The same with as many stuff bits as any content can need (Davis et al. 2007, eq. 1)."""
+    return nominal_bits(length) + (33 + 8 * length) // 4
+
+
+def frame_bits(frame: CanFrame) -> int:
+    """Bits that this very frame occupies, its stuff bits counted."""
+    length = len(frame.data)
+    head = frame.can_id << 7 | length  # start bit 0, identifier, RTR, IDE, r0, length
+    value = head << 8 * length | int.from_bytes(frame.data, "big")
+    count = 19 + 8 * length
+    value, count = value << 15 | _crc15(value, count), count + 15
+    stuffed, run, last = 0, 0, -1
+    for position in range(count - 1, -1, -1):
+        bit = value >> position & 1
+        run = run + 1 if bit == last else 1
+        last = bit
+        if run == _STUFF_RUN:
+            stuffed += 1
+            last, run = 1 - bit, 1
+    return nominal_bits(length) + stuffed
+
+
+def _crc15(value: int, count: int) -> int:
+    crc = 0
+    for position in range(count - 1, -1, -1):
+        top = (crc >> 14 ^ value >> position) & 1
+        crc = (crc << 1 & 0x7FFF) ^ (_CRC15 if top else 0)
+    return crc

@@ -1,0 +1,372 @@
+"""One end of a link over classic CAN: the same messages and events as over UART.
+
+Frames come and go as bytes too, 16 for each (:data:`protocol.can_frames.RECORD`), so that
+ports, wires and logs need not know what they carry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.can_frames import (
+    CAN_FULL_STAMP,
+    RECORD,
+    T16,
+    T32,
+    CanFrame,
+    Part,
+    can_type,
+    from_record,
+    is_native,
+    join,
+    pack,
+    parts_of,
+    to_record,
+)
+from protocol.can_segments import (
+    FLAG_WHOLE_STAMP,
+    TRANSFER,
+    Heard,
+    Reassembler,
+    content,
+    parse_content,
+    segments,
+)
+from protocol.can_stamps import StampExtender
+from protocol.catalogue import PROTOCOL_VERSION
+from protocol.errors import FieldRangeError, PayloadError
+from protocol.link import LinkBase, LinkStatistics, Medium, Received
+from protocol.message import Direction
+from protocol.messages import Stop, Sync
+from protocol.uart import Damage, DamagedFrame, Frame
+
+if TYPE_CHECKING:
+    from protocol.codec import Codec
+    from protocol.link import LinkEvent
+    from protocol.message import Message, MessageSpec
+
+DOUBLE_US = 500_000
+"""A frame equal to the last of its identifier within this is that frame again: stamps and
+transfer ids come back no sooner."""
+_SPAN32, _HALF32 = 1 << 32, 1 << 31
+_VERSION = PROTOCOL_VERSION << 4
+_STOP = 0
+_ID_SIZE = 2
+
+
+@dataclass(slots=True)
+class CanStatistics(LinkStatistics):
+    """Counts of frames and of what became of them; ``lost`` is told by Sync's count."""
+
+    foreign: int = 0
+    """Frames that are none of ours by their form."""
+    doubled: int = 0
+    stale: int = 0
+    """Frames with a stamp too old to be understood."""
+    incomplete: int = 0
+    """Parts of a message whose other parts did not come."""
+    given_up: int = 0
+    """Transfers that lost a frame."""
+
+
+class _Native(NamedTuple):
+    """A frame's place in a periodic message."""
+
+    spec: MessageSpec
+    part: int
+
+
+@dataclass(slots=True)
+class _Pending:
+    """A message of which a part is still to come."""
+
+    stamp_us: int
+    parts: dict[int, bytes]
+
+
+class _Sender:
+    """What is known of one sender on the bus."""
+
+    def __init__(self) -> None:
+        self.stamps = StampExtender()
+        self.pending: dict[int, _Pending] = {}
+        self.slow: dict[tuple[int, int], bytes] = {}
+        self.messages = 0
+        """Given out: numbered so, for want of a sequence number on the wire."""
+        self.frames = 0
+        """Since its last Sync."""
+        self.count: int | None = None
+        """What that said."""
+
+
+class CanLink(LinkBase):
+    """Turns CAN frames into messages and messages into CAN frames."""
+
+    medium = Medium.CAN
+    statistics: CanStatistics
+
+    def __init__(self, sends: Direction, *, codec: Codec | None = None) -> None:
+        super().__init__(sends, codec=codec)
+        self.statistics = CanStatistics()
+        self._reassembler = Reassembler()
+        self._senders: dict[int, _Sender] = {}
+        self._last: dict[int, tuple[bytes, int]] = {}
+        self._partial = b""
+        self._native = {
+            can_type(spec.type_id, number): _Native(spec, number)
+            for spec in self.codec.catalogue
+            if is_native(spec)
+            for number in {field.can_part for field in spec.fields}
+        }
+        self._parts: dict[tuple[int, int], tuple[Part, ...]] = {}
+        self._transfer_ids: dict[int, int] = {}
+        self._slow_sent_us: dict[int, int] = {}
+        self._frame_count = 0
+
+    def _parts_of(self, spec: MessageSpec) -> tuple[Part, ...]:
+        shared = self.codec.shared_fields(spec)
+        parts = self._parts.get((spec.type_id, shared))
+        if parts is None:
+            parts = self._parts[spec.type_id, shared] = parts_of(spec, shared)
+        return parts
+
+    # ---- receiving ------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
+        """Take frames that arrived at ``now_us`` of our own clock; give what they complete."""
+        data = self._partial + data
+        whole = len(data) - len(data) % RECORD.size
+        self._partial = data[whole:]
+        events: list[LinkEvent] = []
+        for offset in range(0, whole, RECORD.size):
+            frame = from_record(data[offset : offset + RECORD.size])
+            if frame is None:
+                self.statistics.foreign += 1
+                continue
+            event = self._frame(frame, now_us)
+            if event is not None:
+                events.append(event)
+        return events
+
+    def _frame(self, frame: CanFrame, now_us: int) -> LinkEvent | None:
+        statistics = self.statistics
+        can_id, data = frame
+        statistics.bytes_in += _ID_SIZE + len(data)
+        last = self._last.get(can_id)
+        if last is not None and last[0] == data and now_us - last[1] < DOUBLE_US:
+            statistics.doubled += 1
+            return None
+        self._last[can_id] = (data, now_us)
+        native = self._native.get(frame.can_type)
+        spec = native.spec if native else self.codec.catalogue.by_type.get(frame.can_type)
+        if spec is None:
+            statistics.frames_in += 1
+            self._sender(frame.node).frames += 1
+            return self._reject(Frame(_VERSION, frame.node, frame.can_type, 0, 0, data), "type")
+        if spec.direction is self._sends:
+            if self._sends is Direction.DEVICE:
+                return None  # another device on the bus, which a chip's filter keeps out
+            head = Frame(_VERSION, frame.node, spec.type_id, 0, 0, data)
+            return self._reject(head, "direction")
+        statistics.frames_in += 1
+        statistics.by_type[spec.type_id] = statistics.by_type.get(spec.type_id, 0) + 1
+        self._sender(frame.node).frames += 1
+        if native is not None:
+            return self._take_native(frame, native, now_us)
+        return self._take_segment(frame, spec, now_us)
+
+    def _sender(self, node: int) -> _Sender:
+        # A device's frames name it; whatever node a host's frames name, the host is one.
+        node = node if self._sends is Direction.HOST else 0
+        sender = self._senders.get(node)
+        if sender is None:
+            sender = self._senders[node] = _Sender()
+        return sender
+
+    def _interpret(
+        self, spec: MessageSpec, node: int, version_flags: int, t_us: int, payload: bytes
+    ) -> LinkEvent:
+        sender = self._sender(node)
+        seq = sender.messages & 0xFF
+        frame = Frame(version_flags, node, spec.type_id, seq, t_us & 0xFFFF_FFFF, payload)
+        if version_flags >> 4 != PROTOCOL_VERSION:
+            return self._reject(frame, "version")
+        if spec.type_id in self.disabled:
+            return self._reject(frame, "disabled")
+        try:
+            received = Received(self.codec.decode(spec, payload), frame, spec)
+        except PayloadError:
+            return self._reject(frame, "payload")
+        sender.messages += 1
+        return received
+
+    # ---- receiving: periodic messages
+
+    def _take_native(self, frame: CanFrame, native: _Native, now_us: int) -> LinkEvent | None:
+        spec, data, sender = native.spec, frame.data, self._sender(frame.node)
+        if frame.can_type in CAN_FULL_STAMP:
+            if len(data) < T32.size:
+                return self._malformed(frame, spec)
+            stamp_us: int | None = sender.stamps.whole(T32.unpack_from(data)[0], now_us)
+            payload = data[T32.size :]
+        else:
+            if len(data) < T16.size:
+                return self._malformed(frame, spec)
+            stamp_us = sender.stamps.short(T16.unpack(data[-T16.size :])[0], now_us)
+            payload = data[: -T16.size]
+        if stamp_us is None:
+            self.statistics.stale += 1
+            return None
+        self._expire(sender, stamp_us)
+        parts = self._parts_of(spec)
+        if len(parts) > 1:
+            joined = self._join(sender, native, parts, stamp_us, payload)
+            if joined is None:
+                return None
+            payload = joined
+        event = self._interpret(spec, frame.node, _VERSION, stamp_us, payload)
+        if isinstance(event, Received) and isinstance(event.message, Sync):
+            self._count(sender, event.message.frame_count)
+        return event
+
+    def _malformed(self, frame: CanFrame, spec: MessageSpec) -> LinkEvent:
+        return self._reject(Frame(_VERSION, frame.node, spec.type_id, 0, 0, frame.data), "payload")
+
+    def _join(
+        self,
+        sender: _Sender,
+        native: _Native,
+        parts: tuple[Part, ...],
+        stamp_us: int,
+        payload: bytes,
+    ) -> bytes | None:
+        spec, number = native
+        part = next((p for p in parts if p.number == number), None)
+        if part is None:  # of fields that are not shared
+            self.codec.extra_bytes += len(payload)
+            return None
+        if part.slow_us:
+            sender.slow[spec.type_id, number] = payload
+            return None
+        pending = sender.pending.get(spec.type_id)
+        if pending is not None and pending.stamp_us != stamp_us:
+            self._drop(sender, spec.type_id)
+            pending = None
+        if pending is None:
+            pending = sender.pending[spec.type_id] = _Pending(stamp_us, {})
+        pending.parts[number] = payload
+        quick = [p for p in parts if not p.slow_us]
+        if len(pending.parts) < len(quick):
+            return None
+        slow = {p.number: sender.slow.get((spec.type_id, p.number)) for p in parts if p.slow_us}
+        if None in slow.values():  # not told yet: it comes within its own period
+            self._drop(sender, spec.type_id)
+            return None
+        del sender.pending[spec.type_id]
+        known = {number: data for number, data in slow.items() if data is not None}
+        return join(spec.fields, pending.parts | known)
+
+    def _drop(self, sender: _Sender, type_id: int) -> None:
+        self.statistics.incomplete += len(sender.pending.pop(type_id).parts)
+
+    def _expire(self, sender: _Sender, stamp_us: int) -> None:
+        """Drop what the sender's own clock says is a period old."""
+        for type_id, pending in list(sender.pending.items()):
+            period_us = 1e6 / self.codec.catalogue.by_type[type_id].default_hz
+            if stamp_us - pending.stamp_us >= period_us:
+                self._drop(sender, type_id)
+
+    def _count(self, sender: _Sender, count: int) -> None:
+        if sender.count is not None:
+            missing = (count - sender.count - sender.frames) % _SPAN32
+            if missing < _HALF32:
+                self.statistics.lost += missing
+            else:
+                self.statistics.reordered += _SPAN32 - missing
+        sender.count, sender.frames = count, 0
+
+    # ---- receiving: transfers
+
+    def _take_segment(self, frame: CanFrame, spec: MessageSpec, now_us: int) -> LinkEvent | None:
+        statistics, reassembler = self.statistics, self._reassembler
+        whole = reassembler.feed(frame.can_id, frame.data, now_us)
+        statistics.given_up = reassembler.given_up
+        if isinstance(whole, Heard):
+            if whole is Heard.DAMAGED:
+                statistics.damaged += 1
+                return DamagedFrame(
+                    Damage.CRC, statistics.bytes_in - len(frame.data), len(frame.data), frame.data
+                )
+            return None
+        parsed = parse_content(whole)
+        if parsed is None:
+            return self._malformed(frame, spec)
+        stamps = self._sender(frame.node).stamps
+        if parsed.whole:
+            stamp_us: int | None = stamps.whole(parsed.stamp, now_us)
+        else:
+            stamp_us = stamps.short(parsed.stamp, now_us)
+            if stamp_us is None and spec.cls is Stop:
+                stamp_us = stamps.sender_us(now_us)  # obeyed whenever it was said
+        if stamp_us is None:
+            statistics.stale += 1
+            return None
+        return self._interpret(spec, frame.node, parsed.version_flags, stamp_us, parsed.payload)
+
+    def forget_sequence(self) -> None:
+        """Forget counts, clocks and halves: the peer has booted anew."""
+        self._senders.clear()
+
+    # ---- sending --------------------------------------------------------------------------
+
+    def send(
+        self, message: Message, t_us: int, *, node: int, flags: int = 0, latest: bool = False
+    ) -> bool:
+        """Queue a message, as on any link; here flags have three bits.
+
+        Raises:
+            FieldRangeError: a value does not fit, or ``flags`` has the bit that CAN needs.
+
+        """
+        if flags & FLAG_WHOLE_STAMP:
+            raise FieldRangeError("frame", "flags", flags)
+        return super().send(message, t_us, node=node, flags=flags, latest=latest)
+
+    def data_to_send(self) -> bytes:
+        """Fetch and forget what is queued, a stop first."""
+        if not self._queue:
+            return b""
+        queue, self._queue = self._queue, []
+        queue.sort(key=lambda waiting: waiting.type_id != _STOP)
+        records: list[bytes] = []
+        for node, type_id, t_us, payload, flags in queue:
+            spec = self.codec.catalogue.by_type[type_id]
+            if is_native(spec):
+                frames = self._pack(spec, node, t_us, payload)
+            else:
+                can_id = type_id << 4 | node
+                transfer = self._transfer_ids.get(can_id, -1) + 1
+                self._transfer_ids[can_id] = transfer & TRANSFER
+                whole = content(_VERSION | flags, t_us, payload)
+                frames = [CanFrame(can_id, data) for data in segments(whole, transfer)]
+                self._frame_count += len(frames)
+            records += [to_record(frame) for frame in frames]
+            self.statistics.bytes_out += sum(_ID_SIZE + len(f.data) for f in frames)
+        # Messages were counted as they were queued; what counts on a bus is frames.
+        self.statistics.frames_out += len(records) - len(queue)
+        return b"".join(records)
+
+    def _pack(self, spec: MessageSpec, node: int, t_us: int, payload: bytes) -> list[CanFrame]:
+        frames = []
+        for part in self._parts_of(spec):
+            if part.slow_us:
+                sent_us = self._slow_sent_us.get(part.can_type)
+                if sent_us is not None and (t_us - sent_us) % _SPAN32 < part.slow_us:
+                    continue
+                self._slow_sent_us[part.can_type] = t_us
+            self._frame_count += 1
+            if spec.cls is Sync:  # known only now: what was queued before it goes out before it
+                payload = T32.pack(self._frame_count % _SPAN32)
+            frames.append(CanFrame(part.can_type << 4 | node, pack(part, payload, t_us)))
+        return frames

@@ -1,0 +1,89 @@
+"""How much of a CAN bus the messages take at their default rates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.can_frames import CAN_FULL_STAMP, T16, T32, is_native, nominal_bits, parts_of
+from protocol.can_frames import worst_bits as worst_frame_bits
+from protocol.can_segments import content, segments
+from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.messages import LogText, TimeReply, TimeRequest
+
+if TYPE_CHECKING:
+    from protocol.message import Message
+
+BITRATE = 500_000
+PING_HZ = 10.0
+"""Time requests and replies at their quickest, in a session's first seconds."""
+LOG_HZ, LOG_BYTES = 10.0, 40
+"""The most that a device logs, in lines of ordinary length."""
+
+
+class Load(NamedTuple):
+    """One message's share of a bus."""
+
+    name: str
+    frames_per_s: float
+    bits_per_s: float
+    """Without stuff bits."""
+    worst_bits_per_s: float
+    """With as many stuff bits as any content can need."""
+
+
+def loads(catalogue: Catalogue = CATALOGUE) -> list[Load]:
+    """Every stream of the catalogue at its default rate, time requests and a lively log.
+
+    Both setpoints are counted, though only one of them is sent at a time.
+    """
+    found = []
+    for spec in catalogue:
+        if not is_native(spec):
+            continue
+        sizes = []
+        for part in parts_of(spec, len(spec.fields)):
+            stamp = T32 if part.can_type in CAN_FULL_STAMP else T16
+            length = stamp.size + sum(end - start for start, end in part.spans)
+            sizes.append((1e6 / part.slow_us if part.slow_us else spec.default_hz, length))
+        found.append(_load(spec.name, sizes))
+    rare: tuple[tuple[Message, float], ...] = (
+        (TimeRequest(0), PING_HZ),
+        (TimeReply(0, 0), PING_HZ),
+        (LogText(0, "x" * LOG_BYTES), LOG_HZ),
+    )
+    for message, rate_hz in rare:
+        spec = catalogue.spec(type(message))
+        payload = spec.layout.pack(*[v for v in message if isinstance(v, int)])
+        if spec.text_field is not None:
+            payload += b"x" * LOG_BYTES
+        found.append(
+            _load(spec.name, [(rate_hz, len(s)) for s in segments(content(0x10, 0, payload), 0)])
+        )
+    return found
+
+
+def _load(name: str, frames: list[tuple[float, int]]) -> Load:
+    return Load(
+        name,
+        sum(rate_hz for rate_hz, _ in frames),
+        sum(rate_hz * nominal_bits(length) for rate_hz, length in frames),
+        sum(rate_hz * worst_frame_bits(length) for rate_hz, length in frames),
+    )
+
+
+def report(bitrate: int = BITRATE, catalogue: Catalogue = CATALOGUE) -> list[str]:
+    """A table for people, the sums last."""
+    rows = loads(catalogue)
+    rows.append(
+        Load(
+            "all",
+            sum(r.frames_per_s for r in rows),
+            sum(r.bits_per_s for r in rows),
+            sum(r.worst_bits_per_s for r in rows),
+        )
+    )
+    return [
+        f"{r.name:18} {r.frames_per_s:7.1f} frames/s {r.bits_per_s:9.0f} bit/s "
+        f"{r.bits_per_s / bitrate:6.2%}  worst {r.worst_bits_per_s / bitrate:6.2%}"
+        for r in rows
+    ]

@@ -1,0 +1,167 @@
+"""Transfers: what does not fit one CAN frame, cut up and put together again.
+
+Each frame ends with a tail byte as in UAVCAN and Cyphal: start, end, a bit that toggles, and
+five bits that count transfers. A tail byte alone does not see an even number of lost
+segments, so a transfer of several frames ends with the CRC-32 that frames have on UART.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple
+from zlib import crc32
+
+from protocol.can_frames import T16, T32
+from protocol.uart import CRC, MAX_PAYLOAD
+
+START, END, TOGGLE, TRANSFER = 0x80, 0x40, 0x20, 0x1F
+_SINGLE = START | END | TOGGLE
+SEGMENT = 7
+"""Content of one frame, beside its tail byte."""
+FLAG_WHOLE_STAMP = 8
+"""In a transfer's first byte: ``t_us`` has 32 bits, not the 16 of a short stamp."""
+MAX_CONTENT = 1 + T32.size + MAX_PAYLOAD
+MAX_OPEN = 16
+"""Transfers put together at the same time: as many as there are nodes."""
+OPEN_US = 1_000_000
+"""A transfer that takes longer is given up."""
+
+
+def content(version_flags: int, t_us: int, payload: bytes) -> bytes:
+    """What a transfer carries: version and flags, stamp, payload.
+
+    The stamp is whole unless only a short one lets the content fit one frame.
+    """
+    short = 1 + T16.size + len(payload)
+    if short <= SEGMENT < 1 + T32.size + len(payload):
+        return bytes((version_flags,)) + T16.pack(t_us >> 4 & 0xFFFF) + payload
+    return bytes((version_flags | FLAG_WHOLE_STAMP,)) + T32.pack(t_us & 0xFFFF_FFFF) + payload
+
+
+class Content(NamedTuple):
+    """A transfer's content, taken apart."""
+
+    version_flags: int
+    whole: bool
+    """Whether the stamp has 32 bits."""
+    stamp: int
+    payload: bytes
+
+
+def parse_content(data: bytes) -> Content | None:
+    """Take a content apart; None where it is too short to be one."""
+    whole = bool(data) and bool(data[0] & FLAG_WHOLE_STAMP)
+    stamp = T32 if whole else T16
+    if len(data) < 1 + stamp.size:
+        return None
+    (value,) = stamp.unpack_from(data, 1)
+    return Content(data[0] & ~FLAG_WHOLE_STAMP, whole, value, data[1 + stamp.size :])
+
+
+def segments(data: bytes, transfer_id: int) -> list[bytes]:
+    """Cut a content into the data of frames."""
+    transfer = transfer_id & TRANSFER
+    if len(data) <= SEGMENT:
+        return [data + bytes((_SINGLE | transfer,))]
+    data += CRC.pack(crc32(data))
+    cut = [data[i : i + SEGMENT] for i in range(0, len(data), SEGMENT)]
+    last = len(cut) - 1
+    return [
+        piece
+        + bytes(
+            (
+                transfer
+                | (START if i == 0 else 0)
+                | (END if i == last else 0)
+                | (0 if i % 2 else TOGGLE),
+            )
+        )
+        for i, piece in enumerate(cut)
+    ]
+
+
+class Heard(Enum):
+    """What a segment was."""
+
+    PART = "part"
+    """Taken; more is to come."""
+    STRAY = "stray"
+    """Of no transfer that is open: one before it was lost."""
+    DAMAGED = "damaged"
+    """The last one, and the CRC does not hold."""
+
+
+class _Open:
+    __slots__ = ("began_us", "data", "next_toggle", "transfer")
+
+    def __init__(self, piece: bytes, transfer: int, now_us: int) -> None:
+        self.data = bytearray(piece)
+        self.transfer = transfer
+        self.next_toggle = 0
+        self.began_us = now_us
+
+
+class Reassembler:
+    """Puts transfers together; its memory is bounded whatever arrives.
+
+    Doubled frames are for the caller to leave out: they follow each other at once.
+    """
+
+    def __init__(self) -> None:
+        self.given_up = 0
+        """Transfers begun and not completed."""
+        self._open: dict[int, _Open] = {}
+
+    @property
+    def held_bytes(self) -> int:
+        """Content of open transfers."""
+        return sum(len(o.data) for o in self._open.values())
+
+    def feed(self, can_id: int, data: bytes, now_us: int) -> bytes | Heard:
+        """Take a frame; give the content that it completes, or what it was."""
+        if not data:
+            return Heard.STRAY
+        piece, tail = data[:-1], data[-1]
+        if tail & START:
+            return self._begin(can_id, piece, tail, now_us)
+        opened = self._open.get(can_id)
+        if opened is None:
+            return Heard.STRAY
+        if (
+            tail & TOGGLE != opened.next_toggle
+            or tail & TRANSFER != opened.transfer
+            or not piece
+            or now_us - opened.began_us > OPEN_US
+            or len(opened.data) + len(piece) > MAX_CONTENT + CRC.size
+        ):
+            self._give_up(can_id)
+            return Heard.STRAY
+        opened.data += piece
+        opened.next_toggle ^= TOGGLE
+        if not tail & END:
+            return Heard.PART
+        del self._open[can_id]
+        return self._check(bytes(opened.data))
+
+    def _begin(self, can_id: int, piece: bytes, tail: int, now_us: int) -> bytes | Heard:
+        if can_id in self._open:
+            self._give_up(can_id)
+        if not tail & TOGGLE or not piece:
+            return Heard.STRAY
+        if tail & END:
+            return piece
+        if len(self._open) >= MAX_OPEN:
+            self._give_up(next(iter(self._open)))
+        self._open[can_id] = _Open(piece, tail & TRANSFER, now_us)
+        return Heard.PART
+
+    def _give_up(self, can_id: int) -> None:
+        del self._open[can_id]
+        self.given_up += 1
+
+    @staticmethod
+    def _check(data: bytes) -> bytes | Heard:
+        whole, given = data[: -CRC.size], data[-CRC.size :]
+        if len(whole) <= SEGMENT or CRC.pack(crc32(whole)) != given:
+            return Heard.DAMAGED
+        return whole

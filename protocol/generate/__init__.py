@@ -1,0 +1,49 @@
+"""Texts made from the catalogue, for other languages, tools and people.
+
+Each generator is a module of its own with a pure ``render`` that gives file name → text; it
+is imported only when it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from protocol.catalogue import CATALOGUE, Catalogue
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def _lazily(module: str) -> Callable[..., dict[str, str]]:
+    def render(catalogue: Catalogue = CATALOGUE, **options: Any) -> dict[str, str]:  # noqa: ANN401 - whatever its module takes
+        files: dict[str, str] = importlib.import_module(module).render(catalogue, **options)
+        return files
+
+    return render
+
+
+GENERATORS: dict[str, Callable[..., dict[str, str]]] = {
+    name: _lazily(f"protocol.generate.{name}") for name in ("c", "dbc", "lua", "proto", "md")
+}
+"""By the name that ``sweepctl generate`` takes."""
+
+PER_NODE = frozenset({"dbc"})
+"""Generators whose text names one device: they take ``node``."""
+
+
+def render(
+    name: str,
+    catalogue: Catalogue = CATALOGUE,
+    node: int = 1,
+    **options: Any,  # noqa: ANN401 - whatever the generator takes beside
+) -> dict[str, str]:
+    """Text by file name of one generator; ``options`` are its own.
+
+    Raises:
+        KeyError: no generator of this name.
+
+    """
+    if name in PER_NODE:
+        options["node"] = node
+    return GENERATORS[name](catalogue, **options)

@@ -1,0 +1,260 @@
+"""C for each message: struct, sizes, encode, decode, SI values."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.generate.c_text import (
+    c_type,
+    comment,
+    float_literal,
+    identifier,
+    lines,
+    meaning,
+    plain,
+    snake,
+    upper,
+)
+from protocol.message import Direction, RateClass
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from enum import IntEnum
+
+    from protocol.catalogue import Catalogue
+    from protocol.fields import Field
+    from protocol.message import MessageSpec
+
+MINIMAL = frozenset(
+    {
+        "velocity_setpoint",
+        "clear_stop",
+        "set_mode",
+        "time_request",
+        "status",
+        "imu",
+        "encoders",
+        "time_reply",
+    }
+)
+"""What a driving device needs beside the bootstrap messages, which are always there."""
+
+_WIDTHS = {"u16": "u16", "i16": "u16", "u32": "u32"}
+
+
+def enums(catalogue: Catalogue) -> str:
+    """Names of values, once each, in the order of first use."""
+    found: dict[str, type[IntEnum]] = {}
+    for spec in catalogue:
+        for field in spec.fields:
+            if field.enum is not None:
+                found.setdefault(snake(field.enum.__name__), field.enum)
+    return "\n".join(_enum(name, found[name]) for name in sorted(found))
+
+
+def _enum(name: str, enum: type[IntEnum]) -> str:
+    members = [f"    SP_{name.upper()}_{m.name} = {m.value}" for m in enum]
+    doc = (enum.__doc__ or name).splitlines()[0]
+    return lines([comment(doc), "enum {", ",\n".join(members), "};"])
+
+
+def switch_macro(spec: MessageSpec) -> str | None:
+    """Name of the macro that leaves the message out; None for what is always there."""
+    return None if spec.bootstrap else f"SP_WITH_{upper(spec)}"
+
+
+def switches(catalogue: Catalogue) -> str:
+    """Default of every switch."""
+    out = []
+    for spec in catalogue:
+        macro = switch_macro(spec)
+        if macro is not None:
+            default = "1" if spec.name in MINIMAL else "SP_WITH_REST"
+            out += [f"#ifndef {macro}", f"#define {macro} {default}", "#endif"]
+    return lines(out)
+
+
+def guarded(spec: MessageSpec, body: str) -> str:
+    """``body`` only where the message is wanted."""
+    macro = switch_macro(spec)
+    return body if macro is None else f"#if {macro}\n{body}#endif\n"
+
+
+# ---- header ---------------------------------------------------------------------------------
+
+
+def declaration(spec: MessageSpec) -> str:
+    """Constants, struct, prototypes and inline helpers of one message."""
+    name, big = spec.name, upper(spec)
+    sender = "device" if spec.direction is Direction.DEVICE else "host"
+    rate = f", {spec.default_hz:g} Hz" if spec.rate is RateClass.STREAM else ""
+    out = [
+        comment(f"{name} (0x{spec.type_id:02X}, {sender}{rate}): {spec.doc.splitlines()[0]}"),
+        f"#define SP_TYPE_{big} 0x{spec.type_id:02X}u",
+        f"#define SP_{big}_SIZE {spec.layout.size}u",
+    ]
+    if spec.rate is RateClass.STREAM:
+        out.append(f"#define SP_{big}_HZ {spec.default_hz:g}")
+    out += [
+        f"#define SP_{big}_{f.name.upper()}_NONE {f.none}u"
+        for f in spec.fields
+        if f.none is not None
+    ]
+    out += ["typedef struct {", *_members(spec), f"}} sp_{name}_t;"]
+    out += [
+        f"int sp_{name}_encode(const sp_{name}_t *message, uint8_t *payload, size_t capacity);",
+        f"bool sp_{name}_decode(sp_{name}_t *message, const uint8_t *payload, size_t length);",
+        *_frame_helper(spec),
+    ]
+    floats = list(_si(spec))
+    if floats:
+        out += ["#ifndef SP_NO_FLOAT", *floats, "#endif"]
+    return guarded(spec, lines(out))
+
+
+def _members(spec: MessageSpec) -> Iterator[str]:
+    for field in spec.fields:
+        yield comment(meaning(field), "    ")
+        name = identifier(field.name)
+        if field.wire.is_text:
+            yield f"    const char *{name}; /* not ended by a zero; decoded: inside the payload */"
+            yield f"    uint8_t {name}_length;"
+        elif field.wire.is_integer:
+            yield f"    {c_type(field)} {name};"
+        else:
+            yield f"    uint8_t {name}[{field.wire.size}];"
+
+
+def _frame_helper(spec: MessageSpec) -> list[str]:
+    name = spec.name
+    seal = f"sp_seal(frame, sender, SP_TYPE_{upper(spec)}, t_us, (size_t)length)"
+    return [
+        f"static inline size_t sp_{name}_frame(",
+        f"    uint8_t *frame, sp_sender_t *sender, uint32_t t_us, const sp_{name}_t *message)",
+        "{",
+        f"    const int length = sp_{name}_encode(message, sp_payload(frame), SP_PAYLOAD_MAX);",
+        f"    return length < 0 ? 0u : {seal};",
+        "}",
+    ]
+
+
+def _si(spec: MessageSpec) -> Iterator[str]:
+    for field in spec.fields:
+        suffix = field.si_suffix
+        if suffix is None:
+            continue
+        stem = f"sp_{spec.name}_{field.name}"
+        gain, offset = float_literal(field.si_gain), float_literal(field.si_offset)
+        plus = f" + {offset}" if field.offset else ""
+        less = f" - {offset}" if field.offset else ""
+        yield f"static inline float {stem}{suffix}(const sp_{spec.name}_t *message)"
+        yield "{"
+        yield f"    return (float)message->{identifier(field.name)} * {gain}{plus};"
+        yield "}"
+        yield f"static inline {c_type(field)} {stem}_from{suffix}(float value)"
+        yield "{"
+        inverse = f"(value{less}) / {gain}" if less else f"value / {gain}"
+        low, high = (float_literal(float(x)) for x in (field.low, field.high))
+        yield f"    return ({c_type(field)})sp_round({inverse}, {low}, {high});"
+        yield "}"
+
+
+# ---- source ---------------------------------------------------------------------------------
+
+
+def definition(spec: MessageSpec) -> str:
+    """Encode and decode of one message."""
+    name = spec.name
+    return guarded(spec, lines([*_encode(spec, name), "", *_decode(spec, name)]))
+
+
+def _encode(spec: MessageSpec, name: str) -> Iterator[str]:
+    size = f"SP_{upper(spec)}_SIZE"
+    yield f"int sp_{name}_encode(const sp_{name}_t *message, uint8_t *payload, size_t capacity)"
+    yield "{"
+    text = spec.text_field
+    if text is None:
+        yield f"    if (capacity < {size}) {{"
+    else:
+        yield f"    const size_t length = {size} + (size_t)message->{identifier(text.name)}_length;"
+        yield "    if (capacity < length || SP_PAYLOAD_MAX < length) {"
+    yield "        return -1;"
+    yield "    }"
+    at = 0
+    for field in spec.fields:
+        yield f"    {_put(field, at)}"
+        at += field.wire.size
+    yield f"    return (int){size if text is None else 'length'};"
+    yield "}"
+
+
+def _put(field: Field, at: int) -> str:
+    source = f"message->{identifier(field.name)}"
+    target = f"payload + {at}" if at else "payload"
+    if field.wire.is_text:
+        return f"sp_copy({target}, (const uint8_t *){source}, {source}_length);"
+    if not field.wire.is_integer:
+        return f"sp_copy({target}, {source}, {field.wire.size}u);"
+    width = _WIDTHS.get(field.wire.name)
+    if width is None:
+        return f"payload[{at}] = {source};"
+    value = f"(uint16_t){source}" if field.wire.low < 0 else source
+    return f"sp_put_{width}({target}, {value});"
+
+
+def _decode(spec: MessageSpec, name: str) -> Iterator[str]:
+    size = f"SP_{upper(spec)}_SIZE"
+    yield f"bool sp_{name}_decode(sp_{name}_t *message, const uint8_t *payload, size_t length)"
+    yield "{"
+    # Of a bootstrap message more may follow: it is how its own successor would look.
+    if spec.text_field is not None:
+        yield f"    if (length < {size} || SP_PAYLOAD_MAX < length) {{"
+    else:
+        yield f"    if (length {'<' if spec.bootstrap else '!='} {size}) {{"
+    yield "        return false;"
+    yield "    }"
+    at = 0
+    for field in spec.fields:
+        yield from (f"    {line}" for line in _get(spec, field, at))
+        at += field.wire.size
+    yield "    return true;"
+    yield "}"
+
+
+def _get(spec: MessageSpec, field: Field, at: int) -> Iterator[str]:
+    target = f"message->{identifier(field.name)}"
+    source = f"payload + {at}" if at else "payload"
+    kind = field.wire.name
+    if field.wire.is_text:
+        yield f"{target} = (const char *)({source});"
+        yield f"{target}_length = (uint8_t)(length - SP_{upper(spec)}_SIZE);"
+    elif not field.wire.is_integer:
+        yield f"sp_copy({target}, {source}, {field.wire.size}u);"
+    elif kind == "u8":
+        yield f"{target} = payload[{at}];"
+    else:
+        yield f"{target} = sp_get_{kind}({source});"
+
+
+# ---- schema ---------------------------------------------------------------------------------
+
+
+def table_rows(catalogue: Catalogue) -> str:
+    """Type, fields and fixed size of each message; the type's top bit: the device sends it."""
+    out = []
+    for spec in catalogue:
+        who = " | SP_DEVICE_BIT" if spec.direction is Direction.DEVICE else ""
+        row = f"{{SP_TYPE_{upper(spec)}{who}, {len(spec.fields)}u, SP_{upper(spec)}_SIZE}},"
+        out.append(guarded(spec, f"    {row}\n"))
+    return "".join(out)
+
+
+def chain_rows(catalogue: Catalogue) -> str:
+    """Chain values of each message, before the first field and after each."""
+    out = []
+    for spec in catalogue:
+        values = [f"0x{v:08X}u" for v in catalogue.chains[spec.type_id]]
+        rows = [", ".join(values[i : i + 6]) + ",\n" for i in range(0, len(values), 6)]
+        body = f"    /* {plain(spec.name)} */\n" + "".join(f"    {row}" for row in rows)
+        out.append(guarded(spec, body))
+    return "".join(out)

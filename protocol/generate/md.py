@@ -1,0 +1,132 @@
+"""PROTOCOL.md: the wire for people, from the catalogue and from what runs on it.
+
+What only the programs on either end know (states, timing) is passed in; without it the
+document has the wire alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.codec import Codec
+from protocol.generate import md_text
+from protocol.generate.md_can import can_tables
+from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
+from protocol.messages import VelocitySetpoint
+from protocol.uart import encode_frame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+FILE = "PROTOCOL.md"
+_BITS_A_BYTE = 10
+_MBAUD = 0.9216
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A state machine to be drawn: its first state, and every (state, what happened, next)."""
+
+    title: str
+    text: str
+    first: str
+    moves: Sequence[tuple[str, str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One timing rule: who keeps it, what it is about, its value, and where it stands."""
+
+    who: str
+    what: str
+    value: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """What the programs on either end do with the messages."""
+
+    machines: Sequence[Machine]
+    rules: Sequence[Rule]
+    numbers: Mapping[str, str]
+    """For the life of a motor command: values by the names used in it."""
+
+
+def render(catalogue: Catalogue = CATALOGUE, behaviour: Behaviour | None = None) -> dict[str, str]:
+    """The document."""
+    body = "\n".join(_sections(catalogue, behaviour)).rstrip() + "\n"
+    titles = [line[3:] for line in body.splitlines() if line.startswith("## ")]
+    head = md_text.HEAD.format(
+        version=PROTOCOL_VERSION,
+        hash=catalogue.hash,
+        count=len(catalogue.specs),
+        contents="\n".join(f"- [{t}](#{t.lower().replace(' ', '-')})" for t in titles),
+    )
+    return {FILE: f"{head}\n{body}"}
+
+
+def _sections(catalogue: Catalogue, behaviour: Behaviour | None) -> Iterator[str]:
+    yield md_text.FRAMING
+    yield from message_index(catalogue)
+    for spec in catalogue:
+        yield from message_section(spec)
+    yield from enum_tables(catalogue)
+    yield md_text.CAN
+    yield from can_tables(catalogue)
+    yield md_text.AGREEMENT.format(hash=catalogue.hash)
+    yield from hash_table(catalogue)
+    yield md_text.RELIABILITY
+    if behaviour is not None:
+        yield from _machines(behaviour)
+        yield from _timing(behaviour)
+        yield from _life(catalogue, behaviour)
+
+
+def _machines(behaviour: Behaviour) -> Iterator[str]:
+    yield "## States\n"
+    for machine in behaviour.machines:
+        yield f"### {machine.title}\n\n{machine.text}\n"
+        yield "```mermaid"
+        yield from diagram(machine)
+        yield "```\n"
+
+
+def diagram(machine: Machine) -> Iterator[str]:
+    """A machine as Mermaid's state diagram, moves between the same two states as one arrow."""
+    yield "stateDiagram-v2"
+    yield f"    [*] --> {machine.first}"
+    arrows: dict[tuple[str, str], list[str]] = {}
+    for start, what, end in machine.moves:
+        arrows.setdefault((start, end), []).append(what)
+    for (start, end), labels in arrows.items():
+        yield f"    {start} --> {end}: {', '.join(labels)}"
+
+
+def _timing(behaviour: Behaviour) -> Iterator[str]:
+    yield md_text.TIMING
+    yield "| who | what | value | in the code |"
+    yield "|---|---|---|---|"
+    for rule in behaviour.rules:
+        yield f"| {rule.who} | {rule.what} | {rule.value} | `{rule.source}` |"
+    yield ""
+
+
+def _life(catalogue: Catalogue, behaviour: Behaviour) -> Iterator[str]:
+    if VelocitySetpoint not in catalogue.by_class or "encoders" not in catalogue.by_name:
+        return
+    setpoint = VelocitySetpoint(v=2000, yaw_rate=-500, time_to_live=200, counter=7)
+    type_id, payload = Codec(catalogue).encode(setpoint)
+    wire = b"\0" + encode_frame(1, type_id, 42, 0x0012_D687, payload)
+    yield md_text.LIFE.format(
+        payload=payload.hex(" "),
+        wire=wire.hex(" "),
+        wire_bytes=len(wire),
+        wire_us=round(len(wire) * _BITS_A_BYTE / _MBAUD),
+        encoders_ms=f"{1000 / catalogue.by_name['encoders'].default_hz:g}",
+        can_id=f"{type_id << 4 | 1:03x}",
+        can=(payload + (0x0012_D687 >> 4 & 0xFFFF).to_bytes(2, "little")).hex(" "),
+        **behaviour.numbers,
+    )

@@ -1,0 +1,58 @@
+"""Tables of PROTOCOL.md: what each CAN frame carries."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.can_frames import CAN_FULL_STAMP, is_native, nominal_bits, parts_of, worst_bits
+from protocol.message import Direction
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from protocol.can_frames import Part
+    from protocol.catalogue import Catalogue
+    from protocol.fields import Field
+    from protocol.message import MessageSpec
+
+BITRATE = 500_000
+
+
+def can_tables(catalogue: Catalogue) -> Iterator[str]:
+    """Every native frame, and how much of the bus they take."""
+    yield "| identifier, node 1 | message | bytes | every |"
+    yield "|---|---|---|---|"
+    bits = worst = 0.0
+    for spec in catalogue:
+        if not is_native(spec):
+            continue
+        for part in parts_of(spec, len(spec.fields)):
+            cells = _layout(spec, part)
+            length = sum(size for _, size in cells)
+            hz = 1e6 / part.slow_us if part.slow_us else spec.default_hz
+            if spec.name != "wheel_duty":  # in bring-up, instead of velocity setpoints
+                bits += hz * nominal_bits(length)
+                worst += hz * worst_bits(length)
+            text = ", ".join(f"{size} `{field}`" for field, size in cells)
+            name = f"`{spec.name}`" + ("" if spec.direction is Direction.DEVICE else " (host)")
+            yield f"| 0x{part.can_type << 4 | 1:03x} | {name} | {text} | {_every(hz)} |"
+    yield ""
+    yield (
+        f"At these rates periodic frames, setpoints included, take {bits / 1000:.1f} kbit/s "
+        f"without stuff bits and at most {worst / 1000:.1f} kbit/s with them: "
+        f"{100 * bits / BITRATE:.1f} to {100 * worst / BITRATE:.1f} % of a bus of "
+        f"{BITRATE // 1000} kbit/s.\n"
+    )
+
+
+def _every(hz: float) -> str:
+    return f"{1000 / hz:g} ms"
+
+
+def _layout(spec: MessageSpec, part: Part) -> list[tuple[str, int]]:
+    """Names and sizes in the order of the frame's bytes."""
+    fields: list[Field] = [f for f in spec.fields if f.can_part == part.number]
+    mine = [(f.name, f.wire.size) for f in fields]
+    if part.can_type in CAN_FULL_STAMP:
+        return [("t_us", 4), *mine]
+    return [*mine, ("t16", 2)]

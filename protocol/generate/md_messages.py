@@ -1,0 +1,133 @@
+"""Tables of PROTOCOL.md: messages, their bytes, the names of values, the hashes."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from protocol.message import Direction, RateClass
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from protocol.catalogue import Catalogue
+    from protocol.fields import Field
+    from protocol.message import MessageSpec
+
+_RATE = {RateClass.STREAM: "stream", RateClass.COMMAND: "command", RateClass.RARE: "rare"}
+_SENDER = {Direction.HOST: "host", Direction.DEVICE: "device"}
+
+
+def message_index(catalogue: Catalogue) -> Iterator[str]:
+    """One line for each message."""
+    yield "## Messages\n"
+    yield (
+        "Integers are little-endian, without padding. *Stream*: periodic, not acknowledged. "
+        "*Command*: carries an id and is answered with `ack` or `nack`. *Rare*: on occasion. "
+        "**b**: bootstrap, needed to agree at all and never changed.\n"
+    )
+    yield "| type | message | sender | kind | default rate | payload | |"
+    yield "|---|---|---|---|---|---|---|"
+    for spec in catalogue:
+        rate = f"{spec.default_hz:g} Hz" if spec.default_hz else ""
+        kind = _RATE[spec.rate] + (" **b**" if spec.bootstrap else "")
+        yield (
+            f"| 0x{spec.type_id:02x} | [`{spec.name}`](#{spec.name}) | {_SENDER[spec.direction]} "
+            f"| {kind} | {rate} | {_size(spec)} | {_cell(spec.doc)} |"
+        )
+    yield ""
+
+
+def _size(spec: MessageSpec) -> str:
+    return f"{spec.layout.size} B" + (" + text" if spec.text_field else "")
+
+
+def message_section(spec: MessageSpec) -> Iterator[str]:
+    """The bytes of one message."""
+    rate = f", {spec.default_hz:g} Hz unless told otherwise" if spec.default_hz else ""
+    yield f"### {spec.name}\n"
+    yield f"0x{spec.type_id:02x}, from the {_SENDER[spec.direction]}{rate}. {_cell(spec.doc)}\n"
+    yield "| offset | field | wire | one step | unit | range | meaning |"
+    yield "|---|---|---|---|---|---|---|"
+    offset = 0
+    for field in spec.fields:
+        yield (
+            f"| {offset} | `{field.name}` | {field.wire.name} | {_step(field)} | {_unit(field)} "
+            f"| {_range(field)} | {_cell(_meaning(field))} |"
+        )
+        offset += field.wire.size
+    yield ""
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ").replace("``", "`")
+
+
+def _step(field: Field) -> str:
+    if not field.is_scaled:
+        return ""
+    step = _number(field.scale)
+    return f"{step}, 0 is {_number(field.offset)}" if field.offset else step
+
+
+def _number(value: Fraction) -> str:
+    """A decimal where it is exact and short, else the fraction and its value."""
+    decimal = f"{float(value):.10g}"
+    return decimal if Fraction(decimal) == value else f"{value} ≈ {float(value):.6g}"
+
+
+def _unit(field: Field) -> str:
+    return "" if field.unit in {"enum", "bits", "text", "raw", "uid"} else field.unit
+
+
+def _range(field: Field) -> str:
+    if not field.wire.is_integer:
+        return "to the payload's end" if field.wire.is_text else f"{field.wire.size} B"
+    if not field.is_scaled:
+        whole = (field.low, field.high) == (field.wire.low, field.wire.high)
+        return "" if whole else f"{field.low} … {field.high}"
+    low, high = (float(raw * field.scale + field.offset) for raw in (field.low, field.high))
+    return f"{low:.6g} … {high:.6g}"
+
+
+def _meaning(field: Field) -> str:
+    if field.enum is None:
+        return field.doc
+    name = field.enum.__name__
+    return f"{field.doc} ([{name}](#{name.lower()}))"
+
+
+def enum_tables(catalogue: Catalogue) -> Iterator[str]:
+    """Every value that has a name."""
+    enums = {f.enum.__name__: (f.enum, f.unit) for s in catalogue for f in s.fields if f.enum}
+    yield "## Names of values\n"
+    for name, (enum, unit) in sorted(enums.items()):
+        users = ", ".join(
+            f"`{s.name}.{f.name}`" for s in catalogue for f in s.fields if f.enum is enum
+        )
+        doc = " ".join((enum.__doc__ or "").split())
+        yield f"### {name}\n\n{doc} In {users}.\n"
+        yield f"| {'bit' if unit == 'bits' else 'value'} | name |"
+        yield "|---|---|"
+        for member in enum:
+            value = int(member).bit_length() - 1 if unit == "bits" else int(member)
+            yield f"| {value} | `{(member.name or '').lower()}` |"
+        yield ""
+
+
+def hash_table(catalogue: Catalogue) -> Iterator[str]:
+    """The chain of each message."""
+    yield "| message | fields | chain before the first field | after the last |"
+    yield "|---|---|---|---|"
+    for spec in catalogue:
+        chain = catalogue.chains[spec.type_id]
+        yield f"| `{spec.name}` | {len(spec.fields)} | {chain[0]:08x} | {chain[-1]:08x} |"
+    yield ""
+    example = catalogue.specs[0]
+    yield f"The chain of `{example.name}`, step by step:\n"
+    yield "| hashed | value |"
+    yield "|---|---|"
+    texts = [example.name, *(f.canonical() for f in example.fields)]
+    for text, value in zip(texts, catalogue.chains[example.type_id], strict=True):
+        yield f"| `{_cell(text)}` | {value:08x} |"
+    yield ""

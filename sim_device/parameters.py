@@ -1,0 +1,211 @@
+"""The device's parameters: a table of what there is, and a store of what it is set to.
+
+A value travels as 32 bits with its kind. Setting one counts until the next boot; saving
+makes the present values the next boot's. What has a bearing on geometry counts from the next
+boot on, so that odometry never changes its meaning while the robot drives.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from protocol.messages import ParameterValue
+from protocol.values import NackReason, ParameterFlag, ParameterKind
+
+if TYPE_CHECKING:
+    from collections.abc import MutableMapping, Sequence
+
+    from bridge.motion.robot_model import RobotModel
+
+_F32 = struct.Struct("<f")
+_I32 = struct.Struct("<i")
+_U32 = struct.Struct("<I")
+STOP_DECELERATION_M_S2 = 1.0
+"""From top speed to rest in 0.3 s: as hard as the tyres hold without slipping."""
+BATTERY_LOW_V = 12.8
+"""3.2 V a cell of four."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One line of the table; ``default``, ``low`` and ``high`` in ``unit``."""
+
+    name: str
+    unit: str
+    kind: ParameterKind
+    default: float
+    low: float
+    high: float
+    model_key: str | None = None
+    """The robot model's field that it sets."""
+    read_only: bool = False
+    needs_reboot: bool = False
+
+    @property
+    def label(self) -> str:
+        """Name and unit, as they travel."""
+        return f"{self.name} {self.unit}"
+
+
+def to_raw(kind: ParameterKind, value: float) -> int:
+    """32 bits of a value."""
+    match kind:
+        case ParameterKind.F32:
+            raw: int = _U32.unpack(_F32.pack(value))[0]
+        case ParameterKind.I32:
+            raw = int(value) & 0xFFFF_FFFF
+        case _:
+            raw = int(value)
+    return raw
+
+
+def from_raw(kind: ParameterKind, raw: int) -> float:
+    """Value of 32 bits; a float may be infinite or not a number."""
+    match kind:
+        case ParameterKind.F32:
+            value: float = _F32.unpack(_U32.pack(raw))[0]
+        case ParameterKind.I32:
+            value = _I32.unpack(_U32.pack(raw))[0]
+        case _:
+            value = raw
+    return value
+
+
+def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
+    """Every parameter by its number; new ones are appended."""
+    u32, f32 = ParameterKind.U32, ParameterKind.F32
+
+    def robot(  # noqa: PLR0913 - a line of the table
+        name: str,
+        unit: str,
+        key: str,
+        low: float,
+        high: float,
+        *,
+        kind: ParameterKind = f32,
+        needs_reboot: bool = False,
+    ) -> Parameter:
+        default = getattr(model, key)
+        return Parameter(
+            name, unit, kind, default, low, high, model_key=key, needs_reboot=needs_reboot
+        )
+
+    return (
+        Parameter("node", "id", u32, node, 1, 15, read_only=True),
+        robot("wheel_diameter", "m", "wheel_diameter_m", 0.01, 1.0, needs_reboot=True),
+        robot("wheel_base", "m", "wheel_base_m", 0.02, 2.0, needs_reboot=True),
+        robot("counts_per_turn", "count", "counts_per_turn", 4, 1e6, kind=u32, needs_reboot=True),
+        robot("max_speed", "m/s", "max_speed_m_s", 0.01, 2.0),
+        robot("max_yaw_rate", "rad/s", "max_yaw_rate_rad_s", 0.05, 20.0),
+        robot("cruise_speed", "m/s", "cruise_speed_m_s", 0.01, 2.0),
+        Parameter("stop_deceleration", "m/s2", f32, STOP_DECELERATION_M_S2, 0.2, 5.0),
+        Parameter("battery_low", "V", f32, BATTERY_LOW_V, 3.0, 60.0),
+        robot("robot_diameter", "m", "robot_diameter_m", 0.05, 2.0, needs_reboot=True),
+        robot("cleaning_width", "m", "cleaning_width_m", 0.02, 2.0, needs_reboot=True),
+        robot("mouth_offset", "m", "mouth_offset_m", -1.0, 1.0, needs_reboot=True),
+    )
+
+
+class ParameterStore:
+    """Present values over what is stored; ``stored`` outlives the boot, the rest does not."""
+
+    def __init__(self, parameters: Sequence[Parameter], stored: MutableMapping[str, int]) -> None:
+        """Read what is stored, by name; what no longer fits its parameter is passed over."""
+        self.parameters = tuple(parameters)
+        self._stored = stored
+        self._defaults = [to_raw(p.kind, p.default) for p in self.parameters]
+        self._boot = [
+            self._kept(p, default)
+            for p, default in zip(self.parameters, self._defaults, strict=True)
+        ]
+        self._present = list(self._boot)
+        self._number = {p.name: i for i, p in enumerate(self.parameters)}
+
+    def _kept(self, parameter: Parameter, default: int) -> int:
+        raw = self._stored.get(parameter.name)
+        return default if raw is None or not _allowed(parameter, raw) else raw
+
+    def describe(self, number: int) -> ParameterValue | None:
+        """All that is to be known of one parameter; None where there is no such number."""
+        if number >= len(self.parameters):
+            return None
+        parameter, raw = self.parameters[number], self._present[number]
+        kind = parameter.kind
+        return ParameterValue(
+            number,
+            len(self.parameters),
+            kind,
+            int(self._flags(number)),
+            raw,
+            self._defaults[number],
+            to_raw(kind, parameter.low),
+            to_raw(kind, parameter.high),
+            parameter.label,
+        )
+
+    def _flags(self, number: int) -> ParameterFlag:
+        parameter, raw = self.parameters[number], self._present[number]
+        stored = self._stored.get(parameter.name)
+        flags = ParameterFlag(0)
+        if stored == raw:
+            flags |= ParameterFlag.STORED
+        if raw != self._kept(parameter, self._defaults[number]):
+            flags |= ParameterFlag.CHANGED
+        if parameter.read_only:
+            flags |= ParameterFlag.READ_ONLY
+        if parameter.needs_reboot:
+            flags |= ParameterFlag.NEEDS_REBOOT
+        return flags
+
+    def set(self, number: int, kind: int, raw: int) -> NackReason | None:
+        """Change a present value; a refusal's reason, or None."""
+        if number >= len(self.parameters):
+            return NackReason.UNKNOWN_PARAMETER
+        parameter = self.parameters[number]
+        if parameter.read_only:
+            return NackReason.READ_ONLY
+        if kind != parameter.kind or not _allowed(parameter, raw):
+            return NackReason.BAD_VALUE
+        self._present[number] = raw
+        return None
+
+    def save(self) -> None:
+        """Store every present value that can be set."""
+        for parameter, raw in zip(self.parameters, self._present, strict=True):
+            if not parameter.read_only:
+                self._stored[parameter.name] = raw
+
+    def value(self, name: str) -> float:
+        """The value in effect, in its unit: set now, or at boot where it needs one."""
+        number = self._number[name]
+        parameter = self.parameters[number]
+        raw = (self._boot if parameter.needs_reboot else self._present)[number]
+        # The default itself, not its 32-bit rounding.
+        return parameter.default if raw == self._defaults[number] else from_raw(parameter.kind, raw)
+
+    def applied_to(self, model: RobotModel) -> RobotModel:
+        """The robot model with the values in effect."""
+        changes: dict[str, float] = {}
+        for parameter in self.parameters:
+            if parameter.model_key is not None:
+                value = self.value(parameter.name)
+                changes[parameter.model_key] = (
+                    value if parameter.kind is ParameterKind.F32 else int(value)
+                )
+        return dataclasses.replace(model, **changes)  # type: ignore[arg-type]  # keys are its own
+
+
+def _allowed(parameter: Parameter, raw: int) -> bool:
+    """Whether 32 bits are a value within the parameter's range, as its ends travel."""
+    if parameter.kind is ParameterKind.BOOL:
+        return raw in {0, 1}
+    value = from_raw(parameter.kind, raw)
+    low, high = (
+        from_raw(parameter.kind, to_raw(parameter.kind, end))
+        for end in (parameter.low, parameter.high)
+    )
+    return math.isfinite(value) and low <= value <= high

@@ -1,0 +1,54 @@
+"""A firmware of another version of the project: its declarations, this program's content.
+
+Messages are matched by name and their fields by name. What only the other version declares
+says zero; what it does not declare is left out, or not sent at all.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from protocol.catalogue import CATALOGUE
+
+if TYPE_CHECKING:
+    from protocol.catalogue import Catalogue
+    from protocol.message import Message, MessageSpec
+
+
+def as_ours(message: Message, spec: MessageSpec) -> Message:
+    """A received message in this program's own class, absent fields as zero.
+
+    One that this program has no name for comes back as it is.
+    """
+    own = CATALOGUE.by_name.get(spec.name)
+    if own is None or (own.cls is spec.cls and None not in message):
+        return message
+    return _filled(own, _by_name(spec, message))
+
+
+def as_declared(message: Message, catalogue: Catalogue) -> Message | None:
+    """A message in the class that ``catalogue`` declares; None where it does not."""
+    if type(message) in catalogue.by_class:
+        return message
+    own = CATALOGUE.spec(type(message))
+    declared = catalogue.by_name.get(own.name)
+    return None if declared is None else _filled(declared, _by_name(own, message))
+
+
+def blank(spec: MessageSpec) -> Message:
+    """A message with zero in every field."""
+    return _filled(spec, {})
+
+
+def _by_name(spec: MessageSpec, message: Message) -> dict[str, Any]:
+    return {f.name: v for f, v in zip(spec.fields, message, strict=True) if v is not None}
+
+
+def _filled(spec: MessageSpec, values: dict[str, Any]) -> Message:
+    nothing = [
+        "" if f.wire.is_text else 0 if f.wire.is_integer else bytes(f.wire.size)
+        for f in spec.fields
+    ]
+    return spec.cls(
+        *(values.get(f.name, zero) for f, zero in zip(spec.fields, nothing, strict=True))
+    )

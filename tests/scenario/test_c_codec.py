@@ -1,0 +1,373 @@
+"""The generated C against the shared vectors and against the Python codec, under sanitizers."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import zlib
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from protocol.agreement import describe
+from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.codec import Codec
+from protocol.generate.c_messages import MINIMAL
+from protocol.message import Direction
+from protocol.messages import Describe
+from protocol.uart import DamagedFrame, Frame, UartParser, encode_frame
+from support.c_adapter import random_message, shown, words
+from support.c_build import C_TESTS, ROOT, SANITIZED, UNIT, generate, run, tool
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from support.c_build import Adapter, Generated
+
+RANDOM_MESSAGES = 100_000
+STREAMS = 600
+FUZZ_RUNS = 200_000
+FUZZ_S = 12
+SPECS = CATALOGUE.specs
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory: pytest.TempPathFactory) -> Generated:
+    return generate(tmp_path_factory.mktemp("c"))
+
+
+@pytest.fixture(scope="module")
+def adapter(generated: Generated) -> Adapter:
+    return generated.adapter(flags=(*SANITIZED, *UNIT))
+
+
+@pytest.fixture(scope="module", params=["clang", "gcc"])
+def each_adapter(request: pytest.FixtureRequest, generated: Generated) -> Adapter:
+    """Sanitized by either compiler; gcc's with the big table and optimised."""
+    if request.param == "clang":
+        adapter: Adapter = request.getfixturevalue("adapter")
+        return adapter
+    flags = (*SANITIZED, "-O2", "-DSP_CRC_FULL_TABLE")
+    return generated.adapter("adapter_gcc", compiler="gcc", flags=flags)
+
+
+def vectors(name: str) -> list[dict[str, Any]]:
+    path = ROOT / "tests" / "vectors" / f"{name}.json"
+    found: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+    return found
+
+
+def raw_words(vector: dict[str, Any]) -> dict[str, str]:
+    """Raw values by name as the adapter writes them."""
+    spec = CATALOGUE.by_name[vector["message"]]
+    kinds = {f.name: f.wire for f in spec.fields}
+    return {
+        name: str(raw)
+        if kinds[name].is_integer
+        else (raw.encode().hex() or "-" if kinds[name].is_text else raw)
+        for name, raw in vector["raw"].items()
+    }
+
+
+def head(vector: dict[str, Any]) -> list[str]:
+    h = vector["header"]
+    return [str(h[k]) for k in ("version", "flags", "node", "type", "seq", "t_us")]
+
+
+# ---- vectors ----------------------------------------------------------------------------------
+
+
+def test_c_reads_every_intact_vector(each_adapter: Adapter) -> None:
+    intact = vectors("messages") + vectors("edges")
+    lines = each_adapter.ask("decode", [v["hex"] for v in intact])
+    assert lines[1::2] == [". 1 0"] * len(intact)
+    for vector, line in zip(intact, lines[::2], strict=True):
+        event, _, *said = line.split()
+        assert (event, said[:6]) == ("frame", head(vector)), vector["name"]
+        assert said[6] == (vector["payload"] or "-"), vector["name"]
+        values = dict(word.split("=") for word in said[7:])
+        expected = raw_words(vector)
+        if vector.get("decode_only"):  # the text is shown as it is: broken
+            text = CATALOGUE.by_name[vector["message"]].text_field
+            assert text is not None
+            size = CATALOGUE.by_name[vector["message"]].layout.size
+            expected[text.name] = vector["payload"][2 * size :]
+        assert values == expected, vector["name"]
+
+
+def test_c_writes_every_vector(each_adapter: Adapter) -> None:
+    intact = [v for v in vectors("messages") + vectors("edges") if not v.get("decode_only")]
+    intact = [v for v in intact if v["header"]["version"] == PROTOCOL_VERSION]
+    questions = []
+    for vector in intact:
+        h, raw = vector["header"], raw_words(vector)
+        values = [raw[f.name] for f in CATALOGUE.by_name[vector["message"]].fields]
+        questions.append(
+            " ".join(str(h[k]) for k in ("type", "node", "flags", "seq", "t_us"))
+            + " "
+            + " ".join(values)
+        )
+    assert each_adapter.ask("encode", questions) == [v["hex"] for v in intact]
+
+
+def test_c_gives_the_vectors_si_values(adapter: Adapter) -> None:
+    chosen = [v for v in vectors("messages") + vectors("edges") if v["si"]]
+    answers = adapter.ask("si", [f"{v['header']['type']} {v['payload']}" for v in chosen])
+    for vector, answer in zip(chosen, answers, strict=True):
+        spec = CATALOGUE.by_name[vector["message"]]
+        fields = {f"{f.name}{f.si_suffix}": f for f in spec.fields if f.si_suffix}
+        values = dict(word.split("=") for word in answer.split())
+        assert set(values) == set(vector["si"]), vector["name"]
+        for name, wanted in vector["si"].items():
+            value, back = values[name].split(":")
+            raw = vector["raw"][fields[name].name]
+            if wanted is None:  # C shows the sentinel's number: the caller compares first
+                assert raw == fields[name].none
+                continue
+            assert float(value) == pytest.approx(wanted, rel=1e-5, abs=1e-7), name
+            assert int(back) == min(max(raw, fields[name].low), fields[name].high), name
+
+
+def test_c_refuses_every_damaged_vector(each_adapter: Adapter) -> None:
+    for vector in vectors("damaged"):
+        (line, *_) = each_adapter.ask("decode", [vector["hex"]])
+        if "damage" in vector:
+            end = vector["offset"] + vector["length"] + 1  # its delimiter
+            assert line == f"{vector['damage']} {end}", vector["name"]
+            continue
+        event, _, *said = line.split()
+        assert (event, said[:6]) == ("frame", head(vector)), vector["name"]
+        if vector["rejected"] == "direction":
+            sent_by_device = vector["sent_by"] == "device"
+            spec = CATALOGUE.by_type[vector["header"]["type"]]
+            assert (spec.direction is Direction.DEVICE) is not sent_by_device
+        else:
+            assert said[-1] == vector["rejected"], vector["name"]
+
+
+@pytest.mark.parametrize("block", [1, 2, 7, 1000])
+def test_c_gives_the_events_of_the_stream_vectors(each_adapter: Adapter, block: int) -> None:
+    for vector in vectors("streams"):
+        length = len(vector["hex"]) // 2
+        cuts = ",".join(str(i) for i in range(block, length + block, block))
+        lines = each_adapter.ask("decode", [f"{cuts} {vector['hex']}"])
+        found = []
+        for line in lines[:-1]:
+            event, _, *said = line.split()
+            found.append(("frame", int(said[3]), int(said[4])) if event == "frame" else event)
+        wanted = [
+            ("frame", e["frame"]["type"], e["frame"]["seq"]) if "frame" in e else e["damage"]
+            for e in vector["events"]
+        ]
+        assert found == wanted, vector["name"]
+
+
+# ---- random messages --------------------------------------------------------------------------
+
+
+def test_c_reads_what_python_writes(adapter: Adapter) -> None:
+    rng, codec = random.Random(1), Codec()
+    batches: list[str] = []
+    wanted: list[str] = []
+    for _ in range(RANDOM_MESSAGES // 500):
+        batch = bytearray()
+        for _ in range(500):
+            spec = rng.choice(SPECS)
+            message = random_message(rng, spec)
+            type_id, payload = codec.encode(message)
+            node, seq, flags = rng.randrange(16), rng.randrange(256), rng.randrange(16)
+            t_us = rng.getrandbits(32)
+            batch += encode_frame(node, type_id, seq, t_us, payload, flags)
+            wanted.append(
+                f"frame {len(batch)} {PROTOCOL_VERSION} {flags} {node} {type_id} {seq} {t_us} "
+                f"{payload.hex()}{shown(spec, message)}"
+            )
+        batches.append(batch.hex())
+        wanted.append(". 500 0")
+    assert adapter.ask("decode", batches) == wanted
+
+
+def test_python_reads_what_c_writes(adapter: Adapter) -> None:
+    rng, codec, parser = random.Random(2), Codec(), UartParser()
+    wanted = []
+    questions = []
+    for _ in range(RANDOM_MESSAGES):
+        spec = rng.choice(SPECS)
+        message = random_message(rng, spec)
+        header = (rng.randrange(16), rng.randrange(16), rng.randrange(256), rng.getrandbits(32))
+        wanted.append((spec, header, message))
+        questions.append(" ".join(map(str, (spec.type_id, *header, *words(message)))))
+    stream = bytes.fromhex("".join(adapter.ask("encode", questions)))
+    found = parser.feed(stream)
+    assert parser.damaged == 0
+    assert len(found) == RANDOM_MESSAGES
+    for frame, (spec, header, message) in zip(found, wanted, strict=True):
+        assert isinstance(frame, Frame)
+        assert (frame.node, frame.flags, frame.seq, frame.t_us) == header
+        assert codec.decode(spec, frame.payload) == message
+
+
+def test_c_writes_the_same_bytes_as_python(adapter: Adapter) -> None:
+    rng, codec = random.Random(3), Codec()
+    questions, wanted = [], []
+    for spec in SPECS * 20:
+        message = random_message(rng, spec)
+        _, payload = codec.encode(message)
+        questions.append(f"{spec.type_id} 3 0 9 77 {' '.join(words(message))}")
+        wanted.append("00" + encode_frame(3, spec.type_id, 9, 77, payload).hex())
+    assert adapter.ask("encode", questions) == wanted
+
+
+def test_c_allows_the_payload_lengths_that_python_allows(adapter: Adapter) -> None:
+    codec = Codec()
+    rng = random.Random(4)
+    for spec in SPECS:
+        sizes = sorted({*range(spec.layout.size + 3), 40, 240, 241})
+        payloads = [rng.randbytes(size) for size in sizes]
+        answers = adapter.ask("payload", [f"{spec.type_id} {p.hex() or '-'}" for p in payloads])
+        for payload, answer in zip(payloads, answers, strict=True):
+            try:
+                codec.decode(spec, payload)
+            except Exception:  # noqa: BLE001 - whatever Python says no to
+                assert answer == "no", (spec.name, len(payload))
+            else:
+                kept = payload if spec.text_field else payload[: spec.layout.size]
+                assert answer == f"ok {kept.hex()}", (spec.name, len(payload))
+
+
+def test_c_does_not_write_beyond_what_a_frame_holds(adapter: Adapter) -> None:
+    size = CATALOGUE.by_name["log_text"].layout.size
+    fits, beyond = "61" * (241 - size), "61" * (242 - size)
+    answers = adapter.ask("encode", [f"29 1 0 0 0 1 {fits}", f"29 1 0 0 0 1 {beyond}"])
+    assert [len(a) // 2 for a in answers] == [256, 0]
+
+
+# ---- damaged streams --------------------------------------------------------------------------
+
+
+def damaged_stream(rng: random.Random) -> bytes:
+    """Frames, some hurt, with and without leading zeros, noise and overlong stretches."""
+    out = bytearray()
+    codec = Codec()
+    for _ in range(rng.randrange(1, 12)):
+        match rng.randrange(12):
+            case 0:
+                out += rng.randbytes(rng.randrange(30))
+            case 1:
+                stretch = rng.choice((250, 252, 253, 254, 255, 256, 300, 700))
+                out += bytes(rng.randrange(1, 256) for _ in range(stretch))
+            case 2:
+                out += bytes(rng.randrange(1, 5))
+            case _:
+                type_id, payload = codec.encode(random_message(rng, rng.choice(SPECS)))
+                frame = bytearray(encode_frame(1, type_id, rng.randrange(256), 5, payload))
+                match rng.randrange(6):
+                    case 0:
+                        frame[rng.randrange(len(frame))] ^= 1 << rng.randrange(8)
+                    case 1:
+                        del frame[rng.randrange(len(frame)) :]
+                    case 2:
+                        at = rng.randrange(len(frame))
+                        frame[at:at] = rng.randbytes(rng.randrange(1, 300))
+                    case _:
+                        pass
+                out += bytes(rng.randrange(2)) + frame
+    return bytes(out) + b"\0"  # the adapter's parser starts each line anew
+
+
+def test_c_finds_what_the_python_parser_finds(each_adapter: Adapter) -> None:
+    rng = random.Random(5)
+    streams = [damaged_stream(rng) for _ in range(STREAMS)]
+    questions = []
+    for stream in streams:
+        cuts = sorted(rng.randrange(1, len(stream) + 1) for _ in range(rng.randrange(9)))
+        questions.append(",".join(map(str, [*cuts, len(stream)])) + " " + stream.hex())
+    lines = iter(each_adapter.ask("decode", questions))
+    damages = 0
+    for stream in streams:
+        parser = UartParser()
+        for item in parser.feed(stream):
+            said = next(lines).split()
+            if isinstance(item, DamagedFrame):
+                assert said == [item.damage.value, str(item.offset + item.length + 1)]
+            else:
+                numbers = (item.version, item.flags, item.node, item.type_id, item.seq, item.t_us)
+                assert said[0] == "frame"
+                assert said[2:8] == [str(n) for n in numbers]
+                assert said[8] == (item.payload.hex() or "-")
+        damages += parser.damaged
+        assert next(lines) == f". {parser.frames} {parser.damaged}"
+    assert next(lines, None) is None
+    assert damages > STREAMS  # the streams were as bad as they should be
+
+
+# ---- CRC --------------------------------------------------------------------------------------
+
+
+def test_crc_by_software_and_by_the_unit_is_zlibs(adapter: Adapter) -> None:
+    rng = random.Random(6)
+    data = [b"123456789", *(rng.randbytes(n) for n in range(254))]
+    answers = adapter.ask("crc", [d.hex() or "-" for d in data])
+    for piece, answer in zip(data, answers, strict=True):
+        assert answer.split() == [str(zlib.crc32(piece))] * 3, len(piece)
+
+
+# ---- agreement --------------------------------------------------------------------------------
+
+
+def test_c_describes_every_message(adapter: Adapter) -> None:
+    asked = [(t, n) for t in range(0x80) for n in (0, 1, 2, 5, 11, 255)]
+    answers = adapter.ask("describe", [f"{t} {n}" for t, n in asked])
+    assert answers[0] == str(CATALOGUE.hash)
+    for (type_id, count), answer in zip(asked, answers[1:], strict=True):
+        spec = CATALOGUE.by_type.get(type_id)
+        direction = 0 if spec is None else 1 + (spec.direction is Direction.DEVICE)
+        reply = describe(CATALOGUE, Describe(type_id, count))
+        assert answer == " ".join(map(str, (*reply, direction)))
+
+
+def test_a_minimal_build_says_what_it_lacks(tmp_path: Path) -> None:
+    kept = Catalogue(s.cls for s in SPECS if s.bootstrap or s.name in MINIMAL)
+    assert kept.hash != CATALOGUE.hash
+    adapter = generate(tmp_path, built=kept).adapter(flags=("-DSP_MINIMAL",))
+    first, *answers = adapter.ask("describe", [f"{t} 3" for t in range(0x80)])
+    assert first == str(kept.hash)
+    for type_id, answer in enumerate(answers):
+        assert answer.split()[:4] == [str(v) for v in describe(kept, Describe(type_id, 3))]
+
+
+# ---- a search for what nobody thought of ------------------------------------------------------
+
+
+def test_the_fuzzer_finds_nothing(generated: Generated) -> None:
+    sources = [
+        generated.source,
+        generated.directory / "adapter_table.c",
+        C_TESTS / "adapter.c",
+        C_TESTS / "fuzz_wire.c",
+    ]
+    flags = ("-O1", "-g", "-fsanitize=fuzzer,address,undefined", "-Dmain=adapter_main")
+    fuzzer = generated.compile("fuzz_wire", sources, flags=flags)
+    corpus = generated.directory / "corpus"
+    corpus.mkdir()
+    for kind in (b"\0", b"\1"):
+        for index, vector in enumerate(vectors("messages") + vectors("streams")):
+            data = bytes.fromhex(vector["hex"] if kind == b"\0" else vector.get("payload", "00"))
+            (corpus / f"{kind[0]}-{index}").write_bytes(kind + data)
+    bounds = (f"-runs={FUZZ_RUNS}", f"-max_total_time={FUZZ_S}", "-max_len=600", "-seed=1")
+    run([fuzzer, *bounds, corpus], timeout_s=90)
+
+
+# ---- speed ------------------------------------------------------------------------------------
+
+
+def test_speed_on_this_machine(generated: Generated, capsys: pytest.CaptureFixture[str]) -> None:
+    """Reported, not judged: the machine is not ours."""
+    program = generated.adapter("adapter_fast", compiler="gcc", flags=("-O2",)).program
+    lines = run([program, "bench", "300000"]).decode().splitlines()
+    figures = dict(line.split() for line in lines)
+    assert set(figures) == {"encode", "decode"}
+    assert all(math.isfinite(float(v)) and float(v) > 0 for v in figures.values())
+    with capsys.disabled():
+        print(f"\nIMU frames a second in C, {tool('gcc')} -O2, nibble table: {figures}")  # noqa: T201 - the report

@@ -1,0 +1,90 @@
+"""A CAN bus in virtual time: one frame after the other, the lowest identifier first."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.can_frames import RECORD, CanFrame, frame_bits, from_record
+from support.hostile import Piece, Wire
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+BITRATE = 500_000
+
+
+class Bus:
+    """Arbitration and bit times; every node hears all frames but its own.
+
+    A node sends in the order of its requests, as a controller told to (bxCAN's TXFP) does.
+    """
+
+    def __init__(self, bitrate: int = BITRATE) -> None:
+        self._bitrate = bitrate
+        self._waiting: dict[str, list[CanFrame]] = {}
+        self._heard: dict[str, list[Piece]] = {}
+        self._free_us = 0.0
+        self.bits = 0
+        self.log: list[tuple[int, str, CanFrame]] = []
+        """When each frame was complete, and whose it was."""
+        self.spoil: Callable[[CanFrame], int] = lambda _frame: 1
+        """How often a frame arrives: 0 loses it, 2 doubles it."""
+
+    def join(self, node: str) -> None:
+        self._waiting.setdefault(node, [])
+        self._heard.setdefault(node, [])
+
+    def request(self, node: str, data: bytes, now_us: int) -> None:
+        """Queue frames for sending."""
+        self.run(now_us)
+        self._free_us = max(self._free_us, now_us)
+        for i in range(0, len(data), RECORD.size):
+            frame = from_record(data[i : i + RECORD.size])
+            assert frame is not None
+            self._waiting[node].append(frame)
+
+    def run(self, now_us: int) -> None:
+        """Send what is done by then."""
+        while True:
+            heads = [(queue[0].can_id, node) for node, queue in self._waiting.items() if queue]
+            if not heads:
+                return
+            _, sender = min(heads)
+            frame = self._waiting[sender][0]
+            bits = frame_bits(frame)
+            done_us = self._free_us + bits * 1e6 / self._bitrate
+            if done_us > now_us:
+                return
+            self._waiting[sender].pop(0)
+            self._free_us = done_us
+            self.bits += bits
+            self.log.append((int(done_us), sender, frame))
+            record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
+            for node, heard in self._heard.items():
+                if node != sender:
+                    heard += [Piece(int(done_us), record)] * self.spoil(frame)
+
+    def arrived(self, node: str, now_us: int) -> list[Piece]:
+        """What a node has heard since it was asked last."""
+        self.run(now_us)
+        heard, self._heard[node] = self._heard[node], []
+        return heard
+
+
+class BusWire(Wire):
+    """One node's sending and another's hearing, as a wire between the two."""
+
+    def __init__(self, bus: Bus, sender: str, hearer: str) -> None:
+        super().__init__()
+        self._bus, self._sender, self._hearer = bus, sender, hearer
+        bus.join(sender)
+        bus.join(hearer)
+
+    def push(self, data: bytes, now_us: int) -> None:
+        self._bus.request(self._sender, data, now_us)
+
+    def arrived(self, now_us: int) -> list[Piece]:
+        return self._bus.arrived(self._hearer, now_us)
+
+    def next_us(self) -> int | None:
+        return None

@@ -1,0 +1,190 @@
+"""Packet captures written by hand, and what tshark reads in them.
+
+The formats are those of the pcap and pcapng drafts (draft-ietf-opsawg-pcap, -pcapng); link
+types are LINKTYPE_USER0, _USER1 and _CAN_SOCKETCAN of tcpdump.org's registry.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import subprocess
+from typing import TYPE_CHECKING, NamedTuple
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from bridge.record.reader import LogReader
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+USER0 = 147
+"""One frame a packet, without delimiters."""
+USER1 = 148
+"""Bytes as they were read from the line."""
+SOCKETCAN = 227
+_EXTENDED = 0x8000_0000
+
+
+class Packet(NamedTuple):
+    """One record of a capture."""
+
+    data: bytes
+    t_us: int = 0
+    interface: int = 0
+    cut: int = 0
+    """Bytes at its end that the capture did not keep."""
+
+
+def write_pcap(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
+    """Write the old format: one link type, microseconds."""
+    with path.open("wb") as file:
+        file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 0x40000, link_type))
+        for packet in packets:
+            kept = packet.data[: len(packet.data) - packet.cut]
+            seconds, us = divmod(packet.t_us, 1_000_000)
+            file.write(struct.pack("<IIII", seconds, us, len(kept), len(packet.data)) + kept)
+
+
+def write_pcapng(path: Path, link_types: Iterable[int], packets: Iterable[Packet]) -> None:
+    """Write the new format: an interface for each link type, microseconds."""
+    with path.open("wb") as file:
+        file.write(_block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
+        for link_type in link_types:
+            file.write(_block(1, struct.pack("<HHI", link_type, 0, 0)))
+        for packet in packets:
+            size = len(packet.data)
+            high, low = packet.t_us >> 32, packet.t_us & 0xFFFF_FFFF
+            head = struct.pack("<IIIII", packet.interface, high, low, size, size)
+            file.write(_block(6, head + packet.data + bytes(-size % 4)))
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    length = struct.pack("<I", 12 + len(body))
+    return struct.pack("<I", kind) + length + body + length
+
+
+def socketcan(can_id: int, data: bytes, *, extended: bool = False) -> bytes:
+    """A classic CAN frame as LINKTYPE_CAN_SOCKETCAN has it: the identifier in network order."""
+    return struct.pack(">IBxxx", can_id | (_EXTENDED if extended else 0), len(data)) + data
+
+
+def line_of_log(path: Path) -> list[Packet]:
+    """Reads (interface 0) and writes (1) of the serial line, as a run's log has them."""
+    topics = ("/raw/uart/rx", "/raw/uart/tx")
+    return [
+        Packet(m.decoded.data, m.log_ns // 1000, topics.index(m.topic))
+        for m in LogReader(path).messages(topics)
+        if m.decoded.data
+    ]
+
+
+# ---- reading with tshark --------------------------------------------------------------------
+
+
+class Shown(NamedTuple):
+    """One line of the packet's tree."""
+
+    name: str
+    """For display filters."""
+    show: str
+    """The value, as a filter takes it."""
+    text: str
+    """The line that a person reads."""
+
+
+class Seen(NamedTuple):
+    """One frame of ours, as tshark dissected it."""
+
+    packet: int
+    """Number of the packet in the capture, from 1."""
+    text: str
+    lines: tuple[Shown, ...]
+
+    def get(self, name: str) -> str | None:
+        """Value of ``sweepctl.<name>``; None where the frame does not show it."""
+        values = [line.show for line in self.lines if line.name == f"sweepctl.{name}"]
+        assert len(values) <= 1, f"{name} is shown {len(values)} times"
+        return values[0] if values else None
+
+    def number(self, name: str) -> int:
+        """The same as an integer, decimal or hexadecimal."""
+        value = self.get(name)
+        assert value is not None, f"{name} is not shown: {self.lines}"
+        return int(value, 0)
+
+    def text_of(self, name: str) -> str:
+        """The line that a person reads of ``sweepctl.<name>``."""
+        (text,) = (line.text for line in self.lines if line.name == f"sweepctl.{name}")
+        return text
+
+    @property
+    def experts(self) -> set[str]:
+        """Names of the findings, without their prefix."""
+        return {line.name.removeprefix("sweepctl.") for line in self.lines if line.name in _FINDINGS}
+
+
+_FINDINGS = {
+    f"sweepctl.{name}"
+    for name in (
+        "bad_cobs",
+        "bad_length",
+        "bad_crc",
+        "bad_order",
+        "cut",
+        "other_version",
+        "unknown_type",
+        "payload_length",
+        "out_of_range",
+    )
+}
+_OURS = {"sweepctl", "sweepctl_can"}
+_HARMLESS = 'Running as user "root"'
+
+
+class Tshark:
+    """tshark with one Lua script and nobody's own settings."""
+
+    def __init__(self, script: Path, settings: Path) -> None:
+        program = shutil.which("tshark")
+        if program is None:
+            pytest.fail("tshark is not installed; the Debian package is tshark")
+        self._command = [program, "-n", "-X", f"lua_script:{script}"]
+        self._environment = {**os.environ, "WIRESHARK_CONFIG_DIR": str(settings)}
+
+    def run(self, capture: Path, *arguments: str) -> str:
+        """Standard output; whatever else tshark has to say is a failure."""
+        done = subprocess.run(
+            [*self._command, "-r", str(capture), *arguments],
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+        )
+        complaints = [x for x in done.stderr.splitlines() if x and not x.startswith(_HARMLESS)]
+        assert not complaints, complaints
+        assert done.returncode == 0
+        assert "Lua Error" not in done.stdout
+        return done.stdout
+
+    def dissect(self, capture: Path, *arguments: str) -> list[Seen]:
+        """Every frame of ours, in order; of several in one packet each by itself."""
+        root = ET.fromstring(self.run(capture, "-T", "pdml", *arguments))  # noqa: S314 - tshark's own
+        return [
+            Seen(number, node.get("showname") or node.get("show") or "", tuple(_lines(node)))
+            for number, packet in enumerate(root.iter("packet"), 1)
+            for node in packet.iter()
+            if node.get("name") in _OURS
+        ]
+
+
+def _lines(node: ET.Element) -> Iterator[Shown]:
+    for child in node:
+        name = child.get("name") or ""
+        if name not in _OURS:
+            yield Shown(name, child.get("show") or "", child.get("showname") or "")
+            yield from _lines(child)

@@ -1,0 +1,102 @@
+"""The protobuf text, read by protobuf's own compiler, against what logs are written with."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+from google.protobuf import descriptor_pool, json_format, message_factory
+from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+
+from bridge.record.schemas import device_encoders
+from bridge.telemetry import DeviceMessage
+from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.generate import render
+from protocol.messages import Imu, Range
+from support.peers import catalogue, longer
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def compiled(folder: Path, messages: Catalogue = CATALOGUE) -> FileDescriptorProto:
+    """What protoc makes of the text."""
+    protoc = shutil.which("protoc")
+    if protoc is None:
+        pytest.fail("protoc is missing; install the Debian package protobuf-compiler")
+    for name, text in render("proto", messages).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    out = folder / "descriptors.bin"
+    done = subprocess.run(
+        [protoc, f"-I{folder}", f"--descriptor_set_out={out}", "sweepctl.proto"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    (file,) = FileDescriptorSet.FromString(out.read_bytes()).file
+    return file
+
+
+def bare(file: FileDescriptorProto) -> dict[str, list[tuple[str, int, int, int]]]:
+    return {
+        m.name: sorted((f.name, f.number, f.type, f.label) for f in m.field)
+        for m in file.message_type
+    }
+
+
+@pytest.mark.parametrize(
+    "messages", [CATALOGUE, catalogue(less=[Range], more=[longer(Imu)])], ids=["ours", "another"]
+)
+def test_protoc_reads_the_descriptors_that_logs_are_written_with(
+    tmp_path: Path, messages: Catalogue
+) -> None:
+    file = compiled(tmp_path, messages)
+    logged: dict[str, list[tuple[str, int, int, int]]] = {}
+    for encoder in device_encoders(messages).values():
+        (one,) = FileDescriptorSet.FromString(encoder.layout.descriptor_set()).file
+        assert one.package == file.package
+        # proto2 is what a descriptor without a syntax means
+        assert one.syntax == "proto2"
+        assert file.syntax in {"", "proto2"}
+        logged.update(bare(one))
+    assert bare(file) == logged
+    assert len(logged) == len(messages.specs)
+
+
+def test_a_logged_message_reads_back_by_the_compiled_text(tmp_path: Path) -> None:
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(compiled(tmp_path))
+    reading = message_factory.GetMessageClass(pool.FindMessageTypeByName("sweepctl.Range"))
+    record = DeviceMessage(
+        log_ns=0,
+        publish_ns=None,
+        bound_ns=None,
+        node=3,
+        seq=0,
+        t_us=77,
+        name="range",
+        message=Range(1234, 255, 40, 2),
+    )
+    message = reading.FromString(device_encoders()["range"].encode(record))
+    values = json_format.MessageToDict(message, preserving_proto_field_name=True)
+    assert values == {
+        "t_us": 77,
+        "node": 3,
+        "ultrasonic": 1234,
+        "ultrasonic_m": pytest.approx(1.234),
+        "infrared_left": 255,  # nothing near: no distance beside it
+        "infrared_right": 40,
+        "infrared_right_m": pytest.approx(0.05),
+        "contacts": 2,
+    }
+
+
+def test_what_a_field_means_stands_beside_it() -> None:
+    text = render("proto")["sweepctl.proto"]
+    assert "// Front; 65535: no echo (1/1000 m a step)." in text
+    assert "// 0 idle, 1 velocity, 2 bringup, 3 onboard." in text
+    assert f"catalogue {CATALOGUE.hash:08x}" in text

@@ -1,0 +1,62 @@
+"""``sweepctl generate``: the wire's declaration in other languages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from protocol.generate import GENERATORS, PER_NODE
+
+
+@click.command("generate", epilog="Example:  sweepctl generate c --out firmware/wire")
+@click.argument("what", type=click.Choice(list(GENERATORS)))
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    help="Folder to write to; made where it does not exist.",
+)
+@click.option(
+    "--node",
+    type=click.IntRange(1, 15),
+    help="With dbc: the device's number on the bus; default 1.",
+)
+@click.option("--force", is_flag=True, help="Replace files that exist.")
+def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
+    r"""Write the wire's messages for another language, a tool, or people.
+
+    \b
+    c      header and source in C99, for firmware
+    dbc    CAN database, for cantools, SavvyCAN and others
+    lua    Wireshark dissector
+    proto  protobuf declarations of what a log holds
+    md     description for people: bytes, states, timing
+    """
+    from protocol.generate import render
+    from tools.console import complain
+
+    if node is not None and what not in PER_NODE:
+        raise click.UsageError("--node goes with dbc: only there does the text name a device")
+    options: dict[str, Any] = {}
+    if what == "md":
+        from tools.behaviour import wire_behaviour
+
+        options["behaviour"] = wire_behaviour()
+    files = render(what, node=node or 1, **options)
+    taken = [name for name in files if (out / name).exists()]
+    if taken and not force:
+        complain(f"{out / taken[0]} exists; --force replaces it")
+        return 2
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            path = out / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8", newline="\n")
+            click.echo(str(path))
+    except OSError as error:
+        complain(f"cannot write {error.filename or out}: {error.strerror}")
+        return 1
+    return 0
