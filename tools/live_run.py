@@ -106,15 +106,16 @@ def run_live(asked: LiveOptions) -> LiveResult:
     pump.watch = lambda: _log_failed(recorder)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
-    summary: dict[str, Any] | None = None
     try:
-        with _endings(pump), _picture(host, teller):
-            pump.run()
-        if host.poses:
-            host.record_map(clock.now())
-        summary = _summarise(host, asked)
+        with _endings(pump):  # the summary too is written whole
+            with _picture(host, teller):
+                pump.run()
+            if host.poses:
+                host.record_map(clock.now())
+            summary = _summarise(host, asked)
+            recorder.close(summary)
     finally:
-        recorder.close(summary)
+        recorder.close()
     return _result(host, asked, recorder, summary)
 
 

@@ -193,7 +193,7 @@ def sweeper(*, seed: int = 1, catalogue: Catalogue = CATALOGUE, node: int = 1) -
 class Ends:
     """Runs both ends and keeps watch: what the host sent, and whether the robot moves."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - two ends, two directions, two clocks
         self,
         host: HostEnd | SessionEnd,
         device: VirtualSweeper,

@@ -86,6 +86,9 @@ class Bench:
     def ping(self) -> None:
         self.send(TimeRequest(1))
 
+    def cause(self) -> StopCause:
+        return self.firmware.latch.cause
+
     @property
     def speed(self) -> float:
         return abs(self.device.truth.v_m_s)
@@ -169,9 +172,9 @@ def test_frames_for_another_node_are_not_obeyed_nor_count_as_a_host() -> None:
     bench.send(Stop(9, StopCause.OPERATOR), node=2)
     assert not bench.firmware.latch.latched
     bench.run(1.5, lambda: _ping_node(bench, 2))
-    assert bench.firmware.latch.cause is StopCause.LINK
+    assert bench.cause() is StopCause.LINK
     assert kinds(bench.send(Stop(9, StopCause.OPERATOR), node=0)) == ["Ack"]
-    assert bench.firmware.latch.cause is StopCause.OPERATOR
+    assert bench.cause() is StopCause.OPERATOR
 
 
 def _ping_node(bench: Bench, node: int) -> None:
@@ -309,6 +312,20 @@ def test_setpoints_while_latched_or_idle_are_nothing() -> None:
     bench.run(0.5, bench.ping)  # in velocity mode, but none since
     assert bench.speed < REST_M_S
     assert bench.device.truth.path_m < 0.001
+
+
+def test_the_latch_alone_holds_the_wheels() -> None:
+    """Whatever else a fault handler forgets to do."""
+    bench = Bench()
+    bench.free()
+    bench.run(0.5, bench.drive)
+    bench.firmware.latch.latch(StopCause.HARDWARE)
+    bench.run(RAMP_US / 1e6, bench.drive)
+    assert bench.firmware.mode is Mode.VELOCITY
+    assert bench.speed < REST_M_S
+    path = bench.device.truth.path_m
+    bench.run(0.5, bench.drive)
+    assert bench.device.truth.path_m == pytest.approx(path, abs=1e-4)
 
 
 def test_a_3_s_stall_and_its_burst_move_nothing() -> None:
