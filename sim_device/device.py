@@ -39,10 +39,12 @@ class VirtualSweeper:
         noise: str = "typical",
         node: int = 1,
         catalogue: Catalogue = CATALOGUE,
+        boot_id: int | None = None,
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
-        ``catalogue`` is what the firmware's version of the project declares.
+        ``catalogue`` is what the firmware's version of the project declares. Without a
+        ``boot_id`` it follows from the seed.
 
         Raises:
             FloorPlanError: the robot does not fit where it should start.
@@ -54,7 +56,9 @@ class VirtualSweeper:
         identity_rng, plant_rng, sensor_rng = np.random.default_rng(seed).spawn(3)
         self.plant = Plant(World(plan, model), model, level, plant_rng)
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
-        identity = Identity(node, identity_rng.bytes(12), int(identity_rng.integers(1, 1 << 32)))
+        identity = Identity(
+            node, identity_rng.bytes(12), boot_id or int(identity_rng.integers(1, 1 << 32))
+        )
         self._model, self._catalogue = model, catalogue
         self.firmware = Firmware(model, identity, self.sensors, catalogue)
         self._next_tick_us = 0

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +16,19 @@ if TYPE_CHECKING:
 NOISE_LEVELS = ("none", "paper", "typical", "harsh")
 PLANNERS = ("paper", "u-shape", "random")
 DEFAULT_PLANNER = "paper"
+
+
+class Seconds(click.FloatRange):
+    """A time in a range; "nan" is in none."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Read the number."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a time.", param, ctx)
+        return number
 
 
 def out_option(f: Callable[..., object]) -> Callable[..., object]:

@@ -152,7 +152,7 @@ class Operator:
 @example([("start", 0.7), ("cut to host", 1.2), ("calm", 3.0)], 0)
 @example([("start", 0.7), ("hold", 0.95), ("restart host", 0.3), ("hold to device", 0.95)], 1)
 @example([("start", 0.3), ("reboot device", 0.3), ("start", 0.3), ("storm", 3.0)], 2)
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_nothing_moves_that_should_not(plan: list[tuple[str, float]], seed: int) -> None:
     host = session_end()
     storm = Storm(host, seed)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @click.option(
     "--max-time",
     "max_time_s",
-    type=click.FloatRange(1.0, 1e6),
+    type=options.Seconds(1.0, 1e6),
     default=3600.0,
     show_default=True,
     help="End a run that takes longer, in simulated seconds.",
@@ -96,9 +96,9 @@ def command(  # noqa: PLR0913 - one parameter per option
                 )
             summary = summarise(run, plan, planner, seed, str(path))
             writer.close(summary)
+            print_summary(summary, as_json=as_json)
     finally:
         writer.close()
-    print_summary(summary, as_json=as_json)
     ending = run.host.mission.ending
     return ending.exit_status if ending else 1
 
@@ -120,6 +120,7 @@ def _interruptible() -> Iterator[Callable[[], Ending | None]]:
         number: signal.signal(number, lambda received, _frame: asked.append(received))
         for number in (signal.SIGINT, signal.SIGTERM)
     }
+
     def ending() -> Ending | None:
         if not asked:
             return None
