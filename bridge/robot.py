@@ -127,7 +127,6 @@ class Robot:
             DisagreementError: it speaks another protocol.
 
         """
-
         self.model = model or RobotModel()
         self._name, self._baud, self._timeout_s = port, baud, timeout_s
         self._sink, self._node = sink or NullSink(), node

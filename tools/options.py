@@ -22,7 +22,10 @@ class Seconds(click.FloatRange):
     """A time in a range; "nan" is in none."""
 
     def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+        self,
+        value: Any,  # noqa: ANN401 - click's interface
+        param: click.Parameter | None,
+        ctx: click.Context | None,
     ) -> float:
         """Read the number."""
         number = super().convert(value, param, ctx)

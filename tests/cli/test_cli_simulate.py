@@ -93,14 +93,13 @@ def test_out_of_time(folder: Path) -> None:
 
 def test_default_logs_have_names_of_their_own(folder: Path) -> None:
     logs = [
-        sweepctl("simulate", "studio-flat", "--max-time", "1", "--json").json["log"]
-        for _ in range(3)
+        sweepctl("simulate", "empty", "--max-time", "1", "--json").json["log"] for _ in range(3)
     ]
     names = sorted((folder / "runs").iterdir())
     assert sorted(folder / log for log in logs) == names
     assert len(set(names)) == 3
     for name in names:
-        assert name.match("runs/20*T*Z-studio-flat*.mcap")
+        assert name.match("runs/20*T*Z-empty*.mcap")
         assert not LogReader(name).truncated
 
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.image import imread
-from support.synthetic_run import run_info, summary, synthetic_run
 
 from bridge.record.writer import RunWriter
 from bridge.view.screenshot import save_screenshot
+from support.synthetic_run import run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
     from pathlib import Path

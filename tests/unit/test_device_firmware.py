@@ -227,11 +227,22 @@ def test_describe_answers_for_what_it_does_not_know() -> None:
 
 def test_time_requests_are_stamped_twice() -> None:
     bench = Bench()
-    bench.run(0.123)
+    bench.join()
+    bench.run(0.12)
     (reply,) = bench.send(TimeRequest(42))
     assert isinstance(reply, TimeReply)
     assert reply.ping == 42
     assert reply.received_us == bench.now_us
+
+
+def test_a_host_of_no_session_is_told_who_this_is_at_most_ten_times_a_second() -> None:
+    bench = Bench()
+    bench.run(0.5)
+    told = [m for _ in range(50) for m in (*bench.send(TimeRequest(1)), *bench.run(0.01))]
+    hellos = [m for m in told if isinstance(m, Hello)]
+    assert not [m for m in told if isinstance(m, TimeReply)]
+    assert 4 <= len(hellos) <= 6
+    assert all(m.session_id == 0 for m in hellos)
 
 
 # ---- the safety chain, at the device ----------------------------------------------------
