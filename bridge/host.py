@@ -126,8 +126,9 @@ class Host:
         self._planner_state: PlannerState | None = None
         self._faults = DeviceFault(0)
         self._stop_cause = -1
-        self._trouble = ""
         self._other_host = False
+        self._missing: list[str] = []
+        """What driving needs and the device does not share."""
 
     # ---- in and out -----------------------------------------------------------------------
 
@@ -280,12 +281,14 @@ class Host:
             self.estimator = PoseEstimator(self.model, self.estimator.pose)
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
-        missing = missing_needs(event.differences)
-        if missing and self.mission.runner is not None:
-            text = f"the device cannot be driven: it lacks {', '.join(missing)}"
-            self.mission.on_failed(text, 4, now_ns / 1e9)
-            return
+        self._missing = missing_needs(event.differences)
         self.mission.on_ready(now_ns / 1e9)
+        self._check_needs(now_ns)
+
+    def _check_needs(self, now_ns: HostNs) -> None:
+        if self._missing and self.mission.runner is not None and self.mission.ending is None:
+            text = f"the device cannot be driven: it lacks {', '.join(self._missing)}"
+            self.mission.request_end(Ending("fault", text, 4), now_ns / 1e9)
 
     def _ping(self, event: Ping, now_ns: HostNs) -> None:
         received, replied = self.sync.extend(event.received_us), self.sync.extend(event.replied_us)
@@ -350,6 +353,7 @@ class Host:
             self._stop_cause = status.stop_cause
             name = label(StopCause, status.stop_cause)
             self.event(now_ns, Severity.INFO, "safety", "latch", f"stop cause is now {name}")
+        self._check_needs(now_ns)
         self.mission.on_status(status, now_ns / 1e9)
 
     # ---- control --------------------------------------------------------------------------

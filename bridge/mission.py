@@ -117,6 +117,8 @@ class Mission:
         self._max_time_s = max_time_s
         self._settle_s = settle_s
         self._since_s = 0.0
+        self._asked_s: float | None = None
+        """Since when there is a plan that waits for the device's status."""
         self._ready = False
         self._was_ready = False
         self._requests: list[Request] = []
@@ -217,8 +219,7 @@ class Mission:
         elapsed_s = now_s - self._since_s
         match self.phase:
             case Phase.WAITING:
-                if self.runner is not None and self._ready and elapsed_s > DATA_TIMEOUT_S:
-                    self._end(now_s, Ending("fault", "no status from the device", 3))
+                self._wait(now_s)
             case Phase.SETTLING:
                 return self._settle(elapsed_s, obs, stale, now_s)
             case Phase.DRIVING:
@@ -234,6 +235,14 @@ class Mission:
             case _:
                 pass
         return None
+
+    def _wait(self, now_s: float) -> None:
+        if self.runner is None or not self._ready:
+            return
+        if self._asked_s is None:
+            self._asked_s = now_s
+        elif now_s - self._asked_s > DATA_TIMEOUT_S:
+            self._end(now_s, Ending("fault", "no status from the device", 3))
 
     def _settle(
         self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
@@ -275,6 +284,7 @@ class Mission:
     def _go(self, phase: Phase, now_s: float) -> None:
         self.phase = phase
         self._since_s = now_s
+        self._asked_s = None
 
     def _start(self, cause: int, now_s: float) -> None:
         if cause == StopCause.NONE:

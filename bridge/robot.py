@@ -13,6 +13,7 @@ velocity that is not repeated within half a second is let go.
 
 from __future__ import annotations
 
+import math
 import secrets
 import threading
 from typing import TYPE_CHECKING, Generic, Self, TypeVar
@@ -31,6 +32,7 @@ from bridge.io import clock
 from bridge.io.ports import DEFAULT_BAUD, link_of, open_port
 from bridge.io.pump import Pump
 from bridge.mission import Ending, Mission, Phase
+from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
@@ -43,7 +45,6 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from bridge.io.ports import BytePort
-    from bridge.motion.geometry import Pose2
     from bridge.record.sink import Sink
     from protocol.message import Message
 
@@ -57,14 +58,14 @@ T = TypeVar("T", bound="Message")
 class Latest(Generic[T]):
     """The newest message of one kind."""
 
-    def __init__(self, host: Host, kind: type[T]) -> None:
-        self._host = host
+    def __init__(self, robot: Robot, kind: type[T]) -> None:
+        self._robot = robot
         self._kind = kind
 
     @property
     def latest(self) -> T | None:
         """The message, or None before the first of this session."""
-        value = getattr(self._host.state, self._kind.__name__.lower())
+        value = getattr(self._robot.host.state, self._kind.__name__.lower())
         return value if isinstance(value, self._kind) else None
 
 
@@ -89,12 +90,14 @@ class ManualDrive:
         """The velocity for this control step."""
         told = self._told
         if told is None:
+            self.target = HALT
             return HALT
         since_s, command = told
         if since_s < 0.0:
             self._told = (obs.time_s, command)
         elif obs.time_s - since_s > LET_GO_S:
             self._told = None
+            self.target = HALT
             return HALT
         self.target = command
         return command
@@ -125,38 +128,47 @@ class Robot:
             DisagreementError: it speaks another protocol.
 
         """
+        self.model = model or RobotModel()
+        self._name, self._baud, self._timeout_s = port, baud, timeout_s
+        self._sink, self._node = sink or NullSink(), node
+        self._closed = False
+        self.imu = Latest(self, Imu)
+        self.encoders = Latest(self, Encoders)
+        self.range = Latest(self, Range)
+        self.power = Latest(self, Power)
+        self.status = Latest(self, Status)
+        self._begin(Pose2(0.0, 0.0, 0.0))
 
-        def reopen() -> BytePort:
-            return open_port(port, baud=baud)
-
+    def _begin(self, start: Pose2) -> None:
+        """Open the port and agree; the robot stands at ``start``."""
         self._drive = ManualDrive()
         self._mission = Mission(None)
-        self._host = Host(
-            model or RobotModel(),
-            sink or NullSink(),
-            HostOptions(clock.unix_offset_ns(), "manual", node=node, link=link_of(port)),
+        self.host = Host(
+            self.model,
+            self._sink,
+            HostOptions(
+                clock.unix_offset_ns(), "manual", start, self._node, link_of(self._name)
+            ),
             self._mission,
             lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
         )
-        self._pump = Pump(self._host, reopen(), reopen)
+        self._pump = Pump(self.host, self._open_port(), self._open_port)
         self._thread = threading.Thread(target=self._pump.run, name="robot", daemon=True)
-        self.imu = Latest(self._host, Imu)
-        self.encoders = Latest(self._host, Encoders)
-        self.range = Latest(self._host, Range)
-        self.power = Latest(self._host, Power)
-        self.status = Latest(self._host, Status)
         self._thread.start()
-        if not self._until(lambda: self._host.session.state is State.READY, timeout_s):
+        if not self._until(lambda: self.host.session.state is State.READY, self._timeout_s):
             ending = self._mission.ending
-            self.close()
-            text = ending.reason if ending else f"no agreement within {timeout_s:g} s"
+            self._end(Ending("stopped", "no agreement", 0))
+            text = ending.reason if ending else f"no agreement within {self._timeout_s:g} s"
             kind = DisagreementError if ending and ending.exit_status == 4 else NoDeviceError  # noqa: PLR2004 - the contract's status
-            raise kind(f"{port}: {text}")
+            raise kind(f"{self._name}: {text}")
+
+    def _open_port(self) -> BytePort:
+        return open_port(self._name, baud=self._baud)
 
     @property
     def pose(self) -> Pose2:
         """Estimated pose, from where the robot stood as it was opened."""
-        return self._host.estimator.pose
+        return self.host.estimator.pose
 
     @property
     def enabled(self) -> bool:
@@ -166,14 +178,18 @@ class Robot:
     def enable(self, *, clear_stop: bool = False) -> None:
         """Ask the device for leave to move; takes about 3 s at rest for the gyro.
 
-        A stop that was latched for safety is cleared only with ``clear_stop``.
+        A stop that was latched for safety is cleared only with ``clear_stop``. Where a stop has
+        ended the session, the port is opened anew.
 
         Raises:
-            StoppedForSafetyError: such a stop is latched.
+            StoppedForSafetyError: such a stop is latched, or the robot is closed.
             CommandRejectedError: the device refused.
             DeviceLostError: it fell silent.
+            PortError: the port cannot be opened again, or nothing answers on it.
 
         """
+        if not self._thread.is_alive() and not self._closed:
+            self._begin(self.pose)
         self._pump.call(lambda: self._mission.start(self._drive, clear_stop=clear_stop))
         self._until(lambda: self.enabled or self._mission.ending is not None, ENABLE_TIMEOUT_S)
         if not self.enabled:
@@ -182,24 +198,41 @@ class Robot:
     def drive(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
         """Set the velocity; repeat it at least twice a second.
 
+        What is beyond the model's limits is taken as the limit.
+
         Raises:
+            ValueError: a velocity that is not finite.
             StoppedForSafetyError: the robot may not move (any more).
             DeviceLostError: it fell silent.
 
         """
         if not self.enabled:
             raise self._why()
-        self._drive.drive(VelocityCommand(v_m_s, yaw_rate_rad_s))
+        if not (math.isfinite(v_m_s) and math.isfinite(yaw_rate_rad_s)):
+            raise ValueError(f"not a velocity: {v_m_s} m/s, {yaw_rate_rad_s} rad/s")
+        command = VelocityCommand(
+            _limited(v_m_s, self.model.max_speed_m_s),
+            _limited(yaw_rate_rad_s, self.model.max_yaw_rate_rad_s),
+        )
+        # In the loop's thread, or a step between could take the older one for the newer.
+        self._pump.call(lambda: self._drive.drive(command))
 
     def stop(self) -> None:
-        """Stop and latch, cause ``operator``; :meth:`enable` then needs ``clear_stop``."""
-        self._pump.request_end(Ending("stopped", "stopped by the program", 5, StopCause.OPERATOR))
-        self._thread.join(timeout=OPEN_TIMEOUT_S)
+        """Stop and latch, cause ``operator``, and end the session: no data comes any more.
+
+        :meth:`enable` goes on, with ``clear_stop``.
+        """
+        self._end(Ending("stopped", "stopped by the program", 5, StopCause.OPERATOR))
 
     def close(self) -> None:
-        """Stop in order, and give the port back."""
-        self._pump.request_end(Ending("stopped", "closed by the program", 0))
-        self._thread.join(timeout=OPEN_TIMEOUT_S)
+        """Stop in order, and give the port back for good."""
+        self._closed = True
+        self._end(Ending("stopped", "closed by the program", 0))
+
+    def _end(self, ending: Ending) -> None:
+        if self._thread.is_alive():  # else its port is closed, and there is nothing to wake
+            self._pump.request_end(ending)
+            self._thread.join(timeout=OPEN_TIMEOUT_S)
 
     def __enter__(self) -> Self:
         return self
@@ -227,3 +260,7 @@ class Robot:
         if ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
             return CommandRejectedError("to move", ending.reason)
         return StoppedForSafetyError(ending.reason)
+
+
+def _limited(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

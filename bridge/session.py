@@ -211,6 +211,8 @@ class Session:
         self._settled_ns = None
         self._move("open", "opened")
         self.session_id = self._new_session_id()
+        # Replies name no session: ids that start anywhere are not those of an earlier host.
+        self.commands = CommandSender(self.session_id & 0xFFFF)
 
     def close(self) -> None:
         """End; says nothing to the device."""

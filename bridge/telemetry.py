@@ -137,7 +137,7 @@ class ClockRecord(NamedTuple):
 
 
 class CoverageRecord(NamedTuple):
-    """The swept map so far, as an occupancy grid."""
+    """The swept map so far, as an occupancy grid: 0 where the mouth went, -1 elsewhere."""
 
     log_ns: int
     cells: NDArray[np.int8]

@@ -126,7 +126,8 @@ def _check(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
     content = size - CRC.size
     register = np.full(count, zlib.crc32(bytes(content)), np.uint32)
     for column in range(content):
-        register ^= _EFFECTS[content - 1 - column].take(body[:, column])
+        # Bytes are never out of bounds; "wrap" spares looking for that, a third of the time.
+        register ^= _EFFECTS[content - 1 - column].take(body[:, column], mode="wrap")
     stored = np.ascontiguousarray(body[:, content:]).view("<u4").ravel()
     equal: NDArray[np.bool_] = register == stored
     return equal

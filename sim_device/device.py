@@ -50,11 +50,12 @@ class VirtualSweeper:
         node: int = 1,
         catalogue: Catalogue = CATALOGUE,
         link: type[LinkBase] = Link,
+        boot_id: int | None = None,
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
         ``catalogue`` is what the firmware's version of the project declares, ``link`` what the
-        device is connected by.
+        device is connected by. Without a ``boot_id`` it follows from the seed.
 
         Raises:
             FloorPlanError: the robot does not fit where it should start.
@@ -66,7 +67,7 @@ class VirtualSweeper:
         identity_rng, plant_rng, sensor_rng = np.random.default_rng(seed).spawn(3)
         self.plant = Plant(World(plan, model), model, level, plant_rng)
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
-        identity = Identity(node, identity_rng.bytes(12), _boot_id(identity_rng))
+        identity = Identity(node, identity_rng.bytes(12), boot_id or _boot_id(identity_rng))
         self._model, self._catalogue, self._link = model, catalogue, link
         self._identity_rng = identity_rng
         self._stored: dict[str, int] = {}

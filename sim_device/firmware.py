@@ -70,6 +70,7 @@ HELLO_TICKS = 100
 LOG_PERIOD_US = 100_000
 """At most ten log lines a second; what waits longer is dropped, oldest first."""
 LOG_WAITING = 16
+STRANGE_PERIOD_US = 100_000
 LOG_BYTES = 120
 """A line's length on the wire, whatever name a host gives itself."""
 POWER_TICKS, POWER_PHASE = 20, 5
@@ -142,6 +143,7 @@ class Firmware:
         self._commands = CommandLog()
         self._heard_us = 0
         self._stale = 0
+        self._strange_us = -STRANGE_PERIOD_US
         self._log: list[LogText] = []
         self._logged_us = -LOG_PERIOD_US
         self._supply_v = model.battery_v
@@ -176,6 +178,8 @@ class Firmware:
             self._open(message, now_us)
         extra_us = self._freshness.extra_delay_us(frame.t_us, now_us)
         match message:
+            case VelocitySetpoint() | TimeRequest() if not self.session_id:
+                self._strange(now_us)
             case VelocitySetpoint():
                 self._setpoint(message, extra_us, now_us)
             case WheelDuty():
@@ -214,6 +218,12 @@ class Firmware:
             codec.limit(spec.type_id, question.field_count if fewer else None)
 
     # ---- session --------------------------------------------------------------------------
+
+    def _strange(self, now_us: int) -> None:
+        """A host talks on in a session that we do not know: say at once who and which boot."""
+        if now_us - self._strange_us >= STRANGE_PERIOD_US:
+            self._strange_us = now_us
+            self._hello(now_us)
 
     def _open(self, hello: HostHello, now_us: int) -> None:
         if not hello.session_id:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections import deque
 from typing import TYPE_CHECKING
@@ -56,7 +57,8 @@ class Teller:
 
     def _tell(self, severity: Severity, text: str) -> None:
         if self._plain:
-            ERR.print(Text(text, style=_STYLES[severity]))
+            with contextlib.suppress(OSError):  # whoever read us has left; the run goes on
+                ERR.print(Text(text, style=_STYLES[severity]), soft_wrap=True)
         else:
             self.lines.append((severity, text))
 

@@ -117,15 +117,16 @@ def run_live(asked: LiveOptions) -> LiveResult:
     pump.watch = lambda: _log_failed(recorder)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
-    summary: dict[str, Any] | None = None
     try:
-        with _endings(pump), _picture(host, teller):
-            pump.run()
-        if host.poses:
-            host.record_map(clock.now())
-        summary = _summarise(host, asked)
+        with _endings(pump):  # the summary too is written whole
+            with _picture(host, teller):
+                pump.run()
+            if host.poses:
+                host.record_map(clock.now())
+            summary = _summarise(host, asked)
+            recorder.close(summary)
     finally:
-        recorder.close(summary)
+        recorder.close()
     return _result(host, asked, recorder, summary)
 
 
@@ -174,12 +175,16 @@ def _log_failed(recorder: ThreadedRecorder) -> Ending | None:
 def _endings(pump: Pump) -> Iterator[None]:
     """Turn signals and the stop key into an orderly end: the robot stops first."""
 
+    def request(ending: Ending) -> None:
+        if not pump.host.mission.done:  # else its port is closed, and there is nothing to wake
+            pump.request_end(ending)
+
     def interrupted(number: int, _frame: object) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        pump.request_end(Ending("stopped", f"ended by {name}", 0))
+        request(Ending("stopped", f"ended by {name}", 0))
 
     def stop_key() -> None:
-        pump.request_end(Ending("stopped", "stopped by the operator's key", 5, StopCause.OPERATOR))
+        request(Ending("stopped", "stopped by the operator's key", 5, StopCause.OPERATOR))
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     if sys.platform != "win32":

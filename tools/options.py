@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +16,22 @@ if TYPE_CHECKING:
 NOISE_LEVELS = ("none", "paper", "typical", "harsh")
 PLANNERS = ("paper", "u-shape", "random")
 DEFAULT_PLANNER = "paper"
+
+
+class Seconds(click.FloatRange):
+    """A time in a range; "nan" is in none."""
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's interface
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> float:
+        """Read the number."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a time.", param, ctx)
+        return number
 
 
 def out_option(f: Callable[..., object]) -> Callable[..., object]:
@@ -69,13 +86,23 @@ def seed_option(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def log_path(out: Path | None, name: str) -> Path:
-    """The log to write; a default one gets its folder."""
+    """The log to write; a default one gets its folder.
+
+    Raises:
+        LogWriteError: that folder cannot be made.
+
+    """
     if out is not None:
         return out
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")  # noqa: TID251 - names a file
     clean = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip("-.") or "run"
     path = Path("runs") / f"{stamp}-{clean}.mcap"
-    path.parent.mkdir(exist_ok=True)
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        from bridge.record.errors import LogWriteError
+
+        raise LogWriteError(path, error.strerror or str(error)) from None
     while path.exists():  # two runs in one second
         path = path.with_name(f"{stamp}-{clean}-{secrets.token_hex(2)}.mcap")
     return path

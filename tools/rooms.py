@@ -38,5 +38,5 @@ def load_room(room: str) -> FloorPlan:
         raise FloorPlanError(f"room {room} is not UTF-8 text") from None
     try:
         return parse_floorplan(text, default_name=path.stem)
-    except FloorPlanError as error:
+    except (ValueError, OverflowError) as error:  # also a number of hundreds of digits
         raise FloorPlanError(f"room {room}: {error}") from None

@@ -55,6 +55,14 @@ def cli() -> None:
 
 def run(arguments: list[str] | None = None) -> int:
     """Run the command line; its exit status."""
+    try:
+        return _run(sys.argv[1:] if arguments is None else arguments)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("sweepctl: interrupted before anything was started", err=True)
+        return 0
+
+
+def _run(arguments: list[str]) -> int:
     from bridge.coverage.floorplan import FloorPlanError
     from bridge.errors import BridgeError
     from tools.console import complain
@@ -62,15 +70,18 @@ def run(arguments: list[str] | None = None) -> int:
     try:
         result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)
     except click.ClickException as error:
-        error.show()
+        text = _usage_text(error)
+        if text is None:
+            error.show()
+            return error.exit_code
+        complain(text)
+        if "--json" in arguments:
+            _print_failure(text, error.exit_code)
         return error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        complain("interrupted before anything was started")
-        return 0
     except (FloorPlanError, BridgeError) as error:
         status = error.exit_status if isinstance(error, BridgeError) else 2
         complain(str(error))
-        if "--json" in (sys.argv if arguments is None else arguments):
+        if "--json" in arguments:
             _print_failure(str(error), status)
         return status
     except BrokenPipeError:
@@ -78,6 +89,15 @@ def run(arguments: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return result if isinstance(result, int) else 0
+
+
+def _usage_text(error: click.ClickException) -> str | None:
+    """What is wrong with the command line and where to read on; None: there is no command."""
+    text = error.format_message()
+    if "\n" in text:  # the whole help
+        return None
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    return f"{text} (see {context.command_path} --help)" if context else text
 
 
 def _print_failure(text: str, status: int) -> None:

@@ -93,11 +93,11 @@ def viewer_command(file: Path, *, serve_web: bool) -> list[str]:
         ViewerMissingError: Rerun is not installed, or without its viewer.
 
     """
-    command = [str(_viewer_program()), str(file), "--bind", _LOOPBACK, "--new"]
+    command = [str(viewer_program()), str(file), "--bind", _LOOPBACK, "--new"]
     return [*command, "--serve-web"] if serve_web else [*command, "--hide-welcome-screen"]
 
 
-def _viewer_program() -> Path:
+def viewer_program() -> Path:
     """The program itself: started through Python its exit status is lost."""
     spec = importlib.util.find_spec("rerun_cli")
     if spec is not None and spec.origin is not None:

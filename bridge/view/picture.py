@@ -8,6 +8,7 @@ import numpy as np
 
 from bridge.coverage.metrics import CoverageMeter
 from bridge.errors import BridgeError
+from bridge.record.errors import LogWriteError
 from bridge.view.run_track import load_track
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def draw_run(log: Path, png: Path) -> Path:
 
     Raises:
         LogReadError: the log cannot be read.
+        LogWriteError: the picture cannot be written.
         PlotMissingError: matplotlib is not installed.
 
     """
@@ -62,8 +64,11 @@ def draw_run(log: Path, png: Path) -> Path:
         frameon=False,
         fontsize=9,
     )
-    png.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(png)
+    try:
+        png.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(png, format="png")  # whatever the file is called
+    except OSError as error:
+        raise LogWriteError(png, error.strerror or str(error)) from None
     return png
 
 

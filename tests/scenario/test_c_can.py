@@ -77,10 +77,9 @@ def test_c_sends_the_frames_that_python_sends(adapter: Adapter) -> None:
 def test_python_understands_what_c_sends(adapter: Adapter) -> None:
     imu = Imu(1, -2, 16384, 300, -4, 5, -6)
     messages = [Sync(0), imu, Encoders(7, 65535), LogText(1, "a line of some length"), imu]
+    types = [CATALOGUE.spec(type(m)).type_id for m in messages]
     questions = [
-        " ".join(
-            map(str, (CATALOGUE.spec(type(m)).type_id, NODE, 0, 1_000_000 + 160 * i, *words(m)))
-        )  # fmt: skip  # noqa: E501 - one line reads best
+        " ".join(map(str, (types[i], NODE, 0, 1_000_000 + 160 * i, *words(m))))
         for i, m in enumerate(messages)
     ]
     link = CanLink(Direction.HOST)

@@ -169,10 +169,21 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def device(program: Path) -> Iterator[Device]:
-    device = Device(program)
-    yield device
-    assert device.close() == 0
+def launch() -> Iterator[Callable[[Path], Device]]:
+    """Start a program; it must end well when its input does."""
+    devices: list[Device] = []
+
+    def start(program: Path) -> Device:
+        devices.append(Device(program))
+        return devices[-1]
+
+    yield start
+    assert [d.close() for d in devices] == [0] * len(devices)
+
+
+@pytest.fixture
+def device(program: Path, launch: Callable[[Path], Device]) -> Device:
+    return launch(program)
 
 
 def test_it_says_hello_once_a_second_until_a_host_agrees(device: Device) -> None:
@@ -294,8 +305,7 @@ def test_what_it_does_not_do_is_refused(device: Device) -> None:
     assert bench.outcome() == (False, NackReason.UNSUPPORTED)
 
 
-def test_it_agrees_and_obeys_on_a_bad_line(program: Path) -> None:
-    device = Device(program)
+def test_it_agrees_and_obeys_on_a_bad_line(device: Device) -> None:
     rng = random.Random(9)
 
     def bad() -> Wire:
@@ -312,11 +322,12 @@ def test_it_agrees_and_obeys_on_a_bad_line(program: Path) -> None:
     bench.session.stop(StopCause.OPERATOR, bench.now_ns)
     assert bench.run(1.0, lambda: device.drive == (0.0, 0.0))
     assert bench.session.link.statistics.damaged > 0
-    assert device.close() == 0
 
 
-def test_a_minimal_build_agrees_message_by_message(tmp_path: Path) -> None:
-    device = Device(build(tmp_path, "-DSP_MINIMAL", "-DSP_WITH_POWER=0"))
+def test_a_minimal_build_agrees_message_by_message(
+    tmp_path: Path, launch: Callable[[Path], Device]
+) -> None:
+    device = launch(build(tmp_path, "-DSP_MINIMAL", "-DSP_WITH_POWER=0"))
     bench = Bench(device)
     bench.open()
     missing = {d.spec.name for d in bench.of(Agreed)[-1].differences}
@@ -325,4 +336,3 @@ def test_a_minimal_build_agrees_message_by_message(tmp_path: Path) -> None:
     bench.start()
     bench.drive(0.2)
     assert bench.run(0.2, lambda: device.drive[0] > 0)
-    assert device.close() == 0

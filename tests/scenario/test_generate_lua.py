@@ -296,7 +296,9 @@ def test_garbage_never_upsets_it(tshark: Tshark, tmp_path: Path) -> None:
         data = bytearray(rng.choice(frames) if rng.random() < 0.7 else rng.randbytes(300))
         for _ in range(rng.randrange(4)):
             data[rng.randrange(len(data))] = rng.randrange(256)
-        garbage.append(Packet(bytes(data[rng.randrange(2) : rng.randrange(2, len(data) + 1)])))
+        whole = rng.random() < 0.5
+        cut = slice(None) if whole else slice(rng.randrange(2), rng.randrange(2, len(data)))
+        garbage.append(Packet(bytes(data[cut])))
     garbage += [Packet(bytes(n)) for n in range(4)]
     for link_type in (USER0, USER1):
         write_pcap(tmp_path / "noise.pcap", link_type, garbage)
@@ -332,6 +334,11 @@ def test_a_run_s_log_shows_the_frames_that_went_over_its_line(
     assert [s for s in seen if s.get("damage")] == []
     by_direction = [s.get("direction") for s in seen]
     assert (by_direction.count("device to host"), by_direction.count("host to device")) == counts
+    packets = line_of_log(path)
+    assert {(packets[s.packet - 1].interface, s.get("direction")) for s in seen} == {
+        (0, "device to host"),
+        (1, "host to device"),
+    }
 
 
 def record_line(path: Path, rng: random.Random) -> tuple[int, int]:
@@ -351,7 +358,7 @@ def record_line(path: Path, rng: random.Random) -> tuple[int, int]:
         while at < len(data):
             size = rng.randrange(1, 60)
             outgoing = direction is Direction.HOST
-            writer.write(RawBytes(outgoing, EPOCH_NS + at * 1000, data[at : at + size]))
+            writer.write(RawBytes(EPOCH_NS + at * 1000, outgoing, data[at : at + size]))
             at += size
         counts.append(len(made))
     writer.close(summary())

@@ -8,12 +8,14 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 from zlib import crc32
 
+import pytest
 from cobs import cobs
 
 from bridge.record.reader import LogReader
-from support.two_processes import Command, Emulator, PtyPeer, connect
+from support.two_processes import Command, Emulator, PtyPeer, Together, connect
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -24,7 +26,7 @@ def topics(path: Path) -> dict[str, int]:
     return counted
 
 
-def test_a_plan_over_a_pty_and_a_second_host_at_the_door(tmp_path: Path) -> None:
+def a_plan_over_a_pty_and_a_second_host_at_the_door(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     with Emulator(tmp_path) as device:
         arguments = ("--plan", "paper", "--duration", "6", "--json", "--out", log)
@@ -62,7 +64,7 @@ def test_a_plan_over_a_pty_and_a_second_host_at_the_door(tmp_path: Path) -> None
         assert ended.out == "", "nothing but the ready line on stdout"
 
 
-def test_ctrl_c_stops_the_robot_first_and_closes_the_log_whole(tmp_path: Path) -> None:
+def ctrl_c_stops_the_robot_first_and_closes_the_log_whole(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     with Emulator(tmp_path) as device:
         arguments = ("--plan", "paper", "--json", "--out", log)
@@ -78,19 +80,15 @@ def test_ctrl_c_stops_the_robot_first_and_closes_the_log_whole(tmp_path: Path) -
         assert reader.problems == []
         kinds = [m.decoded for m in reader.messages(["/events"])]
         assert any("Ctrl-C" in str(event) for event in kinds)
-        # Another one finds an orderly end, which a motion command may clear by itself.
-        with Command("connect", device.port, *arguments, "--force", cwd=tmp_path) as host:
-            host.says("run is driving")
-            host.send(signal.SIGTERM)
-            assert host.end().status == 0
 
 
 def _version_2() -> bytes:
     body = bytes([2 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
-    return b"\0" + cobs.encode(body + crc32(body).to_bytes(4, "little")) + b"\0"
+    encoded: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
+    return b"\0" + encoded + b"\0"
 
 
-def test_ports_that_are_no_sweeper(tmp_path: Path) -> None:
+def ports_that_are_no_sweeper(tmp_path: Path) -> None:
     rng = random.Random(1)
     peers = {
         "silent": PtyPeer(lambda: b""),
@@ -117,6 +115,24 @@ def test_ports_that_are_no_sweeper(tmp_path: Path) -> None:
         assert peers[name].port in end.complaint
         assert end.json["outcome"] == "fault"
         assert not LogReader(tmp_path / f"{name}.mcap").truncated
+
+
+SCENARIOS = (
+    a_plan_over_a_pty_and_a_second_host_at_the_door,
+    ctrl_c_stops_the_robot_first_and_closes_the_log_whole,
+    ports_that_are_no_sweeper,
+)
+
+
+@pytest.fixture(scope="module", name="together")
+def _together(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Together]:
+    with Together(SCENARIOS, tmp_path_factory.mktemp("connect")) as together:
+        yield together
+
+
+@pytest.mark.parametrize("scenario", [s.__name__ for s in SCENARIOS])
+def test_a_real_pty(scenario: str, together: Together) -> None:
+    together.result(scenario)
 
 
 def test_a_port_that_does_not_exist(tmp_path: Path) -> None:

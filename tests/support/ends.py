@@ -204,7 +204,7 @@ def sweeper(
 class Ends:
     """Runs both ends and keeps watch: what the host sent, and whether the robot moves."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - two ends, two directions, two clocks
         self,
         host: HostEnd | SessionEnd,
         device: VirtualSweeper,

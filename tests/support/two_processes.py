@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
+import pty
 import select
 import signal
 import subprocess
 import sys
 import threading
+import tty
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from bridge.record.reader import LogReader
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from types import TracebackType
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,7 +79,9 @@ class Command:
         """Wait until a line on stderr holds ``text``."""
         with self._said:
             found = self._said.wait_for(
-                lambda: any(text in line for line in self._lines) or self.process.poll() is not None,
+                lambda: (
+                    any(text in line for line in self._lines) or self.process.poll() is not None
+                ),
                 PATIENCE_S,
             )
             assert found, "".join(self._lines)
@@ -164,7 +170,7 @@ def truth(path: Path) -> list[Pose]:
 def last_motion_s(poses: list[Pose]) -> float:
     """When the robot was last seen to move."""
     last = -1.0
-    for before, after in zip(poses, poses[1:], strict=False):
+    for before, after in itertools.pairwise(poses):
         moved = abs(after.x_m - before.x_m) + abs(after.y_m - before.y_m)
         if moved > 1e-4 or abs(after.half_yaw - before.half_yaw) > 2e-4:
             last = after.at_s
@@ -176,9 +182,6 @@ class PtyPeer:
 
     def __init__(self, answer: Callable[[], bytes]) -> None:
         """``answer`` is asked about ten times a second what to write."""
-        import pty
-        import tty
-
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -212,3 +215,30 @@ class PtyPeer:
         self._thread.join()
         os.close(self._master)
         os.close(self._slave)
+
+
+class Together:
+    """Runs scenarios at the same time: they wait more than they work."""
+
+    def __init__(self, scenarios: Sequence[Callable[[Path], None]], folder: Path) -> None:
+        self._pool = ThreadPoolExecutor(len(scenarios))
+        self._futures: dict[str, Future[None]] = {}
+        for scenario in scenarios:
+            own = folder / scenario.__name__
+            own.mkdir()
+            self._futures[scenario.__name__] = self._pool.submit(scenario, own)
+
+    def result(self, name: str) -> None:
+        """Wait for one; raises what it raised."""
+        self._futures[name].result()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._pool.shutdown()

@@ -86,6 +86,9 @@ class Bench:
     def ping(self) -> None:
         self.send(TimeRequest(1))
 
+    def cause(self) -> StopCause:
+        return self.firmware.latch.cause
+
     @property
     def speed(self) -> float:
         return abs(self.device.truth.v_m_s)
@@ -171,9 +174,9 @@ def test_frames_for_another_node_are_not_obeyed_nor_count_as_a_host() -> None:
     bench.send(Stop(9, StopCause.OPERATOR), node=2)
     assert not bench.firmware.latch.latched
     bench.run(1.5, lambda: _ping_node(bench, 2))
-    assert bench.firmware.latch.cause is StopCause.LINK
+    assert bench.cause() is StopCause.LINK
     assert kinds(bench.send(Stop(9, StopCause.OPERATOR), node=0)) == ["Ack"]
-    assert bench.firmware.latch.cause is StopCause.OPERATOR
+    assert bench.cause() is StopCause.OPERATOR
 
 
 def _ping_node(bench: Bench, node: int) -> None:
@@ -226,11 +229,22 @@ def test_describe_answers_for_what_it_does_not_know() -> None:
 
 def test_time_requests_are_stamped_twice() -> None:
     bench = Bench()
-    bench.run(0.123)
+    bench.join()
+    bench.run(0.12)
     (reply,) = bench.send(TimeRequest(42))
     assert isinstance(reply, TimeReply)
     assert reply.ping == 42
     assert reply.received_us == bench.now_us
+
+
+def test_a_host_of_no_session_is_told_who_this_is_at_most_ten_times_a_second() -> None:
+    bench = Bench()
+    bench.run(0.5)
+    told = [m for _ in range(50) for m in (*bench.send(TimeRequest(1)), *bench.run(0.01))]
+    hellos = [m for m in told if isinstance(m, Hello)]
+    assert not [m for m in told if isinstance(m, TimeReply)]
+    assert 4 <= len(hellos) <= 6
+    assert all(m.session_id == 0 for m in hellos)
 
 
 # ---- the safety chain, at the device ----------------------------------------------------
@@ -311,6 +325,20 @@ def test_setpoints_while_latched_or_idle_are_nothing() -> None:
     bench.run(0.5, bench.ping)  # in velocity mode, but none since
     assert bench.speed < REST_M_S
     assert bench.device.truth.path_m < 0.001
+
+
+def test_the_latch_alone_holds_the_wheels() -> None:
+    """Whatever else a fault handler forgets to do."""
+    bench = Bench()
+    bench.free()
+    bench.run(0.5, bench.drive)
+    bench.firmware.latch.latch(StopCause.HARDWARE)
+    bench.run(RAMP_US / 1e6, bench.drive)
+    assert bench.firmware.mode is Mode.VELOCITY
+    assert bench.speed < REST_M_S
+    path = bench.device.truth.path_m
+    bench.run(0.5, bench.drive)
+    assert bench.device.truth.path_m == pytest.approx(path, abs=1e-4)
 
 
 def test_a_3_s_stall_and_its_burst_move_nothing() -> None:

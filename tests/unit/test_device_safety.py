@@ -56,7 +56,9 @@ def test_the_first_frame_is_the_measure() -> None:
     assert fresh.extra_delay_us(5_000_000, 100) == 0.0
     assert fresh.extra_delay_us(5_020_000, 20_100) == pytest.approx(0.0, abs=10.0)
     assert fresh.extra_delay_us(5_040_000, 340_100) == pytest.approx(300_000, abs=100)
-    assert fresh.extra_delay_us(5_360_000, 355_100) == 0.0, "quicker than the first: the new measure"
+    assert fresh.extra_delay_us(5_360_000, 355_100) == 0.0, (
+        "quicker than the first: the new measure"
+    )
     assert fresh.extra_delay_us(5_380_000, 380_100) == pytest.approx(5_000, abs=10)
 
 

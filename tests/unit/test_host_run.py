@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
-from bridge.host import Host
 from bridge.mission import Ending, Phase
 from bridge.session import State
 from bridge.telemetry import EventRecord, Record, Severity
@@ -22,11 +23,14 @@ from support.ends import (
     sweeper,
 )
 
+if TYPE_CHECKING:
+    from bridge.host import Host
+
 CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
 
 
-def started(**mission: bool | float) -> tuple[Ends, Host]:
-    host = spinning_host(**mission)
+def started() -> tuple[Ends, Host]:
+    host = spinning_host()
     ends = Ends(HostEnd(host), sweeper())
     ends.watch = lambda: check_safe(ends)
     assert ends.run(6.0, lambda: ends.moving), host.mission.phase
@@ -215,6 +219,17 @@ def test_a_killed_host_and_its_successor() -> None:
     ends.restart_host(HostEnd(third))
     assert ends.run(6.0, lambda: ends.moving)
     assert third.mission.phase is Phase.DRIVING
+
+
+@pytest.mark.parametrize("host_first_us", [200_000, 3_600_000_000])
+def test_a_successor_on_another_clock(host_first_us: int) -> None:
+    """What was late by the old host's clock says nothing about the new one's frames."""
+    ends, _ = started()
+    ends._host_first_us = host_first_us  # noqa: SLF001 - another machine, or it has rebooted
+    second = spinning_host(clear_stop=True)
+    ends.restart_host(HostEnd(second))
+    assert ends.run(6.0, lambda: second.mission.phase is Phase.DRIVING)
+    assert ends.run(1.0, lambda: ends.moving)
 
 
 def test_an_orderly_end_needs_no_clear_stop() -> None:

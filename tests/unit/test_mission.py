@@ -33,12 +33,36 @@ def planned(**options: bool | float) -> Mission:
     return Mission(PlanRunner(Spinning(MODEL), MODEL), **options)  # type: ignore[arg-type]  # by name
 
 
+def phase(mission: Mission) -> Phase:
+    return mission.phase
+
+
+def ended(mission: Mission) -> bool:
+    return mission.ending is not None
+
+
+def ending(mission: Mission) -> Ending:
+    assert mission.ending is not None
+    return mission.ending
+
+
 def status(cause: int = 0) -> Status:
     return Status(0, cause, 0, 0, 0)
 
 
 def seen(now_s: float) -> Observation:
-    return Observation(now_s, Pose2(0, 0, 0), 0.0, 0.0, None, None, None, False, False, False)
+    return Observation(
+        now_s,
+        pose=Pose2(0, 0, 0),
+        v_m_s=0.0,
+        yaw_rate_rad_s=0.0,
+        ultrasonic_m=None,
+        infrared_left_m=None,
+        infrared_right_m=None,
+        bumper_left=False,
+        bumper_right=False,
+        cliff=False,
+    )
 
 
 def driving(**options: bool | float) -> Mission:
@@ -48,7 +72,7 @@ def driving(**options: bool | float) -> Mission:
     mission.on_command(CLEARED, 0.2)
     mission.on_command(ENABLED, 0.3)
     mission.step(seen(3.0), None, 3.0)
-    assert mission.phase is Phase.DRIVING
+    assert phase(mission) is Phase.DRIVING
     mission.requests()
     return mission
 
@@ -69,9 +93,9 @@ def test_each_step_waits_for_the_one_before() -> None:
     mission.on_command(ENABLED, 0.5)
     assert mission.step(seen(0.6), None, 0.6) == HALT
     assert mission.step(seen(2.9), None, 0.5 + SETTLE_S - 0.01) == HALT
-    assert mission.phase is Phase.SETTLING
+    assert phase(mission) is Phase.SETTLING
     mission.step(seen(3.0), None, 0.5 + SETTLE_S)
-    assert mission.phase is Phase.DRIVING
+    assert phase(mission) is Phase.DRIVING
     assert mission.drive_started_s == 0.5 + SETTLE_S
     mission.step(seen(3.1), None, 3.1)
     command = mission.step(seen(3.2), None, 3.2)
@@ -84,10 +108,9 @@ def test_a_latched_stop_is_not_cleared_unasked(cause: StopCause) -> None:
     mission = planned()
     mission.on_ready(0.0)
     mission.on_status(status(cause), 0.1)
-    assert mission.ending is not None
-    assert (mission.ending.outcome, mission.ending.exit_status) == ("stopped", 5)
-    assert f"cause: {cause.name.lower()}" in mission.ending.reason
-    assert "--clear-stop" in mission.ending.reason
+    assert (ending(mission).outcome, ending(mission).exit_status) == ("stopped", 5)
+    assert f"cause: {cause.name.lower()}" in ending(mission).reason
+    assert "--clear-stop" in ending(mission).reason
     assert [r.kind for r in mission.requests()] == ["stop"]
     free = planned(clear_stop=True)
     free.on_ready(0.0)
@@ -98,9 +121,8 @@ def test_a_latched_stop_is_not_cleared_unasked(cause: StopCause) -> None:
 def test_a_stop_latched_meanwhile_ends_the_run() -> None:
     mission = driving()
     mission.on_status(status(StopCause.HARDWARE), 4.0)
-    assert mission.ending is not None
-    assert mission.ending.exit_status == 5
-    assert "hardware" in mission.ending.reason
+    assert ending(mission).exit_status == 5
+    assert "hardware" in ending(mission).reason
     assert mission.step(seen(4.1), None, 4.1) is None
 
 
@@ -119,21 +141,20 @@ def test_a_refused_clear_ends_the_run(
     mission.on_ready(0.0)
     mission.on_status(status(StopCause.SESSION_END), 0.1)
     mission.on_command(outcome, 0.5)
-    assert mission.ending is not None
-    assert (mission.ending.outcome, mission.ending.exit_status) == (ended, exit_status)
-    assert word in mission.ending.reason
+    assert (ending(mission).outcome, ending(mission).exit_status) == (ended, exit_status)
+    assert word in ending(mission).reason
 
 
 def test_no_status_is_no_reason_to_wait_for_ever() -> None:
     mission = planned()
     mission.step(None, "imu", 100.0)
-    assert mission.phase is Phase.WAITING, "before agreement the session keeps the time"
+    assert phase(mission) is Phase.WAITING, "before agreement the session keeps the time"
     mission.on_ready(100.0)
+    mission.step(None, "imu", 100.0)
     mission.step(None, "imu", 100.0 + DATA_TIMEOUT_S)
-    assert mission.ending is None
+    assert not ended(mission)
     mission.step(None, "imu", 100.1 + DATA_TIMEOUT_S)
-    assert mission.ending is not None
-    assert (mission.ending.outcome, mission.ending.exit_status) == ("fault", 3)
+    assert (ending(mission).outcome, ending(mission).exit_status) == ("fault", 3)
 
 
 def test_settling_without_data_ends() -> None:
@@ -143,17 +164,15 @@ def test_settling_without_data_ends() -> None:
     mission.on_command(ENABLED, 0.0)
     for tenth in range(200):
         mission.step(None, "imu", tenth / 10)
-    assert mission.ending is not None
-    assert mission.ending.reason.startswith("no imu data from the device")
-    assert mission.ending.exit_status == 5
-    assert mission.done
+    assert ending(mission).reason.startswith("no imu data from the device")
+    assert ending(mission).exit_status == 5
+    assert phase(mission) is Phase.DONE
 
 
 def test_driving_without_data_stops_at_once() -> None:
     mission = driving()
     assert mission.step(seen(4.0), "range", 4.0) == HALT
-    assert mission.ending is not None
-    assert "range" in mission.ending.reason
+    assert "range" in ending(mission).reason
     assert mission.requests() == [Request("stop", StopCause.SUPERVISE)]
 
 
@@ -162,10 +181,10 @@ def test_the_end_waits_for_the_devices_word() -> None:
     mission.request_end(Ending("stopped", "ended by Ctrl-C", 0), 4.0)
     assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
     assert mission.step(seen(4.1), None, 4.1) is None, "nothing is sent after the stop"
-    assert not mission.done
+    assert phase(mission) is not Phase.DONE
     mission.on_command(STOPPED, 4.2)
-    assert mission.done
-    assert mission.ending == Ending("stopped", "ended by Ctrl-C", 0)
+    assert phase(mission) is Phase.DONE
+    assert ending(mission) == Ending("stopped", "ended by Ctrl-C", 0)
     assert mission.drive_ended_s == 4.0
 
 
@@ -173,19 +192,17 @@ def test_but_not_for_ever_and_says_so() -> None:
     mission = driving()
     mission.request_end(Ending("stopped", "ended by Ctrl-C", 0), 4.0)
     mission.step(seen(4.9), None, 4.0 + END_TIMEOUT_S)
-    assert not mission.done
+    assert phase(mission) is not Phase.DONE
     mission.step(seen(5.1), None, 4.1 + END_TIMEOUT_S)
-    assert mission.done
-    assert mission.ending is not None
-    assert mission.ending.reason == "ended by Ctrl-C; the device did not confirm the stop"
+    assert phase(mission) is Phase.DONE
+    assert ending(mission).reason == "ended by Ctrl-C; the device did not confirm the stop"
 
 
 def test_a_second_end_changes_nothing() -> None:
     mission = driving()
     mission.request_end(Ending("stopped", "first", 0), 4.0)
     mission.request_end(Ending("fault", "second", 1), 4.1)
-    assert mission.ending is not None
-    assert mission.ending.reason == "first"
+    assert ending(mission).reason == "first"
     assert len(mission.requests()) == 1
 
 
@@ -194,19 +211,17 @@ def test_a_time_limit_ends_with_a_halt() -> None:
     mission.step(seen(11.9), None, 11.9)
     assert mission.step(seen(12.0), None, 12.0) != HALT
     assert mission.step(seen(13.1), None, 13.1) == HALT
-    assert mission.ending is not None
-    assert (mission.ending.outcome, mission.ending.exit_status) == ("timeout", 1)
+    assert (ending(mission).outcome, ending(mission).exit_status) == ("timeout", 1)
 
 
 def test_lost_and_back_never_drives_on() -> None:
     mission = driving()
     mission.on_lost(5.0)
-    assert mission.phase is Phase.HOLDING
+    assert phase(mission) is Phase.HOLDING
     assert mission.step(seen(5.1), None, 5.1) is None
     mission.on_ready(8.0)
-    assert mission.ending is not None
-    assert mission.ending.exit_status == 5
-    assert "lost and is back" in mission.ending.reason
+    assert ending(mission).exit_status == 5
+    assert "lost and is back" in ending(mission).reason
     assert [r.kind for r in mission.requests()] == ["stop"]
     mission.on_status(status(), 8.1)
     assert mission.step(seen(8.2), None, 8.2) is None
@@ -219,11 +234,10 @@ def test_lost_for_good_is_a_fault(watching: bool) -> None:  # noqa: FBT001 - two
     mission = mission if watching else driving()
     mission.on_lost(5.0)
     mission.step(None, None, 5.0 + LOST_TIMEOUT_S)
-    assert not mission.done
+    assert phase(mission) is not Phase.DONE
     mission.step(None, None, 5.1 + LOST_TIMEOUT_S)
-    assert mission.done
-    assert mission.ending is not None
-    assert (mission.ending.outcome, mission.ending.exit_status) == ("fault", 3)
+    assert phase(mission) is Phase.DONE
+    assert (ending(mission).outcome, ending(mission).exit_status) == ("fault", 3)
 
 
 def test_watching_goes_on_when_the_device_is_back() -> None:
@@ -232,14 +246,33 @@ def test_watching_goes_on_when_the_device_is_back() -> None:
     mission.on_status(status(StopCause.OPERATOR), 1.0)
     mission.on_lost(5.0)
     mission.on_ready(8.0)
-    assert mission.phase is Phase.WAITING
+    assert phase(mission) is Phase.WAITING
     mission.step(None, None, 1000.0)
-    assert mission.ending is None
+    assert not ended(mission)
     assert mission.requests() == []
 
 
 def test_a_failed_session_is_the_end() -> None:
     mission = planned()
     mission.on_failed("nothing was heard", 3, 3.0)
-    assert mission.done
-    assert mission.ending == Ending("fault", "nothing was heard", 3)
+    assert phase(mission) is Phase.DONE
+    assert ending(mission) == Ending("fault", "nothing was heard", 3)
+
+
+def test_a_plan_may_come_long_after_the_device() -> None:
+    mission = Mission(None)
+    mission.on_ready(0.0)
+    mission.step(None, None, 99.9)
+    mission.start(PlanRunner(Spinning(MODEL), MODEL))
+    mission.step(None, None, 100.0)
+    assert not ended(mission)
+    mission.on_status(status(StopCause.SESSION_END), 100.1)
+    assert mission.requests() == [Request("clear", StopCause.SESSION_END)]
+
+
+def test_a_clear_that_was_allowed_is_for_the_cause_that_was_seen() -> None:
+    mission = Mission(None)
+    mission.on_ready(0.0)
+    mission.start(PlanRunner(Spinning(MODEL), MODEL), clear_stop=True)
+    mission.on_status(status(StopCause.OPERATOR), 0.1)
+    assert mission.requests() == [Request("clear", StopCause.OPERATOR)]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from zlib import crc32
+
 import pytest
+from cobs import cobs
 
 from bridge.session import (
     AGREE_TIMEOUT_NS,
@@ -17,7 +20,7 @@ from bridge.session import (
     StateChanged,
 )
 from protocol.clock import HostNs
-from protocol.messages import Hello, HostHello, Stop, TimeRequest
+from protocol.messages import Hello, HostHello, Stop, TimeRequest, VelocitySetpoint
 from protocol.uart import encode_frame
 from protocol.values import Mode, NackReason, StopCause
 from support.ends import Ends, SessionEnd, session_end, sweeper
@@ -108,16 +111,10 @@ def test_another_version_is_named() -> None:
 
 
 def _decoded(frame: bytearray) -> bytes:
-    from cobs import cobs
-
     return bytes(cobs.decode(bytes(frame[:-1])))[:-4]
 
 
 def _recoded(body: bytes) -> bytes:
-    from zlib import crc32
-
-    from cobs import cobs
-
     return bytes(cobs.encode(body + crc32(body).to_bytes(4, "little"))) + b"\0"
 
 
@@ -378,9 +375,8 @@ def test_setpoints_beyond_the_wire_are_cut_to_it() -> None:
     ready(ends, host)
     host.session.setpoint(50.0, -50.0, 200, ends.host_ns)
     ends.run(0.05)
-    message = ends.sent[-1].message
-    sent = next(s.message for s in reversed(ends.sent) if hasattr(s.message, "yaw_rate"))
-    assert (sent.v, sent.yaw_rate) == (32767, -32767), message
+    (sent,) = [s.message for s in ends.sent if isinstance(s.message, VelocitySetpoint)]
+    assert (sent.v, sent.yaw_rate) == (32767, -32767)
 
 
 def test_hellos_carry_a_session_id_that_is_never_0() -> None:

@@ -59,6 +59,18 @@ def test_a_symmetric_wire_is_known_to_the_microsecond() -> None:
     assert abs(error) <= bound < 700_000
 
 
+@pytest.mark.parametrize("drift_ppm", [-97.3, -13.7, 0.0, 13.7, 97.3])
+def test_stamps_cut_to_microseconds_are_within_the_bound(drift_ppm: float) -> None:
+    """On a wire without delay nothing else is left to be wrong."""
+    world = World(drift_ppm=drift_ppm, delay_us=0)
+    for _ in range(300):
+        world.ping()
+        world.now_us += 3_137
+        error, bound = world.error_ns()
+        assert abs(error) <= bound
+    assert bound < 200_000
+
+
 @pytest.mark.parametrize("first_us", [WRAP - 3_000_000, WRAP - 100, 5 * WRAP - 4_000_000])
 def test_a_wrap_of_the_device_clock_is_no_step(first_us: int) -> None:
     world = World(device_us=first_us, drift_ppm=40)

@@ -23,7 +23,7 @@ from tools import options
 @click.option(
     "--duration",
     "duration_s",
-    type=click.FloatRange(0.1, 1e6),
+    type=options.Seconds(0.1, 1e6),
     help="End in order after this many seconds.",
 )
 @click.option("--room", help="The room, where it is known: gives coverage and a map.")

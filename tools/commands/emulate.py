@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import signal
 import sys
 from pathlib import Path
@@ -87,7 +88,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     plan = load_room(room)
     model, robot_toml = load_robot(robot)
     kind = Link if link == "pty" else CanLink
-    device = VirtualSweeper(plan, model, seed=seed, noise=noise, node=node, link=kind)
+    boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice that it was started anew
+    device = VirtualSweeper(
+        plan, model, seed=seed, noise=noise, node=node, link=kind, boot_id=boot_id
+    )
     stopper = Stopper()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: stopper.stop())

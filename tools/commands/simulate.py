@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @click.option(
     "--max-time",
     "max_time_s",
-    type=click.FloatRange(1.0, 1e6),
+    type=options.Seconds(1.0, 1e6),
     default=3600.0,
     show_default=True,
     help="End a run that takes longer, in simulated seconds.",
@@ -80,24 +80,25 @@ def command(  # noqa: PLR0913 - one parameter per option
         {"noise": noise},
     )
     writer = RunWriter(path, info, force=force)
-    summary: dict[str, Any] | None = None
     try:
-        with _interruptible() as ended, _progress(max_time_s) as progress:
-            run = run_virtual(
-                plan,
-                model,
-                planner,
-                writer,
-                seed=seed,
-                noise=noise,
-                max_time_s=max_time_s,
-                progress=progress,
-                ended=ended,
-            )
-        summary = summarise(run, plan, planner, seed, str(path))
+        with _interruptible() as ended:  # the summary too is written whole
+            with _progress(max_time_s) as progress:
+                run = run_virtual(
+                    plan,
+                    model,
+                    planner,
+                    writer,
+                    seed=seed,
+                    noise=noise,
+                    max_time_s=max_time_s,
+                    progress=progress,
+                    ended=ended,
+                )
+            summary = summarise(run, plan, planner, seed, str(path))
+            writer.close(summary)
+            print_summary(summary, as_json=as_json)
     finally:
-        writer.close(summary)
-    print_summary(summary, as_json=as_json)
+        writer.close()
     ending = run.host.mission.ending
     return ending.exit_status if ending else 1
 
@@ -119,8 +120,15 @@ def _interruptible() -> Iterator[Callable[[], Ending | None]]:
         number: signal.signal(number, lambda received, _frame: asked.append(received))
         for number in (signal.SIGINT, signal.SIGTERM)
     }
+
+    def ending() -> Ending | None:
+        if not asked:
+            return None
+        name = "Ctrl-C" if asked[0] == signal.SIGINT else signal.Signals(asked[0]).name
+        return Ending("stopped", f"ended by {name}", 0)
+
     try:
-        yield lambda: Ending("stopped", "ended by Ctrl-C", 0) if asked else None
+        yield ending
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)

@@ -19,14 +19,28 @@ import click
     type=click.Path(dir_okay=False, path_type=Path),
     help="Draw room, path and swept floor into a picture instead.",
 )
-def command(*, file: Path, save: Path | None, png: Path | None) -> int:
+@click.option(
+    "--screenshot",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Save what the window would show as a PNG; needs no display.",
+)
+def command(*, file: Path, save: Path | None, png: Path | None, screenshot: Path | None) -> int:
     """Open FILE in Rerun: the room with path and swept map, sensors, planner and link."""
+    from bridge.record.reader import LogReader
     from tools.console import say
+
+    LogReader(file)  # a file that is no log is told before a display that is missing
 
     if png is not None:
         from bridge.view.picture import draw_run
 
         say(f"wrote {draw_run(file, png)}")
+        return 0
+    if screenshot is not None:
+        from bridge.view.screenshot import save_screenshot
+
+        save_screenshot(file, screenshot)
+        say(f"wrote {screenshot}")
         return 0
     from bridge.view.launch import open_viewer
 

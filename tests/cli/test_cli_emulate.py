@@ -1,0 +1,115 @@
+"""``sweepctl emulate`` as a process: its first line, its link, its truth, its end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.cli import PATIENCE_S, decoded, end, plain_messages, start, sweepctl
+
+if TYPE_CHECKING:
+    import subprocess
+
+
+def ready(process: subprocess.Popen[str]) -> str:
+    """The port that the first line names."""
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert line.startswith("ready "), process.communicate(timeout=PATIENCE_S)
+    return line.removeprefix("ready ").rstrip("\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_ready_and_ended_by_a_signal(tmp_path: Path, number: signal.Signals) -> None:
+    process = start("emulate", cwd=tmp_path)
+    port = Path(ready(process))
+    assert port.is_char_device()
+    done = end(process, number)
+    assert (done.status, done.out) == (0, "")
+    assert "case-1" in done.line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_at_once_have_ports_of_their_own(tmp_path: Path) -> None:
+    both = [start("emulate", "empty", cwd=tmp_path) for _ in range(2)]
+    ports = [ready(process) for process in both]
+    assert ports[0] != ports[1]
+    assert [end(process, signal.SIGTERM).status for process in both] == [0, 0]
+
+
+@pytest.mark.parametrize("before", ["nothing", "a stale link", "a link to a file"])
+def test_the_link_is_made_and_removed(tmp_path: Path, before: str) -> None:
+    link, target = tmp_path / "sweeper", tmp_path / "file"
+    target.write_text("precious")
+    if before == "a stale link":
+        link.symlink_to("/dev/pts/none")
+    elif before == "a link to a file":
+        link.symlink_to(target)
+    process = start("emulate", "--pty-link", link, cwd=tmp_path)
+    assert ready(process) == str(link)
+    assert link.is_symlink()
+    assert link.resolve().is_char_device()
+    assert end(process, signal.SIGTERM).status == 0
+    assert not os.path.lexists(link)
+    assert target.read_text() == "precious"
+
+
+@pytest.mark.parametrize("taken", ["file", "folder that is not there"])
+def test_a_link_that_cannot_be_made(tmp_path: Path, taken: str) -> None:
+    link = tmp_path / "sweeper"
+    if taken == "file":
+        link.write_text("precious")
+    else:
+        link = tmp_path / "none" / "sweeper"
+    done = sweepctl("emulate", "--pty-link", link)
+    assert done.status == 3
+    assert str(link) in done.line
+    assert done.out == ""
+    if taken == "file":
+        assert link.read_text() == "precious"
+
+
+def test_the_truth(tmp_path: Path) -> None:
+    log = tmp_path / "truth.mcap"
+    before_ns = time.time_ns()
+    process = start("emulate", "case-1", "--truth", log, cwd=tmp_path)
+    ready(process)
+    while log.stat().st_size < 12_000 and process.poll() is None:  # a few chunks
+        signal.sigtimedwait([], 0.01)
+    assert end(process, signal.SIGTERM).status == 0
+    after_ns = time.time_ns()
+    poses = list(decoded(log, "/truth/pose"))
+    assert len(poses) > 20
+    times = [plain.log_ns for plain, _ in poses]
+    assert before_ns <= times[0]
+    assert times[-1] <= after_ns
+    gaps = sorted(b - a for a, b in pairwise(times))
+    assert gaps[0] > 0
+    assert gaps[len(gaps) // 2] <= 50_000_000, "20 Hz at least"
+    for plain, value in poses:
+        assert value.frame_id == "map"
+        assert value.timestamp.ToNanoseconds() == plain.log_ns
+        assert value.pose.position.x == pytest.approx(0.2, abs=0.5)
+    assert len({plain.data[-20:] for plain, _ in poses}) == 1, "nobody moved it"
+
+
+def test_a_truth_file_is_not_replaced(tmp_path: Path) -> None:
+    log = tmp_path / "truth.mcap"
+    log.write_text("precious")
+    done = sweepctl("emulate", "--truth", log)
+    assert (done.status, done.out) == (1, "")
+    assert "--force" in done.line
+    assert log.read_text() == "precious"
+    process = start("emulate", "--truth", log, "--force", cwd=tmp_path)
+    ready(process)
+    assert end(process, signal.SIGTERM).status == 0
+    plain_messages(log)
+    done = sweepctl("emulate", "--truth", tmp_path / "none" / "truth.mcap")
+    assert (done.status, done.out) == (1, "")
+    assert "cannot write" in done.line

@@ -1,0 +1,212 @@
+"""``bridge.open``: a robot as an object, on a virtual sweeper behind a real pseudo-terminal."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Self
+
+import pytest
+
+import bridge
+from bridge.coverage.floorplan import parse_floorplan
+from bridge.errors import DeviceLostError, NoDeviceError, PortError, StoppedForSafetyError
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.robot import LET_GO_S, ManualDrive
+from protocol.messages import Encoders, Imu, Range, Status
+from protocol.values import Mode, StopCause
+from sim_device.device import VirtualSweeper
+from sim_device.ports import PtyPort, Stopper, serve
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+    from types import TracebackType
+
+PATIENCE_S = 60.0
+"""Only a hang is longer."""
+PLAN = parse_floorplan('{"walls": [[0,0],[6,0],[6,6],[0,6]], "start": [3,3,0]}')
+
+
+class Emulated:
+    """A virtual sweeper served by a thread of this process, so that its truth can be looked at."""
+
+    def __init__(self) -> None:
+        self.device = VirtualSweeper(PLAN, noise="none", seed=1)
+        self._pty = PtyPort()
+        self.port = self._pty.path
+        self._stopper = Stopper()
+        self._thread = threading.Thread(
+            target=serve, args=(self.device, self._pty, self._stopper), daemon=True
+        )
+        self._thread.start()
+
+    @property
+    def pose(self) -> Pose2:
+        return self.device.truth.pose
+
+    def holds(self, cause: StopCause) -> bool:
+        """Whether the device itself has latched this."""
+        return self.device.firmware.latch.cause is cause
+
+    def end(self) -> None:
+        self._stopper.stop()
+        self._thread.join()
+        self._pty.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.end()
+
+
+@pytest.fixture
+def emulated() -> Iterator[Emulated]:
+    with Emulated() as emulated:
+        yield emulated
+
+
+def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
+    """Wait for something that must come."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < deadline, "it never came"
+        meanwhile()
+        time.sleep(0.02)
+
+
+def test_data_comes_by_itself_and_nothing_moves(emulated: Emulated) -> None:
+    start = emulated.pose
+    with bridge.open(emulated.port) as robot:
+        streams = (robot.imu, robot.encoders, robot.range, robot.status, robot.power)
+        until(lambda: all(stream.latest is not None for stream in streams))
+        imu, ranges, status = robot.imu.latest, robot.range.latest, robot.status.latest
+        assert isinstance(imu, Imu)
+        assert imu.accel_z_m_s2 == pytest.approx(9.81, abs=0.5)
+        assert isinstance(robot.encoders.latest, Encoders)
+        assert isinstance(ranges, Range)
+        assert ranges.ultrasonic_m == pytest.approx(3.0 - 0.12, abs=0.05)
+        assert isinstance(status, Status)
+        assert status.mode == Mode.IDLE
+        until(lambda: robot.imu.latest is not imu)
+        with pytest.raises(StoppedForSafetyError, match="enable"):
+            robot.drive(0.2, 0.0)
+        assert not robot.enabled
+        assert robot.pose == Pose2(0.0, 0.0, 0.0)
+        assert emulated.pose == start
+        assert emulated.holds(StopCause.SESSION_END), "as it booted"
+
+    with pytest.raises(StoppedForSafetyError, match="closed"):
+        robot.enable(clear_stop=True)
+    with bridge.open(emulated.port, node=1) as again:  # the port is free for another
+        until(lambda: again.status.latest is not None)
+
+
+def test_it_drives_as_long_as_it_is_told_to(emulated: Emulated) -> None:
+    start = emulated.pose
+    with bridge.open(emulated.port) as robot:
+        robot.enable()
+        assert robot.enabled
+        robot.enable()  # again is no error
+        for wrong in (float("nan"), float("inf")):
+            with pytest.raises(ValueError, match="velocity"):
+                robot.drive(wrong, 0.0)
+        until(lambda: emulated.pose.x_m - start.x_m > 0.1, lambda: robot.drive(99.0, 0.0))
+        assert emulated.device.truth.v_m_s < robot.model.max_speed_m_s + 0.05
+        until(lambda: emulated.device.truth.v_m_s == 0.0)
+        assert emulated.holds(StopCause.NONE), "letting go is no stop"
+        assert robot.enabled
+        moved = emulated.pose.x_m - start.x_m
+        assert moved < 1.0
+        until(lambda: abs(robot.pose.x_m - moved) < 0.02)
+    assert emulated.holds(StopCause.SESSION_END), "closed in order"
+
+
+def test_a_stop_holds_until_a_person_frees_it(emulated: Emulated, tmp_path: Path) -> None:
+    with bridge.open(emulated.port) as robot:
+        robot.enable()
+        until(lambda: emulated.pose.theta_rad > 0.2, lambda: robot.drive(0.0, 1.0))
+        robot.stop()
+        assert emulated.holds(StopCause.OPERATOR)
+        with pytest.raises(StoppedForSafetyError, match="stopped by the program"):
+            robot.drive(0.1, 0.0)
+        with pytest.raises(StoppedForSafetyError, match="operator"):
+            robot.enable()
+        assert emulated.holds(StopCause.OPERATOR)
+        until(lambda: emulated.device.truth.v_m_s == 0.0)
+        stopped, believed = emulated.pose, robot.pose
+        robot.enable(clear_stop=True)
+        assert emulated.holds(StopCause.NONE)
+        assert robot.pose.distance_m(believed) < 0.005, "the estimate goes on from there"
+        until(lambda: emulated.pose.distance_m(stopped) > 0.05, lambda: robot.drive(0.2, 0.0))
+        robot.stop()
+        # what is asked of an ended session touches no file that has its wire's number now
+        files = [(tmp_path / f"{i}").open("wb") for i in range(20)]
+        robot.stop()
+        robot.close()
+        for file in files:
+            file.close()
+    assert all(path.read_bytes() == b"" for path in tmp_path.iterdir())
+
+
+def test_the_device_goes_away() -> None:
+    with Emulated() as emulated, bridge.open(emulated.port) as robot:
+        robot.enable()
+        emulated.end()
+        with pytest.raises((DeviceLostError, StoppedForSafetyError)):
+            until(lambda: False, lambda: robot.drive(0.1, 0.0))
+
+
+def test_a_port_that_is_not_there() -> None:
+    with pytest.raises(PortError, match="/dev/no-such-port"):
+        bridge.open("/dev/no-such-port")
+
+
+def test_a_port_on_which_nobody_answers() -> None:
+    with PtyPort() as silent:
+        with pytest.raises(NoDeviceError, match=silent.path):
+            bridge.open(silent.path, timeout_s=0.3)
+        with pytest.raises(NoDeviceError):  # and it was given back
+            bridge.open(silent.path, timeout_s=0.3)
+
+
+def test_another_node_than_asked_for(emulated: Emulated) -> None:
+    with pytest.raises(NoDeviceError):
+        bridge.open(emulated.port, node=7, timeout_s=0.5)
+
+
+# ---- how long a velocity holds ---------------------------------------------------------
+
+
+def observed(time_s: float) -> Observation:
+    still = Pose2(0.0, 0.0, 0.0)
+    return Observation(time_s, still, 0.0, 0.0, None, None, None, *(False,) * 3)
+
+
+def test_a_velocity_holds_for_half_a_second() -> None:
+    drive = ManualDrive()
+    assert drive.step(observed(10.0)) == HALT
+    command = VelocityCommand(0.1, 0.5)
+    drive.drive(command)
+    steps = [drive.step(observed(20.0 + 0.02 * i)) for i in range(60)]
+    assert steps.count(command) == round(LET_GO_S / 0.02) + 1
+    assert steps[:25] == [command] * 25
+    assert steps[26:] == [HALT] * 34
+    assert drive.target == HALT
+
+
+def test_a_velocity_that_is_repeated_goes_on() -> None:
+    drive = ManualDrive()
+    for i in range(200):
+        command = VelocityCommand(0.001 * i, 0.0)
+        if i % 20 == 0:
+            told = command
+            drive.drive(told)
+        assert drive.step(observed(0.02 * i)) == drive.target == told

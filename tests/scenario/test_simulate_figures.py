@@ -1,0 +1,218 @@
+"""The figures of a simulated run, worked out again from its log without code of ours.
+
+The truth is read with the MCAP library and the schema in the file, the areas are exact
+polygons, the robot's measures are typed in by hand.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
+import shapely
+from shapely.geometry import LineString, MultiPoint, Point, Polygon
+
+from support.cli import Recorded, attachments, case_1, decoded, summaries
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+RADIUS_M, HALF_MOUTH_M = 0.16, 0.08
+HALF_A_POINT = 0.005
+ASKED = [
+    ("case-1", "paper", 2),
+    ("case-1", "paper", 3),
+    ("two-rooms", "u-shape", 1),
+    ("studio-flat", "u-shape", 1),
+]
+
+Pose = tuple[float, float, float, float]
+
+
+class Figures(NamedTuple):
+    """What this file makes of a run."""
+
+    body_free: float
+    body_reachable: float
+    mouth_free: float
+    mouth_sweepable: float
+    path_m: float
+    t90_s: float
+    free_m2: float
+    mouth_m2: float
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return case_1(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
+def told(recorded: Recorded) -> dict[str, Any]:
+    return recorded.done.json
+
+
+@pytest.fixture(scope="module")
+def poses(recorded: Recorded) -> list[Pose]:
+    """Time (s), x, y, theta of the truth."""
+    found = []
+    for plain, value in decoded(recorded.log, "/truth/pose"):
+        position, turn = value.pose.position, value.pose.orientation
+        theta = 2.0 * math.atan2(turn.z, turn.w)
+        found.append((plain.log_ns / 1e9, position.x, position.y, theta))
+    return found
+
+
+@pytest.fixture(scope="module")
+def figures(recorded: Recorded, poses: list[Pose]) -> Figures:
+    room = json.loads(attachments(recorded.log)["room.json"])
+    free: BaseGeometry = Polygon(room["walls"])
+    for obstacle in room["obstacles"]:
+        free = free.difference(Polygon(obstacle))
+    shapely.prepare(free)
+    centres = free.buffer(-RADIUS_M, quad_segs=32)
+    start = Point(room["start"][:2])
+    pieces = centres.geoms if hasattr(centres, "geoms") else [centres]
+    mine = next(piece for piece in pieces if piece.buffer(1e-6).contains(start))
+    reachable = mine.buffer(RADIUS_M, quad_segs=32).intersection(free)
+    sweepable = mine.buffer(HALF_MOUTH_M, quad_segs=32).intersection(free)
+
+    path = LineString([(x, y) for _, x, y, _ in poses]).simplify(1e-4)
+    body = path.buffer(RADIUS_M, quad_segs=32).intersection(free)
+    strokes = _strokes(poses)
+    mouth = shapely.union_all([area for _, area in strokes]).intersection(free)
+    begin_s = next(b[0] for a, b in pairwise(poses) if math.dist(a[1:3], b[1:3]) > 1e-5)
+    return Figures(
+        body.area / free.area,
+        body.intersection(reachable).area / reachable.area,
+        mouth.area / free.area,
+        mouth.intersection(sweepable).area / sweepable.area,
+        sum(math.dist(a[1:3], b[1:3]) for a, b in pairwise(poses)),
+        _passed_s(strokes, sweepable, 0.9) - begin_s,
+        free.area,
+        mouth.area,
+    )
+
+
+def _mouth(pose: Pose) -> tuple[tuple[float, float], tuple[float, float]]:
+    _, x, y, theta = pose
+    dx, dy = -HALF_MOUTH_M * math.sin(theta), HALF_MOUTH_M * math.cos(theta)
+    return (x + dx, y + dy), (x - dx, y - dy)
+
+
+def _strokes(poses: list[Pose]) -> list[tuple[float, BaseGeometry]]:
+    """What the mouth swept from one pose to the next that differs: hulls of its two places."""
+    strokes: list[tuple[float, BaseGeometry]] = []
+    last = poses[0]
+    for pose in poses[1:]:
+        turned = abs(math.remainder(pose[3] - last[3], math.tau))
+        if math.dist(pose[1:3], last[1:3]) < 0.01 and turned < 0.02:
+            continue
+        strokes.append((pose[0], MultiPoint([*_mouth(last), *_mouth(pose)]).convex_hull))
+        last = pose
+    return strokes
+
+
+def _passed_s(
+    strokes: list[tuple[float, BaseGeometry]], sweepable: BaseGeometry, share: float
+) -> float:
+    """When a share was swept, by halving."""
+    low, high = 0, len(strokes)
+    while high - low > 1:
+        middle = (low + high) // 2
+        swept = shapely.union_all([area for _, area in strokes[:middle]]).intersection(sweepable)
+        low, high = (low, middle) if swept.area >= share * sweepable.area else (middle, high)
+    return strokes[high - 1][0]
+
+
+@pytest.mark.parametrize("key", ["body_free", "body_reachable", "mouth_free", "mouth_sweepable"])
+def test_coverage(figures: Figures, told: dict[str, Any], key: str) -> None:
+    assert told["coverage"][key] == pytest.approx(getattr(figures, key), abs=HALF_A_POINT)
+
+
+def test_path(figures: Figures, told: dict[str, Any]) -> None:
+    # the log goes on while the robot rolls out
+    assert told["path_m"] == pytest.approx(figures.path_m, abs=0.02)
+
+
+def test_time_to_nine_tenths(figures: Figures, told: dict[str, Any]) -> None:
+    assert told["t90_s"] == pytest.approx(figures.t90_s, abs=10.0)
+
+
+def test_repeat_ratio(figures: Figures, told: dict[str, Any]) -> None:
+    repeated = figures.path_m * 2 * HALF_MOUTH_M / figures.mouth_m2 - 1.0
+    assert told["repeat_ratio"] == pytest.approx(repeated, abs=0.01)
+
+
+def test_equation_8(recorded: Recorded, figures: Figures, told: dict[str, Any]) -> None:
+    """Lanes as the planner tells of them, by its own odometry."""
+    lanes = [
+        json.loads(value.data_json)["distance_m"]
+        for _, value in decoded(recorded.log, "/events")
+        if value.source == "planner" and value.kind in {"lane", "recovery-lane"}
+    ]
+    share = sum(lanes) * 2 * HALF_MOUTH_M / figures.free_m2
+    assert told["coverage"]["eq8"] == pytest.approx(share, abs=HALF_A_POINT)
+
+
+def test_duration(recorded: Recorded, told: dict[str, Any]) -> None:
+    phases = {
+        value.text: plain.log_ns / 1e9
+        for plain, value in decoded(recorded.log, "/events")
+        if value.kind == "phase"
+    }
+    assert told["duration_s"] == pytest.approx(
+        phases["run is ending"] - phases["run is driving"], abs=0.03
+    )
+
+
+def test_pose_error(recorded: Recorded, poses: list[Pose], told: dict[str, Any]) -> None:
+    """The estimate against the truth of the same moment, as far as the log's stamps tell it."""
+    truth = {round(t * 50): (x, y) for t, x, y, _ in poses}
+    errors = []
+    for plain, value in decoded(recorded.log, "/pose"):
+        moment = round(plain.log_ns / 1e9 * 50)
+        if moment in truth:
+            position = value.pose.position
+            errors.append(math.dist(truth[moment], (position.x, position.y)))
+    # two control periods at cruise speed are 8 mm
+    assert len(errors) > 5000
+    assert max(errors) == pytest.approx(told["pose_error_m"]["max"], abs=0.01)
+    assert errors[-1] == pytest.approx(told["pose_error_m"]["end"], abs=0.01)
+
+
+def test_wire(recorded: Recorded, told: dict[str, Any]) -> None:
+    bytes_by = {"rx": 0, "tx": 0}
+    for plain, value in decoded(recorded.log, "/raw/uart/rx", "/raw/uart/tx"):
+        bytes_by[plain.topic[-2:]] += len(value.data)
+    assert told["wire"]["bytes"] == bytes_by
+
+
+@pytest.fixture(scope="module")
+def others() -> dict[tuple[str, str, int], dict[str, Any]]:
+    return summaries(ASKED)
+
+
+def test_the_papers_case_by_three_seeds(
+    others: dict[tuple[str, str, int], dict[str, Any]], told: dict[str, Any]
+) -> None:
+    runs = [told, others["case-1", "paper", 2], others["case-1", "paper", 3]]
+    assert [run["outcome"] for run in runs] == ["complete"] * 3
+    for run in runs:
+        assert 0.90 <= run["coverage"]["body_free"] <= 0.97
+        assert run["pose_error_m"]["max"] < 0.08
+    assert len({run["path_m"] for run in runs}) == 3, "seeds differ"
+
+
+@pytest.mark.parametrize("asked", ASKED[2:])
+def test_every_room_ends_by_itself(
+    others: dict[tuple[str, str, int], dict[str, Any]], asked: tuple[str, str, int]
+) -> None:
+    run = others[asked]
+    assert run["outcome"] == "complete"
+    assert run["reason"]
+    assert run["duration_s"] < 1200.0
+    assert run["path_m"] > 1.0

@@ -1,0 +1,207 @@
+"""``sweepctl`` as it is typed, and its logs as any other program reads them."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import redirect_stderr, redirect_stdout
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from bridge.motion.robot_model import RobotModel
+from bridge.record.sink import NullSink
+from tools.rooms import load_room
+from tools.sweepctl import run
+from tools.virtual_run import run_virtual
+from tools.virtual_summary import summarise
+
+if TYPE_CHECKING:
+    import signal
+    from collections.abc import Iterator, Mapping, Sequence
+    from concurrent.futures import Future
+
+    import pytest
+    from mcap.records import Channel, Message
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE_S = 60.0
+"""For what takes seconds; only a hang is longer."""
+NUMBER_OF_PROCESSES = 2
+
+
+class Done(NamedTuple):
+    """A finished command."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The one object on stdout, which holds nothing else."""
+        assert self.out.endswith("}\n"), self.out
+        value = json.loads(self.out, parse_constant=_not_json)
+        assert isinstance(value, dict)
+        return value
+
+    @property
+    def line(self) -> str:
+        """The one line that a person is told."""
+        assert "Traceback" not in self.err, self.err
+        lines = self.err.strip().splitlines()
+        assert len(lines) == 1, self.err
+        return lines[0]
+
+
+def _not_json(name: str) -> float:
+    raise AssertionError(f"{name} is no JSON")
+
+
+def sweepctl(*arguments: str | Path) -> Done:
+    """Run the command in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        status = run([str(argument) for argument in arguments])
+    return Done(status, out.getvalue(), err.getvalue())
+
+
+def start(
+    *arguments: str | Path, cwd: Path, env: Mapping[str, str] | None = None
+) -> subprocess.Popen[str]:
+    """Run the command as a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def end(process: subprocess.Popen[str], number: signal.Signals | None = None) -> Done:
+    """Wait for a process, after a signal if one is given."""
+    if number is not None:
+        process.send_signal(number)
+    try:
+        out, err = process.communicate(timeout=PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        raise
+    return Done(process.returncode, out, err)
+
+
+class Recorded(NamedTuple):
+    """A simulated run, recorded."""
+
+    log: Path
+    done: Done
+
+
+def case_1(factory: pytest.TempPathFactory) -> Recorded:
+    """The paper's case 1 from start to end, made once for all tests."""
+    return _case_1(factory.getbasetemp())
+
+
+@cache
+def _case_1(base: Path) -> Recorded:
+    folder = base / "case-1"
+    folder.mkdir()
+    log = folder / "run.mcap"
+    process = start(
+        *("simulate", "case-1", "--planner", "paper", "--seed", "1", "--json", "--out", log),
+        cwd=folder,
+    )
+    return Recorded(log, end(process))
+
+
+def short_runs(factory: pytest.TempPathFactory) -> tuple[Recorded, Recorded, Recorded]:
+    """Twelve seconds of a drive: seed 4, seed 4 again, seed 5; made once for all tests.
+
+    Each in a process of its own, with another order of what Python hashes.
+    """
+    return _short_runs(factory.getbasetemp())
+
+
+@cache
+def _short_runs(base: Path) -> tuple[Recorded, Recorded, Recorded]:
+    folder = base / "short"
+    folder.mkdir()
+    logs = [folder / f"{name}.mcap" for name in ("first", "again", "other")]
+    processes = [
+        start(
+            *("simulate", "two-rooms", "--seed", seed, "--max-time", "12", "--json", "--out", log),
+            cwd=folder,
+            env={"PYTHONHASHSEED": str(index)},
+        )
+        for index, (seed, log) in enumerate(zip(("4", "4", "5"), logs, strict=True))
+    ]
+    first, again, other = (
+        Recorded(log, end(process)) for log, process in zip(logs, processes, strict=True)
+    )
+    return first, again, other
+
+
+def _summary(room: str, planner: str, seed: int) -> dict[str, Any]:
+    plan, model = load_room(room), RobotModel()
+    finished = run_virtual(plan, model, planner, NullSink(), seed=seed)
+    return summarise(finished, plan, planner, seed, None)
+
+
+def summaries(runs: Sequence[tuple[str, str, int]]) -> dict[tuple[str, str, int], dict[str, Any]]:
+    """Simulate (room, planner, seed) without a log, several at a time."""
+    # Not forked: other tests may have left threads.
+    with ProcessPoolExecutor(NUMBER_OF_PROCESSES, get_context("spawn")) as pool:
+        futures: dict[tuple[str, str, int], Future[dict[str, Any]]] = {
+            asked: pool.submit(_summary, *asked) for asked in runs
+        }
+        return {asked: future.result() for asked, future in futures.items()}
+
+
+class Plain(NamedTuple):
+    """A message as the MCAP library gives it."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+    @classmethod
+    def of(cls, channel: Channel, message: Message) -> Plain:
+        """From the library's own records."""
+        times = (message.log_time, message.publish_time)
+        return cls(channel.topic, *times, message.sequence, message.data)
+
+
+def plain_messages(log: Path, *topics: str) -> list[Plain]:
+    """Every message of these topics (none: of all), in the order of the file."""
+    with log.open("rb") as file:
+        found = make_reader(file).iter_messages(topics or None, log_time_order=False)
+        return [Plain.of(channel, message) for _, channel, message in found]
+
+
+def decoded(log: Path, *topics: str) -> Iterator[tuple[Plain, Any]]:
+    """Messages of protobuf topics with what the library and the file's own schema make of them."""
+    with log.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        found = reader.iter_decoded_messages(topics, log_time_order=False)
+        for _, channel, message, value in found:
+            yield Plain.of(channel, message), value
+
+
+def attachments(log: Path) -> dict[str, bytes]:
+    """What is attached to a log, by name."""
+    with log.open("rb") as file:
+        return {item.name: item.data for item in make_reader(file).iter_attachments()}

@@ -1,0 +1,123 @@
+"""Real serial ports, as far as a pseudo-terminal is one."""
+
+from __future__ import annotations
+
+import os
+import pty
+import threading
+import tty
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.errors import PortBusyError, PortError
+from bridge.io.ports import SerialPort
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class Pty:
+    def __init__(self) -> None:
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.slave)
+        self.path = os.ttyname(self.slave)
+        self._open = [self.master, self.slave]
+
+    def hang_up(self) -> None:
+        while self._open:
+            os.close(self._open.pop())
+
+
+@pytest.fixture(name="wire")
+def _wire() -> Iterator[Pty]:
+    wire = Pty()
+    yield wire
+    wire.hang_up()
+
+
+def test_bytes_pass_both_ways(wire: Pty) -> None:
+    with SerialPort(wire.path) as port:
+        os.write(wire.master, b"\x00\x11\x13\x03\x0a\x0d\xff")
+        assert port.wait(1.0) == b"\x00\x11\x13\x03\x0a\x0d\xff", "raw: no byte means anything"
+        assert port.write(b"\x00\x04\n") == 3
+        assert os.read(wire.master, 10) == b"\x00\x04\n"
+        assert port.wait(0.0) == b""
+
+
+def test_a_full_port_says_so_and_does_not_spin(wire: Pty) -> None:
+    """Pyserial's own non-blocking write loops until the port takes something."""
+    with SerialPort(wire.path) as port:
+        taken = 0
+        while written := port.write(bytes(1000)):
+            taken += written
+        assert taken < 1_000_000
+        assert port.write(b"x") == 0
+        got = 0
+        while got < taken:
+            got += len(os.read(wire.master, 65536))
+        assert port.write(b"x") == 1
+
+
+def test_a_wait_can_be_ended(wire: Pty) -> None:
+    with SerialPort(wire.path) as port:
+        timer = threading.Timer(0.05, port.wake)
+        timer.start()
+        assert port.wait(60.0) == b""
+        timer.join()
+        assert port.wait(0.0) == b"", "one wake ends one wait"
+
+
+def test_a_vanished_port_is_told_by_name(wire: Pty) -> None:
+    with SerialPort(wire.path) as port:
+        wire.hang_up()
+        with pytest.raises(PortError, match=f"{wire.path} is gone"):
+            port.wait(1.0)
+        with pytest.raises(PortError, match="is gone"):
+            port.write(b"x")
+
+
+def test_a_busy_port_names_its_owner(wire: Pty) -> None:
+    with (
+        SerialPort(wire.path),
+        pytest.raises(PortBusyError, match=f"process {os.getpid()}") as caught,
+    ):
+        SerialPort(wire.path)
+    assert caught.value.exit_status == 3
+    with SerialPort(wire.path) as again:
+        assert again.write(b"x") == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("/dev/ttySWEEPER9", "does not exist"),
+        ("/dev/null", "is not a serial port"),
+        ("/", "cannot open"),
+        ("socket://", "port"),
+        ("socket://127.0.0.1:1", "cannot open"),
+        ("nonsense://x", "is not a port"),
+    ],
+)
+def test_what_cannot_be_opened_is_one_line(name: str, word: str) -> None:
+    with pytest.raises(PortError) as caught:
+        SerialPort(name)
+    assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_status == 3
+
+
+def _descriptors() -> int:
+    return sum(1 for _ in Path("/dev/fd").iterdir())
+
+
+def test_opening_leaves_no_descriptor_behind(wire: Pty, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no port")
+    before = _descriptors()
+    for _ in range(5):
+        with SerialPort(wire.path):
+            pass
+        with pytest.raises(PortError):
+            SerialPort(str(tmp_path / "file"))
+    assert _descriptors() == before

@@ -1,0 +1,286 @@
+"""Walls seen again keep a drifting estimate near the truth, which is driven here by hand."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.motion.estimator import PoseEstimator
+from bridge.motion.geometry import Pose2
+from bridge.motion.relocalise import Relocaliser
+from bridge.motion.robot_model import RobotModel
+from bridge.motion.wall_position import GATE_M
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bridge.motion.robot_model import RangerMount
+
+MODEL = RobotModel()
+Point = tuple[float, float]
+ROOM: list[Point] = [(0.0, 0.0), (3.0, 0.0), (3.0, 2.4), (0.0, 2.4)]
+CORNERS: list[Point] = [(0.25, 0.25), (2.75, 0.25), (2.75, 2.15), (0.25, 2.15)]
+"""A round along the walls, which are on the right."""
+START = Pose2(*CORNERS[0], 0.0)
+SPEED_M_S, YAW_RATE_RAD_S = 0.2, 1.0
+
+
+def box(x: float, y: float, degrees: float, size: float = 0.3) -> list[Point]:
+    """A square obstacle about a centre."""
+    middle, h = Pose2(x, y, math.radians(degrees)), size / 2
+    return [middle.transform(*corner) for corner in ((h, h), (-h, h), (-h, -h), (h, -h))]
+
+
+class World:
+    """A robot on a round; what its sensors would tell goes to estimators, with drift."""
+
+    def __init__(self, seed: int, obstacles: Sequence[list[Point]] = (), *, range_m: float) -> None:
+        """``range_m``: standard deviation of the rangers."""
+        self.rng = random.Random(seed)
+        self.range_sigma_m = range_m
+        self.edges = [
+            (polygon[i - 1], polygon[i])
+            for polygon in (ROOM, *obstacles)
+            for i in range(len(polygon))
+        ]
+        self.bias = math.radians(self.rng.uniform(-0.5, 0.5))
+        self.gyro_scale = 1.0 + self.rng.choice((-1, 1)) * self.rng.uniform(0.001, 0.002)
+        self.wheel_scale = 1.0 + self.rng.choice((-1, 1)) * self.rng.uniform(0.004, 0.008)
+        self.truth = START
+        self.tick = 0
+        self.left = self.right = 0.0
+        self.alone = PoseEstimator(MODEL, START)
+        self.helped = PoseEstimator(MODEL, START)
+        self.walls = Relocaliser(MODEL, self.helped)
+        self.worst_alone = self.worst_helped = self.worst_yaw = 0.0
+        self.worst_harm = 0.0
+        self.least_eigenvalue = math.inf
+
+    def rest(self, seconds: float) -> None:
+        for _ in range(round(seconds * 100)):
+            self._step(0.0, 0.0)
+
+    def round(self) -> None:
+        for corner, (x, y) in enumerate(CORNERS[1:] + CORNERS[:1]):
+            way = math.dist((x, y), self.truth[:2])
+            ticks = round(way / SPEED_M_S * 100)
+            for _ in range(ticks):
+                self._step(way / ticks * 100, 0.0)
+            ticks = round(math.pi / 2 / YAW_RATE_RAD_S * 100)
+            for _ in range(ticks):
+                self._step(0.0, math.pi / 2 / ticks * 100)
+            theta = math.remainder((corner + 1) * math.pi / 2, math.tau)
+            self.truth = Pose2(x, y, theta)  # no rounding errors of ours
+            self.rest(0.6)
+
+    def _step(self, v: float, w: float) -> None:
+        self.tick += 1
+        x, y, theta = self.truth
+        self.truth = Pose2(
+            x + 0.01 * v * math.cos(theta), y + 0.01 * v * math.sin(theta), theta + 0.01 * w
+        )
+        left, right = MODEL.wheel_speeds_m_s(v, w)
+        self.left += 0.01 * left * self.wheel_scale
+        self.right += 0.01 * right * self.wheel_scale
+        t = 0.01 * self.tick
+        gyro = w * self.gyro_scale + self.bias + self.rng.gauss(0, math.radians(0.05))
+        counts = [math.floor(m / MODEL.metres_per_count) & 0xFFFF for m in (self.left, self.right)]
+        for estimator in (self.alone, self.helped):
+            estimator.on_imu(t, gyro)
+            if self.tick % 2 == 0:
+                estimator.on_encoders(t, *counts)
+        if self.tick % 10 in {0, 5} and self.tick > 300:
+            mounts = (MODEL.ultrasonic, MODEL.infrared_left, MODEL.infrared_right)
+            self.walls.update(*(self._look(mount) for mount in mounts), touching=False)
+            self._measure()
+
+    def _look(self, mount: RangerMount) -> float | None:
+        """Distance to the nearest edge along the sensor's axis."""
+        x, y = self.truth.transform(mount.x_m, mount.y_m)
+        facing = self.truth.theta_rad + mount.yaw_rad
+        dx, dy = math.cos(facing), math.sin(facing)
+        nearest = math.inf
+        for (ax, ay), (bx, by) in self.edges:
+            ex, ey = bx - ax, by - ay
+            cross = dx * ey - dy * ex
+            if abs(cross) < 1e-9:
+                continue
+            t = ((ax - x) * ey - (ay - y) * ex) / cross
+            u = ((ax - x) * dy - (ay - y) * dx) / cross
+            if t > 0 and 0 <= u <= 1:
+                nearest = min(nearest, t)
+        seen = nearest + self.rng.gauss(0, self.range_sigma_m)
+        return seen if mount.min_range_m <= seen <= mount.max_range_m else None
+
+    def _measure(self) -> None:
+        alone, helped = (e.pose.distance_m(self.truth) for e in (self.alone, self.helped))
+        self.worst_alone = max(self.worst_alone, alone)
+        self.worst_helped = max(self.worst_helped, helped)
+        self.worst_harm = max(self.worst_harm, helped - alone)
+        yaw = math.remainder(self.helped.pose.theta_rad - self.truth.theta_rad, math.tau)
+        self.worst_yaw = max(self.worst_yaw, abs(yaw))
+        if self.tick % 100 == 0:
+            least = float(np.linalg.eigvalsh(np.array(self.helped.covariance)).min())
+            self.least_eigenvalue = min(self.least_eigenvalue, least)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_error_stays_bounded_round_after_round(seed: int) -> None:
+    world = World(seed, range_m=0.0015)
+    world.rest(1.0)
+    world.round()
+    world.round()
+    early = world.worst_helped
+    for _ in range(3):
+        world.round()
+    assert world.walls.yaw_fixes > 20
+    assert world.walls.position_fixes > 50
+    assert world.worst_helped < 0.03
+    assert world.worst_helped < early + 0.02, "it does not grow"
+    assert world.worst_yaw < math.radians(1.0)
+    assert world.worst_alone > 1.5 * world.worst_helped, "without walls it drifts"
+    assert world.least_eigenvalue > -1e-12
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("degrees", [4.0, 12.0, 30.0])
+def test_rotated_obstacles_never_do_more_harm_than_the_gate(seed: int, degrees: float) -> None:
+    """Boxes at angles that squareness is mistaken for, on the inner side of the round."""
+    obstacles = [box(0.9, 0.68, degrees), box(1.9, 0.66, -degrees), box(2.3, 1.3, degrees)]
+    obstacles += [box(1.5, 1.72, degrees / 2), box(0.68, 1.2, degrees)]
+    world = World(seed, obstacles, range_m=0.0015)
+    world.rest(1.0)
+    for _ in range(3):
+        world.round()
+    assert world.worst_harm < GATE_M
+    assert world.worst_helped < 0.06
+    assert world.least_eigenvalue > -1e-12
+
+
+def test_a_perfect_estimate_stays_one() -> None:
+    """With nothing to mend, noise of the rangers moves nothing."""
+    world = World(1, range_m=0.0015)
+    world.wheel_scale = world.gyro_scale = 1.0
+    world.rest(1.0)
+    for _ in range(3):
+        world.round()
+    assert world.worst_helped < 0.015
+    assert world.worst_yaw < math.radians(0.6)
+
+
+def test_a_touch_is_doubted_once() -> None:
+    estimator = PoseEstimator(MODEL, START)
+    walls = Relocaliser(MODEL, estimator)
+    traces = []
+    for touching in (False, True, True, False, True):
+        walls.update(None, None, None, touching=touching)
+        traces.append(sum(estimator.covariance[i][i] for i in range(3)))
+    assert traces[0] == 0.0
+    assert traces[1] == traces[2] == traces[3] > 0.0
+    assert traces[4] == pytest.approx(2 * traces[1])
+
+
+def test_nothing_is_corrected_before_a_wall_gave_the_grid() -> None:
+    estimator = PoseEstimator(MODEL, START)
+    walls = Relocaliser(MODEL, estimator)
+    for _ in range(200):
+        walls.update(0.5, 0.1, 0.1, touching=False)
+    assert (walls.yaw_fixes, walls.position_fixes) == (0, 0)
+    assert estimator.pose == START
+
+
+# ---- the filter's own properties -------------------------------------------------------
+
+VARIANCE = st.floats(1e-8, 1e-1)
+ERROR = st.floats(-0.2, 0.2)
+STEP = st.one_of(
+    st.tuples(st.just("yaw"), ERROR, VARIANCE),
+    st.tuples(st.just("position"), st.floats(-math.pi, math.pi), ERROR, VARIANCE),
+    st.tuples(st.just("disturb"), st.floats(0, 0.05), st.floats(0, 0.05)),
+    st.tuples(st.just("drive"), st.floats(-0.3, 0.3), st.floats(-2, 2), st.integers(1, 30)),
+)
+
+
+class Driven:
+    """An estimator that has been at rest, and a clock for it."""
+
+    def __init__(self) -> None:
+        self.estimator = PoseEstimator(MODEL, START)
+        self.tick, self.left, self.right = 0, 0.0, 0.0
+        self.drive(0.0, 0.0, 60)
+
+    def drive(self, v: float, w: float, ticks: int) -> None:
+        left, right = MODEL.wheel_speeds_m_s(v, w)
+        for _ in range(ticks):
+            self.tick += 1
+            self.left += 0.01 * left / MODEL.metres_per_count
+            self.right += 0.01 * right / MODEL.metres_per_count
+            self.estimator.on_imu(0.01 * self.tick, w)
+            if self.tick % 2:
+                counts = (math.floor(self.left) & 0xFFFF, math.floor(self.right) & 0xFFFF)
+                self.estimator.on_encoders(0.01 * self.tick, *counts)
+
+    def apply(self, step: tuple[object, ...]) -> None:
+        match step:
+            case ("yaw", float(error), float(variance)):
+                self.estimator.correct_yaw(error, variance)
+            case ("position", float(direction), float(error), float(variance)):
+                c, s = math.cos(direction), math.sin(direction)
+                self.estimator.correct_position(c, s, error, variance)
+            case ("disturb", float(sigma_m), float(sigma_rad)):
+                self.estimator.disturb(sigma_m, sigma_rad)
+            case ("drive", float(v), float(w), int(ticks)):
+                self.drive(v, w, ticks)
+
+
+@given(st.lists(STEP, min_size=1, max_size=25))
+def test_the_covariance_stays_positive_semidefinite(steps: list[tuple[object, ...]]) -> None:
+    driven = Driven()
+    for step in steps:
+        driven.apply(step)
+        covariance = np.array(driven.estimator.covariance)
+        assert np.isfinite(covariance).all()
+        assert float(np.linalg.eigvalsh(covariance).min()) >= -1e-9 * max(1.0, covariance.max())
+        assert np.isfinite(driven.estimator.pose).all()
+        assert driven.estimator.gyro_bias_sigma_rad_s > 0.0
+
+
+@given(st.lists(STEP, max_size=20), ERROR, VARIANCE)
+def test_a_correction_takes_away_part_of_the_error_and_of_the_doubt(
+    steps: list[tuple[object, ...]], error: float, variance: float
+) -> None:
+    driven = Driven()
+    for step in steps:
+        driven.apply(step)
+    estimator = driven.estimator
+    before, doubt = estimator.pose, estimator.covariance[2][2]
+    estimator.correct_yaw(error, variance)
+    moved = math.remainder(estimator.pose.theta_rad - before.theta_rad, math.tau)
+    assert estimator.covariance[2][2] <= min(doubt, variance) * (1 + 1e-9) + 1e-15
+    assert moved * error <= 0.0
+    assert abs(moved) <= abs(error) + 1e-12
+    assert moved == pytest.approx(-error * doubt / (doubt + variance), abs=1e-9)
+
+
+@given(st.lists(STEP, max_size=20), st.floats(-math.pi, math.pi), ERROR, VARIANCE)
+def test_a_position_is_corrected_along_the_walls_normal(
+    steps: list[tuple[object, ...]], direction: float, error: float, variance: float
+) -> None:
+    driven = Driven()
+    for step in steps:
+        driven.apply(step)
+    estimator = driven.estimator
+    c, s = math.cos(direction), math.sin(direction)
+    before = estimator.pose
+    (xx, xy, _), (_, yy, _), _ = estimator.covariance
+    doubt = c * c * xx + 2 * c * s * xy + s * s * yy
+    estimator.correct_position(c, s, error, variance)
+    after = estimator.pose
+    along = (after.x_m - before.x_m) * c + (after.y_m - before.y_m) * s
+    assert along == pytest.approx(-error * doubt / (doubt + variance), abs=1e-9)
