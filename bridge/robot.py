@@ -146,9 +146,7 @@ class Robot:
         self.host = Host(
             self.model,
             self._sink,
-            HostOptions(
-                clock.unix_offset_ns(), "manual", start, self._node, link_of(self._name)
-            ),
+            HostOptions(clock.unix_offset_ns(), "manual", start, self._node, link_of(self._name)),
             self._mission,
             lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
         )

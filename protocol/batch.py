@@ -187,7 +187,7 @@ def join(results: list[BatchResult], catalogue: Catalogue = CATALOGUE) -> BatchR
         return results[0]
     empty = {spec.name: np.empty(0, row_dtype(spec)) for spec in catalogue}
     messages = {
-        name: np.concatenate([r.messages[name] for r in results if len(r.messages[name])] or [rows])
+        name: _concatenate([rows, *(r.messages[name] for r in results if len(r.messages[name]))])
         for name, rows in empty.items()
     }
     return BatchResult(
@@ -269,10 +269,21 @@ class BatchDecoder:
         )
 
 
+def _concatenate(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
+    if len(parts) == 1:
+        return parts[0]
+    row = parts[0].dtype
+    if row.hasobject:
+        return np.concatenate(parts)
+    # Bare bytes: structured rows would be copied column by column.
+    whole = np.concatenate([part.view(f"V{row.itemsize}") for part in parts])
+    return whole.view(row)
+
+
 def _ordered(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
     if len(parts) == 1:
         return parts[0]
-    rows = np.concatenate(parts)
+    rows = _concatenate(parts)
     return rows[np.argsort(rows["offset"], kind="stable")]
 
 

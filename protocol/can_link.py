@@ -338,7 +338,7 @@ class CanLink(LinkBase):
         if not self._queue:
             return b""
         queue, self._queue = self._queue, []
-        queue.sort(key=lambda waiting: waiting.type_id != _STOP)
+        queue.sort(key=lambda waiting: waiting[1] != _STOP)
         records: list[bytes] = []
         for node, type_id, t_us, payload, flags in queue:
             spec = self.codec.catalogue.by_type[type_id]

@@ -50,14 +50,9 @@ class Received(NamedTuple):
     spec: MessageSpec
 
 
-class _Waiting(NamedTuple):
-    """A frame to be: it takes its sequence number as it leaves, or a replaced one is a gap."""
-
-    node: int
-    type_id: int
-    t_us: int
-    payload: bytes
-    flags: int
+_Waiting = tuple[int, int, int, bytes, int]
+"""A frame to be: node, type, stamp, payload, flags. It takes its sequence number as it leaves,
+or a replaced one would be a gap; a bare tuple, for there is one for every message sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,12 +155,12 @@ class LinkBase(ABC):
             check_frame(node, type_id, payload, flags)
         statistics = self.statistics
         if latest:
-            kept = [w for w in self._queue if w.type_id != type_id or w.node != node]
+            kept = [w for w in self._queue if w[1] != type_id or w[0] != node]
             replaced = len(self._queue) - len(kept)
             statistics.superseded += replaced
             statistics.frames_out -= replaced
             self._queue = kept
-        self._queue.append(_new(_Waiting, (node, type_id, t_us, payload, flags)))
+        self._queue.append((node, type_id, t_us, payload, flags))
         statistics.frames_out += 1
         return True
 
@@ -207,9 +202,7 @@ class Link(LinkBase):
         plain, expected, disabled = self._plain, self._expected_seq, self.disabled
         by_type, sender_mask = statistics.by_type, self._sender_mask
         ordinary = damaged = 0
-        for piece in pieces:
-            if not piece:
-                continue
+        for piece in filter(None, pieces):
             try:
                 body = cobs.decode(piece)
                 unpack = UNPACK_BODY[len(body)]
@@ -298,14 +291,12 @@ class Link(LinkBase):
         if not self._queue:
             return b""
         # With a leading delimiter on an idle line, a damaged tail costs no intact neighbour.
-        wires = [b""]
+        data = b"\0"
         seq = self._seq
-        for node, type_id, t_us, payload, flags in self._queue:
-            wires.append(encode_checked(node, type_id, seq, t_us, payload, flags))
+        for node, type_id, t_us, payload, flags in self._queue:  # hardly ever more than one
+            data += encode_checked(node, type_id, seq, t_us, payload, flags)
             seq += 1
-        wires.append(b"")
         self._seq = seq & 0xFF
         self._queue.clear()
-        data = b"\0".join(wires)
         self.statistics.bytes_out += len(data)
         return data

@@ -106,16 +106,16 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
     """
     check_frame(node, type_id, payload, flags)
-    return encode_checked(node, type_id, seq, t_us, payload, flags) + _DELIMITER
+    return encode_checked(node, type_id, seq, t_us, payload, flags)
 
 
 def encode_checked(  # noqa: PLR0913, PLR0917 - the header's fields
     node: int, type_id: int, seq: int, t_us: int, payload: bytes, flags: int
 ) -> bytes:
-    """COBS-encode what :func:`check_frame` has passed, without any delimiter."""
+    """Like :func:`encode_frame`, for what :func:`check_frame` has passed."""
     body = _pack_head(_VERSION | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF) + payload
     encoded: bytes = cobs.encode(body + _pack_crc(crc32(body)))
-    return encoded
+    return encoded + _DELIMITER
 
 
 def check_frame(node: int, type_id: int, payload: bytes, flags: int) -> None:
@@ -152,23 +152,22 @@ class UartParser:
         found: list[Any] = []
         pieces = self.split(data)
         damaged = False
-        for piece in pieces:  # every frame passes here: no call that is not needed
-            if piece:
-                try:
-                    body = cobs.decode(piece)
-                    unpack = UNPACK_BODY[len(body)]
-                except cobs.DecodeError:
-                    found.append(Damage.COBS)
-                    damaged = True
-                except KeyError:
-                    found.append(Damage.LENGTH)
-                    damaged = True
+        for piece in filter(None, pieces):  # every frame passes here: no call without need
+            try:
+                body = cobs.decode(piece)
+                unpack = UNPACK_BODY[len(body)]
+            except cobs.DecodeError:
+                found.append(Damage.COBS)
+                damaged = True
+            except KeyError:
+                found.append(Damage.LENGTH)
+                damaged = True
+            else:
+                if crc32(body) == RESIDUE:
+                    found.append(_new(Frame, unpack(body)))
                 else:
-                    if crc32(body) == RESIDUE:
-                        found.append(_new(Frame, unpack(body)))
-                    else:
-                        found.append(Damage.CRC)
-                        damaged = True
+                    found.append(Damage.CRC)
+                    damaged = True
         self.frames += len(found)
         if damaged:
             self.locate(found, pieces)

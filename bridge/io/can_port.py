@@ -90,7 +90,7 @@ class CanPort:
         os.set_blocking(self._wake_write, False)
         self._woken = False
         self.garbled = 0
-        """Lines of an adapter that were no frames."""
+        """Lines of an adapter, or datagrams, that were no frames."""
         self._fd = -1
         with suppress(NotImplementedError, can.CanError):
             self._fd = self._bus.fileno()
@@ -140,9 +140,13 @@ class CanPort:
     def _receive(self, timeout_s: float) -> can.Message | None:
         try:
             return self._bus.recv(timeout_s)
-        except UnicodeDecodeError:  # python-can would keep those bytes and fail on them again
-            self.garbled += 1
-            self._bus.flush()  # type: ignore[attr-defined]  # only slcan decodes text
+        except can.CanError as error:
+            cause = error.__cause__
+            if cause is None or isinstance(cause, OSError):
+                raise
+            self.garbled += 1  # not the bus's own trouble: something on it is no frame
+            if isinstance(cause, UnicodeDecodeError):  # python-can would keep it and fail again
+                self._bus.flush()  # type: ignore[attr-defined]  # only slcan decodes text
         except (ValueError, IndexError):  # a line cut short between adapter and host
             self.garbled += 1
         return None
@@ -239,7 +243,14 @@ def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> c
         return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
     except can.CanInterfaceNotImplementedError as error:
         raise PortError(f"cannot open {port}: {_reason(error)}") from None
-    except (can.CanError, OSError, ValueError, AttributeError, ImportError) as error:
+    except (
+        can.CanError,
+        OSError,
+        ValueError,
+        AttributeError,
+        ImportError,
+        NotImplementedError,
+    ) as error:
         cause: BaseException = error.__cause__ or error
         number = getattr(cause, "errno", None)
         if number in {errno.EBUSY, errno.EAGAIN}:

@@ -6,7 +6,7 @@ No allocation, no I/O, no recursion; everything that is kept stands in structs o
 from __future__ import annotations
 
 from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
-from protocol.generate import c_can, c_framing, c_messages
+from protocol.generate import c_can, c_header_text, c_messages, c_source_text
 
 HEADER = "sweepctl_protocol.h"
 SOURCE = "sweepctl_protocol.c"
@@ -32,10 +32,10 @@ def _origin(catalogue: Catalogue, what: str) -> str:
 def _header(catalogue: Catalogue) -> str:
     parts = [
         _origin(catalogue, "The sweeper's wire in C99: structs hold raw wire integers."),
-        c_framing.HEADER_TOP,
+        c_header_text.HEADER_TOP,
         c_messages.switches(catalogue),
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
-        c_framing.HEADER_FRAMING.format(version=PROTOCOL_VERSION),
+        c_header_text.HEADER_FRAMING.format(version=PROTOCOL_VERSION),
         "/* ---- values " + "-" * 78 + " */\n",
         c_messages.enums(catalogue),
         "/* ---- messages " + "-" * 76 + " */\n\n"
@@ -44,7 +44,7 @@ def _header(catalogue: Catalogue) -> str:
         " * frame: a whole frame in a buffer of SP_FRAME_MAX bytes; its length, 0 where it is too\n"
         " * long. */\n",
         *(c_messages.declaration(spec) for spec in catalogue),
-        c_framing.HEADER_SCHEMA.format(hash=catalogue.hash),
+        c_header_text.HEADER_SCHEMA.format(hash=catalogue.hash),
         c_can.header(catalogue),
         "#ifdef __cplusplus\n}\n#endif\n\n#endif\n",
     ]
@@ -55,12 +55,12 @@ def _source(catalogue: Catalogue) -> str:
     parts = [
         _origin(catalogue, "The sweeper's wire in C99."),
         f'#include "{HEADER}"\n',
-        c_framing.SOURCE_TOP,
-        c_framing.SOURCE_CRC.format(full=_table(_crc_table(8)), nibble=_table(_crc_table(4))),
-        c_framing.SOURCE_FRAMING,
+        c_source_text.SOURCE_TOP,
+        c_source_text.SOURCE_CRC.format(full=_table(_crc_table(8)), nibble=_table(_crc_table(4))),
+        c_source_text.SOURCE_FRAMING,
         "/* ---- messages " + "-" * 76 + " */\n",
         *(c_messages.definition(spec) for spec in catalogue),
-        c_framing.SOURCE_SCHEMA.format(
+        c_source_text.SOURCE_SCHEMA.format(
             rows=c_messages.table_rows(catalogue), chains=c_messages.chain_rows(catalogue)
         ),
         c_can.source(catalogue),

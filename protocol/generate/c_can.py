@@ -8,7 +8,8 @@ from protocol.can_frames import CAN_FULL_STAMP, STAMP_SHIFT, is_native, parts_of
 from protocol.can_link import DOUBLE_US
 from protocol.can_segments import FLAG_WHOLE_STAMP, OPEN_US
 from protocol.can_stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US
-from protocol.generate.c_can_text import HEADER, SOURCE
+from protocol.generate.c_can_receive_text import RECEIVE
+from protocol.generate.c_can_text import HEADER, SEND
 from protocol.generate.c_messages import guarded
 from protocol.message import Direction
 
@@ -43,11 +44,14 @@ def source(catalogue: Catalogue) -> str:
     """
     slow = _slow(catalogue)
     spans = "".join(guarded(s, "".join(_spans(s, slow))) for s in catalogue if is_native(s))
-    return SOURCE.format(
+    send = SEND.format(
         spans=spans,
         slow=", ".join(f"{us}u" for us in slow.values()) or "0u",
         shift=STAMP_SHIFT,
         whole=FLAG_WHOLE_STAMP,
+    )
+    receive = RECEIVE.format(
+        shift=STAMP_SHIFT,
         double=DOUBLE_US,
         open=OPEN_US,
         oldest=OLDEST_US,
@@ -55,6 +59,7 @@ def source(catalogue: Catalogue) -> str:
         step=STEP_US,
         drift=_PPM // DRIFT_PPM,
     )
+    return f"{send}\n{receive}"
 
 
 def _slow(catalogue: Catalogue) -> dict[int, int]:

@@ -8,10 +8,10 @@ catalogue becomes tables; the code that walks them is text of :mod:`~protocol.ge
 
 from __future__ import annotations
 
-from enum import IntFlag
 from typing import TYPE_CHECKING
 
 from protocol.can_frames import CAN_FULL_STAMP, is_native, parts_of
+from protocol.can_link import DOUBLE_US
 from protocol.can_segments import MAX_CONTENT, OPEN_US, SEGMENT
 from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.generate.lua_can import CAN, REGISTRATION
@@ -27,33 +27,32 @@ if TYPE_CHECKING:
     from protocol.message import MessageSpec
 
 FILE = "sweepctl.lua"
-DOUBLE_S = 0.5
-"""A CAN frame that comes again unchanged within this is a double of the one before."""
 _HEX_UNITS = frozenset({"bits", "hash"})
 _KINDS = {"text": "text", "uid96": "bytes"}
 
 
 def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
     """The dissector's text by its file name."""
-    enums = {f.enum.__name__: f.enum for s in catalogue for f in s.fields if f.enum is not None}
-    values = sorted((n, e) for n, e in enums.items() if not issubclass(e, IntFlag))
+    fields = [f for s in catalogue for f in s.fields]
+    values = {f.enum.__name__: f.enum for f in fields if f.enum and f.unit == "enum"}
     lines = [
         "-- Wireshark dissector of the sweeper's wire: serial line and CAN.",
         "-- Made by `sweepctl generate lua`; changes belong into the catalogue.",
         f"-- Protocol version {PROTOCOL_VERSION}, catalogue 0x{catalogue.hash:08x}.",
         "-- SPDX-License-Identifier: MIT",
         "--",
-        '-- Put it into the plugins folder ("About", "Folders"), or: tshark -X lua_script:sweepctl.lua',
+        '-- It belongs into the plugins folder ("About", "Folders"); or by hand:',
+        "-- tshark -X lua_script:sweepctl.lua",
         "",
         f"local VERSION = {PROTOCOL_VERSION}",
         f"local MIN_DECODED, MAX_ENCODED = {MIN_DECODED}, {MAX_ENCODED} -- B, of a serial frame",
         f"local SEGMENT, MAX_SEGMENTS = {SEGMENT}, {-(-(MAX_CONTENT + CRC.size) // SEGMENT)}",
-        f"local OPEN_S, DOUBLE_S = {OPEN_US / 1e6}, {DOUBLE_S}",
+        f"local OPEN_S, DOUBLE_S = {OPEN_US / 1e6}, {DOUBLE_US / 1e6}",
         "",
         "-- ---- the catalogue " + "-" * 70,
         "",
         "local VALUES = {",
-        *(f"  {name} = {_value_names(enum)}," for name, enum in values),
+        *(f"  {name} = {_value_names(enum)}," for name, enum in sorted(values.items())),
         "}",
         "",
         "local MESSAGES = {",
@@ -107,7 +106,7 @@ def _properties(field: Field) -> Iterator[str]:
         yield "hex = true"
     if field.enum is None:
         return
-    if issubclass(field.enum, IntFlag):
+    if field.unit == "bits":
         bits = ", ".join(f"{{ {_flag(b.value)}, {_quoted(_lower(b.name))} }}" for b in field.enum)
         yield f"bits = {{ {bits} }}"
     else:

@@ -5,7 +5,6 @@ from __future__ import annotations
 CAN = r"""
 -- ---- CAN: id = type << 4 | node ----------------------------------------------------------
 
-local can_id_of = Field.new("can.id")
 local open_transfer, latest, segments = {}, {}, {}
 
 function sweepctl_can.init()
@@ -154,16 +153,14 @@ end
 local function segment_of(tvb, pinfo, id)
   local packet = pinfo.number
   if not segments[packet] then
-    local key = interface_key() * 0x800 + id
-    segments[packet] = place_segment(key, tvb:raw(), packet, pinfo.abs_ts)
+    segments[packet] = place_segment(id, tvb:raw(), packet, pinfo.abs_ts)
   end
   return segments[packet]
 end
 
 function sweepctl_can.dissector(tvb, pinfo, tree)
   pinfo.cols.protocol = "sweepctl"
-  local identifier = can_id_of()
-  local id = identifier and identifier.value or pinfo.match_uint
+  local id = pinfo.match_uint
   local type_id, node = math.floor(id / 16), id % 16
   local root = tree:add(sweepctl_can, tvb())
   root:add(head.node, node):set_generated()
@@ -187,7 +184,7 @@ end
 REGISTRATION = r"""
 -- ---- where it hooks in -------------------------------------------------------------------
 -- DLT_USER0 (147): one frame a packet. DLT_USER1 (148): bytes as they were read.
--- CAN: by the ids of the catalogue; "Decode As" for all else on a bus that is ours alone.
+-- CAN: the ids of the catalogue, and no others; of one bus, or transfers of several mix.
 
 sweepctl.fields = registered
 local expert_list = {}
@@ -207,5 +204,4 @@ for type_id, _ in pairs(CAN_TYPES) do
     by_id:add(type_id * 16 + node, sweepctl_can)
   end
 end
-DissectorTable.get("can.subdissector"):add_for_decode_as(sweepctl_can)
 """

@@ -13,13 +13,6 @@ local sweepctl = Proto("sweepctl", "sweepctl frame")
 local sweepctl_stream = Proto("sweepctl_stream", "sweepctl bytes of a serial line")
 local sweepctl_can = Proto("sweepctl_can", "sweepctl CAN frame")
 
--- Captures of several lines (pcapng) are kept apart by interface.
-local interface_of = Field.new("frame.interface_id")
-local function interface_key()
-  local interface = interface_of()
-  return interface and interface.value or 0
-end
-
 local DIRECTIONS = { device = "device to host", host = "host to device" }
 local TYPE_NAMES = {}
 for type_id, message in pairs(MESSAGES) do
@@ -134,6 +127,9 @@ local function add_number(tree, field, range)
   local item
   if not field.physical then
     item = tree:add_le(field.shown, range)
+    if raw == field.none then
+      item:append_text(", none")
+    end
   elseif raw == field.none then
     item = tree:add_le(field.shown, range)
     item:set_text(field.name .. ": none (raw " .. raw .. ")")

@@ -65,7 +65,8 @@ end
 local function add_message(tree, type_id, tvb)
   local message = MESSAGES[type_id]
   if not message then
-    tree:add_proto_expert_info(experts.type, ("type 0x%02x is not in the catalogue"):format(type_id))
+    local text = ("type 0x%02x is not in the catalogue"):format(type_id)
+    tree:add_proto_expert_info(experts.type, text)
     if tvb then
       tree:add(head.payload, tvb())
     end
@@ -164,7 +165,8 @@ function sweepctl.dissector(tvb, pinfo, tree)
 end
 
 -- A packet that holds bytes as they were read: frames begin and end anywhere. What is begun is
--- carried to the same interface's next packet, on the first pass, which goes in order.
+-- carried to the next packet of the same direction (pcapng's flag), on the first pass, which goes
+-- in order. That pass shows nothing, so fields of the frame (its interface) are not known to it.
 
 local open_stretch, carried = {}, {}
 
@@ -173,7 +175,7 @@ function sweepctl_stream.init()
 end
 
 local function carry(pinfo, bytes)
-  local key = interface_key()
+  local key = pinfo.p2p_dir
   local before = open_stretch[key] or { bytes = "", length = 0 }
   carried[pinfo.number] = before
   local tail = bytes:match("[^%z]*$")
@@ -186,7 +188,8 @@ local function carry(pinfo, bytes)
   elseif tail == "" then
     open_stretch[key] = nil
   else
-    open_stretch[key] = { bytes = tail:sub(1, MAX_ENCODED + 1), length = #tail, packet = pinfo.number }
+    local kept = tail:sub(1, MAX_ENCODED + 1)
+    open_stretch[key] = { bytes = kept, length = #tail, packet = pinfo.number }
   end
 end
 
@@ -207,7 +210,9 @@ function sweepctl_stream.dissector(tvb, pinfo, tree)
   local root = tree:add(sweepctl_stream, tvb())
   if is_cut(tvb, root) then
     pinfo.cols.info = "[cut short by the capture]"
-    open_stretch[interface_key()] = nil
+    if not pinfo.visited then
+      open_stretch[pinfo.p2p_dir] = nil
+    end
     return
   end
   local bytes = tvb:raw()

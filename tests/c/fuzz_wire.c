@@ -77,6 +77,7 @@ static void content(const uint8_t *data, size_t size)
     sender.flags = data[1] & 0x0Fu;
     const size_t n = sp_seal(frame, &sender, data[0], 0x12345678u, length);
     demand(n == length + 15);
+    demand(sp_seal(frame, &sender, data[0], 0, SP_PAYLOAD_MAX + 1u + data[1]) == 0);
     for (size_t i = 0; i < n; i++) {
         demand(event == SP_NOTHING && (i == 0 || i == n - 1 || frame[i] != 0));
         event = sp_parser_byte(&parser, frame[i], &parsed);

@@ -19,7 +19,15 @@ from protocol.codec import Codec
 from protocol.errors import FieldRangeError
 from protocol.link import LinkEvent, Received, Rejected
 from protocol.message import Direction, Message, MessageSpec
-from protocol.messages import ALL_MESSAGES, Imu, PlannerState, Stop, Sync
+from protocol.messages import (
+    ALL_MESSAGES,
+    Imu,
+    PlannerState,
+    Status,
+    Stop,
+    Sync,
+    TimeRequest,
+)
 from protocol.uart import CRC, DamagedFrame
 from support import strategies as wire
 
@@ -40,8 +48,7 @@ def records_of(data: bytes) -> list[bytes]:
 def synced(sends: Direction, now_us: int, node: int = 1) -> bytes:
     """Frames that tell the other end the sender's clock."""
     link = CanLink(sends)
-    spec = next(s for s in SPECS if s.direction is sends and s.name in {"sync", "time_request"})
-    link.send(spec.cls(0), now_us, node=node)
+    link.send(Sync(0) if sends is DEVICE else TimeRequest(0), now_us, node=node)
     return link.data_to_send()
 
 
@@ -115,7 +122,9 @@ def random_message(spec: MessageSpec, rng: random.Random) -> Message:
         if field.wire.is_text:
             values.append("".join(rng.choice("abcdef") for _ in range(rng.randrange(60))))
         elif field.wire.is_integer:
-            values.append(rng.choice([field.wire.low, rng.randint(field.wire.low, field.wire.high)]))
+            values.append(
+                rng.choice([field.wire.low, rng.randint(field.wire.low, field.wire.high)])
+            )
         else:
             values.append(rng.randbytes(field.wire.size))
     return spec.cls(*values)
@@ -257,8 +266,7 @@ def test_a_stamp_is_right_or_refused(
 def test_an_old_stamp_is_dropped_and_counted(age_us: int, taken: bool) -> None:  # noqa: FBT001 - a case
     sender, receiver = CanLink(DEVICE), CanLink(HOST)
     receiver.receive(synced(DEVICE, 5_000_000), 77_000_000)
-    status = next(s for s in SPECS if s.name == "status")
-    sender.send(status.cls(0, 0, 0, 0, 0), 5_000_100, node=1)
+    sender.send(Status(0, 0, 0, 0, 0), 5_000_100, node=1)
     events = receiver.receive(sender.data_to_send(), 77_000_100 + age_us)
     assert bool(events) is taken
     assert receiver.statistics.stale == (0 if taken else 1)
@@ -339,7 +347,9 @@ def test_an_older_peer_sends_the_parts_that_it_has(kept: int) -> None:
     receiver.receive(synced(DEVICE, 0), 0)
     sender = CanLink(DEVICE)
     sender.send(PlannerState(*values), 1_000, node=1)
-    received = [e for e in receiver.receive(sender.data_to_send(), 1_000) if isinstance(e, Received)]
+    received = [
+        e for e in receiver.receive(sender.data_to_send(), 1_000) if isinstance(e, Received)
+    ]
     assert [tuple(e.message)[:kept] for e in received] == [values[:kept]]
     shared = sum(f.wire.size for f in CATALOGUE.spec(PlannerState).fields[:kept])
     if kept == 4:  # nothing of the second part is known, not even its type

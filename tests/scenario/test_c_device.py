@@ -12,7 +12,15 @@ import pytest
 
 from bridge.session import Agreed, CommandEnded, Data, Session, State
 from protocol.clock import HostNs
-from protocol.messages import ClearStop, Encoders, Hello, Imu, SaveParameters, Status
+from protocol.messages import (
+    ClearStop,
+    Encoders,
+    Hello,
+    Imu,
+    SaveParameters,
+    Status,
+    VelocitySetpoint,
+)
 from protocol.uart import Frame, UartParser
 from protocol.values import Fault, Mode, NackReason, StopCause
 from support.c_build import C_TESTS, ROOT, SANITIZED, generate
@@ -74,9 +82,13 @@ class Bench:
     """A session and the device on two wires, in virtual time."""
 
     def __init__(
-        self, device: Device, to_device: Wire | None = None, to_host: Wire | None = None
+        self,
+        device: Device,
+        to_device: Wire | None = None,
+        to_host: Wire | None = None,
+        first_session_id: int = 1,
     ) -> None:
-        ids = itertools.count(1)
+        ids = itertools.count(first_session_id)
         self.device = device
         self.session = Session(lambda: next(ids))
         self.events: list[SessionEvent] = []
@@ -241,6 +253,45 @@ def test_it_drives_only_when_asked_and_as_long_as_setpoints_are_fresh(device: De
     assert bench.status().faults == 0
 
 
+def test_a_setpoint_that_was_long_on_its_way_does_not_count(device: Device) -> None:
+    bench = Bench(device)
+    bench.open()
+    bench.start()
+    link = bench.session.link
+
+    def moves(counter: int, age_us: int) -> bool:
+        stamp_us = bench.now_us + HOST_AHEAD_US - age_us
+        link.send(VelocitySetpoint(1000, 0, 200, counter), stamp_us, node=1)
+        return bench.run(0.05, lambda: device.drive != (0.0, 0.0))
+
+    assert not moves(1, 210_000)
+    assert moves(2, 100_000)
+    assert bench.run(0.12, lambda: device.drive == (0.0, 0.0))  # what was left of 200 ms
+    assert not moves(2, 0)  # as old by its counter
+    assert moves(3, 0)
+
+
+def test_a_new_host_starts_from_nothing(device: Device) -> None:
+    first = Bench(device)
+    first.open()
+    first.start()
+    first.drive(0.2)
+    assert first.run(1.0) is False
+    assert device.drive[0] > 0
+    second = Bench(device, first_session_id=100)
+    second.now_us = first.now_us
+    second.session.open(second.now_ns)
+    assert second.run(0.3, lambda: device.drive == (0.0, 0.0))
+    assert second.run(4.0, lambda: second.session.state is State.READY)
+    assert second.status().stop_cause == StopCause.LINK
+    second.session.clear_stop(StopCause.LINK, second.now_ns)
+    assert second.outcome() == (True, None)
+    second.session.set_mode(Mode.VELOCITY, second.now_ns)
+    assert second.outcome() == (True, None)
+    second.drive(0.1)  # its counter starts anew
+    assert second.run(0.1, lambda: device.drive[0] == pytest.approx(0.1))
+
+
 def test_a_stop_is_latched_until_it_is_cleared_by_name(device: Device) -> None:
     bench = Bench(device)
     bench.open()
@@ -319,9 +370,11 @@ def test_it_agrees_and_obeys_on_a_bad_line(device: Device) -> None:
     bench.start()
     bench.drive(0.2)
     assert bench.run(1.0, lambda: device.drive[0] > 0)
+    bench.run(5.0)
+    assert bench.session.state is State.READY
     bench.session.stop(StopCause.OPERATOR, bench.now_ns)
     assert bench.run(1.0, lambda: device.drive == (0.0, 0.0))
-    assert bench.session.link.statistics.damaged > 0
+    assert bench.session.link.statistics.damaged > 10
 
 
 def test_a_minimal_build_agrees_message_by_message(

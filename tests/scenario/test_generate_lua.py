@@ -1,4 +1,4 @@
-"""The Wireshark dissector, by what tshark makes of captures."""
+"""The Wireshark dissector on the serial line, by what tshark makes of captures."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from protocol.can_frames import CAN_FULL_STAMP, can_type, from_record, is_native
-from protocol.can_link import CanLink
 from protocol.catalogue import CATALOGUE
 from protocol.codec import Codec
 from protocol.generate import render
@@ -20,32 +18,25 @@ from protocol.message import Direction
 from protocol.uart import encode_frame
 from support import reference_codec as ref
 from support.captures import (
-    SOCKETCAN,
     USER0,
     USER1,
     Packet,
     Seen,
     Tshark,
     line_of_log,
-    socketcan,
     write_pcap,
     write_pcapng,
 )
+from support.dissected import PER_MESSAGE, assert_message, random_messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from protocol.can_frames import CanFrame
-    from protocol.fields import Field
-    from protocol.message import Message, MessageSpec
 
     Dissect = Callable[[int, list[Packet]], list[Seen]]
 
 Vector = dict[str, Any]
 VECTORS = Path(__file__).parent.parent / "vectors"
-PER_MESSAGE = 12
 DAMAGE_FINDING = {"cobs": "bad_cobs", "length": "bad_length", "crc": "bad_crc"}
-SENDER = {Direction.DEVICE: "device to host", Direction.HOST: "host to device"}
 
 
 def load(name: str) -> list[Vector]:
@@ -55,11 +46,8 @@ def load(name: str) -> list[Vector]:
 
 @pytest.fixture(scope="module")
 def tshark(tmp_path_factory: pytest.TempPathFactory) -> Tshark:
-    folder = tmp_path_factory.mktemp("wireshark")
     (text,) = render("lua").values()
-    script = folder / "sweepctl.lua"
-    script.write_text(text, encoding="utf-8")
-    return Tshark(script, folder / "settings")
+    return Tshark(text, tmp_path_factory.mktemp("wireshark"))
 
 
 @pytest.fixture
@@ -69,79 +57,6 @@ def dissect(tshark: Tshark, tmp_path: Path) -> Dissect:
         return tshark.dissect(tmp_path / "made.pcap")
 
     return through
-
-
-# ---- what a frame should show -----------------------------------------------------------
-
-
-def random_value(field: Field, rng: random.Random) -> object:
-    wire = field.wire
-    if wire.is_text:
-        return "".join(rng.choice("aZ09 ,.±°é漢🤖") for _ in range(rng.randrange(20)))
-    if not wire.is_integer:
-        return rng.randbytes(wire.size)
-    edges = [wire.low, wire.high, field.low, field.high, 0, field.none or 0]
-    return rng.choice([*edges, *(rng.randint(wire.low, wire.high) for _ in range(6))])
-
-
-def random_message(spec: MessageSpec, rng: random.Random) -> Message:
-    return spec.cls(*(random_value(f, rng) for f in spec.fields))
-
-
-def random_messages(seed: int) -> list[tuple[MessageSpec, Message]]:
-    rng = random.Random(seed)
-    made = [(s, random_message(s, rng)) for s in CATALOGUE for _ in range(PER_MESSAGE)]
-    rng.shuffle(made)
-    return made
-
-
-def assert_field(seen: Seen, spec: MessageSpec, field: Field, value: object) -> None:
-    """One field of the payload, as a filter finds it and as a person reads it."""
-    name = f"{spec.name}.{field.name}"
-    if isinstance(value, str):
-        assert (seen.get(name) or "") == value
-    elif isinstance(value, bytes):
-        assert bytes.fromhex((seen.get(name) or "").replace(":", "")) == value
-    else:
-        assert isinstance(value, int)
-        assert_number(seen, name, field, value)
-        odd = value != field.none and not field.low <= value <= field.high
-        assert not odd or "out_of_range" in seen.experts
-
-
-def assert_number(seen: Seen, name: str, field: Field, value: int) -> None:
-    if field.si_suffix is None:
-        assert seen.number(name) == value
-        if field.unit == "enum" and field.enum is not None:
-            known = {int(v): v.name.lower() for v in field.enum}
-            assert seen.text_of(name) == f"{field.name}: {known.get(value, 'Unknown')} ({value})"
-        elif field.unit == "bits":
-            for bit in field.enum or ():
-                assert seen.number(f"{name}.{(bit.name or '').lower()}") == int(bool(value & bit))
-        return
-    assert seen.number(f"{name}.raw") == value
-    shown = seen.get(name)
-    if value == field.none:
-        assert shown is None
-        assert seen.text_of(f"{name}.raw") == f"{field.name}: none (raw {value})"
-    else:
-        assert shown is not None
-        exact = value * field.scale + field.offset
-        assert float(shown) == pytest.approx(float(exact), rel=1e-12, abs=1e-12)
-        assert seen.text_of(name).startswith(f"{field.name}: ")
-        assert seen.text_of(name).endswith(f" {field.unit}")
-
-
-def assert_message(seen: Seen, spec: MessageSpec, message: Message) -> None:
-    assert seen.number("type") == spec.type_id
-    assert seen.get("direction") == SENDER[spec.direction]
-    assert seen.get("damage") is None
-    assert seen.experts <= {"out_of_range"}
-    for field, value in zip(spec.fields, message, strict=True):
-        assert_field(seen, spec, field, value)
-
-
-# ---- serial line ------------------------------------------------------------------------
 
 
 def test_intact_vectors_show_every_field(dissect: Dissect) -> None:
@@ -193,9 +108,9 @@ def test_random_messages_show_every_field(dissect: Dissect) -> None:
         heads.append((*head, flags))
     seen = dissect(USER0, packets)
     assert len(seen) == len(made) == PER_MESSAGE * len(CATALOGUE.specs)
-    for (spec, message), head, frame in zip(made, heads, seen, strict=True):
+    for (spec, message), wanted, frame in zip(made, heads, seen, strict=True):
         shown = tuple(frame.number(k) for k in ("node", "type", "seq", "t_us", "flags"))
-        assert shown == head
+        assert shown == wanted
         assert frame.get("version") == "1"
         assert_message(frame, spec, message)
 
@@ -225,48 +140,52 @@ def test_damage_is_found_by_a_display_filter(tshark: Tshark, tmp_path: Path) -> 
         "-e", "frame.number", "-e", "sweepctl.damage", "-e", "_ws.expert.severity",
     )  # fmt: skip
     assert out.split() == ["2", "crc", str(0x00800000)]
-    values = tshark.run(
-        tmp_path / "x.pcap", "-Y", "sweepctl.encoders.left == 0", "-T", "json"
-    )
+    values = tshark.run(tmp_path / "x.pcap", "-Y", "sweepctl.encoders.left == 0", "-T", "json")
     assert [p["_source"]["layers"]["sweepctl"]["sweepctl.seq"] for p in json.loads(values)] == [
         "0",
         "0",
     ]
 
 
+def ended(event: ref.RefFrame | ref.RefDamage) -> dict[str, object]:
+    if isinstance(event, ref.RefDamage):
+        return {"damage": event.damage, "frame": None}
+    return {"damage": None, "frame": {"type": event.type_id, "seq": event.seq}}
+
+
+def read(seen: Seen) -> dict[str, object]:
+    damage = seen.get("damage")
+    frame = None if damage else {"type": seen.number("type"), "seq": seen.number("seq")}
+    return {"damage": damage, "frame": frame}
+
+
 @pytest.mark.parametrize("step", [1, 5, 10_000])
-def test_stream_vectors_give_their_events(step: int, tshark: Tshark, tmp_path: Path) -> None:
-    vectors = load("streams")
-    packets = []
-    for interface, vector in enumerate(vectors):
+def test_stream_vectors_give_their_events(step: int, dissect: Dissect) -> None:
+    packets, wanted = [], []
+    for vector in load("streams"):
+        # A delimiter behind each, so that what it leaves unfinished ends before the next.
         data = bytes.fromhex(vector["hex"])
-        packets += [
-            Packet(data[at : at + step], at, interface) for at in range(0, len(data), step)
-        ]
-    write_pcapng(tmp_path / "streams.pcapng", [USER1] * len(vectors), packets)
-    got: list[list[dict[str, object]]] = [[] for _ in vectors]
-    for seen in tshark.dissect(tmp_path / "streams.pcapng"):
-        damage = seen.get("damage")
-        frame = None if damage else {"type": seen.number("type"), "seq": seen.number("seq")}
-        got[packets[seen.packet - 1].interface].append({"damage": damage, "frame": frame})
-    assert got == [
-        [{"damage": e.get("damage"), "frame": e.get("frame")} for e in v["events"]]
-        for v in vectors
-    ]
+        wanted += [{"damage": e.get("damage"), "frame": e.get("frame")} for e in vector["events"]]
+        wanted += [ended(e) for e in ref.parse_stream(data[data.rfind(b"\0") + 1 :] + b"\0")]
+        data += b"\0"
+        packets += [Packet(data[at : at + step]) for at in range(0, len(data), step)]
+    assert [read(seen) for seen in dissect(USER1, packets)] == wanted
 
 
-def test_lines_of_two_interfaces_are_kept_apart(tshark: Tshark, tmp_path: Path) -> None:
-    frames = [encode_frame(1, 0x13, seq, 0, bytes(4)) for seq in range(2)]
+def test_both_directions_of_a_line_are_kept_apart(tshark: Tshark, tmp_path: Path) -> None:
+    frames = [encode_frame(1, 0x13, seq, 0, bytes(4)) for seq in range(3)]
     halves = [
-        Packet(frames[0][:9], 0, 0),
+        Packet(frames[0], 0, 1),
         Packet(frames[1][:9], 1, 1),
-        Packet(frames[0][9:], 2, 0),
+        Packet(frames[2][:9], 2, 2),
         Packet(frames[1][9:], 3, 1),
+        Packet(frames[2][9:], 4, 2),
     ]
-    write_pcapng(tmp_path / "two.pcapng", [USER1, USER1], halves)
+    write_pcapng(tmp_path / "two.pcapng", USER1, halves)
     seen = tshark.dissect(tmp_path / "two.pcapng")
-    assert [(s.packet, s.number("seq"), s.number("begun")) for s in seen] == [(3, 0, 1), (4, 1, 2)]
-    assert seen == tshark.dissect(tmp_path / "two.pcapng", "-2")  # a second pass shows the same
+    told = [(s.packet, s.number("seq"), s.get("begun")) for s in seen]
+    assert told == [(1, 0, None), (4, 1, "2"), (5, 2, "3")]
+    assert seen == tshark.dissect(tmp_path / "two.pcapng", "-2")  # a window shows the same
 
 
 def test_a_packet_cut_by_the_capture_is_marked(dissect: Dissect) -> None:
@@ -299,13 +218,16 @@ def test_garbage_never_upsets_it(tshark: Tshark, tmp_path: Path) -> None:
         whole = rng.random() < 0.5
         cut = slice(None) if whole else slice(rng.randrange(2), rng.randrange(2, len(data)))
         garbage.append(Packet(bytes(data[cut])))
-    garbage += [Packet(bytes(n)) for n in range(4)]
-    for link_type in (USER0, USER1):
-        write_pcap(tmp_path / "noise.pcap", link_type, garbage)
-        seen = tshark.dissect(tmp_path / "noise.pcap")
-        assert sum(s.get("damage") is not None for s in seen) > 100
-        intact = [s for s in seen if s.get("damage") is None and s.get("crc") is not None]
-        assert 0 < len(intact) < len(seen)
+    garbage += [Packet(bytes(n)) for n in range(1, 4)]
+    write_pcap(tmp_path / "noise.pcap", USER1, garbage)
+    seen = tshark.dissect(tmp_path / "noise.pcap")
+    expected = [ended(e) for e in ref.parse_stream(b"".join(p.data for p in garbage) + b"\0")]
+    assert [read(s) for s in seen] == expected
+    assert {str(e["damage"]) for e in expected} == {"cobs", "length", "crc", "None"}
+    write_pcap(tmp_path / "noise.pcap", USER0, garbage)
+    seen = tshark.dissect(tmp_path / "noise.pcap")
+    assert len(seen) == len(garbage)
+    assert 100 < sum(s.get("damage") is not None for s in seen) < len(seen)
 
 
 def test_any_frame_with_a_check_that_holds_is_dissected(dissect: Dissect) -> None:
@@ -329,15 +251,15 @@ def test_a_run_s_log_shows_the_frames_that_went_over_its_line(
     rng = random.Random(5)
     path = tmp_path / "run.mcap"
     counts = record_line(path, rng)
-    write_pcapng(tmp_path / "run.pcapng", [USER1, USER1], line_of_log(path))
+    write_pcapng(tmp_path / "run.pcapng", USER1, line_of_log(path))
     seen = tshark.dissect(tmp_path / "run.pcapng")
     assert [s for s in seen if s.get("damage")] == []
     by_direction = [s.get("direction") for s in seen]
     assert (by_direction.count("device to host"), by_direction.count("host to device")) == counts
     packets = line_of_log(path)
-    assert {(packets[s.packet - 1].interface, s.get("direction")) for s in seen} == {
-        (0, "device to host"),
-        (1, "host to device"),
+    assert {(packets[s.packet - 1].direction, s.get("direction")) for s in seen} == {
+        (1, "device to host"),
+        (2, "host to device"),
     }
 
 
@@ -363,139 +285,3 @@ def record_line(path: Path, rng: random.Random) -> tuple[int, int]:
         counts.append(len(made))
     writer.close(summary())
     return counts[0], counts[1]
-
-
-# ---- CAN --------------------------------------------------------------------------------
-
-
-def can_packets(frames: list[CanFrame], t_us: int = 0) -> list[Packet]:
-    return [Packet(socketcan(f.can_id, f.data), t_us + 300 * i) for i, f in enumerate(frames)]
-
-
-def sent_over_can(message: Message, direction: Direction, node: int, t_us: int) -> list[CanFrame]:
-    link = CanLink(direction)
-    link.send(message, t_us, node=node)
-    data = link.data_to_send()
-    records = [from_record(data[i : i + 16]) for i in range(0, len(data), 16)]
-    assert None not in records
-    return [r for r in records if r is not None]
-
-
-def test_messages_over_can_show_every_field(dissect: Dissect) -> None:
-    made = random_messages(seed=7)
-    rng = random.Random(8)
-    packets: list[Packet] = []
-    plan: list[tuple[MessageSpec, Message, int, int, int]] = []
-    for i, (spec, message) in enumerate(made):
-        node, t_us = rng.randrange(1, 16), rng.randrange(1 << 32)
-        frames = sent_over_can(message, spec.direction, node, t_us)
-        packets += can_packets(frames, i * 2_000_000)  # apart: equal frames are no doubles
-        plan.append((spec, message, node, t_us, len(frames)))
-    seen = iter(dissect(SOCKETCAN, packets))
-    for spec, message, node, t_us, count in plan:
-        group = [next(seen) for _ in range(count)]
-        assert {s.number("type") for s in group} == {spec.type_id}
-        assert {s.number("node") for s in group} == {node}
-        if is_native(spec):
-            check_native(group, spec, message, t_us)
-        else:
-            check_transfer(group, spec, message, t_us)
-    assert next(seen, None) is None
-
-
-def check_native(group: list[Seen], spec: MessageSpec, message: Message, t_us: int) -> None:
-    parts = sorted({f.can_part for f in spec.fields})
-    assert len(group) == len(parts)
-    in_order = sorted(group, key=lambda s: int(s.get("can.part") or 0))
-    for part, seen in zip(parts, in_order, strict=True):
-        if can_type(spec.type_id, part) in CAN_FULL_STAMP:
-            assert (seen.number("t_us"), seen.get("t16")) == (t_us, None)
-        else:
-            assert seen.number("t16") == t_us >> 4 & 0xFFFF
-        assert seen.get("can.part") == (str(part) if len(parts) > 1 else None)
-        assert seen.experts <= {"out_of_range"}
-        for field, value in zip(spec.fields, message, strict=True):
-            if field.can_part != part:
-                assert seen.get(f"{spec.name}.{field.name}") is None
-            elif spec.name != "sync":  # the link writes its own count
-                assert_field(seen, spec, field, value)
-
-
-def check_transfer(group: list[Seen], spec: MessageSpec, message: Message, t_us: int) -> None:
-    *before, last = group
-    kinds = ["first"] + ["middle"] * (len(before) - 1) + ["last"] if before else ["single"]
-    assert [s.get("can.segment") for s in group] == kinds
-    assert all(s.get("direction") is None for s in before)
-    assert [s.number("can.toggle") for s in group] == [(i + 1) % 2 for i in range(len(group))]
-    if before:
-        assert last.number("begun") == group[0].packet
-    if last.number("flags.full_stamp"):
-        assert last.number("t_us") == t_us
-    else:
-        assert last.number("t16") == t_us >> 4 & 0xFFFF
-    assert_message(last, spec, message)
-
-
-def test_sync_shows_the_count_of_frames(dissect: Dissect) -> None:
-    data = (0x12345678).to_bytes(4, "little") + (70000).to_bytes(4, "little")
-    (seen,) = dissect(SOCKETCAN, [Packet(socketcan(0x101, data))])
-    assert (seen.number("t_us"), seen.number("sync.frame_count")) == (0x12345678, 70000)
-
-
-def hello_segments(node: int = 1) -> list[CanFrame]:
-    spec = CATALOGUE.by_name["hello"]
-    message = random_message(spec, random.Random(9))
-    return sent_over_can(message, Direction.DEVICE, node, 123)
-
-
-def test_a_doubled_segment_does_no_harm(dissect: Dissect) -> None:
-    frames = hello_segments()
-    frames.insert(2, frames[1])
-    seen = dissect(SOCKETCAN, can_packets(frames))
-    assert [s.get("can.segment") for s in seen[:4]] == ["first", "middle", "double", "middle"]
-    assert seen[-1].get("direction") == "device to host"
-    assert not any(s.experts - {"out_of_range"} for s in seen)
-
-
-@pytest.mark.parametrize("gone", [0, 1, 2, 4])
-def test_a_lost_segment_is_told_and_gives_no_message(
-    gone: int, dissect: Dissect
-) -> None:
-    frames = hello_segments()
-    del frames[gone]
-    seen = dissect(SOCKETCAN, can_packets(frames))
-    assert any(s.get("damage") == "order" and "bad_order" in s.experts for s in seen)
-    assert all(s.get("direction") is None for s in seen)
-
-
-def test_an_even_number_of_lost_segments_fails_the_check(
-    dissect: Dissect,
-) -> None:
-    frames = hello_segments()
-    del frames[1:3]
-    *_, last = dissect(SOCKETCAN, can_packets(frames))
-    assert (last.get("damage"), last.experts) == ("crc", {"bad_crc"})
-    assert last.get("direction") is None
-
-
-def test_other_frames_of_a_bus_are_left_alone(dissect: Dissect) -> None:
-    packets = [
-        Packet(socketcan(0x7F1, bytes(8))),
-        Packet(socketcan(0x121, bytes(8), extended=True)),
-        Packet(socketcan(0x121, bytes(8))),
-    ]
-    assert [s.packet for s in dissect(SOCKETCAN, packets)] == [3]
-
-
-def test_can_garbage_never_upsets_it(dissect: Dissect) -> None:
-    rng = random.Random(10)
-    packets = [
-        Packet(socketcan(rng.randrange(0x400), rng.randbytes(rng.randrange(9))), i * 100)
-        for i in range(1500)
-    ]
-    packets += [Packet(rng.randbytes(rng.randrange(20))) for _ in range(100)]
-    seen = dissect(SOCKETCAN, packets)
-    assert len(seen) > 500
-    assert any("bad_order" in s.experts for s in seen)
-    assert any("payload_length" in s.experts for s in seen)
-    assert any("bad_length" in s.experts for s in seen)

@@ -62,7 +62,7 @@ class Bus:
             record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
             for node, heard in self._heard.items():
                 if node != sender:
-                    heard += [Piece(int(done_us), record)] * self.spoil(frame)
+                    heard.extend([Piece(int(done_us), record)] * self.spoil(frame))
 
     def arrived(self, node: str, now_us: int) -> list[Piece]:
         """What a node has heard since it was asked last."""

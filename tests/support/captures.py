@@ -34,7 +34,8 @@ class Packet(NamedTuple):
 
     data: bytes
     t_us: int = 0
-    interface: int = 0
+    direction: int = 0
+    """1: to the host, 2: from it; 0: not said. Only pcapng keeps it."""
     cut: int = 0
     """Bytes at its end that the capture did not keep."""
 
@@ -49,17 +50,17 @@ def write_pcap(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
             file.write(struct.pack("<IIII", seconds, us, len(kept), len(packet.data)) + kept)
 
 
-def write_pcapng(path: Path, link_types: Iterable[int], packets: Iterable[Packet]) -> None:
-    """Write the new format: an interface for each link type, microseconds."""
+def write_pcapng(path: Path, link_type: int, packets: Iterable[Packet]) -> None:
+    """Write the new format: one interface, microseconds, each packet with its direction."""
     with path.open("wb") as file:
         file.write(_block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)))
-        for link_type in link_types:
-            file.write(_block(1, struct.pack("<HHI", link_type, 0, 0)))
+        file.write(_block(1, struct.pack("<HHI", link_type, 0, 0)))
         for packet in packets:
             size = len(packet.data)
             high, low = packet.t_us >> 32, packet.t_us & 0xFFFF_FFFF
-            head = struct.pack("<IIIII", packet.interface, high, low, size, size)
-            file.write(_block(6, head + packet.data + bytes(-size % 4)))
+            head = struct.pack("<IIIII", 0, high, low, size, size)
+            flags = struct.pack("<HHIHH", 2, 4, packet.direction, 0, 0)
+            file.write(_block(6, head + packet.data + bytes(-size % 4) + flags))
 
 
 def _block(kind: int, body: bytes) -> bytes:
@@ -73,10 +74,10 @@ def socketcan(can_id: int, data: bytes, *, extended: bool = False) -> bytes:
 
 
 def line_of_log(path: Path) -> list[Packet]:
-    """Reads (interface 0) and writes (1) of the serial line, as a run's log has them."""
+    """Reads (direction 1) and writes (2) of the serial line, as a run's log has them."""
     topics = ("/raw/uart/rx", "/raw/uart/tx")
     return [
-        Packet(m.decoded.data, m.log_ns // 1000, topics.index(m.topic))
+        Packet(m.decoded.data, m.log_ns // 1000, direction=topics.index(m.topic) + 1)
         for m in LogReader(path).messages(topics)
         if m.decoded.data
     ]
@@ -124,7 +125,9 @@ class Seen(NamedTuple):
     @property
     def experts(self) -> set[str]:
         """Names of the findings, without their prefix."""
-        return {line.name.removeprefix("sweepctl.") for line in self.lines if line.name in _FINDINGS}
+        return {
+            line.name.removeprefix("sweepctl.") for line in self.lines if line.name in _FINDINGS
+        }
 
 
 _FINDINGS = {
@@ -146,14 +149,16 @@ _HARMLESS = 'Running as user "root"'
 
 
 class Tshark:
-    """tshark with one Lua script and nobody's own settings."""
+    """tshark with one Lua script and nobody's own settings, kept in a folder."""
 
-    def __init__(self, script: Path, settings: Path) -> None:
+    def __init__(self, script: str, folder: Path) -> None:
         program = shutil.which("tshark")
         if program is None:
             pytest.fail("tshark is not installed; the Debian package is tshark")
-        self._command = [program, "-n", "-X", f"lua_script:{script}"]
-        self._environment = {**os.environ, "WIRESHARK_CONFIG_DIR": str(settings)}
+        path = folder / "script.lua"
+        path.write_text(script, encoding="utf-8")
+        self._command = [program, "-n", "-X", f"lua_script:{path}"]
+        self._environment = {**os.environ, "WIRESHARK_CONFIG_DIR": str(folder / "settings")}
 
     def run(self, capture: Path, *arguments: str) -> str:
         """Standard output; whatever else tshark has to say is a failure."""

@@ -21,6 +21,7 @@ from protocol.can_frames import (
 from protocol.can_link import CanLink
 from protocol.can_load import BITRATE, loads, report
 from protocol.can_segments import MAX_CONTENT, content, parse_content, segments
+from protocol.link import Received
 from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
@@ -184,8 +185,10 @@ def test_long_text_is_cut_and_joined() -> None:
     sender, receiver = CanLink(DEVICE), CanLink(HOST)
     sender.send(hello, T_US, node=3)
     (event,) = receiver.receive(sender.data_to_send(), 0)
-    assert event.message == hello  # type: ignore[union-attr]  # a message it is
+    assert isinstance(event, Received)
+    assert event.message == hello
     assert event.frame.t_us == T_US
     sender.send(TimeReply(1, 0xFFFF_FFFF), T_US + 7, node=3)
     (event,) = receiver.receive(sender.data_to_send(), 0)
+    assert isinstance(event, Received)
     assert event.frame.t_us == T_US + 7, "not rounded: clocks are compared by it"

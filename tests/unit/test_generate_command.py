@@ -64,7 +64,9 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path, capsys: pytest.CaptureFixt
 )
 def test_wrong_usage(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(arguments) == 2
-    assert "Error" in capsys.readouterr().err
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("sweepctl: ")
+    assert line.endswith("(see sweepctl generate --help)")
 
 
 def test_a_node_of_ones_own(tmp_path: Path) -> None:

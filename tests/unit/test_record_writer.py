@@ -36,6 +36,7 @@ from bridge.telemetry import (
     PlannerRecord,
     PoseRecord,
     RawBytes,
+    RawCan,
     Record,
     RoomRecord,
     Severity,
@@ -123,6 +124,20 @@ def test_raw_bytes_are_kept_bit_for_bit(tmp_path: Path) -> None:
         ("/raw/uart/rx", NOW, data),
         ("/raw/uart/tx", NOW + 1, b""),
         ("/raw/uart/tx", NOW + 2, b"\0\xff"),
+    ]
+
+
+def test_can_frames_are_kept_bit_for_bit_bad_ones_included(tmp_path: Path) -> None:
+    messages = written(
+        tmp_path / "run.mcap",
+        RawCan(NOW, False, 0x121, bytes(range(8))),  # noqa: FBT003 - a named tuple's field
+        RawCan(NOW + 1, True, 0x000, b""),  # noqa: FBT003 - a named tuple's field
+        RawCan(NOW + 2, False, 0xA000_0004, b"\0\xff"),  # noqa: FBT003 - a named tuple's field
+    )
+    assert [(t, m.log_time, d.outgoing, d.can_id, d.data) for t, m, d in messages] == [
+        ("/raw/can", NOW, 0, 0x121, bytes(range(8))),
+        ("/raw/can", NOW + 1, 1, 0, b""),
+        ("/raw/can", NOW + 2, 0, 0xA000_0004, b"\0\xff"),
     ]
 
 

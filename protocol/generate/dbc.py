@@ -1,0 +1,216 @@
+"""CAN database: every periodic frame of one device, for cantools, SavvyCAN and their like.
+
+A frame is described as a whole, so that its values need nothing but this file. Transfers (all
+that is not periodic) are cut into segments, which the format cannot describe; they are left out.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.can_frames import CAN_FULL_STAMP, STAMP_SHIFT, T16, T32, is_native, parts_of
+from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.errors import FieldRangeError
+from protocol.fields import SI_UNITS
+from protocol.message import Direction
+from protocol.uart import MAX_NODE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from protocol.can_frames import Part
+    from protocol.fields import Field
+    from protocol.message import MessageSpec
+
+HOST = "host"
+DEVICE = "device"
+STAMP = "t16"
+FULL_STAMP = "t_us"
+PART_NAMES = {
+    ("imu", 0): "imu_acceleration",
+    ("imu", 1): "imu_rotation",
+    ("imu", 2): "imu_temperature",
+    ("planner_state", 0): "planner_state_target",
+    ("planner_state", 1): "planner_state_lane",
+}
+"""Names of frames that share a message; others are named by their part's number."""
+_PLAIN_UNITS = {"percent": "%", "us": "us"}
+"""Units of unscaled fields that a reader wants to see; the rest only say how to read them."""
+_PLAIN_SIGNS = str.maketrans({'"': "'", "±": "+-", "°": "deg", "×": "x", "–": "-", "’": "'"})
+"""A double quote cannot be written within a text at all."""
+
+
+class Signal(NamedTuple):
+    """One value within a frame: ``physical = raw * scale + offset``."""
+
+    name: str
+    start_bit: int
+    bits: int
+    signed: bool
+    scale: float
+    offset: float
+    low: float
+    high: float
+    unit: str
+    doc: str
+    values: dict[int, str]
+
+
+class Frame(NamedTuple):
+    """One periodic frame."""
+
+    can_id: int
+    name: str
+    length: int
+    sender: str
+    receiver: str
+    cycle_ms: int
+    doc: str
+    signals: tuple[Signal, ...]
+
+
+def render(catalogue: Catalogue = CATALOGUE, node: int = 1) -> dict[str, str]:
+    """The database of device ``node`` (1-15), by its file name.
+
+    Raises:
+        FieldRangeError: there is no such node.
+
+    """
+    if not 1 <= node <= MAX_NODE:
+        raise FieldRangeError("frame", "node", node)
+    frames = sorted(
+        chain.from_iterable(frames_of(spec, node) for spec in catalogue if is_native(spec))
+    )
+    return {f"sweepctl-node{node}.dbc": "\n".join(_lines(catalogue, node, frames)) + "\n"}
+
+
+def frames_of(spec: MessageSpec, node: int) -> Iterator[Frame]:
+    """The frames that carry one periodic message of a device."""
+    parts = parts_of(spec, len(spec.fields))
+    period_ms = round(1000 / spec.default_hz)
+    ends = (DEVICE, HOST) if spec.direction is Direction.DEVICE else (HOST, DEVICE)
+    for part in parts:
+        name, doc = spec.name, spec.doc
+        if len(parts) > 1:
+            name = PART_NAMES.get((spec.name, part.number), f"{spec.name}_{part.number}")
+            kept = (
+                "; kept until it comes again" if part.slow_us else "; equal stamps belong together"
+            )
+            doc = f"{doc} Part {part.number} of {parts[0].number} to {parts[-1].number}{kept}."
+        signals = tuple(_signals(spec, part))
+        length = sum(s.bits for s in signals) // 8
+        cycle_ms = max(period_ms, part.slow_us // 1000)
+        yield Frame(part.can_type << 4 | node, name, length, *ends, cycle_ms, doc, signals)
+
+
+def _signals(spec: MessageSpec, part: Part) -> Iterator[Signal]:
+    bit = 0
+    full = part.can_type in CAN_FULL_STAMP
+    if full:
+        doc = "sender's clock when the content was sampled"
+        yield _plain(FULL_STAMP, 0, 8 * T32.size, 1.0, "us", doc)
+        bit = 8 * T32.size
+    for field in spec.fields:
+        if field.can_part == part.number:
+            yield _signal(field, bit)
+            bit += 8 * field.wire.size
+    if not full:
+        step_us = 1 << STAMP_SHIFT
+        doc = f"sender's clock when the content was sampled, low 16 bits of {step_us} us steps"
+        yield _plain(STAMP, bit, 8 * T16.size, step_us / 1e6, "s", doc)
+
+
+def _plain(  # noqa: PLR0913, PLR0917 - a row of the table
+    name: str, bit: int, bits: int, scale: float, unit: str, doc: str
+) -> Signal:
+    top = ((1 << bits) - 1) * scale
+    return Signal(name, bit, bits, False, scale, 0.0, 0.0, top, unit, doc, {})  # noqa: FBT003 - a row
+
+
+def _signal(field: Field, bit: int) -> Signal:
+    values: dict[int, str] = {}
+    doc = field.doc
+    if field.enum is not None and field.unit == "enum":
+        values = {int(v): v.name.lower() for v in field.enum}
+    elif field.enum is not None:
+        named = (f"{int(b).bit_length() - 1} {(b.name or '').lower()}" for b in field.enum)
+        doc = f"{doc}; bits: {', '.join(named)}"
+    if field.none is not None:
+        values[field.none] = "none"
+    return Signal(
+        field.name,
+        bit,
+        8 * field.wire.size,
+        field.wire.low < 0,
+        float(field.scale),
+        float(field.offset),
+        float(field.low * field.scale + field.offset),
+        float(field.high * field.scale + field.offset),
+        field.unit if field.unit in SI_UNITS else _PLAIN_UNITS.get(field.unit, ""),
+        doc,
+        values,
+    )
+
+
+def _lines(catalogue: Catalogue, node: int, frames: list[Frame]) -> Iterator[str]:
+    about = (
+        f"Periodic frames of device {node}. Protocol version {PROTOCOL_VERSION}, "
+        f"catalogue 0x{catalogue.hash:08x}. Made by `sweepctl generate dbc`; changes belong into "
+        "the catalogue. Everything else on the bus is segmented and not described here."
+    )
+    yield f'VERSION "protocol {PROTOCOL_VERSION} catalogue {catalogue.hash:08x} node {node}"'
+    yield ""
+    yield "NS_ :"
+    yield ""
+    yield "BS_:"
+    yield ""
+    yield f"BU_: {HOST} {DEVICE}"
+    for frame in frames:
+        yield ""
+        yield f"BO_ {frame.can_id} {frame.name}: {frame.length} {frame.sender}"
+        for signal in frame.signals:
+            yield f" SG_ {_signal_line(signal)} {frame.receiver}"
+    yield ""
+    yield f"CM_ {_quoted(about)};"
+    yield f'CM_ BU_ {HOST} "The computer; one on a bus.";'
+    yield f'CM_ BU_ {DEVICE} "The sweeper, node {node}.";'
+    for frame in frames:
+        yield f"CM_ BO_ {frame.can_id} {_quoted(frame.doc)};"
+        for signal in frame.signals:
+            yield f"CM_ SG_ {frame.can_id} {signal.name} {_quoted(signal.doc)};"
+    yield 'BA_DEF_ "BusType" STRING ;'
+    yield 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;'
+    yield 'BA_DEF_ BO_ "GenMsgSendType" ENUM "Cyclic","NoMsgSendType";'
+    yield 'BA_DEF_DEF_ "BusType" "CAN";'
+    yield 'BA_DEF_DEF_ "GenMsgCycleTime" 0;'
+    yield 'BA_DEF_DEF_ "GenMsgSendType" "NoMsgSendType";'
+    yield 'BA_ "BusType" "CAN";'
+    for frame in frames:
+        yield f'BA_ "GenMsgCycleTime" BO_ {frame.can_id} {frame.cycle_ms};'
+        yield f'BA_ "GenMsgSendType" BO_ {frame.can_id} 0;'
+    for frame in frames:
+        for signal in frame.signals:
+            if signal.values:
+                table = " ".join(f"{k} {_quoted(v)}" for k, v in sorted(signal.values.items()))
+                yield f"VAL_ {frame.can_id} {signal.name} {table} ;"
+
+
+def _signal_line(signal: Signal) -> str:
+    sign = "-" if signal.signed else "+"
+    return (
+        f"{signal.name} : {signal.start_bit}|{signal.bits}@1{sign} "
+        f"({_number(signal.scale)},{_number(signal.offset)}) "
+        f"[{_number(signal.low)}|{_number(signal.high)}] {_quoted(signal.unit)}"
+    )
+
+
+def _number(value: float) -> str:
+    """The shortest text that reads back as the same double."""
+    return str(int(value)) if value.is_integer() else repr(value)
+
+
+def _quoted(text: str) -> str:
+    """One line in double quotes, of ASCII: readers differ in the encoding that they expect."""
+    plain = " ".join(text.split()).translate(_PLAIN_SIGNS).encode("ascii", "replace").decode()
+    return f'"{plain}"'

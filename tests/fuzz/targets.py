@@ -1,0 +1,149 @@
+"""What must hold for any bytes at all: one function for each reader of bytes.
+
+Each takes the fuzzer's bytes and raises where something is wrong. The first byte of an input
+says how the rest is cut into reads.
+"""
+
+from __future__ import annotations
+
+import gc
+from types import FunctionType, ModuleType
+from typing import TYPE_CHECKING
+
+from protocol.batch import REASONS, decode_capture
+from protocol.can_link import CanLink
+from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.codec import Codec
+from protocol.errors import ProtocolError
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import Encoders, LogText, VelocitySetpoint
+from protocol.uart import DamagedFrame, Frame, UartParser, encode_frame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from protocol.message import Message
+
+_FRAMED = b"\0" + encode_frame(1, 0x13, 7, 5, b"\1\2\3\4")
+_HELD_MAX = 200_000
+"""Bytes that a reader may keep, its tables of the catalogue included; a frame has 254."""
+_LONG = 600
+_SPAN_US = 1 << 36
+
+
+def parser(data: bytes) -> None:
+    """The same events in any pieces, and the next frame found."""
+    whole, cut = UartParser(), UartParser()
+    events = whole.feed(data)
+    assert [e for piece in _pieces(data) for e in cut.feed(piece)] == events
+    assert whole.frames + whole.damaged == len(events)
+    assert whole.frames == sum(isinstance(e, Frame) for e in events)
+    _bounded(cut, data)
+    *_, last = cut.feed(_FRAMED)
+    assert isinstance(last, Frame)
+    assert last.payload == b"\1\2\3\4"
+
+
+def link(data: bytes) -> None:
+    """Both ends take anything, account for all of it and hear what comes next."""
+    for sends, message in _NEXT:
+        end = Link(sends)
+        events = [e for piece in _pieces(data) for e in end.receive(piece)]
+        counts = end.statistics
+        assert counts.bytes_in == len(data)
+        received = sum(isinstance(e, Received) for e in events)
+        assert received + counts.rejected + counts.damaged == len(events)
+        assert [e for e in events if isinstance(e, DamagedFrame)] == [
+            e for e in UartParser().feed(data) if isinstance(e, DamagedFrame)
+        ]
+        _bounded(end, data)
+        far = Link(Direction.HOST if sends is Direction.DEVICE else Direction.DEVICE)
+        far.send(message, 5, node=1)
+        *_, last = end.receive(far.data_to_send())
+        assert isinstance(last, Received)
+        assert last.message == message
+
+
+def codec(data: bytes) -> None:
+    """A payload is refused, or read as a message that is written as it was read."""
+    if not data:
+        return
+    spec = CATALOGUE.specs[data[0] % len(CATALOGUE.specs)]
+    both = Codec()
+    if data[0] >= _HALF and not spec.bootstrap:
+        both.limit(spec.type_id, data[0] % (len(spec.fields) + 1))
+    try:
+        message = both.decode(spec, data[1:])
+    except ProtocolError:
+        return
+    if None in tuple(message):
+        return  # fields that the peer lacks: not ours to send
+    type_id, payload = Codec().encode(message)
+    assert type_id == spec.type_id
+    assert Codec().decode(spec, payload) == message
+
+
+def batch(data: bytes) -> None:
+    """The arrays hold what the streaming parser gives."""
+    result = decode_capture(data, chunk_bytes=32 + (data[0] if data else 0) * 8)
+    events = UartParser().feed(data)
+    rows = [
+        (o, n, result.damage_of(d)) for o, n, d in result.damaged[["offset", "length", "damage"]]
+    ]
+    assert rows == [(e.offset, e.length, e.damage) for e in events if isinstance(e, DamagedFrame)]
+    frames = [e for e in events if isinstance(e, Frame)]
+    assert result.message_count + len(result.rejected) == len(frames)
+    assert all(r < len(REASONS) for r in result.rejected["reason"])
+    stamps = [int(t) for array in result.messages.values() for t in array["t_us"]]
+    stamps += [int(t) for t in result.rejected["t_us"]]
+    assert sorted(stamps) == sorted(f.t_us for f in frames)
+
+
+def can(data: bytes) -> None:
+    """Frames of a bus in any order and form, at any time."""
+    for sends in Direction:
+        end = CanLink(sends)
+        now_us = 0
+        for piece in _pieces(data):
+            now_us = (now_us + sum(piece) * 1000) % _SPAN_US
+            end.receive(piece, now_us)
+        _bounded(end, data)
+
+
+def _pieces(data: bytes) -> Iterator[bytes]:
+    size = 1 + data[0] if data else 1
+    return (data[start : start + size] for start in range(0, len(data), size))
+
+
+def _bounded(reader: object, data: bytes) -> None:
+    if len(data) > _LONG:
+        assert held_bytes(reader) < _HELD_MAX
+
+
+def held_bytes(root: object) -> int:
+    """Size of what an object keeps alive by itself: not code, not the shared catalogue."""
+    seen: set[int] = set()
+    waiting = [root]
+    total = 0
+    while waiting:
+        item = waiting.pop()
+        if id(item) in seen or isinstance(item, (type, ModuleType, FunctionType, Catalogue)):
+            continue
+        seen.add(id(item))
+        if type(item).__name__ in {"MessageSpec", "builtin_function_or_method", "mappingproxy"}:
+            continue
+        total += item.__sizeof__()
+        waiting += gc.get_referents(item)
+    return total
+
+
+_HALF = 128
+_NEXT: tuple[tuple[Direction, Message], ...] = (
+    (Direction.HOST, LogText(level=1, line="on")),
+    (Direction.HOST, Encoders(left=1, right=2)),
+    (Direction.DEVICE, VelocitySetpoint(v=1, yaw_rate=0, time_to_live=250, counter=1)),
+)
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    f.__name__: f for f in (parser, link, codec, batch, can)
+}

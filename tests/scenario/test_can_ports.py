@@ -1,0 +1,228 @@
+"""Real CAN back ends of python-can: in-process, a serial adapter, UDP multicast, SocketCAN."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import subprocess
+import threading
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import can
+import pytest
+
+import bridge
+from bridge.errors import BridgeError, PortBusyError, PortError
+from bridge.io.can_port import CanPort
+from bridge.io.ports import open_port
+from bridge.record.reader import LogReader
+from protocol.can_frames import RECORD, CanFrame, frame_bits
+from protocol.can_link import CanLink
+from sim_device.ports import SlcanPort
+from support.ends import sweeper
+from support.two_processes import Command, Emulator, connect
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+FRAME = RECORD.pack(0x121, 3, b"abc")
+VCAN = "vcansweep0"
+DGRAM = socket.SOCK_DGRAM
+
+
+@contextmanager
+def device_on(port: str, node: int = 1) -> Iterator[None]:
+    """A virtual sweeper in a thread, in real time, on a bus of its own end."""
+    device, end = sweeper(node=node, link=CanLink), threading.Event()
+    bus = CanPort(port)
+
+    def live() -> None:
+        began_ns = time.monotonic_ns()
+        while not end.is_set():
+            now_us = (time.monotonic_ns() - began_ns) // 1000
+            data = bus.wait(max(0.0, (device.next_deadline_us() - now_us) / 1e6))
+            out = device.step(data, (time.monotonic_ns() - began_ns) // 1000)
+            if out:
+                bus.write(out)
+
+    thread = threading.Thread(target=live, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        end.set()
+        thread.join(5.0)
+        bus.close()
+
+
+def drive_a_little(port: str) -> None:
+    """Through the public API: agree, hear every sensor, drive, stop."""
+    with bridge.open(port) as robot:
+        assert robot.imu.latest is not None or wait_for(lambda: robot.imu.latest is not None)
+        assert wait_for(lambda: robot.range.latest is not None)
+        robot.enable()
+        start = robot.pose
+        for _ in range(20):
+            robot.drive(0.2, 0.0)
+            time.sleep(0.05)
+        assert robot.pose.distance_m(start) > 0.05
+
+
+def wait_for(true: object, patience_s: float = 10.0) -> bool:
+    assert callable(true)
+    end_s = time.monotonic() + patience_s
+    while not true():
+        if time.monotonic() > end_s:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def test_the_virtual_bus_of_one_process_with_two_robots_and_a_listener() -> None:
+    tap = can.Bus(interface="virtual", channel="sweepers", ignore_config=True)
+    with device_on("can:virtual:sweepers"), device_on("can:virtual:sweepers", node=2):
+        with pytest.raises(BridgeError, match=r"several devices answer.*node 1.*node 2"):
+            bridge.open("can:virtual:sweepers")
+        with bridge.open("can:virtual:sweepers", node=2) as robot:
+            assert wait_for(lambda: robot.imu.latest is not None)
+            time.sleep(1.0)
+    bits = count = 0
+    while (message := tap.recv(0.0)) is not None:
+        bits += frame_bits(CanFrame(message.arbitration_id, bytes(message.data)))
+        count += 1
+    tap.shutdown()
+    assert count > 300
+    assert bits / count < 135
+
+
+def test_a_drive_over_the_virtual_bus() -> None:
+    with device_on("can:virtual:drive"):
+        drive_a_little("can:virtual:drive")
+
+
+def test_a_port_reads_writes_wakes_and_tells_bad_names() -> None:
+    with CanPort("can:virtual:pair") as one, CanPort("can:virtual:pair") as two:
+        assert one.write(FRAME * 3 + FRAME[:5]) == 3 * RECORD.size
+        assert two.wait(1.0) == FRAME * 3
+        threading.Timer(0.05, two.wake).start()
+        assert two.wait(30.0) == b""
+    for name in ("can:", "can:virtual", "can:virtual:", "can:nosuch:x"):
+        with pytest.raises(PortError, match="can:"):
+            open_port(name)
+    with pytest.raises(PortError, match="Invalid bitrate"), SlcanPort() as adapter:
+        open_port(adapter.path, bitrate=123_456)
+    with pytest.raises(PortError, match="does not exist"):
+        open_port("can:slcan:/dev/no-such-adapter")
+
+
+def test_an_adapter_has_one_owner_and_garbled_lines_are_no_frames() -> None:
+    with SlcanPort() as adapter, CanPort(adapter.path) as port:
+        with pytest.raises(PortBusyError, match=f"process {os.getpid()}"):
+            CanPort(adapter.path)
+        assert adapter.read() == b""
+        os.write(adapter.fileno(), b"t12x1\rt1\r\xff\xfe\rt1219\r")
+        time.sleep(0.05)
+        assert port.wait(0.2) == b""
+        assert port.garbled >= 2
+        port.write(FRAME)
+        assert adapter.read() == FRAME
+        adapter.write(FRAME)
+        found = b""
+        for _ in range(5):
+            found = found or port.wait(0.2)
+        assert found == FRAME
+
+
+def test_a_plan_over_a_serial_can_adapter(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    with Emulator(tmp_path, "--link", "slcan") as device:
+        assert re.fullmatch(r"can:slcan:/dev/pts/\d+", device.port)
+        arguments = ("--plan", "paper", "--duration", "9", "--json", "--out", log)
+        with Command("connect", device.port, *arguments, cwd=tmp_path) as host:
+            host.says("run is driving")
+            busy = connect(tmp_path, device.port, "--duration", "1", "--json", "--out", "busy.mcap")
+            assert busy.status == 3
+            assert f"process {host.process.pid}" in busy.complaint
+            ended = host.end()
+        assert device.stop().status == 0
+    assert ended.status == 0, ended.err
+    summary = ended.json
+    assert summary["path_m"] > 0.2
+    assert summary["wire"]["lost"] == 0
+    assert summary["wire"]["crc_errors"] == 0
+    counted: dict[str, int] = {}
+    for message in LogReader(log).messages():
+        counted[message.topic] = counted.get(message.topic, 0) + 1
+    assert counted["/raw/can"] > 1000
+    assert "/raw/uart/rx" not in counted
+    assert counted["/device/imu"] > 300
+
+
+def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) -> None:
+    with (
+        Emulator(tmp_path, "--link", "udpcan", "--node", "1") as one,
+        Emulator(tmp_path, "--link", "udpcan", "--node", "2", "--seed", "5") as two,
+    ):
+        assert one.port == two.port == "can:udp_multicast:239.74.163.2"
+        several = connect(tmp_path, one.port, "--json", "--out", "several.mcap")
+        assert several.status == 2
+        assert "several devices answer; choose one with --node N" in several.complaint
+        assert re.search(r"node 1: .*node 2: ", several.complaint)
+        arguments = ("--node", "2", "--plan", "paper", "--duration", "9", "--json")
+        with Command("connect", one.port, *arguments, "--out", "two.mcap", cwd=tmp_path) as host:
+            host.says("run is driving")
+            again = ("--node", "1", "--duration", "1", "--json", "--out", "again.mcap")
+            second = connect(tmp_path, one.port, *again)
+            assert second.status == 3
+            assert "another host talks on this bus" in second.complaint
+            ended = host.end()
+        assert ended.status == 0, ended.err
+        assert ended.json["path_m"] > 0.1
+        assert ended.json["wire"]["lost"] == 0
+        nodes = {m.decoded.node for m in LogReader(tmp_path / "two.mcap").messages(["/device/imu"])}
+        assert nodes == {2}
+
+
+def test_datagrams_that_are_no_frames_do_not_end_the_port() -> None:
+    with CanPort("can:udp_multicast:239.74.163.3") as port, socket.socket(type=DGRAM) as stranger:
+        stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        for data in (b"", b"garbage", b"\x81\xa1x\x01"):
+            stranger.sendto(data, ("239.74.163.3", 43113))
+        with CanPort("can:udp_multicast:239.74.163.3") as other:
+            other.write(FRAME)
+            found = b""
+            for _ in range(10):
+                found = found or port.wait(0.2)
+            assert found == FRAME
+            assert other.wait(0.1) == b"", "its own frame is not heard"
+        assert port.garbled == 3
+
+
+@pytest.fixture
+def vcan() -> Iterator[str]:
+    """A virtual SocketCAN interface, where the kernel has them."""
+    add = ["ip", "link", "add", "dev", VCAN, "type", "vcan"]
+    made = subprocess.run(add, capture_output=True, text=True, check=False)
+    if made.returncode:
+        pytest.skip(
+            f"SocketCAN: this kernel has no vcan ('{' '.join(add)}': {made.stderr.strip()})"
+        )
+    subprocess.run(["ip", "link", "set", VCAN, "up"], check=True)  # noqa: S607 - from PATH
+    try:
+        yield f"can:socketcan:{VCAN}"
+    finally:
+        subprocess.run(["ip", "link", "del", VCAN], check=False)  # noqa: S607 - from PATH
+
+
+def test_a_drive_over_socketcan(vcan: str) -> None:
+    with device_on(vcan):
+        drive_a_little(vcan)
+
+
+def test_socketcan_that_is_not_there_is_told() -> None:
+    with pytest.raises(PortError, match="cannot open can:socketcan:nosuchcan"):
+        open_port("can:socketcan:nosuchcan")
