@@ -144,6 +144,20 @@ class RoomRecord(NamedTuple):
     plan: FloorPlan
 
 
+class IdentityRecord(NamedTuple):
+    """The device that a session agreed with; recorded as metadata ``device``."""
+
+    log_ns: int
+    node: int
+    uid: bytes
+    boot_id: int
+    session_id: int
+    reset_cause: str
+    firmware: str
+    """Name and version."""
+    catalogue_hash: int
+
+
 Record = (
     RawBytes
     | DeviceMessage
@@ -156,6 +170,7 @@ Record = (
     | ClockRecord
     | CoverageRecord
     | RoomRecord
+    | IdentityRecord
 )
 
 
