@@ -33,6 +33,7 @@ from bridge.telemetry import (
     CoverageRecord,
     DeviceMessage,
     EventRecord,
+    IdentityRecord,
     LogRecord,
     PlannerRecord,
     PoseRecord,
@@ -46,7 +47,7 @@ from protocol.clock import HostNs
 from protocol.link import Link, LinkBase, Medium, Received, Rejected
 from protocol.messages import Encoders, Imu, LogText, Range, Status
 from protocol.uart import DamagedFrame
-from protocol.values import Contact, LogLevel, StopCause, flag_labels, label
+from protocol.values import Contact, LogLevel, ResetCause, StopCause, flag_labels, label
 from protocol.values import Fault as DeviceFault
 
 if TYPE_CHECKING:
@@ -274,7 +275,19 @@ class Host:
             self.mission.on_lost(now_ns / 1e9)
 
     def _agreed(self, event: Agreed, now_ns: HostNs) -> None:
-        self.hello = event.hello
+        self.hello = hello = event.hello
+        self._sink.write(
+            IdentityRecord(
+                self._unix(now_ns),
+                event.node,
+                hello.uid,
+                hello.boot_id,
+                hello.session_id,
+                label(ResetCause, hello.reset_cause),
+                f"{hello.name} {hello.version_major}.{hello.version_minor}.{hello.version_patch}",
+                hello.catalogue_hash,
+            )
+        )
         if event.rebooted:
             # Its clock and its wheel counts began anew; the robot has not moved for that.
             self.sync.reset()

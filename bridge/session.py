@@ -420,7 +420,8 @@ class Session:
                 # has named our session may still be of an earlier one.
                 if self.state is State.AGREEING and self._settled and self._joined:
                     self._ready(now_ns)
-        if self.state is State.READY:
+        told = State.AGREEING if isinstance(message, Hello) else State.READY
+        if self.state in {State.READY, told}:
             self._events.append(Data(event, now_ns))
 
     @property

@@ -154,6 +154,20 @@ class RoomRecord(NamedTuple):
     plan: FloorPlan
 
 
+class IdentityRecord(NamedTuple):
+    """The device that a session agreed with; recorded as metadata ``device``."""
+
+    log_ns: int
+    node: int
+    uid: bytes
+    boot_id: int
+    session_id: int
+    reset_cause: str
+    firmware: str
+    """Name and version."""
+    catalogue_hash: int
+
+
 Record = (
     RawBytes
     | RawCan
@@ -167,6 +181,7 @@ Record = (
     | ClockRecord
     | CoverageRecord
     | RoomRecord
+    | IdentityRecord
 )
 
 

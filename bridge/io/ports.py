@@ -55,6 +55,7 @@ class SerialPort:
         """
         self.name = url
         self.low_latency = False
+        self._closed = False
         self._port = _open(url, baud, dtr=dtr, rts=rts)
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_read, False)
@@ -114,9 +115,10 @@ class SerialPort:
             raise PortError(f"{self.name} is gone: {_reason(error)}") from None
 
     def wake(self) -> None:
-        """End a wait now; safe in a signal handler."""
-        with suppress(OSError):
-            os.write(self._wake_write, b"!")
+        """End a wait now; safe in a signal handler. A closed port has nobody to wake."""
+        if not self._closed:
+            with suppress(OSError):
+                os.write(self._wake_write, b"!")
 
     def _drain_wakes(self) -> None:
         with suppress(OSError):
@@ -125,6 +127,7 @@ class SerialPort:
 
     def close(self) -> None:
         """Give the port back."""
+        self._closed = True  # before the pipe goes: its number may soon be another file's
         self._selector.close()
         with suppress(OSError):
             self._port.close()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from bridge.record.reader import LogMessage, LogReader
+from bridge.record.writer import DEVICE_METADATA
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -136,7 +137,7 @@ def describe(path: Path) -> RunDescription:
         reader.bytes,
         not reader.truncated,
         reader.problems,
-        reader.run,
+        {**reader.metadata.get(DEVICE_METADATA, {}), **reader.run},
         {name: len(data) for name, data in reader.attachments.items()},
         summary,
         topics=sorted(topics.values(), key=lambda t: t.topic),

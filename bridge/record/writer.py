@@ -21,6 +21,7 @@ from bridge.telemetry import (
     CoverageRecord,
     DeviceMessage,
     EventRecord,
+    IdentityRecord,
     LogRecord,
     PlannerRecord,
     PoseRecord,
@@ -40,6 +41,8 @@ if TYPE_CHECKING:
 
 METADATA = "sweepctl"
 """Name of the metadata record that says what was run."""
+DEVICE_METADATA = "device"
+"""Of each session's device, as soon as it is known: boot id, uid, firmware."""
 ROBOT_ATTACHMENT, ROOM_ATTACHMENT = "robot.toml", "room.json"
 CATALOGUE_ATTACHMENT, SUMMARY_ATTACHMENT = "catalogue.json", "summary.json"
 
@@ -95,6 +98,7 @@ class RunWriter:
             ClockRecord: self._clock,
             CoverageRecord: self._coverage,
             RoomRecord: self._room,
+            IdentityRecord: self._identity,
         }
 
     def write(self, record: Record) -> None:
@@ -222,6 +226,19 @@ class RunWriter:
 
     def _room(self, record: RoomRecord) -> None:
         self._add_grid("/map/room", rasterise(record.plan, record.log_ns))
+
+    def _identity(self, record: IdentityRecord) -> None:
+        device = {
+            "node": str(record.node),
+            "uid": record.uid.hex(),
+            "boot_id": f"{record.boot_id:08x}",
+            "session_id": f"{record.session_id:08x}",
+            "reset_cause": record.reset_cause,
+            "firmware": record.firmware,
+            "catalogue_hash": f"{record.catalogue_hash:08x}",
+            "log_ns": str(record.log_ns),
+        }
+        self._file.add_metadata(DEVICE_METADATA, device)
 
     # ---- channels, declared when they are first used
 

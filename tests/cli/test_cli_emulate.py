@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.record.reader import LogReader
 from support.cli import PATIENCE_S, decoded, end, plain_messages, start, sweepctl
 
 if TYPE_CHECKING:
@@ -80,8 +81,8 @@ def test_the_truth(tmp_path: Path) -> None:
     before_ns = time.time_ns()
     process = start("emulate", "case-1", "--truth", log, cwd=tmp_path)
     ready(process)
-    while log.stat().st_size < 12_000 and process.poll() is None:  # a few chunks
-        signal.sigtimedwait([], 0.01)
+    while len(list(LogReader(log).messages())) < 30 and process.poll() is None:
+        signal.sigtimedwait([], 0.02)
     assert end(process, signal.SIGTERM).status == 0
     after_ns = time.time_ns()
     poses = list(decoded(log, "/truth/pose"))

@@ -158,8 +158,8 @@ def test_a_folder_of_logs_that_cannot_be_made(folder: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ended_in_the_middle(tmp_path: Path, number: signal.Signals) -> None:
     log = tmp_path / "run.mcap"
-    process = start("simulate", "comprehensive", "--json", "--out", log, cwd=tmp_path)
-    while process.poll() is None and (not log.exists() or log.stat().st_size < 500_000):
+    process = start("simulate", "empty", "--json", "--out", log, cwd=tmp_path)
+    while process.poll() is None and (not log.exists() or log.stat().st_size < 300_000):
         signal.sigtimedwait([], 0.01)  # a rest that asks no clock
     done = end(process, number)
     assert (done.status, done.err) == (0, "")
@@ -179,8 +179,8 @@ def test_ended_in_the_middle(tmp_path: Path, number: signal.Signals) -> None:
 
 def test_a_second_signal_changes_nothing(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    process = start("simulate", "comprehensive", "--json", "--out", log, cwd=tmp_path)
-    while process.poll() is None and (not log.exists() or log.stat().st_size < 500_000):
+    process = start("simulate", "empty", "--json", "--out", log, cwd=tmp_path)
+    while process.poll() is None and (not log.exists() or log.stat().st_size < 300_000):
         signal.sigtimedwait([], 0.01)
     for _ in range(5):  # through the stop and into the summing up
         process.send_signal(signal.SIGINT)

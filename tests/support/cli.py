@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -33,9 +33,13 @@ if TYPE_CHECKING:
     from mcap.records import Channel, Message
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE_S = 60.0
+PATIENCE_S = 110.0
 """For what takes seconds; only a hang is longer."""
 NUMBER_OF_PROCESSES = 2
+
+
+Asked = tuple[str, str, int]
+"""Room, planner and seed of a run."""
 
 
 class Done(NamedTuple):
@@ -117,7 +121,7 @@ def case_1(factory: pytest.TempPathFactory) -> Recorded:
 @cache
 def _case_1(base: Path) -> Recorded:
     folder = base / "case-1"
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     log = folder / "run.mcap"
     process = start(
         *("simulate", "case-1", "--planner", "paper", "--seed", "1", "--json", "--out", log),
@@ -137,11 +141,11 @@ def short_runs(factory: pytest.TempPathFactory) -> tuple[Recorded, Recorded, Rec
 @cache
 def _short_runs(base: Path) -> tuple[Recorded, Recorded, Recorded]:
     folder = base / "short"
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     logs = [folder / f"{name}.mcap" for name in ("first", "again", "other")]
     processes = [
         start(
-            *("simulate", "two-rooms", "--seed", seed, "--max-time", "12", "--json", "--out", log),
+            *("simulate", "case-1", "--seed", seed, "--max-time", "12", "--json", "--out", log),
             cwd=folder,
             env={"PYTHONHASHSEED": str(index)},
         )
@@ -159,14 +163,12 @@ def _summary(room: str, planner: str, seed: int) -> dict[str, Any]:
     return summarise(finished, plan, planner, seed, None)
 
 
-def summaries(runs: Sequence[tuple[str, str, int]]) -> dict[tuple[str, str, int], dict[str, Any]]:
-    """Simulate (room, planner, seed) without a log, several at a time."""
+@contextmanager
+def summaries(runs: Sequence[Asked]) -> Iterator[dict[Asked, Future[dict[str, Any]]]]:
+    """Simulate (room, planner, seed) without a log, several at a time, while tests go on."""
     # Not forked: other tests may have left threads.
     with ProcessPoolExecutor(NUMBER_OF_PROCESSES, get_context("spawn")) as pool:
-        futures: dict[tuple[str, str, int], Future[dict[str, Any]]] = {
-            asked: pool.submit(_summary, *asked) for asked in runs
-        }
-        return {asked: future.result() for asked, future in futures.items()}
+        yield {asked: pool.submit(_summary, *asked) for asked in runs}
 
 
 class Plain(NamedTuple):

@@ -122,14 +122,14 @@ def test_without_the_truth_the_estimate_is_taken(tmp_path: Path) -> None:
 def test_a_log_without_its_end(tmp_path: Path) -> None:
     log = write_log(tmp_path / "a.mcap")
     whole = log.read_bytes()
-    for share in (0.9, 0.6, 0.2):
+    for share in (0.9, 0.3):
         log.write_bytes(whole[: int(len(whole) * share)])
         pixels(draw_run(log, tmp_path / "a.png"))
     assert load_track(log).summary == {}
 
 
 def test_a_log_in_which_nothing_moved(tmp_path: Path) -> None:
-    for poses in (0, 1, 2):
+    for poses in (0, 1):
         log = write_log(tmp_path / f"{poses}.mcap", poses=poses)
         found = classes(draw_run(log, tmp_path / "a.png"))
         assert found["missed"] > 1000

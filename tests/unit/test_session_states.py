@@ -390,6 +390,10 @@ def test_the_hello_of_a_session_is_data_for_the_log() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
     ready(ends, host)
+    told = [d.received.message for d in host.of(Data)]
+    hellos = [m for m in told if isinstance(m, Hello)]
+    assert hellos[-1].session_id == host.session.session_id
     ends.run(1.0)
-    assert not any(isinstance(d.received.message, Hello) for d in host.of(Data))
-    assert len(host.of(Data)) > 150
+    later = [d.received.message for d in host.of(Data)][len(told) :]
+    assert not any(isinstance(m, Hello) for m in later), "no hello once both agree"
+    assert len(later) > 150

@@ -45,7 +45,7 @@ def _print(description: RunDescription) -> None:
         )
     for problem in description.problems:
         console.print(f"[yellow]{problem}[/]")
-    for key in ("version", "port", "planner", "seed", "noise"):
+    for key in ("version", "port", "firmware", "uid", "boot_id", "planner", "seed", "noise"):
         if description.metadata.get(key):
             console.print(f"{key:<9}{description.metadata[key]}", markup=False)
     if description.summary is not None and "coverage" in description.summary:
