@@ -25,7 +25,7 @@ COMPILE := $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test demo lint types imports unit fmt lock clean
+.PHONY: help venv test demo lint types imports unit bench campaign fmt lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' \
@@ -52,6 +52,19 @@ imports: venv ## who may import whom
 unit: venv ## the tests, with branch coverage; ARGS='-k name' chooses
 	@echo '== tests'
 	@$(BIN)/python -m pytest -q --cov --cov-report=term $(ARGS)
+
+bench: venv ## speed of the wire against pymavlink, of a simulated run against the clock
+	@PYTHONPATH=tests $(BIN)/python -m bench.wire
+	@PYTHONPATH=tests $(BIN)/python -m bench.simulate
+
+FUZZ_S ?= 60
+campaign: venv ## ten million damaged frames, then FUZZ_S=60 seconds of fuzzing for each reader
+	@PYTHONPATH=tests nice $(BIN)/python -m campaign.corruption
+	@for target in parser link codec batch can; do \
+		echo "== fuzzing $$target"; \
+		PYTHONPATH=tests nice $(BIN)/python -m fuzz.run $$target -max_total_time=$(FUZZ_S) \
+			-verbosity=0 -print_final_stats=1 || exit 1; \
+	done
 
 fmt: venv ## let ruff format and fix what it can
 	@$(BIN)/ruff format

@@ -16,13 +16,13 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT
 from bridge.motion.relocalise import Relocaliser
 from bridge.robot_state import STALE_S, RobotState, missing_needs, understood
-from bridge.session import (
+from bridge.session import Session
+from bridge.session_events import (
     Agreed,
     CommandEnded,
     Data,
     Failed,
     Ping,
-    Session,
     SessionEvent,
     State,
     StateChanged,

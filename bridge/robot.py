@@ -36,7 +36,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.session import State
+from bridge.session_events import State
 from protocol.messages import Encoders, Imu, Power, Range, Status
 from protocol.values import StopCause
 

@@ -6,15 +6,25 @@ and time in and carries events and bytes out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import Enum
 from typing import TYPE_CHECKING
 
-from protocol.agreement import Comparison, MessageAgreement
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from bridge.session_events import (
+    TRANSITIONS,
+    Agreed,
+    CommandEnded,
+    Data,
+    Failed,
+    Ping,
+    SessionEvent,
+    State,
+    StateChanged,
+)
+from bridge.session_evidence import Evidence
+from protocol.agreement import Comparison
+from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.clock import HostNs
 from protocol.codec import Codec
-from protocol.commands import CommandSender, Outcome
+from protocol.commands import CommandSender
 from protocol.link import NODE_ALL, Link, LinkBase, Medium, Received, Rejected
 from protocol.message import Direction, Message
 from protocol.messages import (
@@ -30,7 +40,7 @@ from protocol.messages import (
     TimeRequest,
     VelocitySetpoint,
 )
-from protocol.uart import FLAG_RETRY, DamagedFrame
+from protocol.uart import FLAG_RETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,105 +62,6 @@ LISTEN_NS = 300_000_000
 SETTLE_NS = 300_000_000
 """On a bus every device answers the first hello at once: what else there is is heard by then."""
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
-
-
-class State(Enum):
-    """Where a session stands."""
-
-    CLOSED = "closed"
-    OPENING = "opening"
-    AGREEING = "agreeing"
-    READY = "ready"
-    LOST = "lost"
-    FAILED = "failed"
-
-
-TRANSITIONS: dict[tuple[State, str], State] = {
-    (State.CLOSED, "open"): State.OPENING,
-    (State.OPENING, "hello"): State.AGREEING,
-    (State.OPENING, "no_device"): State.FAILED,
-    (State.AGREEING, "agreed"): State.READY,
-    (State.AGREEING, "disagree"): State.FAILED,
-    (State.AGREEING, "silence"): State.LOST,
-    (State.AGREEING, "give_up"): State.FAILED,
-    (State.READY, "silence"): State.LOST,
-    (State.READY, "rebooted"): State.AGREEING,
-    (State.READY, "forgotten"): State.AGREEING,
-    (State.LOST, "hello"): State.AGREEING,
-    (State.LOST, "other_device"): State.FAILED,
-    (State.LOST, "give_up"): State.FAILED,
-    (State.AGREEING, "other_device"): State.FAILED,
-    (State.READY, "other_device"): State.FAILED,
-    **{(state, "close"): State.CLOSED for state in State},
-}
-"""Every legal move: (state, what happened) → next state."""
-
-
-@dataclass(frozen=True, slots=True)
-class StateChanged:
-    """The session moved."""
-
-    old: State
-    new: State
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
-class Agreed:
-    """Both ends know what they share; streams and commands may start."""
-
-    hello: Hello
-    node: int
-    rebooted: bool
-    """True where the device is not in the boot that we knew."""
-    differences: tuple[MessageAgreement, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Failed:
-    """The session cannot go on."""
-
-    kind: str
-    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``disagreement``,
-    ``other_device``, ``other_host`` or ``several``."""
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Data:
-    """A telemetry message."""
-
-    received: Received
-    arrived_ns: HostNs
-
-
-@dataclass(frozen=True, slots=True)
-class Ping:
-    """A time exchange is complete."""
-
-    sent_ns: HostNs
-    received_us: int
-    replied_us: int
-    arrived_ns: HostNs
-
-
-@dataclass(frozen=True, slots=True)
-class CommandEnded:
-    """A command was accepted, refused or never answered."""
-
-    outcome: Outcome
-
-
-SessionEvent = StateChanged | Agreed | Failed | Data | Ping | CommandEnded | DamagedFrame | Rejected
-
-
-@dataclass(slots=True)
-class _Evidence:
-    """What was heard while no sweeper had answered."""
-
-    received: int = 0
-    versions: set[int] = field(default_factory=set)
-    echoes: int = 0
 
 
 class Session:
@@ -181,7 +92,7 @@ class Session:
         """The device has said that it is in our session."""
         self._open_stop: int | None = None
         """Cause of a stop that no device has confirmed yet; it outlives a lost link."""
-        self._evidence = _Evidence()
+        self._evidence = Evidence()
         self._answers: dict[tuple[int, bytes], Received] = {}
         """On a bus: who answered, by node and uid, until it is known that no other does."""
         self._settled_ns: HostNs | None = None
@@ -206,7 +117,7 @@ class Session:
             self._next_ns = now_ns + LISTEN_NS
         self.hello = self._boot_known = self._open_stop = None
         self.node = self._wanted_node
-        self._evidence = _Evidence()
+        self._evidence = Evidence()
         self._answers.clear()
         self._settled_ns = None
         self._move("open", "opened")
@@ -229,7 +140,7 @@ class Session:
                     self._handle(event, now_ns)
             else:
                 if isinstance(event, Rejected):
-                    self._note(event)
+                    self._evidence.note(event)
                 self._events.append(event)
         return self._drain()
 
@@ -350,12 +261,6 @@ class Session:
     def _drain(self) -> list[SessionEvent]:
         events, self._events = self._events, []
         return events
-
-    def _note(self, event: Rejected) -> None:
-        if event.reason == "version":
-            self._evidence.versions.add(event.frame.version)
-        elif event.reason == "direction":
-            self._evidence.echoes += 1
 
     def _periodic(self, now_ns: HostNs) -> None:
         match self.state:
@@ -565,32 +470,7 @@ class Session:
         self._move("silence", "nothing heard for 1 s")
 
     def _no_device(self) -> None:
-        evidence = self._evidence
-        if evidence.versions:
-            spoken = ", ".join(str(v) for v in sorted(evidence.versions))
-            kind = "version"
-            text = (
-                f"the device speaks protocol version {spoken}, this program "
-                f"{PROTOCOL_VERSION}; update the older of the two"
-            )
-        elif evidence.echoes and self.link.medium is Medium.CAN:
-            kind = "other_host"
-            text = "another host talks on this bus, and a bus has one: end it first"
-        elif evidence.echoes:
-            kind = "echo"
-            text = "our own bytes come back: RX and TX are joined, or echo is on"
-        elif self.link.statistics.damaged:
-            kind = "garbage"
-            text = (
-                f"{evidence.received} bytes came, none of them an intact frame; "
-                "check the baud rate, or this is not a sweeper"
-            )
-        elif evidence.received:
-            kind = "garbage"
-            text = f"{evidence.received} bytes came that are not a sweeper's; check the port"
-        else:
-            kind = "silence"
-            text = "nothing was heard for 3 s; check power, wiring, and that this is the right port"
+        kind, text = self._evidence.verdict(self.link.medium, self.link.statistics.damaged)
         self._fail("no_device", kind, text)
 
     def _fail(self, what: str, kind: str, text: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge import host, session
+from bridge import host, session, session_events
 from bridge.coverage.floorplan import FloorPlan
 from bridge.io import pump
 from bridge.motion.geometry import Pose2
@@ -44,14 +44,14 @@ def wire_behaviour() -> Behaviour:
 def _session() -> Machine:
     moves = [
         (old.value, what, new.value)
-        for (old, what), new in session.TRANSITIONS.items()
+        for (old, what), new in session_events.TRANSITIONS.items()
         if old is not new
     ]
     return Machine(
         "The host's session",
-        "`bridge.session.TRANSITIONS`. A lost device is looked for again; what answers then must "
-        "be the same device, and agrees anew.",
-        session.State.CLOSED.value,
+        "`bridge.session_events.TRANSITIONS`. A lost device is looked for again; what answers then "
+        "must be the same device, and agrees anew.",
+        session_events.State.CLOSED.value,
         moves,
     )
 

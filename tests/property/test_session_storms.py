@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bridge.mission import Ending, Phase
-from bridge.session import SessionEvent, State, StateChanged
+from bridge.session_events import SessionEvent, State, StateChanged
 from protocol.values import Mode
 from support.ends import (
     RAMP_US,

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import pytest
 
-from bridge.session import Agreed, CommandEnded, Data, Session, State
+from bridge.session import Session
+from bridge.session_events import Agreed, CommandEnded, Data, State
 from protocol.clock import HostNs
 from protocol.messages import (
     ClearStop,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from bridge.session import SessionEvent
+    from bridge.session_events import SessionEvent
 
 E = TypeVar("E")
 STEP_US = 1_000

@@ -11,7 +11,7 @@ import pytest
 from bridge.host import Host, HostOptions
 from bridge.mission import Mission
 from bridge.motion.robot_model import RobotModel
-from bridge.session import Agreed, CommandEnded, Data, Failed, Ping, State
+from bridge.session_events import Agreed, CommandEnded, Data, Failed, Ping, State
 from bridge.telemetry import DeviceMessage, EventRecord, RawCan
 from protocol.can_link import CanLink, CanStatistics
 from protocol.can_load import loads

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from bridge.coverage.planner import Script
     from bridge.motion.observation import Observation
-    from bridge.session import SessionEvent
+    from bridge.session_events import SessionEvent
     from bridge.telemetry import Record
     from protocol.catalogue import Catalogue
     from protocol.message import Message

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.robot_model import RobotModel
-from bridge.session import Agreed, CommandEnded, Data, State
+from bridge.session_events import Agreed, CommandEnded, Data, State
 from protocol.catalogue import CATALOGUE
 from protocol.messages import (
     Ack,

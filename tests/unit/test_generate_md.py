@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.session import TRANSITIONS
+from bridge.session_events import TRANSITIONS
 from protocol.catalogue import CATALOGUE
 from protocol.generate import render
 from protocol.generate.md import Machine, diagram

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.mission import Ending, Phase
-from bridge.session import State
+from bridge.session_events import State
 from bridge.telemetry import EventRecord, Record, Severity
 from protocol.clock import HostNs
 from protocol.messages import Stop, VelocitySetpoint

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import pytest
 
-from bridge.session import Agreed, CommandEnded, Data, State
+from bridge.session_events import Agreed, CommandEnded, Data, State
 from protocol.catalogue import CATALOGUE
 from protocol.fields import U8, U16, number
 from protocol.link import Rejected

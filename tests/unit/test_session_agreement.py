@@ -9,7 +9,7 @@ import pytest
 
 from bridge.mission import Phase
 from bridge.robot_state import missing_needs, understood
-from bridge.session import Agreed, Data, Failed, State
+from bridge.session_events import Agreed, Data, Failed, State
 from protocol.agreement import Match, MessageAgreement
 from protocol.catalogue import CATALOGUE
 from protocol.fields import U8, U16, number

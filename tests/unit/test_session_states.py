@@ -7,15 +7,13 @@ from zlib import crc32
 import pytest
 from cobs import cobs
 
-from bridge.session import (
-    AGREE_TIMEOUT_NS,
-    OPEN_TIMEOUT_NS,
+from bridge.session import AGREE_TIMEOUT_NS, OPEN_TIMEOUT_NS, Session
+from bridge.session_events import (
     TRANSITIONS,
     Agreed,
     CommandEnded,
     Data,
     Failed,
-    Session,
     State,
     StateChanged,
 )

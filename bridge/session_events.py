@@ -1,0 +1,106 @@
+"""Where a session may stand, how it may move, and what it tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from protocol.link import Received, Rejected
+from protocol.uart import DamagedFrame
+
+if TYPE_CHECKING:
+    from protocol.agreement import MessageAgreement
+    from protocol.clock import HostNs
+    from protocol.commands import Outcome
+    from protocol.messages import Hello
+
+
+class State(Enum):
+    """Where a session stands."""
+
+    CLOSED = "closed"
+    OPENING = "opening"
+    AGREEING = "agreeing"
+    READY = "ready"
+    LOST = "lost"
+    FAILED = "failed"
+
+
+TRANSITIONS: dict[tuple[State, str], State] = {
+    (State.CLOSED, "open"): State.OPENING,
+    (State.OPENING, "hello"): State.AGREEING,
+    (State.OPENING, "no_device"): State.FAILED,
+    (State.AGREEING, "agreed"): State.READY,
+    (State.AGREEING, "disagree"): State.FAILED,
+    (State.AGREEING, "silence"): State.LOST,
+    (State.AGREEING, "give_up"): State.FAILED,
+    (State.READY, "silence"): State.LOST,
+    (State.READY, "rebooted"): State.AGREEING,
+    (State.READY, "forgotten"): State.AGREEING,
+    (State.LOST, "hello"): State.AGREEING,
+    (State.LOST, "other_device"): State.FAILED,
+    (State.LOST, "give_up"): State.FAILED,
+    (State.AGREEING, "other_device"): State.FAILED,
+    (State.READY, "other_device"): State.FAILED,
+    **{(state, "close"): State.CLOSED for state in State},
+}
+"""Every legal move: (state, what happened) → next state."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateChanged:
+    """The session moved."""
+
+    old: State
+    new: State
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Agreed:
+    """Both ends know what they share; streams and commands may start."""
+
+    hello: Hello
+    node: int
+    rebooted: bool
+    """True where the device is not in the boot that we knew."""
+    differences: tuple[MessageAgreement, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """The session cannot go on."""
+
+    kind: str
+    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``disagreement``,
+    ``other_device``, ``other_host`` or ``several``."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """A telemetry message."""
+
+    received: Received
+    arrived_ns: HostNs
+
+
+@dataclass(frozen=True, slots=True)
+class Ping:
+    """A time exchange is complete."""
+
+    sent_ns: HostNs
+    received_us: int
+    replied_us: int
+    arrived_ns: HostNs
+
+
+@dataclass(frozen=True, slots=True)
+class CommandEnded:
+    """A command was accepted, refused or never answered."""
+
+    outcome: Outcome
+
+
+SessionEvent = StateChanged | Agreed | Failed | Data | Ping | CommandEnded | DamagedFrame | Rejected

@@ -1,0 +1,60 @@
+"""What was heard while no sweeper answered, and what that means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from protocol.catalogue import PROTOCOL_VERSION
+from protocol.link import Medium
+
+if TYPE_CHECKING:
+    from protocol.link import Rejected
+
+
+@dataclass(slots=True)
+class Evidence:
+    """Traces on a line on which nobody agreed."""
+
+    received: int = 0
+    """Bytes."""
+    versions: set[int] = field(default_factory=set)
+    """Other protocol versions that intact frames named."""
+    echoes: int = 0
+    """Messages that only a host sends."""
+
+    def note(self, event: Rejected) -> None:
+        """Take an intact frame that was of no use."""
+        if event.reason == "version":
+            self.versions.add(event.frame.version)
+        elif event.reason == "direction":
+            self.echoes += 1
+
+    def verdict(self, medium: Medium, damaged: int) -> tuple[str, str]:
+        """Kind of failure and a line for people; ``damaged`` frames were counted by the link."""
+        if self.versions:
+            spoken = ", ".join(str(v) for v in sorted(self.versions))
+            kind = "version"
+            text = (
+                f"the device speaks protocol version {spoken}, this program "
+                f"{PROTOCOL_VERSION}; update the older of the two"
+            )
+        elif self.echoes and medium is Medium.CAN:
+            kind = "other_host"
+            text = "another host talks on this bus, and a bus has one: end it first"
+        elif self.echoes:
+            kind = "echo"
+            text = "our own bytes come back: RX and TX are joined, or echo is on"
+        elif damaged:
+            kind = "garbage"
+            text = (
+                f"{self.received} bytes came, none of them an intact frame; "
+                "check the baud rate, or this is not a sweeper"
+            )
+        elif self.received:
+            kind = "garbage"
+            text = f"{self.received} bytes came that are not a sweeper's; check the port"
+        else:
+            kind = "silence"
+            text = "nothing was heard for 3 s; check power, wiring, and that this is the right port"
+        return kind, text
