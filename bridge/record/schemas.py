@@ -167,7 +167,7 @@ COMMAND = _flat(
 """``/cmd``: the velocity sent, and the one wanted before smoothing."""
 
 PLANNER_STATE = _flat(
-    "PlannerState",
+    "PlanState",
     turn_count=Kind.SFIXED32,
     lane_distance_m=Kind.DOUBLE,
     previous_lane_distance_m=Kind.DOUBLE,
@@ -233,7 +233,7 @@ def encode_command(record: CommandRecord) -> bytes:
 
 
 def encode_planner(record: PlannerRecord) -> bytes:
-    """``PlannerState``."""
+    """``PlanState``."""
     state = record.state
     target_x_m, target_y_m = state.target or (None, None)
     return PLANNER_STATE.encode(
