@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from bridge.robot_state import missing_needs
 from bridge.session import Session
+from bridge.session_evidence import Evidence
 from protocol.agreement import Match, MessageAgreement
 from protocol.catalogue import CATALOGUE
 from protocol.generate import render
@@ -51,7 +52,8 @@ def test_the_minimal_set_and_range_are_what_driving_needs() -> None:
 
 def test_what_the_host_complains_of_is_explained() -> None:
     """By the words that the session uses."""
-    source = Path(str(Session.__init__.__code__.co_filename)).read_text(encoding="utf-8")
+    files = (Session.__init__.__code__.co_filename, Evidence.verdict.__code__.co_filename)
+    source = "".join(Path(str(file)).read_text(encoding="utf-8") for file in files)
     for words in (
         "nothing was heard",
         "our own bytes come back",
