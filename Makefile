@@ -56,9 +56,10 @@ unit: venv ## the tests; ARGS='-k name' chooses
 coverage: venv ## the tests with branch coverage, which takes them half as long again
 	@$(BIN)/python -m pytest -q --cov --cov-report=term $(ARGS)
 
-bench: venv ## speed of the wire against pymavlink, of a simulated run against the clock
+bench: venv ## speed of the wire and of a simulated run, and its memory over an hour
 	@PYTHONPATH=tests $(BIN)/python -m bench.wire
 	@PYTHONPATH=tests $(BIN)/python -m bench.simulate
+	@PYTHONPATH=tests $(BIN)/python -m bench.memory
 
 FUZZ_S ?= 60
 campaign: venv ## ten million damaged frames, then FUZZ_S=60 seconds of fuzzing for each reader

@@ -7,9 +7,10 @@ against the emulated device, over a pseudo-terminal, and on a robot.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.swept_map import SweptMap
+from bridge.host_records import HostRecords
 from bridge.mission import Ending, Mission, Phase, Request
 from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
@@ -27,35 +28,22 @@ from bridge.session_events import (
     State,
     StateChanged,
 )
-from bridge.telemetry import (
-    ClockRecord,
-    CommandRecord,
-    CoverageRecord,
-    DeviceMessage,
-    EventRecord,
-    IdentityRecord,
-    LogRecord,
-    PlannerRecord,
-    PoseRecord,
-    RawBytes,
-    RawCan,
-    Severity,
-)
+from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
-from protocol.can_frames import RECORD
 from protocol.clock import HostNs
 from protocol.link import Link, LinkBase, Medium, Received, Rejected
-from protocol.messages import Encoders, Imu, LogText, Range, Status
+from protocol.messages import Encoders, Imu, LogText, Power, Range, Status
 from protocol.uart import DamagedFrame
-from protocol.values import Contact, LogLevel, ResetCause, StopCause, flag_labels, label
+from protocol.values import Contact, StopCause, flag_labels, label
 from protocol.values import Fault as DeviceFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.coverage.planner import PlannerState
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
+    from protocol.clock import DeviceUs
+    from protocol.message import Message
     from protocol.messages import Hello
 
 CONTROL_PERIOD_NS = 20_000_000
@@ -67,12 +55,8 @@ SILENT_NS = 100_000_000
 """Ten frames of the quickest stream: the wire is silent, not one of the sensors."""
 MAP_PERIOD_NS = 2_000_000_000
 CLOCK_PERIOD_NS = 1_000_000_000
-_LEVELS = {
-    LogLevel.DEBUG: Severity.DEBUG,
-    LogLevel.INFO: Severity.INFO,
-    LogLevel.WARNING: Severity.WARNING,
-    LogLevel.ERROR: Severity.ERROR,
-}
+_DOUBT_NS = round(STALE_S * 1e9)
+_BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _EXIT = {"disagreement": 4, "version": 4, "several": 2}
 
@@ -115,21 +99,35 @@ class Host:
         self.encoders_us = 0
         """Device time of the newest encoder sample: the estimate's position is of then."""
         self.path_m = 0.0
-        self.poses: list[tuple[float, Pose2]] = []
-        """Time (s, host) and estimate of every control step of the drive."""
+        self.drive_pose: Pose2 | None = None
+        """Estimate at the newest control step of the drive; None: it has not begun."""
+        self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
+        """Told time (s, host) and estimate of every control step of the drive."""
         self._sink = sink
-        self._options = options
+        self._records = HostRecords(sink, options.unix_offset_ns, options.planner)
+        bus = self.session.link.medium is Medium.CAN
+        self._tap = self._records.can if bus else self._records.uart
+        """Puts on record exactly what the port gave or takes."""
         self._control_ns = HostNs(0)
         self._map_ns = 0
         self._clock_ns = 0
         self._silent_ns = 0
         """When the wire was last found silent."""
-        self._planner_state: PlannerState | None = None
-        self._faults = DeviceFault(0)
+        self._faults = 0
         self._stop_cause = -1
         self._other_host = False
         self._missing: list[str] = []
         """What driving needs and the device does not share."""
+        self._partial = True
+        """Messages may come without some of the fields that we know."""
+        self._listeners: dict[type[Message], Callable[[Any, DeviceUs, HostNs], None]] = {
+            Imu: self._imu,
+            Encoders: self._encoders,
+            Range: self._range,
+            Power: self._keep,
+            Status: self._status,
+            LogText: self._log_text,
+        }
 
     # ---- in and out -----------------------------------------------------------------------
 
@@ -146,7 +144,11 @@ class Host:
 
     def poll(self, now_ns: HostNs) -> None:
         """Do what time asks for, the control step included."""
-        self._digest(self.session.poll(now_ns), now_ns)
+        events = self.session.poll(now_ns)
+        if events:
+            self._digest(events, now_ns)
+        else:
+            self._serve(now_ns)
         if now_ns >= self._control_ns:
             late_ns = now_ns - self._control_ns
             self._control_ns = HostNs(self._control_ns + CONTROL_PERIOD_NS)
@@ -159,7 +161,8 @@ class Host:
                 self._control(now_ns)
         if now_ns >= self._clock_ns:
             self._clock_ns = now_ns + CLOCK_PERIOD_NS
-            self._record_clock(now_ns)
+            if self.hello is not None:
+                self._records.clock(self.sync, self.hello, now_ns)
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
         """Bytes for the port; the caller writes them at once."""
@@ -168,15 +171,6 @@ class Host:
             self._tap(data, now_ns, outgoing=True)
         return data
 
-    def _tap(self, data: bytes, now_ns: HostNs, *, outgoing: bool) -> None:
-        """Put on record exactly what the port gave or takes."""
-        log_ns = self._unix(now_ns)
-        if self.session.link.medium is Medium.UART:
-            self._sink.write(RawBytes(log_ns, outgoing, data))
-            return
-        for can_id, length, content in RECORD.iter_unpack(data):
-            self._sink.write(RawCan(log_ns, outgoing, can_id, content[:length]))
-
     def discard_output(self) -> None:
         """Forget what waits to be written: there is no port, and it must not come late."""
         self.session.data_to_send()
@@ -184,7 +178,9 @@ class Host:
     def next_deadline(self) -> HostNs:
         """When :meth:`poll` has work next."""
         deadline = self.session.next_deadline()
-        return self._control_ns if deadline is None else min(self._control_ns, deadline)
+        if deadline is None or self._control_ns < deadline:
+            return self._control_ns
+        return deadline
 
     def end(self, ending: Ending, now_ns: HostNs) -> None:
         """Ask for an orderly end: the robot stops first."""
@@ -202,9 +198,10 @@ class Host:
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         for event in events:
+            if event.__class__ is Data:  # nearly all of them
+                self._data(event[0], now_ns)
+                continue
             match event:
-                case Data():
-                    self._data(event.received, now_ns)
                 case Ping():
                     self._ping(event, now_ns)
                 case StateChanged():
@@ -275,19 +272,9 @@ class Host:
             self.mission.on_lost(now_ns / 1e9)
 
     def _agreed(self, event: Agreed, now_ns: HostNs) -> None:
-        self.hello = hello = event.hello
-        self._sink.write(
-            IdentityRecord(
-                self._unix(now_ns),
-                event.node,
-                hello.uid,
-                hello.boot_id,
-                hello.session_id,
-                label(ResetCause, hello.reset_cause),
-                f"{hello.name} {hello.version_major}.{hello.version_minor}.{hello.version_patch}",
-                hello.catalogue_hash,
-            )
-        )
+        self.hello = event.hello
+        self._records.identity(event, now_ns)
+        self._partial = bool(event.differences)
         if event.rebooted:
             # Its clock and its wheel counts began anew; the robot has not moved for that.
             self.sync.reset()
@@ -309,56 +296,44 @@ class Host:
             self.event(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
 
     def _data(self, received: Received, now_ns: HostNs) -> None:
-        message, frame, spec = received
-        device_us = self.sync.extend(frame.t_us)
-        self.sync.arrival(device_us, now_ns)
-        mapped = self.sync.map(device_us)
-        unix_ns = self._unix(now_ns)
-        self._sink.write(
-            DeviceMessage(
-                unix_ns,
-                None if mapped is None else self._unix(mapped.host_ns),
-                None if mapped is None else mapped.bound_ns,
-                frame.node,
-                frame.seq,
-                frame.t_us,
-                spec.name,
-                message,
-            )
-        )
-        if not understood(message):
-            return
-        self.state.take(message, now_ns / 1e9)
-        match message:
-            case Imu():
-                self.estimator.on_imu(device_us * 1e-6, message.gyro_z_rad_s)
-            case Encoders():
-                self.encoders_us = device_us
-                self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
-            case Range():
-                self._see_walls(message)
-            case Status():
-                self._status(message, now_ns)
-            case LogText():
-                severity = _LEVELS.get(LogLevel(message.level & 3), Severity.INFO)
-                self._sink.write(LogRecord(unix_ns, severity, "device", message.line))
-            case _:
-                pass
+        message = received[0]
+        device_us, mapped = self.sync.observe(received[1].t_us, now_ns)
+        self._records.message(received, mapped, now_ns)
+        listener = self._listeners.get(message.__class__)
+        if listener is not None and (not self._partial or understood(message)):
+            listener(message, device_us, now_ns)
 
-    def _see_walls(self, message: Range) -> None:
+    def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+        self.state.take(message, now_ns / 1e9)
+
+    def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
+        self.state.take(message, now_ns / 1e9)
+        self.estimator.on_imu(device_us * 1e-6, message.gyro_z_rad_s)
+
+    def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
+        self.state.take(message, now_ns / 1e9)
+        self.encoders_us = device_us
+        self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
+
+    def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
         """Let walls that are seen again correct the estimate."""
+        self.state.take(message, now_ns / 1e9)
         if self.mission.phase is Phase.DRIVING:
             self._walls.update(
                 message.ultrasonic_m,
                 message.infrared_left_m,
                 message.infrared_right_m,
-                touching=bool(message.contacts & (Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)),
+                touching=message.contacts & _BUMPERS != 0,
             )
 
-    def _status(self, status: Status, now_ns: HostNs) -> None:
-        faults = DeviceFault(status.faults)
+    def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+        self._records.log_text(message, now_ns)
+
+    def _status(self, status: Status, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+        self.state.take(status, now_ns / 1e9)
+        faults = status.faults
         if faults != self._faults:
-            new = flag_labels(DeviceFault, int(faults & ~self._faults))
+            new = flag_labels(DeviceFault, faults & ~self._faults)
             if new:
                 self.event(now_ns, Severity.WARNING, "device", "fault", ", ".join(new))
             self._faults = faults
@@ -386,16 +361,18 @@ class Host:
         if command is not None and self.session.state is State.READY:
             self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
             target = HALT if mission.runner is None else mission.runner.target
-            self._sink.write(CommandRecord(self._unix(now_ns), *command, *target))
+            self._records.command(command, target, now_ns)
         if obs is not None:
-            self._record_pose(pose, now_ns)
+            self._records.pose(pose, estimator, now_ns)
         if was is Phase.DRIVING:
-            if self.poses:
-                self.path_m += self.poses[-1][1].distance_m(pose)
-            self.poses.append((now_s, pose))
+            if self.drive_pose is not None:
+                self.path_m += self.drive_pose.distance_m(pose)
+            self.drive_pose = pose
+            self.on_drive_pose(now_s, pose)
             self.swept.update(pose)
-        self._record_plan(now_ns)
-        if now_ns >= self._map_ns and self.poses:
+        if mission.runner is not None:
+            self._records.plan(mission.runner, now_ns)
+        if now_ns >= self._map_ns and self.drive_pose is not None:
             self._map_ns = now_ns + MAP_PERIOD_NS
             self.record_map(now_ns)
         if mission.phase is not was:
@@ -409,12 +386,9 @@ class Host:
         """
         if now_ns - self.session.heard_ns > SILENT_NS:
             self._silent_ns = now_ns
-        return now_ns - self._silent_ns <= STALE_S * 1e9
+        return now_ns - self._silent_ns <= _DOUBT_NS
 
     # ---- records --------------------------------------------------------------------------
-
-    def _unix(self, now_ns: int) -> int:
-        return now_ns + self._options.unix_offset_ns
 
     def event(
         self,
@@ -426,57 +400,8 @@ class Host:
         **data: float | str | bool,
     ) -> None:
         """Put an event on record."""
-        self._sink.write(EventRecord(self._unix(now_ns), severity, source, kind, text, data))
-
-    def _record_pose(self, pose: Pose2, now_ns: HostNs) -> None:
-        estimator = self.estimator
-        (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = estimator.covariance
-        self._sink.write(
-            PoseRecord(
-                self._unix(now_ns),
-                pose,
-                estimator.v_m_s,
-                estimator.yaw_rate_rad_s,
-                (xx, xy, xt, yx, yy, yt, tx, ty, tt),
-                estimator.gyro_bias_rad_s,
-                1.0,
-            )
-        )
-
-    def _record_plan(self, now_ns: HostNs) -> None:
-        runner = self.mission.runner
-        if runner is None:
-            return
-        for decision in runner.drain_events():
-            self.event(
-                now_ns, Severity.INFO, "planner", decision.kind, decision.reason, **decision.data
-            )
-        state = runner.state
-        if state != self._planner_state:
-            self._planner_state = state
-            self._sink.write(PlannerRecord(self._unix(now_ns), self._options.planner, state))
+        self._records.event(now_ns, severity, source, kind, text, **data)
 
     def record_map(self, now_ns: HostNs) -> None:
         """Put the swept map on record."""
-        grid = self.swept.to_occupancy()
-        self._sink.write(
-            CoverageRecord(
-                self._unix(now_ns), grid.cells, grid.origin_x_m, grid.origin_y_m, grid.resolution_m
-            )
-        )
-
-    def _record_clock(self, now_ns: HostNs) -> None:
-        fit, hello = self.sync.fit, self.hello
-        if fit is None or hello is None:
-            return
-        self._sink.write(
-            ClockRecord(
-                self._unix(now_ns),
-                self._unix(round(fit.host_ns)) - fit.device_us * 1000,
-                fit.drift * 1e6,
-                round(fit.bound_ns),
-                self.sync.round_trip_ns,
-                self.sync.samples,
-                hello.boot_id,
-            )
-        )
+        self._records.swept(self.swept, now_ns)

@@ -136,8 +136,11 @@ class Mission:
 
     def requests(self) -> list[Request]:
         """Fetch and forget what the session should do."""
-        requests, self._requests = self._requests, []
-        return requests
+        requests = self._requests
+        if requests:
+            self._requests = []
+            return requests
+        return []
 
     # ---- news -----------------------------------------------------------------------------
 
@@ -216,14 +219,14 @@ class Mission:
         self, obs: Observation | None, stale: str | None, now_s: float
     ) -> VelocityCommand | None:
         """One control step; a velocity to send, or None where none may be sent."""
+        if self.phase is Phase.DRIVING:  # nearly always
+            return self._drive(obs, stale, now_s)
         elapsed_s = now_s - self._since_s
         match self.phase:
             case Phase.WAITING:
                 self._wait(now_s)
             case Phase.SETTLING:
                 return self._settle(elapsed_s, obs, stale, now_s)
-            case Phase.DRIVING:
-                return self._drive(obs, stale, now_s)
             case Phase.HOLDING:
                 if elapsed_s > LOST_TIMEOUT_S:
                     self.ending = Ending("fault", "the device was lost for 30 s", 3)

@@ -41,6 +41,16 @@ _NEEDED: dict[type[Message], int] = {
 """Driving needs these messages, and of each that many leading fields."""
 _READ: dict[type[Message], int] = {**_NEEDED, Power: 1, LogText: 2}
 """What the host looks into, and how far; the rest it only records."""
+_KEPT: dict[type[Message], str] = {
+    Imu: "imu",
+    Encoders: "encoders",
+    Range: "range",
+    Power: "power",
+    Status: "status",
+}
+# As plain integers: an enumeration's own arithmetic makes a new member each time.
+_LEFT, _RIGHT = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT)
+_CLIFF = int(Contact.CLIFF)
 
 
 def missing_needs(differences: Iterable[MessageAgreement]) -> list[str]:
@@ -70,25 +80,17 @@ class RobotState:
 
     def take(self, message: Message, now_s: float) -> None:
         """Keep a message if it is one of those kept."""
-        match message:
-            case Imu():
-                self.imu = message
-            case Encoders():
-                self.encoders = message
-            case Range():
-                self.range = message
-            case Power():
-                self.power = message
-            case Status():
-                self.status = message
-            case _:
-                return
-        self.arrived_s[type(message)] = now_s
+        cls = type(message)
+        name = _KEPT.get(cls)
+        if name is not None:
+            setattr(self, name, message)
+            self.arrived_s[cls] = now_s
 
     def stale(self, now_s: float) -> str | None:
         """Name of a stream that driving depends on and that has stopped, if any."""
+        get, oldest_s = self.arrived_s.get, now_s - STALE_S
         for cls in (Encoders, Imu, Range):
-            if now_s - self.arrived_s.get(cls, -1e9) > STALE_S:
+            if get(cls, -1e9) < oldest_s:
                 return cls.__name__.lower()
         return None
 
@@ -108,9 +110,9 @@ class RobotState:
             reading.ultrasonic_m,
             reading.infrared_left_m,
             reading.infrared_right_m,
-            bool(contacts & Contact.BUMPER_LEFT),
-            bool(contacts & Contact.BUMPER_RIGHT),
-            bool(contacts & Contact.CLIFF),
+            contacts & _LEFT != 0,
+            contacts & _RIGHT != 0,
+            contacts & _CLIFF != 0,
         )
 
     def forget(self) -> None:

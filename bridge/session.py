@@ -6,8 +6,10 @@ and time in and carries events and bytes out.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from bridge.session_agreement import QUESTIONS_AT_ONCE, Agreement
+from bridge.session_bus import LISTEN_NS, Answers
 from bridge.session_events import (
     TRANSITIONS,
     Agreed,
@@ -20,12 +22,12 @@ from bridge.session_events import (
     StateChanged,
 )
 from bridge.session_evidence import Evidence
-from protocol.agreement import Comparison
+from bridge.session_outbox import Outbox
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.clock import HostNs
 from protocol.codec import Codec
 from protocol.commands import CommandSender
-from protocol.link import NODE_ALL, Link, LinkBase, Medium, Received, Rejected
+from protocol.link import Link, LinkBase, Medium, Received, Rejected
 from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
@@ -37,10 +39,7 @@ from protocol.messages import (
     SetMode,
     Stop,
     TimeReply,
-    TimeRequest,
-    VelocitySetpoint,
 )
-from protocol.uart import FLAG_RETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,11 +55,6 @@ FAST_PING_NS = 100_000_000
 FAST_PINGS = 50
 SLOW_PING_NS = 250_000_000
 """Four a second: the device holds us lost after 1 s, and one or two lost pings are normal."""
-QUESTIONS_AT_ONCE = 4
-LISTEN_NS = 300_000_000
-"""On a bus: a host that is there already sends more than one ping in this time."""
-SETTLE_NS = 300_000_000
-"""On a bus every device answers the first hello at once: what else there is is heard by then."""
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 
 
@@ -79,32 +73,34 @@ class Session:
         """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids."""
         self.state = State.CLOSED
         self.link = link(Direction.HOST, codec=Codec(catalogue))
-        self.commands = CommandSender()
         self.hello: Hello | None = None
-        self.node = node
+        self._outbox = Outbox(self.link, node)
         self.session_id = 0
         self._wanted_node = node
         self._new_session_id = new_session_id
         self._name = name
         self._catalogue = catalogue
-        self._comparison: Comparison | None = None
+        self._agreement = Agreement(catalogue, self.link)
         self._joined = False
         """The device has said that it is in our session."""
         self._open_stop: int | None = None
         """Cause of a stop that no device has confirmed yet; it outlives a lost link."""
         self._evidence = Evidence()
-        self._answers: dict[tuple[int, bytes], Received] = {}
-        """On a bus: who answered, by node and uid, until it is known that no other does."""
-        self._settled_ns: HostNs | None = None
+        self._answers = Answers()
         self._opened_ns = 0
         self._heard_ns = HostNs(0)
         self._next_ns = 0
         self._tries = 0
-        self._pings: dict[int, HostNs] = {}
-        self._ping = 0
-        self._setpoint_counter = 0
         self._boot_known: int | None = None
         self._events: list[SessionEvent] = []
+        self._handlers: dict[type[Message], Callable[[Any, Received, HostNs], None]] = {
+            Hello: self._hello,
+            DescribeReply: self._answer,
+            Ack: self._reply,
+            Nack: self._reply,
+            TimeReply: self._time_reply,
+        }
+        """What the session itself listens to; all else is telemetry."""
 
     # ---- in and out -----------------------------------------------------------------------
 
@@ -116,14 +112,13 @@ class Session:
         if self.link.medium is Medium.CAN:  # a hello would end another host's session
             self._next_ns = now_ns + LISTEN_NS
         self.hello = self._boot_known = self._open_stop = None
-        self.node = self._wanted_node
+        self._outbox.node = self._wanted_node
         self._evidence = Evidence()
         self._answers.clear()
-        self._settled_ns = None
         self._move("open", "opened")
         self.session_id = self._new_session_id()
         # Replies name no session: ids that start anywhere are not those of an earlier host.
-        self.commands = CommandSender(self.session_id & 0xFFFF)
+        self._outbox.commands = CommandSender(self.session_id & 0xFFFF)
 
     def close(self) -> None:
         """End; says nothing to the device."""
@@ -132,13 +127,13 @@ class Session:
 
     def receive(self, data: bytes, now_ns: HostNs) -> list[SessionEvent]:
         """Take bytes from the port."""
-        self._evidence.received += len(data)
+        self._evidence.hear(data)
         for event in self.link.receive(data, now_ns // 1000):
-            if isinstance(event, Received):
+            if type(event) is Received:
                 if self.node is None or event.frame.node == self.node:
                     self._heard_ns = now_ns
                     self._handle(event, now_ns)
-            else:
+            elif not isinstance(event, Received):
                 if isinstance(event, Rejected):
                     self._evidence.note(event)
                 self._events.append(event)
@@ -146,12 +141,29 @@ class Session:
 
     def poll(self, now_ns: HostNs) -> list[SessionEvent]:
         """Do what time asks for: hellos, questions, pings, retries, and noticing silence."""
+        state = self.state
+        if (  # what it nearly always is, said first: this is asked at every turn of a loop
+            state is State.READY
+            and now_ns < self._next_ns
+            and now_ns - self._heard_ns <= LOST_AFTER_NS
+            and self.commands.idle
+        ):
+            return self._drain()
+        self._notice(now_ns)
+        if now_ns >= self._next_ns:
+            self._periodic(now_ns)
+        if self.state is State.READY:
+            self._events += map(CommandEnded, self._outbox.repeat(now_ns))
+        return self._drain()
+
+    def _notice(self, now_ns: HostNs) -> None:
+        """Draw conclusions from silence, and from what was heard by now."""
         if self.state in {State.READY, State.AGREEING}:
             if now_ns - self._heard_ns > LOST_AFTER_NS:
                 self._lose(now_ns)
         elif self._others_talk:
             self._no_device()
-        elif self._settled_ns is not None and now_ns >= self._settled_ns:
+        elif self._answers.settled_ns is not None and now_ns >= self._answers.settled_ns:
             self._choose(now_ns)
         elif self.state is State.OPENING and now_ns - self._opened_ns > OPEN_TIMEOUT_NS:
             self._no_device()
@@ -166,14 +178,6 @@ class Session:
                 "the device is heard but does not answer; check the wire from this host's TX "
                 "to its RX",
             )
-        if now_ns >= self._next_ns:
-            self._periodic(now_ns)
-        if self.state is State.READY:
-            messages, outcomes = self.commands.due(now_ns // 1000)
-            for message, retry in messages:
-                self._send(message, now_ns, flags=FLAG_RETRY if retry else 0)
-            self._events += [CommandEnded(o) for o in outcomes]
-        return self._drain()
 
     def data_to_send(self) -> bytes:
         """Bytes for the port."""
@@ -181,16 +185,28 @@ class Session:
 
     def next_deadline(self) -> HostNs | None:
         """When :meth:`poll` has work next; None where nothing is awaited."""
-        if self.state in {State.CLOSED, State.FAILED}:
+        state = self.state
+        if state is State.CLOSED or state is State.FAILED:
             return None
-        deadlines = [self._next_ns]
-        if self._settled_ns is not None:
-            deadlines.append(self._settled_ns)
-        if self.state is State.READY:
+        deadline_ns = self._next_ns
+        settled_ns = self._answers.settled_ns
+        if settled_ns is not None and settled_ns < deadline_ns:
+            deadline_ns = settled_ns
+        if state is State.READY:
             due_us = self.commands.next_deadline_us()
-            if due_us is not None:
-                deadlines.append((due_us + 1) * 1000)
-        return min(deadlines)  # type: ignore[return-value]  # all of them host nanoseconds
+            if due_us is not None and (due_us + 1) * 1000 < deadline_ns:
+                deadline_ns = (due_us + 1) * 1000
+        return HostNs(deadline_ns)
+
+    @property
+    def node(self) -> int | None:
+        """The device's node; None until one has answered, or while any will do."""
+        return self._outbox.node
+
+    @property
+    def commands(self) -> CommandSender:
+        """Commands on their way."""
+        return self._outbox.commands
 
     @property
     def heard_ns(self) -> HostNs:
@@ -204,11 +220,7 @@ class Session:
 
         What is faster than the wire can say is sent as the fastest that it can.
         """
-        self._setpoint_counter = (self._setpoint_counter + 1) & 0xFF
-        message = VelocitySetpoint(
-            _raw(v_m_s / 0.0001), _raw(yaw_rate_rad_s / 0.0002), ttl_ms, self._setpoint_counter
-        )
-        self._send(message, now_ns, latest=True)
+        self._outbox.setpoint(v_m_s, yaw_rate_rad_s, ttl_ms, now_ns)
 
     def stop(self, cause: int, now_ns: HostNs) -> int:
         """Latch a stop, repeated until the device has said yes, in a later session if need be.
@@ -235,20 +247,9 @@ class Session:
         forever: bool = False,
     ) -> int:
         type_id = self._catalogue.by_class[message].type_id  # type: ignore[index]  # a class
-        command_id = self.commands.issue(
-            lambda i: message(i, value), type_id, now_ns // 1000, forever=forever
-        )
-        for made, retry in self.commands.due(now_ns // 1000)[0]:
-            self._send(made, now_ns, flags=FLAG_RETRY if retry else 0)
-        return command_id
+        return self._outbox.command(lambda i: message(i, value), type_id, now_ns, forever=forever)
 
     # ---- inside ---------------------------------------------------------------------------
-
-    def _send(
-        self, message: Message, now_ns: HostNs, *, flags: int = 0, latest: bool = False
-    ) -> None:
-        node = NODE_ALL if self.node is None else self.node
-        self.link.send(message, now_ns // 1000, node=node, flags=flags, latest=latest)
 
     def _move(self, what: str, why: str) -> None:
         new = TRANSITIONS.get((self.state, what))
@@ -259,8 +260,11 @@ class Session:
         self.state = new
 
     def _drain(self) -> list[SessionEvent]:
-        events, self._events = self._events, []
-        return events
+        events = self._events
+        if events:
+            self._events = []
+            return events
+        return []
 
     def _periodic(self, now_ns: HostNs) -> None:
         match self.state:
@@ -271,7 +275,7 @@ class Session:
                 self._ask(now_ns)
                 self._next_ns = now_ns + ANSWER_PERIOD_NS
             case State.READY:
-                self._send_ping(now_ns)
+                self._outbox.ping(now_ns)
                 fast = self._tries < FAST_PINGS
                 self._tries += 1
                 self._next_ns = now_ns + (FAST_PING_NS if fast else SLOW_PING_NS)
@@ -283,62 +287,44 @@ class Session:
                 pass
 
     def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
-        self._send(HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns)
-
-    def _send_ping(self, now_ns: HostNs) -> None:
-        self._ping = (self._ping + 1) & 0xFF
-        self._pings[self._ping] = now_ns
-        if len(self._pings) > 16:  # noqa: PLR2004 - four seconds of pings without an answer
-            del self._pings[next(iter(self._pings))]
-        # On a port that takes nothing, pings must not queue up behind each other.
-        self._send(TimeRequest(self._ping), now_ns, latest=True)
+        self._outbox.send(
+            HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns
+        )
 
     def _ask(self, now_ns: HostNs) -> None:
-        comparison = self._comparison
-        if comparison is None or comparison.complete:
+        if self._agreement.settled:
             self._send_hello(now_ns, agreed=1)
             return
-        for question in comparison.questions(QUESTIONS_AT_ONCE):
-            self._send(question, now_ns)
+        for question in self._agreement.questions():
+            self._outbox.send(question, now_ns)
 
     def _handle(self, event: Received, now_ns: HostNs) -> None:
-        message = event.message
-        match message:
-            case Hello():
-                self._hello(message, event, now_ns)
-            case DescribeReply():
-                self._answer(message, now_ns)
-            case Ack() | Nack():
-                outcome = self.commands.reply(message, now_ns // 1000)
-                if outcome is not None:
-                    if isinstance(outcome.message, Stop) and outcome.accepted:
-                        self._open_stop = None
-                    self._events.append(CommandEnded(outcome))
-            case TimeReply():
-                sent_ns = self._pings.pop(message.ping, None)
-                if sent_ns is not None:
-                    self._events.append(
-                        Ping(sent_ns, message.received_us, event.frame.t_us, now_ns)
-                    )
-            case _:
-                # Telemetry flows once the device knows that we agree; but what comes before it
-                # has named our session may still be of an earlier one.
-                if self.state is State.AGREEING and self._settled and self._joined:
-                    self._ready(now_ns)
-        told = State.AGREEING if isinstance(message, Hello) else State.READY
-        if self.state in {State.READY, told}:
+        handler = self._handlers.get(event.message.__class__)
+        if handler is not None:
+            handler(event.message, event, now_ns)
+        elif self.state is State.AGREEING and self._agreement.settled and self._joined:
+            # Telemetry flows once the device knows that we agree; but what comes before it has
+            # named our session may still be of an earlier one.
+            self._ready(now_ns)
+        state = self.state
+        if state is State.READY or (state is State.AGREEING and handler == self._hello):
             self._events.append(Data(event, now_ns))
 
-    @property
-    def _settled(self) -> bool:
-        return self._comparison is None or self._comparison.complete
+    def _reply(self, reply: Ack | Nack, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+        outcome = self.commands.reply(reply, now_ns // 1000)
+        if outcome is not None:
+            if isinstance(outcome.message, Stop) and outcome.accepted:
+                self._open_stop = None
+            self._events.append(CommandEnded(outcome))
+
+    def _time_reply(self, reply: TimeReply, event: Received, now_ns: HostNs) -> None:
+        sent_ns = self._outbox.pinged_ns(reply.ping)
+        if sent_ns is not None:
+            self._events.append(Ping(sent_ns, reply.received_us, event.frame.t_us, now_ns))
 
     def _hello(self, hello: Hello, event: Received, now_ns: HostNs) -> None:
         if self.state is State.OPENING and self.link.medium is Medium.CAN:
-            if self._settled_ns is None:
-                said_ns = max(now_ns, self._opened_ns + LISTEN_NS)
-                self._settled_ns = HostNs(said_ns + SETTLE_NS)
-            self._answers[event.frame.node, hello.uid] = event
+            self._answers.note(hello, event, self._opened_ns, now_ns)
             return
         self._accept(hello, event.frame.node, now_ns)
 
@@ -350,24 +336,11 @@ class Session:
 
     def _choose(self, now_ns: HostNs) -> None:
         """Everybody on the bus has had time to answer: go on where it was one."""
-        self._settled_ns = None
-        answers = dict(sorted(self._answers.items()))
-        self._answers.clear()
-        if len(answers) == 1:
-            ((node, _), event) = answers.popitem()
-            if isinstance(event.message, Hello):
-                self._accept(event.message, node, now_ns)
-            return
-        named = "; ".join(
-            f"node {node}: {hello.name} {hello.version_major}.{hello.version_minor}."
-            f"{hello.version_patch}, uid {uid.hex()}"
-            for (node, uid), event in answers.items()
-            if isinstance(hello := event.message, Hello)
-        )
-        advice = "choose one with --node N"
-        if len({node for node, _ in answers}) < len(answers):
-            advice = "two devices may not share a node"
-        self._fail("no_device", "several", f"several devices answer; {advice} ({named})")
+        chosen = self._answers.choose()
+        if isinstance(chosen, str):
+            self._fail("no_device", "several", chosen)
+        else:
+            self._accept(*chosen, now_ns)
 
     def _accept(self, hello: Hello, node: int, now_ns: HostNs) -> None:
         known = self.hello
@@ -379,7 +352,7 @@ class Session:
             )
             return
         if self.state in {State.OPENING, State.LOST}:
-            self.node = node
+            self._outbox.node = node
             self._move("hello", "device answered")
             self._agree(hello, now_ns)
         elif self.state is State.READY:
@@ -408,41 +381,25 @@ class Session:
             self.link.forget_sequence()
         self.hello = hello
         self._joined = False
-        self.commands.cancel()
-        self._pings.clear()
-        for spec in self._catalogue:  # what an earlier agreement said may be wrong now
-            self.link.codec.limit(spec.type_id, None)
-        self.link.disabled.clear()
-        same = hello.catalogue_hash == self._catalogue.hash
-        self._comparison = None if same else Comparison(self._catalogue)
+        self._outbox.forget()
+        self._agreement.begin(hello)
         self._send_hello(now_ns, agreed=0)
         self._ask(now_ns)
         self._next_ns = now_ns + ANSWER_PERIOD_NS
 
-    def _answer(self, reply: DescribeReply, now_ns: HostNs) -> None:
-        comparison = self._comparison
-        if self.state is not State.AGREEING or comparison is None:
+    def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+        agreement = self._agreement
+        if self.state is not State.AGREEING or not agreement.answer(reply):
             return
-        if not comparison.answer(reply):
-            return
-        if not comparison.complete:
+        if not agreement.settled:
             # One answer, one new question; what is lost is asked again by the clock.
-            for question in comparison.questions(QUESTIONS_AT_ONCE)[QUESTIONS_AT_ONCE - 1 :]:
-                self._send(question, now_ns)
+            for question in agreement.questions()[QUESTIONS_AT_ONCE - 1 :]:
+                self._outbox.send(question, now_ns)
             return
-        broken = [a for a in comparison.outcome.values() if not a.usable and a.spec.bootstrap]
-        if broken:
-            lines = "; ".join(a.report() for a in broken)
-            self._fail("disagree", "disagreement", f"no common ground with the device: {lines}")
+        broken = agreement.apply()
+        if broken is not None:
+            self._fail("disagree", "disagreement", f"no common ground with the device: {broken}")
             return
-        for type_id, agreement in comparison.outcome.items():
-            if agreement.usable:
-                shared = agreement.shared_fields
-                equal = shared == len(agreement.spec.fields) == agreement.peer_fields
-                self.link.codec.limit(type_id, None if equal else shared)
-                self.link.disabled.discard(type_id)
-            else:
-                self.link.disabled.add(type_id)
         self._ask(now_ns)
 
     def _ready(self, now_ns: HostNs) -> None:
@@ -454,12 +411,7 @@ class Session:
         self._tries = 0
         self._next_ns = 0
         self._move("agreed", "both ends agree")
-        outcome = self._comparison.outcome.values() if self._comparison else ()
-        self._events.append(
-            Agreed(
-                hello, self.node, rebooted, tuple(a for a in outcome if a.match.value != "equal")
-            )
-        )
+        self._events.append(Agreed(hello, self.node, rebooted, self._agreement.differences))
         if self._open_stop is not None:
             self.stop(self._open_stop, now_ns)
 
@@ -477,8 +429,3 @@ class Session:
         if (self.state, what) in TRANSITIONS:
             self._move(what, text)
             self._events.append(Failed(kind, text))
-
-
-def _raw(steps: float) -> int:
-    """To the wire's 16 bits, or the nearest that they hold."""
-    return round(min(32767.0, max(-32767.0, steps)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.link import Received, Rejected
 from protocol.uart import DamagedFrame
@@ -78,9 +78,8 @@ class Failed:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Data:
-    """A telemetry message."""
+class Data(NamedTuple):
+    """A telemetry message; a bare tuple, for it is made for each one that comes."""
 
     received: Received
     arrived_ns: HostNs

@@ -11,6 +11,9 @@ from protocol.link import Medium
 if TYPE_CHECKING:
     from protocol.link import Rejected
 
+_BEGINNING, _WORDS, _FEW = 512, 200, 8
+"""Bytes kept, characters told, and what is too short to be a line of text."""
+
 
 @dataclass(slots=True)
 class Evidence:
@@ -22,6 +25,22 @@ class Evidence:
     """Other protocol versions that intact frames named."""
     echoes: int = 0
     """Messages that only a host sends."""
+    beginning: bytes = b""
+    """The first bytes: a port server that refuses may say why in words."""
+
+    def hear(self, data: bytes) -> None:
+        """Take bytes as they come."""
+        self.received += len(data)
+        if len(self.beginning) < _BEGINNING:
+            self.beginning = (self.beginning + data)[:_BEGINNING]
+
+    @property
+    def words(self) -> str | None:
+        """The first line, where it is one of text; None where it is not."""
+        line, end, _ = self.beginning.partition(b"\n")
+        text = line.strip().decode("ascii", "backslashreplace")
+        words = end and line.isascii() and text.isprintable() and len(text) >= _FEW
+        return text[:_WORDS] if words else None
 
     def note(self, event: Rejected) -> None:
         """Take an intact frame that was of no use."""
@@ -45,6 +64,8 @@ class Evidence:
         elif self.echoes:
             kind = "echo"
             text = "our own bytes come back: RX and TX are joined, or echo is on"
+        elif (words := self.words) is not None:
+            kind, text = "words", f"the other end says: {words}"
         elif damaged:
             kind = "garbage"
             text = (

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from bridge.coverage.metrics import CoverageReport
     from bridge.host import Host
     from protocol.link import LinkStatistics
@@ -30,12 +28,15 @@ def run_summary(  # noqa: PLR0913 - a summary's parts
     seed: int | None,
     log: str | None,
     report: CoverageReport | None = None,
-    errors_m: Sequence[float] | None = None,
+    error_m: tuple[float | None, float | None] = (None, None),
     collisions: int | None = None,
     contact_s: float | None = None,
     energy_wh: float | None = None,
 ) -> dict[str, Any]:
-    """The contract's object for a run, finished or not."""
+    """The contract's object for a run, finished or not.
+
+    ``error_m`` is the distance of estimate and truth at the end, and the greatest.
+    """
     mission = host.mission
     ending = mission.ending
     duration_s = None
@@ -54,14 +55,14 @@ def run_summary(  # noqa: PLR0913 - a summary's parts
         "outcome": ending.outcome if ending else "stopped",
         "reason": ending.reason if ending else None,
         "duration_s": duration_s,
-        "path_m": _round(report.path_m if report else host.path_m if host.poses else None, 3),
+        "path_m": _round(report.path_m if report else _way_m(host), 3),
         "turns": runner.turns if runner else None,
         "collisions": collisions,
         "contact_s": _round(contact_s, 3),
         "energy_wh": _round(energy_wh),
         "pose_error_m": {
-            "end": _round(errors_m[-1]) if errors_m else None,
-            "max": _round(max(errors_m)) if errors_m else None,
+            "end": _round(error_m[0]),
+            "max": _round(error_m[1]),
         },
         "coverage": coverage,
         "t90_s": _round(report.t90_s if report else None, 2),
@@ -72,6 +73,10 @@ def run_summary(  # noqa: PLR0913 - a summary's parts
         "wire": wire_summary(host.session.link.statistics),
         "log": log,
     }
+
+
+def _way_m(host: Host) -> float | None:
+    return None if host.drive_pose is None else host.path_m
 
 
 def _round(value: float | None, digits: int = 4) -> float | None:

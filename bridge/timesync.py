@@ -13,12 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from protocol.clock import DeviceUs, HostNs, extend_us
 
-Floats = NDArray[np.float64]
+_new = tuple.__new__
 
 MAX_DRIFT_PPM = 300.0
 """Two crystals of ±100 ppm, with room."""
@@ -78,6 +75,22 @@ class TimeSync:
         self._last = DeviceUs(low32) if self._last is None else extend_us(self._last, low32)
         return self._last
 
+    def observe(self, low32: int, arrived_ns: HostNs) -> tuple[DeviceUs, Mapped | None]:
+        """Take a frame's stamp and arrival; its moment on the device and on the host.
+
+        :meth:`extend`, :meth:`arrival` and :meth:`map` in one: every message passes here.
+        """
+        last = self._last
+        device_us = DeviceUs(low32) if last is None else extend_us(last, low32)
+        self._last = device_us
+        known = self._upper.get(device_us // BUCKET_US)
+        if known is None or arrived_ns - device_us * 1000 < known[1] - known[0] * 1000:
+            self.arrival(device_us, arrived_ns)
+        fit = self.fit
+        if fit is None or self._contradictions:
+            return device_us, None
+        return device_us, self._at(fit, device_us)
+
     def arrival(self, device_us: DeviceUs, host_ns: HostNs) -> None:
         """A frame stamped ``device_us`` was here at ``host_ns``."""
         self._fence(self._upper, device_us, host_ns, keep_smaller=True)
@@ -119,7 +132,7 @@ class TimeSync:
         elapsed_ns = (device_us - fit.device_us) * 1000.0
         host_ns = fit.host_ns + elapsed_ns * (1.0 + fit.drift)
         bound_ns = fit.bound_ns + abs(elapsed_ns) * fit.drift_bound
-        return Mapped(HostNs(round(host_ns)), round(bound_ns) + STAMP_NS)
+        return _new(Mapped, (HostNs(round(host_ns)), round(bound_ns) + STAMP_NS))
 
     # ---- fences ---------------------------------------------------------------------------
 
@@ -151,34 +164,54 @@ class TimeSync:
         if not self._upper or not self._lower:
             return
         base_ns = next(iter(self._upper.values()))[1]
-        upper_at, upper_ns = _relative(self._upper, at_us, base_ns)
-        lower_at, lower_ns = _relative(self._lower, at_us, base_ns)
-        slow, fast = _slopes(upper_at, upper_ns, lower_at, lower_ns)
+        upper = _corners(self._upper, at_us, base_ns, side=1)
+        lower = _corners(self._lower, at_us, base_ns, side=-1)
+        slow, fast = _slopes(upper, lower)
         # Each fence carried to the moment of the fit along whichever slope is the laxer.
-        high_ns = np.min(upper_ns - np.minimum(upper_at * (1 + slow), upper_at * (1 + fast)))
-        low_ns = np.max(lower_ns - np.maximum(lower_at * (1 + slow), lower_at * (1 + fast)))
+        high_ns = min(ns - min(at * (1 + slow), at * (1 + fast)) for at, ns in upper)
+        low_ns = max(ns - max(at * (1 + slow), at * (1 + fast)) for at, ns in lower)
         # Where they cross, they contradict each other by as much as that.
-        middle, half = 0.5 * float(high_ns + low_ns), 0.5 * abs(float(high_ns - low_ns))
+        middle, half = 0.5 * (high_ns + low_ns), 0.5 * abs(high_ns - low_ns)
         self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
 
 
-def _relative(side: dict[int, tuple[int, int]], at_us: int, base_ns: int) -> tuple[Floats, Floats]:
-    """Fences as device and host nanoseconds from the moment of the fit."""
-    device = np.array([(d - at_us) * 1000.0 for d, _ in side.values()])
-    return device, np.array([float(h - base_ns) for _, h in side.values()])
+def _corners(
+    fences: dict[int, tuple[int, int]], at_us: int, base_ns: int, *, side: int
+) -> list[tuple[float, float]]:
+    """The fences that a line can touch: the corners of their convex hull on its side.
+
+    A handful of the 60, which is what makes the fit cheap. ``side`` is 1 for fences above the
+    line and -1 below it. Device and host nanoseconds, from the moment of the fit.
+    """
+    corners: list[tuple[int, int]] = []
+    for device_us, host_ns in sorted(fences.values()):
+        x = (device_us - at_us) * 1000
+        y = side * (host_ns - base_ns - x)  # less the slope of 1: the hull is of small numbers
+        while len(corners) > 1:
+            (x1, y1), (x2, y2) = corners[-2:]
+            if (x2 - x1) * (y - y1) > (y2 - y1) * (x - x1):
+                break
+            corners.pop()
+        corners.append((x, y))
+    return [(float(x), float(side * y + x)) for x, y in corners]
 
 
 def _slopes(
-    upper_at: Floats, upper_ns: Floats, lower_at: Floats, lower_ns: Floats
+    upper: list[tuple[float, float]], lower: list[tuple[float, float]]
 ) -> tuple[float, float]:
     """Least and greatest drift of a line below all upper and above all lower fences."""
-    span = upper_at[:, None] - lower_at[None, :]
-    rise = upper_ns[:, None] - lower_ns[None, :]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = rise / span - 1.0
-    limit = MAX_DRIFT_PPM * 1e-6
-    fast = float(np.min(slope, where=span > 0, initial=limit))
-    slow = float(np.max(slope, where=span < 0, initial=-limit))
+    fast = MAX_DRIFT_PPM * 1e-6
+    slow = -fast
+    for upper_at, upper_ns in upper:
+        for lower_at, lower_ns in lower:
+            span = upper_at - lower_at
+            if span == 0.0:
+                continue
+            slope = (upper_ns - lower_ns) / span - 1.0
+            if span > 0.0:
+                fast = min(fast, slope)
+            else:
+                slow = max(slow, slope)
     if slow > fast:  # rounding of stamps to whole microseconds
         slow = fast = 0.5 * (slow + fast)
     return slow, fast

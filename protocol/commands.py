@@ -142,7 +142,10 @@ class CommandSender:
 
     def next_deadline_us(self) -> int | None:
         """When :meth:`due` has work next."""
-        return min((p.due_us for p in self._pending.values()), default=None)
+        pending = self._pending
+        if not pending:  # asked at every turn of a loop, and hardly ever with an answer
+            return None
+        return min(p.due_us for p in pending.values())
 
     def cancel(self) -> None:
         """Forget everything: the session is over."""

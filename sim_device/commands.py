@@ -5,7 +5,8 @@ Everything here has come through the command log: it is new, and the answer is r
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 from protocol.messages import (
     ClearStop,
@@ -18,87 +19,71 @@ from protocol.messages import (
     SetStreamRate,
     Sync,
 )
-from protocol.values import LogLevel, Mode, NackReason, RebootKind, StopCause, label
+from protocol.values import Mode, NackReason, PlannerAction, RebootKind
+from sim_device.modes import SET_EVENT, Event
 
 if TYPE_CHECKING:
     from protocol.message import Message
     from sim_device.firmware import Firmware
 
-COMMANDS = (
-    ClearStop,
-    SetMode,
-    PlannerCommand,
-    GetParameter,
-    SetParameter,
-    SaveParameters,
-    SetStreamRate,
-    Reboot,
-)
 RATE_MAX = 10_000
 """Tenths of a hertz, as declared; what is above the tick's rate is sent at each tick."""
 SYNC_RATE_MIN = 40
 """4 Hz: a stamp on CAN can be extended for 0.5 s after a sync, and one may be lost."""
 
 
-def carry_out(firmware: Firmware, command: Message) -> NackReason | None:  # noqa: PLR0911 - a line each
+Act = Callable[["Firmware", Any], NackReason | None]
+
+
+def carry_out(firmware: Firmware, command: Message) -> NackReason | None:
     """Do it, or give the refusal's reason."""
     if not firmware.agreed:
         return NackReason.NO_SESSION
-    match command:
-        case ClearStop():
-            return _clear(firmware, command)
-        case SetMode():
-            return _choose(firmware, command)
-        case GetParameter():
-            known = firmware.parameters.describe(command.parameter) is not None
-            return None if known else NackReason.UNKNOWN_PARAMETER
-        case SetParameter():
-            return _set(firmware, command)
-        case SaveParameters():
-            return _save(firmware)
-        case SetStreamRate():
-            return _rate(firmware, command)
-        case Reboot():
-            return _reboot(firmware, command)
-        case PlannerCommand():
-            return NackReason.UNSUPPORTED  # no planner on board
-        case _:
-            return NackReason.UNKNOWN_COMMAND
+    act = _ACTS.get(type(command))
+    return NackReason.UNKNOWN_COMMAND if act is None else act(firmware, command)
 
 
 def _clear(firmware: Firmware, command: ClearStop) -> NackReason | None:
-    if not firmware.latch.latched:
-        return None
-    if not firmware.latch.clear(command.cause):
-        return NackReason.OTHER_CAUSE
-    firmware.log(LogLevel.INFO, f"stop cleared: {label(StopCause, command.cause)}")
-    return None
+    return firmware.control.clear(command.cause)
 
 
 def _choose(firmware: Firmware, command: SetMode) -> NackReason | None:
-    if command.mode == Mode.ONBOARD:
-        return NackReason.UNSUPPORTED
-    if command.mode not in {Mode.IDLE, Mode.VELOCITY, Mode.BRINGUP}:
-        return NackReason.BAD_VALUE
-    if command.mode != Mode.IDLE and firmware.latch.latched:
-        return NackReason.STOP_LATCHED
-    firmware.enter(Mode(command.mode))
-    return None
+    event = SET_EVENT.get(command.mode)
+    return NackReason.BAD_VALUE if event is None else firmware.control.fire(event)
+
+
+def _plan(firmware: Firmware, command: PlannerCommand) -> NackReason | None:
+    control = firmware.control
+    match command.action:
+        case PlannerAction.START:
+            return control.start(command.planner)
+        case PlannerAction.PAUSE:
+            return control.fire(Event.PAUSE)
+        case PlannerAction.RESUME:
+            return control.fire(Event.RESUME)
+        case PlannerAction.ABORT:
+            return control.fire(Event.ABORT)
+        case _:
+            return NackReason.BAD_VALUE
+
+
+def _get(firmware: Firmware, command: GetParameter) -> NackReason | None:
+    known = firmware.parameters.describe(command.parameter) is not None
+    return None if known else NackReason.UNKNOWN_PARAMETER
 
 
 def _set(firmware: Firmware, command: SetParameter) -> NackReason | None:
     reason = firmware.parameters.set(command.parameter, command.kind, command.value)
     if reason is None:
-        firmware.apply_parameters()
+        firmware.control.apply_parameters()
     return reason
 
 
-def _save(firmware: Firmware) -> NackReason | None:
-    # Erasing flash holds the processor for a quarter of a second: never while it may drive.
+def _save(firmware: Firmware, _command: SaveParameters) -> NackReason | None:
+    # While it drives the bus to the flash is not to be shared with the control loop.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
-    firmware.parameters.save()
-    firmware.log(LogLevel.INFO, "parameters saved")
+    firmware.begin_save()
     return None
 
 
@@ -119,9 +104,22 @@ def _reboot(firmware: Firmware, command: Reboot) -> NackReason | None:
         return NackReason.UNSUPPORTED
     if command.kind not in {RebootKind.NORMAL, RebootKind.FACTORY_RESET}:
         return NackReason.BAD_VALUE
-    if firmware.mode is not Mode.IDLE:
+    if firmware.mode is not Mode.IDLE or firmware.saving:
         return NackReason.OTHER_MODE
-    if firmware.wheels.moving:
+    if firmware.control.wheels.moving:
         return NackReason.FAULT
     firmware.reboot_wanted = RebootKind(command.kind)
     return None
+
+
+_ACTS: dict[type[Message], Act] = {
+    ClearStop: _clear,
+    SetMode: _choose,
+    PlannerCommand: _plan,
+    GetParameter: _get,
+    SetParameter: _set,
+    SaveParameters: _save,
+    SetStreamRate: _rate,
+    Reboot: _reboot,
+}
+COMMANDS = tuple(_ACTS)

@@ -1,40 +1,112 @@
-"""MPU6050: register counts at ±2 g and ±250 °/s.
+"""MPU6050: register counts, as configured; by default ±2 g, ±250 °/s, 100 Hz.
 
-Source: InvenSense PS-MPU-6000A-00 rev. 3.4, sections 6.1-6.3, and the register map for the
-temperature's formula. The chip sits at the axle's centre, its axes with the body's: x ahead,
-y left, z up, yaw rate counter-clockwise positive.
+Sources: InvenSense PS-MPU-6000A-00 rev. 3.4 (the datasheet), sections 6.1 (gyroscope), 6.2
+(accelerometer), 6.3 (temperature); RM-MPU-6000A-00 rev. 4.2 (the register map), sections 4.2
+(sample rate), 4.3 (filter), 4.4 and 4.5 (ranges), 4.18 (temperature). The chip sits at the
+axle's centre, its axes with the body's: x ahead, y left, z up, yaw rate counter-clockwise
+positive.
 
-A sample is the mean over the time since the last one, as the chip's low-pass filter at about
-half the output rate gives it, so that nothing is lost between samples; a read within the same
-millisecond returns the same registers. White noise of one-sided density n over an interval T
-then has sigma n/√(2T). What the noise levels mean is told in ``noise``.
+The registers change at the output rate; a read before the next sample is due returns the
+same ones. The low-pass filter is a running mean as long as twice its group delay, which has
+that delay exactly; the default's 9.6 ms is the time between samples, so that nothing is lost.
+Firmware that reads more seldom than the chip samples is taken to average what the chip's
+buffer (section 7.17) holds, so that its reading is the mean since the last one. White noise
+of one-sided density n over a time T then has sigma n/√(2T); a filter quicker than the sample
+rate lets more through, by the root of the ratio. Motion within one reading's interval is
+known by its mean only: filters quicker than that do not show it sharper.
+
+What the noise levels mean is told in ``noise``. Left out: the change of scale with
+temperature and the scale's non-linearity (0.2 %), the gyro's answer to acceleration
+(0.1 °/s per g: with gravity a constant, part of the bias).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
+from sim_device import imu_kernel as k
+from sim_device.lift import Lift
+from sim_device.sensor_faults import SensorFaults
+
 if TYPE_CHECKING:
-    from sim_device.noise import Draws, NoiseLevel
+    from sim_device.noise import NoiseLevel
     from sim_device.plant import Plant
 
-ACCEL_LSB_PER_G = 16384.0
-GYRO_LSB_PER_DEG_S = 131.0
-TEMPERATURE_LSB_PER_C = 340.0
-TEMPERATURE_OFFSET_C = 36.53
+GYRO_LSB_PER_DEG_S = {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}
+"""By full scale, °/s: FS_SEL 0 to 3, section 6.1."""
+ACCEL_LSB_PER_G = {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}
+"""By full scale, g: AFS_SEL 0 to 3, section 6.2."""
+GYRO_DELAY_MS = (0.98, 1.9, 2.8, 4.8, 8.3, 13.4, 18.6)
+"""Group delay by DLPF_CFG, register map section 4.3; the accelerometer's is within 0.9 ms."""
 GRAVITY_M_S2 = 9.80665
+AMBIENT_C = 25.0
+WARMING_C = 6.0
+"""How far the board warms above ambient, within ``imu_kernel.WARMING_TIME_S``: our choice
+for 1.5 W under a cover."""
 
-_AMBIENT_C = 25.0
-_WARMING_C = 6.0
-"""How far the board warms above ambient ..."""
-_WARMING_TIME_S = 300.0
 _MOVING_RAD_S = 0.05
 """Mean wheel speed above which motion's own errors are present; 1.6 mm/s."""
-_NOMINAL_MS = 10
-"""The first sample, with nothing before it, is as noisy as at 100 Hz."""
+_BLOCK = 512 * k.DRAWS
 _DEG = 180.0 / math.pi
-_MIN, _MAX = -32768, 32767
+_EIGHTHS = 8
+"""Of a millisecond: the period of the unfiltered gyro's 8 kHz."""
+
+
+class ImuConfigError(ValueError):
+    """A setting that the chip does not have."""
+
+    def __init__(self, setting: str, value: int, known: str) -> None:
+        """Keep the setting, the value and what there is."""
+        self.setting, self.value, self.known = setting, value, known
+        super().__init__(f"{setting} {value} is not one of {known}")
+
+
+@dataclass(frozen=True, slots=True)
+class ImuConfig:
+    """What the firmware writes into the chip at its start.
+
+    Raises:
+        ImuConfigError: a setting is none of the chip's.
+
+    """
+
+    gyro_range_deg_s: int = 250
+    accel_range_g: int = 2
+    dlpf: int = 3
+    """DLPF_CFG, 0 to 6; 3: 42 Hz."""
+    divider: int = 9
+    """SMPLRT_DIV, 0 to 255; 9: 100 Hz with a filter."""
+
+    def __post_init__(self) -> None:
+        """Check each setting."""
+        if self.gyro_range_deg_s not in GYRO_LSB_PER_DEG_S:
+            raise ImuConfigError("gyro range", self.gyro_range_deg_s, "250, 500, 1000, 2000")
+        if self.accel_range_g not in ACCEL_LSB_PER_G:
+            raise ImuConfigError("accelerometer range", self.accel_range_g, "2, 4, 8, 16")
+        if not 0 <= self.dlpf < len(GYRO_DELAY_MS):
+            raise ImuConfigError("DLPF_CFG", self.dlpf, "0 to 6")
+        if not 0 <= self.divider <= 0xFF:  # noqa: PLR2004 - a byte
+            raise ImuConfigError("SMPLRT_DIV", self.divider, "0 to 255")
+
+    @property
+    def sample_period_ms(self) -> float:
+        """Time between samples: (1 + SMPLRT_DIV) over 1 kHz, or over 8 kHz unfiltered."""
+        return (1 + self.divider) / (1.0 if self.dlpf else 8.0)
+
+    @property
+    def window_ms(self) -> float:
+        """Length of the running mean that stands for the filter."""
+        return 2.0 * GYRO_DELAY_MS[self.dlpf]
+
+
+_CONFIG = ImuConfig()
+Felt = tuple[float, float, float, float, float, float]
+"""Means over an interval: acceleration x, y, z in g, rate x, y, z in °/s."""
+_AT_REST: Felt = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 class ImuCounts(NamedTuple):
@@ -52,82 +124,142 @@ class ImuCounts(NamedTuple):
 class Imu:
     """The chip, watching the plant."""
 
-    def __init__(self, plant: Plant, noise: NoiseLevel, draws: Draws) -> None:
-        """Draw this chip's own errors from ``draws``, which it owns."""
+    def __init__(
+        self,
+        plant: Plant,
+        noise: NoiseLevel,
+        rng: np.random.Generator,
+        faults: SensorFaults | None = None,
+        config: ImuConfig = _CONFIG,
+    ) -> None:
+        """Draw this chip's own errors from ``rng``, which it owns; obey ``faults``."""
         self._plant = plant
         self._noise = noise
-        self._draws = draws
-        tolerance = draws.tolerance
-        self._turn_on = tuple(tolerance(noise.gyro_turn_on_deg_s) for _ in range(3))
-        self._motion_deg_s = draws.sign() * noise.gyro_motion_bias_deg_s
-        self._scale = 1.0 + tolerance(noise.gyro_scale_error)
-        self._accel_bias_g = tuple(tolerance(0.001 * noise.accel_bias_mg) for _ in range(3))
-        self._walk_deg_s = 0.0
-        self._set_interval(_NOMINAL_MS)
+        self._rng = rng
+        self._faults = faults or SensorFaults()
+        self._lift = Lift()
+        self._window_ms = config.window_ms
+        self._alias = math.sqrt(max(1.0, config.sample_period_ms / config.window_ms))
+        self._period_eighths = round(_EIGHTHS * config.sample_period_ms)
+        self._chip = _drawn_chip(noise, rng, config)
+        self._own_bias = self._chip[k.BIAS : k.BIAS + k.AXES].copy()
+        self._told_bias: tuple[object, object] = (None, None)
+        self._normals = np.empty(_BLOCK)
+        self._at = _BLOCK
+        self._rows = np.zeros((k.ROWS, 1 + k.AXES))
+        self._mean = np.zeros(k.AXES)
+        self._interval_ms = 0
         self._before = plant.inertial
-        self._last = self._sample(0.0, 0.0, 0.0, moving=False)
+        self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
+        self._set_interval(max(1, round(config.sample_period_ms)))
+        self._last = self._told = self._sample(_AT_REST, moving=False)
 
     def read(self) -> ImuCounts:
         """Read the registers as they stand at this tick."""
-        now, before = self._plant.inertial, self._before
+        plant = self._plant
+        sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
+        if sample_no != self._sample_no:
+            self._sample_no = sample_no
+            self._take(plant)
+        if self._faults.imu_frozen:
+            return self._told
+        self._told = self._last
+        return self._last
+
+    def _take(self, plant: Plant) -> None:
+        now, before = plant.inertial, self._before
+        self._before = now
         elapsed_ms = now.tick_ms - before.tick_ms
-        if elapsed_ms <= 0:
-            return self._last
         if elapsed_ms != self._interval_ms:
             self._set_interval(elapsed_ms)
         rate = self._per_s
         turned_rad = abs(now.left_rad - before.left_rad) + abs(now.right_rad - before.right_rad)
-        self._before = now
-        self._last = self._sample(
-            (now.heading_rad - before.heading_rad) * rate * _DEG,
-            (now.impulse_x_m_s - before.impulse_x_m_s) * rate / GRAVITY_M_S2,
-            (now.impulse_y_m_s - before.impulse_y_m_s) * rate / GRAVITY_M_S2,
-            moving=turned_rad * rate > 2.0 * _MOVING_RAD_S,
+        per_g, per_deg = rate / GRAVITY_M_S2, rate * _DEG
+        # The plant's pitch is nose up, which is backwards about y.
+        felt = (
+            (now.impulse_x_m_s - before.impulse_x_m_s) * per_g,
+            (now.impulse_y_m_s - before.impulse_y_m_s) * per_g,
+            1.0 + (now.climb_m_s - before.climb_m_s) * per_g,
+            (now.roll_rad - before.roll_rad) * per_deg,
+            (before.pitch_rad - now.pitch_rad) * per_deg,
+            (now.heading_rad - before.heading_rad) * per_deg,
         )
-        return self._last
+        self._last = self._sample(felt, moving=turned_rad * rate > 2.0 * _MOVING_RAD_S)
+
+    def _sample(self, felt: Felt, *, moving: bool) -> ImuCounts:
+        at = self._at
+        if at >= _BLOCK:
+            self._rng.standard_normal(out=self._normals)
+            at = 0
+        self._at = at + k.DRAWS
+        faults, tick_ms = self._faults, self._before.tick_ms
+        if faults.lifted or self._lift.active:
+            self._feel_lift(tick_ms)
+        if (faults.gyro_bias_deg_s, faults.accel_bias_g) != self._told_bias:
+            self._obey_bias()
+        return ImuCounts(
+            *k.sample(
+                self._chip,
+                self._rows,
+                self._mean,
+                self._normals,
+                at,
+                float(self._interval_ms),
+                float(tick_ms),
+                *felt,
+                moving,
+            )
+        )
+
+    def _feel_lift(self, tick_ms: int) -> None:
+        felt = self._lift.felt(tick_ms, self._interval_ms, lifted=self._faults.lifted)
+        self._chip[k.EXTRA : k.EXTRA + k.AXES] = felt
+
+    def _obey_bias(self) -> None:
+        faults = self._faults
+        self._told_bias = (faults.gyro_bias_deg_s, faults.accel_bias_g)
+        self._chip[k.BIAS : k.BIAS + k.AXES] = self._own_bias + np.array(
+            (*faults.accel_bias_g, *faults.gyro_bias)
+        )
 
     def _set_interval(self, interval_ms: int) -> None:
         """Work out the sigmas of samples this far apart; they seldom change."""
-        noise = self._noise
+        noise, chip = self._noise, self._chip
         interval_s = 0.001 * interval_ms
         self._interval_ms = interval_ms
         self._per_s = 1.0 / interval_s
-        white = 1.0 / math.sqrt(2.0 * interval_s)
-        self._gyro_sigma = noise.gyro_density_deg_s_sqrt_hz * white
-        self._walk_sigma = noise.gyro_bias_walk_deg_s_sqrt_s * math.sqrt(interval_s)
-        self._yaw_sigma = noise.gyro_yaw_walk_deg_sqrt_s / math.sqrt(interval_s)
-        self._rest_g = 1e-6 * noise.accel_density_ug_sqrt_hz * white
-        self._moving_g = math.hypot(self._rest_g, 0.001 * noise.accel_vibration_mg)
-
-    def _sample(
-        self, yaw_deg_s: float, accel_x_g: float, accel_y_g: float, *, moving: bool
-    ) -> ImuCounts:
-        normal, gyro_sigma = self._draws.normal, self._gyro_sigma
-        self._walk_deg_s += self._walk_sigma * normal()
-        # Drawn whether moving or not, so that the stream stays in step with the samples.
-        yaw_walk = self._yaw_sigma * normal()
-        turn_on_x, turn_on_y, turn_on_z = self._turn_on
-        yaw_deg_s = yaw_deg_s * self._scale + turn_on_z + self._walk_deg_s
-        accel_sigma = self._rest_g
-        if moving:
-            yaw_deg_s += self._motion_deg_s + yaw_walk
-            accel_sigma = self._moving_g
-        bias_x_g, bias_y_g, bias_z_g = self._accel_bias_g
-        warm_c = _WARMING_C * (1.0 - math.exp(-0.001 * self._plant.tick_ms / _WARMING_TIME_S))
-        return ImuCounts(
-            _counts((accel_x_g + bias_x_g + accel_sigma * normal()) * ACCEL_LSB_PER_G),
-            _counts((accel_y_g + bias_y_g + accel_sigma * normal()) * ACCEL_LSB_PER_G),
-            _counts((1.0 + bias_z_g + accel_sigma * normal()) * ACCEL_LSB_PER_G),
-            _counts((_AMBIENT_C + warm_c - TEMPERATURE_OFFSET_C) * TEMPERATURE_LSB_PER_C),
-            _counts((turn_on_x + gyro_sigma * normal()) * GYRO_LSB_PER_DEG_S),
-            _counts((turn_on_y + gyro_sigma * normal()) * GYRO_LSB_PER_DEG_S),
-            _counts((yaw_deg_s + gyro_sigma * normal()) * GYRO_LSB_PER_DEG_S),
-        )
+        white = self._alias / math.sqrt(2.0 * interval_s)
+        gyro = noise.gyro_density_deg_s_sqrt_hz * white
+        rest_g = 1e-6 * noise.accel_density_ug_sqrt_hz * white
+        moving_g = math.hypot(rest_g, 0.001 * noise.accel_vibration_mg)
+        chip[k.SIGMA : k.SIGMA + k.AXES] = (rest_g,) * 3 + (gyro,) * 3
+        chip[k.MOVING_SIGMA : k.MOVING_SIGMA + k.AXES] = (moving_g,) * 3 + (gyro,) * 3
+        chip[k.WALK_SIGMA] = noise.gyro_bias_walk_deg_s_sqrt_s * math.sqrt(interval_s)
+        chip[k.YAW_SIGMA] = noise.gyro_yaw_walk_deg_sqrt_s / math.sqrt(interval_s)
 
 
-def _counts(value: float) -> int:
-    """Round to a register, saturating as the chip does."""
-    counts = round(value)
-    if counts > _MAX:
-        return _MAX
-    return counts if counts > _MIN else _MIN  # noqa: FURB136 - seven times a sample: no call
+def _drawn_chip(noise: NoiseLevel, rng: np.random.Generator, config: ImuConfig) -> k.Floats:
+    """Draw a chip's own errors, in an order that new ones are added to at the end."""
+
+    def tolerance(limit: float, *shape: int) -> k.Floats:
+        return limit * rng.uniform(-1.0, 1.0, shape or None)
+
+    chip = np.zeros(k.SIZE)
+    accel_bias_g = tolerance(0.001 * noise.accel_bias_mg, 3)
+    turn_on_deg_s = tolerance(noise.gyro_turn_on_deg_s, 3)
+    chip[k.BIAS : k.BIAS + k.AXES] = (*accel_bias_g, *turn_on_deg_s)
+    chip[k.MOTION_DEG_S] = math.copysign(noise.gyro_motion_bias_deg_s, rng.uniform(-1.0, 1.0))
+    scale = tolerance(noise.gyro_scale_error, 3)
+    chip[k.TEMPCO : k.TEMPCO + 3] = tolerance(0.001 * noise.accel_tempco_mg_c, 3)
+    chip[k.TEMPCO + 3 : k.TEMPCO + 6] = tolerance(noise.gyro_tempco_deg_s_c, 3)
+    accel = tolerance(noise.accel_cross_axis, 3, 3)
+    gyro = tolerance(noise.gyro_cross_axis, 3, 3)
+    np.fill_diagonal(accel, 1.0)
+    np.fill_diagonal(gyro, 1.0 + scale)
+    chip[k.MATRIX : k.MATRIX + 18] = np.vstack([accel, gyro]).ravel()
+    chip[k.TEMPERATURE_ERROR_C] = tolerance(noise.imu_temperature_error_c)
+    chip[k.LSB_ACCEL] = ACCEL_LSB_PER_G[config.accel_range_g]
+    chip[k.LSB_GYRO] = GYRO_LSB_PER_DEG_S[config.gyro_range_deg_s]
+    chip[k.WINDOW_MS] = config.window_ms
+    chip[k.AMBIENT_C], chip[k.WARMING_C] = AMBIENT_C, WARMING_C
+    return chip

@@ -5,8 +5,10 @@ first-order lag with time constant τ = J·R/K² towards ω = (V - V_friction)/K
 given as the voltage that overcomes it. The bridge gives |duty| · supply less its saturation
 drop, and nothing below it: together with friction that is the dead band, about 15 % of duty.
 
-The plant integrates this exactly over each millisecond; a richer model (inductance, iron
-losses, heating) replaces ``terminal_v``, ``target_rad_s`` and the lag here and in ``drive_kernel``.
+The plant's ``drive_kernel`` integrates this exactly over each millisecond. The L298 (datasheet,
+V_CEsat total) loses 1.8 V at least at 1 A and about 1.2 V more per ampere: the constant is the
+robot file's drop, the slope is counted with the winding's resistance. With no duty both ends
+of the motor are tied together, and it brakes.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ class MotorParameters:
     back_emf_v_s: float = 1.10
     """K: volts per rad/s of the wheel, as well as N·m per ampere."""
     resistance_ohm: float = 8.0
+    """Winding and brushes, and the bridge's share that grows with the current: a stall at full
+    battery takes 1.76 A."""
     friction_v: float = 0.5
     """Voltage lost to friction; 62 mA of no-load current."""
     time_constant_s: float = 0.05

@@ -8,9 +8,16 @@ robot stands, so a constant (``gyro_turn_on_deg_s``) vanishes whatever its size.
 cannot see is what only motion brings: the vibration of gears and brushes shifts a MEMS
 gyro's mean (vibration rectification), and is gone again at rest. ``gyro_motion_bias_deg_s``
 is that shift, present while the wheels turn, its sign drawn once; it is the "bias left
-after calibration" of the levels. Beside it a slow random walk of the bias
-(``gyro_bias_walk``), which later rests can see, and white noise from the datasheet.
+after calibration" of the levels. Beside it what later rests can see: a slow random walk of
+the bias (``gyro_bias_walk``) and its slope with temperature (``gyro_tempco``) while the board
+warms up by 6 °C (``imu``), at most 0.02 °C/s; and white noise from the datasheet. At
+``typical`` the slope moves the bias by at most 0.0016 °/s over a lane of 20 s in the first
+minute, and by a seventh of that after ten: a sixth of what motion brings.
 ``harsh`` adds a walk of the angle itself, again in motion only.
+
+Sources: MPU6050: InvenSense PS-MPU-6000A-00 rev. 3.4; ultrasonic: HC-SR04 user's manual
+(ElecFreaks); infrared: Sharp GP2Y0A41SK0F, sheet OP13008EN. Where a level is below the
+datasheet's limit it stands for a part as most are, the limit for the worst one sold.
 
 ``none`` is noise-free but for quantisation.
 """
@@ -55,23 +62,41 @@ class NoiseLevel:
     gyro_yaw_walk_deg_sqrt_s: float = 0.0
     """Random walk of the measured angle while the wheels turn."""
     gyro_scale_error: float = 0.0
-    """Tolerance, relative; ±3 % in the datasheet, less once calibrated."""
+    """Tolerance, relative, per axis; ±3 % in the datasheet, less once calibrated."""
+    gyro_tempco_deg_s_c: float = 0.0
+    """Tolerance per axis of the bias's slope with temperature; ±20 °/s over -40..85 °C in the
+    datasheet, 0.16 °/s per °C if it were straight. The levels are what a compensation in the
+    firmware leaves of it."""
+    gyro_cross_axis: float = 0.0
+    """Tolerance of each of the six shares of one axis' rate in another's; ±2 %."""
 
     # Accelerometer (section 6.2).
     accel_density_ug_sqrt_hz: float = 0.0
     """400 in the datasheet."""
     accel_bias_mg: float = 0.0
     """Tolerance per axis; ±50 (x, y) and ±80 (z) in the datasheet."""
+    accel_tempco_mg_c: float = 0.0
+    """Tolerance per axis; ±35 mg (x, y) over 0..70 °C in the datasheet, 0.5 mg per °C."""
+    accel_cross_axis: float = 0.0
+    """As the gyro's; ±2 %."""
     accel_vibration_mg: float = 0.0
     """Extra sigma per axis while the wheels turn."""
+    imu_temperature_error_c: float = 0.0
+    """Tolerance of the temperature register; ±1 °C from a straight line (section 6.3), its
+    offset untrimmed."""
 
     # Rangers.
     ultrasonic_sigma_m: float = 0.0
     ultrasonic_dropout: float = 0.0
-    """Probability per reading of no echo where there is one."""
+    """Probability per ping that an echo is missed."""
+    ultrasonic_crosstalk: float = 0.0
+    """Probability per ping that another sound is taken for the echo, see ``ultrasonic``."""
     infrared_sigma_m: float = 0.0
-    """At 10 cm. A triangulating sensor's output goes as 1/d, so its sigma in distance goes
-    as d²; below 6 cm it no longer shrinks."""
+    """At 10 cm from white paper. The output voltage goes as 1/d and its noise is constant, so
+    the sigma in distance goes as d² (``infrared``)."""
+    infrared_reflectance_spread: float = 0.0
+    """Each wall's and obstacle side's reflectance is drawn once, uniform between white paper's
+    0.9 and this much less (a grey card's is 0.18)."""
 
     # Wheels.
     wheel_diameter_error: float = 0.0
@@ -93,6 +118,9 @@ class NoiseLevel:
 SLIP_TIME_S = 0.3
 """Memory of the slip: about a wheel's turn at cruise speed."""
 
+WHITE_PAPER = 0.9
+"""Reflectance of the paper for which the infrared sensor's curve is given."""
+
 NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
     {
         level.name: level
@@ -108,11 +136,17 @@ NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
                 gyro_motion_bias_deg_s=0.0011,
                 gyro_bias_walk_deg_s_sqrt_s=1e-5,
                 gyro_scale_error=0.0002,
+                gyro_tempco_deg_s_c=0.0002,
+                gyro_cross_axis=0.002,
                 accel_density_ug_sqrt_hz=400.0,
                 accel_bias_mg=10.0,
+                accel_tempco_mg_c=0.1,
+                accel_cross_axis=0.002,
                 accel_vibration_mg=5.0,
+                imu_temperature_error_c=0.5,
                 ultrasonic_sigma_m=0.001,
                 infrared_sigma_m=0.0008,
+                infrared_reflectance_spread=0.1,
                 wheel_diameter_error=0.0005,
                 wheel_mismatch=0.0005,
                 wheel_base_error=0.001,
@@ -127,12 +161,19 @@ NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
                 gyro_motion_bias_deg_s=0.01,
                 gyro_bias_walk_deg_s_sqrt_s=1e-4,
                 gyro_scale_error=0.001,
+                gyro_tempco_deg_s_c=0.004,
+                gyro_cross_axis=0.01,
                 accel_density_ug_sqrt_hz=400.0,
                 accel_bias_mg=30.0,
+                accel_tempco_mg_c=0.3,
+                accel_cross_axis=0.01,
                 accel_vibration_mg=15.0,
+                imu_temperature_error_c=1.0,
                 ultrasonic_sigma_m=0.003,
                 ultrasonic_dropout=0.01,
+                ultrasonic_crosstalk=0.001,
                 infrared_sigma_m=0.0015,
+                infrared_reflectance_spread=0.3,
                 wheel_diameter_error=0.003,
                 wheel_mismatch=0.002,
                 wheel_base_error=0.005,
@@ -150,12 +191,19 @@ NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
                 # 0.3° per lane of 4 m at 0.20 m/s, which takes 20 s: 0.3 / √20.
                 gyro_yaw_walk_deg_sqrt_s=0.067,
                 gyro_scale_error=0.003,
+                gyro_tempco_deg_s_c=0.02,
+                gyro_cross_axis=0.02,
                 accel_density_ug_sqrt_hz=600.0,
                 accel_bias_mg=50.0,
+                accel_tempco_mg_c=0.5,
+                accel_cross_axis=0.02,
                 accel_vibration_mg=40.0,
+                imu_temperature_error_c=3.0,
                 ultrasonic_sigma_m=0.008,
                 ultrasonic_dropout=0.05,
+                ultrasonic_crosstalk=0.01,
                 infrared_sigma_m=0.004,
+                infrared_reflectance_spread=0.7,
                 wheel_diameter_error=0.01,
                 wheel_mismatch=0.01,
                 wheel_base_error=0.02,

@@ -17,7 +17,7 @@ from protocol.messages import ParameterValue
 from protocol.values import NackReason, ParameterFlag, ParameterKind
 
 if TYPE_CHECKING:
-    from collections.abc import MutableMapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from bridge.motion.robot_model import RobotModel
 
@@ -28,6 +28,8 @@ STOP_DECELERATION_M_S2 = 1.0
 """From top speed to rest in 0.3 s: as hard as the tyres hold without slipping."""
 BATTERY_LOW_V = 12.8
 """3.2 V a cell of four."""
+BATTERY_EMPTY_V = 12.0
+"""3.0 V a cell: below it for a second, a pack is harmed and driving ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,16 +109,17 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
         robot("robot_diameter", "m", "robot_diameter_m", 0.05, 2.0, needs_reboot=True),
         robot("cleaning_width", "m", "cleaning_width_m", 0.02, 2.0, needs_reboot=True),
         robot("mouth_offset", "m", "mouth_offset_m", -1.0, 1.0, needs_reboot=True),
+        Parameter("battery_empty", "V", f32, BATTERY_EMPTY_V, 3.0, 60.0),
     )
 
 
 class ParameterStore:
     """Present values over what is stored; ``stored`` outlives the boot, the rest does not."""
 
-    def __init__(self, parameters: Sequence[Parameter], stored: MutableMapping[str, int]) -> None:
+    def __init__(self, parameters: Sequence[Parameter], stored: Mapping[str, int]) -> None:
         """Read what is stored, by name; what no longer fits its parameter is passed over."""
         self.parameters = tuple(parameters)
-        self._stored = stored
+        self._stored = dict(stored)
         self._defaults = [to_raw(p.kind, p.default) for p in self.parameters]
         self._boot = [
             self._kept(p, default)
@@ -173,11 +176,20 @@ class ParameterStore:
         self._present[number] = raw
         return None
 
-    def save(self) -> None:
-        """Store every present value that can be set."""
-        for parameter, raw in zip(self.parameters, self._present, strict=True):
-            if not parameter.read_only:
-                self._stored[parameter.name] = raw
+    def image(self) -> dict[str, int]:
+        """What is to be stored to keep every present value that can be set."""
+        return {
+            **self._stored,
+            **{
+                p.name: raw
+                for p, raw in zip(self.parameters, self._present, strict=True)
+                if not p.read_only
+            },
+        }
+
+    def saved(self, image: Mapping[str, int]) -> None:
+        """Note that an image is stored now."""
+        self._stored = dict(image)
 
     def value(self, name: str) -> float:
         """The value in effect, in its unit: set now, or at boot where it needs one."""

@@ -2,49 +2,61 @@
 
 Truth, and nothing of the host's: wheel speeds follow the motors' lag exactly, the pose takes
 each millisecond's midpoint heading, walls stop the disc. Equal calls give equal truth, to the
-bit, however ``advance_ms`` is split: what is done in a batch depends only on the tick.
+bit, however ``advance_ms`` is split: the compiled ``drive_kernel`` takes each millisecond from
+the one before, and what is slow is renewed every tenth.
 
-Contact is quasi-static. A wall ahead takes the part of the motion that goes into it
-(``collide``); the disc slides along with friction, or stays. The wheels meanwhile slip: they
-push with at most ``traction_n`` each, which the motor feels as a load in the measure in which
-the wall is straight ahead. A duty too low for that load stalls the wheel, a higher one spins
-it on the spot, and the encoders count what the wheels turn. The wall's force goes through
-the disc's centre, which is the axle's, so it turns nothing; friction at the rim would, and
-is left out. Traction is not limited while accelerating freely: the host's 0.4 m/s² is far
-below what the tyres hold.
+Contact is quasi-static. A wall ahead takes the part of the motion that goes into it; the disc
+slides along with friction, or stays. The wheels meanwhile slip: they push with at most
+``traction_n`` each, which the motor feels as a load in the measure in which the wall is
+straight ahead. A duty too low for that load stalls the wheel, a higher one spins it on the
+spot, and the encoders count what the wheels turn. The wall's force goes through the disc's
+centre, which is the axle's, so it turns nothing; friction at the rim would, and is left out.
+
+Traction also limits how fast the robot can gain or lose speed; a wheel that asks for more
+spins. Its own lag stays that of a wheel which moves the robot. The caster drags against its
+own way over the floor. Thresholds are hills of a few millimetres, which take and give back
+the weight's energy; one too steep for the tyres lets the wheels spin before it. Where a wheel
+comes over a room's ``cliffs`` the robot lies on its belly at the edge until there is floor
+again (``replace_world``): its wheels turn freely and it moves no more, as if held up.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import atan2, cos, exp, hypot, isfinite, sin
+from math import atan2, exp, hypot, isfinite
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from bridge.motion.geometry import Pose2, wrap_angle
-from sim_device.collide import TOUCH_M, ContactCounter, Touch, move_disc, nearest_m
-from sim_device.drive_kernel import TICK_S, Rolling, WheelStep, roll_free, turn_wheel
+from sim_device import drive_kernel as k
+from sim_device.chassis import Chassis, PlantFaults, fill_parameters
+from sim_device.drive_kernel import TICK_S, advance
+from sim_device.footing import Footing
 from sim_device.motors import MotorParameters
-from sim_device.noise import SLIP_TIME_S, Draws
-from sim_device.power import Battery, BatteryParameters, Draw
+from sim_device.noise import Draws
+from sim_device.placing import pushed_free
+from sim_device.power import rail_5v_v
+from sim_device.supply import Supply
 from sim_device.truth import Inertial, Truth
 
 if TYPE_CHECKING:
-    import numpy as np
+    from numpy.typing import NDArray
 
     from bridge.motion.robot_model import RobotModel
     from sim_device.noise import NoiseLevel
-    from sim_device.world import Edge, World
+    from sim_device.power import BatteryParameters
+    from sim_device.truth import EnergyBalance
+    from sim_device.world import World
 
-__all__ = ["Chassis", "DutyError", "Inertial", "Plant", "Truth"]
+__all__ = ["Chassis", "DutyError", "Inertial", "Plant", "PlantFaults", "Truth", "WalkerError"]
 
 SLOW_MS = 10
-"""Period of what changes slowly: battery voltage and slip."""
-_NEAR_M = 0.35
-"""Edges within the radius and this are looked at; renewed as the robot has gone ..."""
-_NEAR_MOVED_M = 0.25
-_CAREFUL_M = 0.02
-"""Farther walls cannot be met within a batch: at most 10 ms, far below 2 m/s."""
+"""Period of what changes slowly: battery voltage, slip, the carpet under a wheel."""
 _JOULES_PER_WH = 3600.0
+_WALKER_GAP_MS = 250
+_WALKER_M_S = 3.0
+"""A walker set again after longer, or farther off, is just there; else he walked there."""
+_CHASSIS, _MOTOR = Chassis(), MotorParameters()
 
 
 class DutyError(ValueError):
@@ -56,19 +68,15 @@ class DutyError(ValueError):
         super().__init__(f"duty must be finite, not ({left}, {right})")
 
 
-@dataclass(frozen=True, slots=True)
-class Chassis:
-    """Forces between the robot, the floor and the walls, and the load of its electronics."""
+class WalkerError(ValueError):
+    """A walker without a place or a size."""
 
-    traction_n: float = 7.0
-    """Greatest push of one wheel: 3 kg, 80 % of it on the wheels, coefficient 0.6."""
-    wall_friction: float = 0.2
-    """Bumper's plastic on a painted wall."""
-    electronics_w: float = 1.5
-    """Controller, sensors and bridges at rest, drawn from the battery."""
-
-
-_CHASSIS, _MOTOR = Chassis(), MotorParameters()
+    def __init__(self, x_m: float, y_m: float, radius_m: float) -> None:
+        """Keep what was given."""
+        self.x_m, self.y_m, self.radius_m = x_m, y_m, radius_m
+        super().__init__(
+            f"walker must be finite with a radius above 0, not ({x_m}, {y_m}), {radius_m} m",
+        )
 
 
 class Plant:
@@ -90,52 +98,25 @@ class Plant:
     ) -> None:
         """Put the robot at rest at the room's start; the battery defaults to the model's."""
         part_rng, slip_rng = rng.spawn(2)
-        self._world, self._noise = world, noise
+        self.faults = PlantFaults()
+        self.tick_ms, self._world = 0, world
         self._motor, self._chassis = motor, chassis
-        self._battery = Battery(
-            battery or BatteryParameters(full_v=model.battery_v, capacity_ah=model.battery_ah),
-        )
-        self._drop_v = model.driver_drop_v
-        self._radius_m = model.radius_m
-
-        parts = Draws(part_rng)
-        common = 1.0 + parts.tolerance(noise.wheel_diameter_error)
-        skew = 0.5 * parts.tolerance(noise.wheel_mismatch)
-        nominal_m = 0.5 * model.wheel_diameter_m
-        self.left_radius_m = nominal_m * common * (1.0 + skew)
-        self.right_radius_m = nominal_m * common * (1.0 - skew)
-        self.wheel_base_m = model.wheel_base_m * (1.0 + parts.tolerance(noise.wheel_base_error))
-        self._slip_draws = Draws(slip_rng)
-        self._slip_left = self._slip_right = 0.0
-        self._load_v = chassis.traction_n * nominal_m * motor.resistance_ohm / motor.back_emf_v_s
-
-        start = world.plan.start
-        self._r = Rolling(0.0, 0.0, 0.0, 0.0, start.x_m, start.y_m, start.theta_rad, 0.0, 0.0)
-        self.tick_ms = 0
-        self._duty_left = self._duty_right = 0.0
-        self._since_ms, self._since_left_rad, self._since_right_rad = 0, 0.0, 0.0
-        self.supply_v = self._battery.terminal_v
-
-        self._near: list[Edge] = []
-        self._near_x = self._near_y = float("inf")
-        self._gap_m = 0.0
-        self._slide_m_rad = 0.0
-        self._slide_v = self._slide_lateral_v = 0.0
-        self._contacts = ContactCounter()
-        self._renew_near()
-        self._close = self._near
-        self._touches: tuple[Touch, ...] = move_disc(
-            start.x_m,
-            start.y_m,
-            0.0,
-            0.0,
-            self._radius_m,
-            self._near,
-            (),
-            chassis.wall_friction,
-        ).touches
-        self._set_step()
-        self._set_voltages()
+        self._p = np.zeros(k.PARAMETERS)
+        fill_parameters(self._p, motor, chassis, model)
+        self._footing = Footing(model, chassis, noise, Draws(part_rng), Draws(slip_rng), self._p)
+        self._supply = Supply(battery, model, motor, chassis.electronics_w, self._p)
+        self._wheel_radius_m = 0.5 * model.wheel_diameter_m
+        self._applied = (False, False, 0.0, 0.0, False)
+        """The faults as the parameters hold them."""
+        self._walker_ms = 0
+        self._s = np.zeros(k.STATE)
+        self._touch = np.zeros((k.MAX_TOUCHES, 3))
+        self._s[[k.X, k.Y, k.THETA]] = world.plan.start
+        self._s[[k.NEAR_X, k.ARMED, k.LAST_MS]] = np.inf, 1.0, -k.REARM_MS
+        self._read: list[float] | None = None
+        self._set_tau(lifted=False)
+        self._take_world(world)
+        self._feel_walls()
 
     # What drives it.
 
@@ -150,299 +131,269 @@ class Plant:
             raise DutyError(left, right)
         left = min(1.0, max(-1.0, left))
         right = min(1.0, max(-1.0, right))
-        if left == self._duty_left and right == self._duty_right:
-            return
-        self._book()
-        self._duty_left, self._duty_right = left, right
-        self._set_voltages()
+        self._supply.set_duty(left, right)
 
     def advance_ms(self, n: int) -> None:
         """Let ``n`` milliseconds pass."""
+        f = self.faults
+        footing = self._footing
+        up = f.lifted or footing.fallen
+        faults = (f.stuck_left, f.stuck_right, f.slip_left, f.slip_right, up)
+        if faults != self._applied:
+            self._apply(faults)
+        edges, thresholds = self._world.edges, self._world.thresholds
+        uneven = len(thresholds) > 0 and not f.lifted
         while n > 0:
             ticks = min(n, SLOW_MS - self.tick_ms % SLOW_MS)
-            self._advance_block(ticks)
+            if uneven and not footing.fallen:
+                ticks = min(ticks, footing.on_thresholds(thresholds, self._s))
+            advance(ticks, self._s, self._p, edges, self._near, self._touch)
+            self.tick_ms += ticks
+            self._read = None
             n -= ticks
             if self.tick_ms % SLOW_MS == 0:
-                self._slow_tick()
+                s = self._now()
+                self._supply.settle(self.tick_ms, s[k.DRAWN_C])
+                if not f.lifted and footing.renew(self._world, s[k.X], s[k.Y], s[k.THETA]):
+                    self._apply((*self._applied[:4], footing.fallen))
+
+    # What may happen to it.
+
+    def set_charge(self, fraction: float) -> None:
+        """Make the battery that full, 0..1 (limited to it); at 0 its voltage is gone."""
+        self._supply.set_charge(fraction, self.tick_ms, float(self._s[k.DRAWN_C]))
+
+    def replace_world(self, world: World) -> None:
+        """Put other walls and obstacles around the robot; a walker stays.
+
+        What overlaps the robot then pushes it out on the shortest way. Where there is no free
+        place within its diameter that it could be pushed to, it is held: its wheels slip or
+        stall, it is in contact and does not move, until the world is replaced again. Neither
+        counts as a collision: what appears has no speed.
+        """
+        now = self._now()
+        place = pushed_free(self._world, world, now[k.X], now[k.Y])
+        if now[k.MAN_R] > 0.0:
+            world = world.with_walker(*self._world.walker.tolist())
+        self._take_world(world)
+        self._footing.off_floor()
+        self._p[k.HELD] = place is None
+        s = self._s
+        if place is None:
+            wall = world.nearest(now[k.X], now[k.Y])
+            side = 1.0 if world.is_floor(now[k.X], now[k.Y]) else -1.0
+            self._touch[0] = 0.0, side * wall.normal_x, side * wall.normal_y
+            s[k.TOUCHES] = 1.0
+        else:
+            s[k.X], s[k.Y] = place
+            self._feel_walls()
+        self._read = None
+
+    def set_walker(self, x_m: float, y_m: float, radius_m: float) -> None:
+        """Let a round obstacle (a person's leg) stand at (x, y), or walk there.
+
+        Set again within 250 ms he walks to the new place, for as long as it was since he was
+        last set; else he is there at once. He pushes the robot before him until a wall
+        holds it: then he gives way (a leg is soft, a wall is not). Range sensors see him
+        where he is heading (``world.walker``).
+
+        Raises:
+            WalkerError: a number is not finite, or the radius not above 0.
+
+        """
+        if not (isfinite(x_m) and isfinite(y_m) and isfinite(radius_m) and radius_m > 0.0):
+            raise WalkerError(x_m, y_m, radius_m)
+        s = self._s
+        steps = self.tick_ms - self._walker_ms
+        self._walker_ms = self.tick_ms
+        self._world = self._world.with_walker(x_m, y_m, radius_m)
+        speed_x = speed_y = 0.0
+        if s[k.MAN_R] > 0.0 and 0 < steps <= _WALKER_GAP_MS:
+            speed_x = float(x_m - s[k.MAN_X]) / (steps * TICK_S)
+            speed_y = float(y_m - s[k.MAN_Y]) / (steps * TICK_S)
+        if not 0.0 < hypot(speed_x, speed_y) <= _WALKER_M_S:
+            s[k.MAN_X], s[k.MAN_Y] = x_m, y_m
+            speed_x = speed_y = 0.0
+            steps = 0
+        s[[k.MAN_R, k.MAN_VX, k.MAN_VY, k.MAN_MS]] = radius_m, speed_x, speed_y, steps
+        s[k.DISTURBED] = 1.0
+        self._read = None
+
+    def clear_walker(self) -> None:
+        """Let nobody walk in the room."""
+        self._world = self._world.with_walker(0.0, 0.0, 0.0)
+        self._s[[k.MAN_R, k.MAN_VX, k.MAN_VY, k.MAN_MS]] = 0.0
+        self._s[k.DISTURBED] = 1.0
+        self._read = None
 
     # What is so.
 
     @property
     def pose(self) -> Pose2:
         """True pose, heading wrapped."""
-        r = self._r
-        return Pose2(r.x_m, r.y_m, wrap_angle(r.theta_rad))
+        s = self._now()
+        return Pose2(s[k.X], s[k.Y], wrap_angle(s[k.THETA]))
 
     @property
     def world(self) -> World:
-        """The room it stands in."""
+        """The room it stands in, with its walker."""
         return self._world
 
     @property
     def wheel_angles_rad(self) -> tuple[float, float]:
         """Left and right wheel angle, continuous."""
-        return self._r.left_rad, self._r.right_rad
+        s = self._now()
+        return s[k.ANGLE_L], s[k.ANGLE_R]
 
     @property
     def inertial(self) -> Inertial:
         """What the inertial sensor feels, as sums since power-on."""
-        r, s = self._r, self._step
-        if self._touches:
-            v, lateral = self._slide_v, self._slide_lateral_v
-        else:
-            v, lateral = s.left_m * r.left_rad_s + s.right_m * r.right_rad_s, 0.0
+        s, footing = self._now(), self._footing
+        v, lateral = self._velocity(s)
         return Inertial(
             self.tick_ms,
-            r.theta_rad,
-            v - self._slide_m_rad / TICK_S,
-            lateral + r.sway_m_rad / TICK_S,
-            r.left_rad,
-            r.right_rad,
+            s[k.THETA],
+            v - s[k.SLIDE_SWAY] / TICK_S + s[k.GRAVITY_X],
+            lateral + s[k.SWAY] / TICK_S + s[k.GRAVITY_Y],
+            s[k.ANGLE_L],
+            s[k.ANGLE_R],
+            footing.pitch_rad,
+            footing.roll_rad,
+            footing.climb_m_s,
         )
 
     @property
     def motor_currents_a(self) -> tuple[float, float]:
         """Left and right motor current at this tick."""
-        return (
-            self._motor.current_a(self._left_v, self._r.left_rad_s),
-            self._motor.current_a(self._right_v, self._r.right_rad_s),
-        )
+        s, supply, current_a = self._now(), self._supply, self._motor.current_a
+        return current_a(supply.left_v, s[k.SPEED_L]), current_a(supply.right_v, s[k.SPEED_R])
+
+    @property
+    def motor_voltages_v(self) -> tuple[float, float]:
+        """Left and right voltage behind the bridge."""
+        return self._supply.left_v, self._supply.right_v
+
+    @property
+    def left_radius_m(self) -> float:
+        """The left wheel's, its tolerance included."""
+        return self._footing.left_radius_m
+
+    @property
+    def right_radius_m(self) -> float:
+        """The right wheel's."""
+        return self._footing.right_radius_m
+
+    @property
+    def wheel_base_m(self) -> float:
+        """Between the wheels of this very robot."""
+        return self._footing.wheel_base_m
+
+    @property
+    def supply_v(self) -> float:
+        """The battery's voltage, sagging under its load."""
+        return self._supply.supply_v
+
+    @property
+    def rail_5v_v(self) -> float:
+        """The logic rail; it falls with the battery where that is below 6.5 V."""
+        return rail_5v_v(self.supply_v)
 
     @property
     def state_of_charge(self) -> float:
         """Of the battery, 0..1."""
-        return self._battery.state_of_charge
+        return self._supply.battery.state_of_charge
+
+    @property
+    def held(self) -> bool:
+        """Whether what was put into the room holds it; see ``replace_world``."""
+        return bool(self._p[k.HELD])
 
     @property
     def touch_bearings_rad(self) -> tuple[float, ...]:
         """See ``Truth.touch_bearings_rad``."""
-        if not self._touches:
+        s = self._now()
+        count = int(s[k.TOUCHES])
+        if not count:
             return ()
-        return tuple(_bearing(t, self._r.theta_rad) for t in self._touches)
+        theta = s[k.THETA]
+        return tuple(
+            wrap_angle(atan2(-ny, -nx) - theta) for _, nx, ny in self._touch[:count].tolist()
+        )
+
+    @property
+    def energy(self) -> EnergyBalance:
+        """Where the battery's energy went."""
+        return self._supply.energy(self.tick_ms, self._now())
 
     @property
     def truth(self) -> Truth:
         """Everything at this tick."""
-        r, s = self._r, self._step
-        _, _, impulse_x, impulse_y, _, _ = self.inertial
-        if self._touches:
-            v, lateral = self._slide_v, self._slide_lateral_v
-        else:
-            v, lateral = s.left_m * r.left_rad_s + s.right_m * r.right_rad_s, 0.0
+        s = self._now()
+        v, lateral = self._velocity(s)
+        p = self._p
         return Truth(
             tick_ms=self.tick_ms,
-            pose=Pose2(r.x_m, r.y_m, wrap_angle(r.theta_rad)),
-            heading_rad=r.theta_rad,
+            pose=Pose2(s[k.X], s[k.Y], wrap_angle(s[k.THETA])),
+            heading_rad=s[k.THETA],
             v_m_s=v,
             v_lateral_m_s=lateral,
-            yaw_rate_rad_s=s.right_yaw * r.right_rad_s - s.left_yaw * r.left_rad_s,
-            left_rad=r.left_rad,
-            right_rad=r.right_rad,
-            left_rad_s=r.left_rad_s,
-            right_rad_s=r.right_rad_s,
-            impulse_x_m_s=impulse_x,
-            impulse_y_m_s=impulse_y,
-            path_m=r.path_m,
-            collisions=self._contacts.collisions,
-            contact_s=self._contacts.contact_ms * TICK_S,
+            yaw_rate_rad_s=float(p[k.YAW_R] * s[k.GRIP_R] - p[k.YAW_L] * s[k.GRIP_L]),
+            left_rad=s[k.ANGLE_L],
+            right_rad=s[k.ANGLE_R],
+            left_rad_s=s[k.SPEED_L],
+            right_rad_s=s[k.SPEED_R],
+            impulse_x_m_s=v - s[k.SLIDE_SWAY] / TICK_S + s[k.GRAVITY_X],
+            impulse_y_m_s=lateral + s[k.SWAY] / TICK_S + s[k.GRAVITY_Y],
+            path_m=s[k.PATH],
+            collisions=int(s[k.COLLISIONS]),
+            contact_s=s[k.CONTACT_MS] * TICK_S,
             touch_bearings_rad=self.touch_bearings_rad,
-            energy_wh=(self._battery.drawn_j + self._drawn().energy_j) / _JOULES_PER_WH,
+            energy_wh=self.energy.battery_j / _JOULES_PER_WH,
         )
 
-    # One batch.
+    # The state, and what the kernel is told.
 
-    def _advance_block(self, ticks: int) -> None:
-        r, s = self._r, self._step
+    def _now(self) -> list[float]:
+        """Give the state as a list; kept until something changes it."""
+        if self._read is None:
+            self._read = self._s.tolist()
+        return self._read
+
+    def _velocity(self, s: list[float]) -> tuple[float, float]:
+        """Forwards and to the left, over the floor."""
+        if s[k.TOUCHES]:
+            return s[k.SLIDE_V], s[k.SLIDE_LATERAL]
+        footing = self._footing
+        return footing.left_m * s[k.GRIP_L] + footing.right_m * s[k.GRIP_R], 0.0
+
+    def _take_world(self, world: World) -> None:
+        self._world = world
+        self._near: NDArray[np.int64] = np.zeros(world.edge_count, dtype=np.int64)
+        self._s[k.NEAR_X] = np.inf
+
+    def _feel_walls(self) -> None:
+        """Let the kernel find what is touched, without time passing."""
+        advance(0, self._s, self._p, self._world.edges, self._near, self._touch)
+        self._read = None
+
+    def _apply(self, faults: tuple[bool, bool, float, float, bool]) -> None:
+        stuck_left, stuck_right, slip_left, slip_right, lifted = faults
+        if lifted != self._applied[-1]:
+            self._set_tau(lifted=lifted)
+            self._footing.off_floor()
+            self._s[k.TOUCHES] = 0.0
+            self._s[k.DISTURBED] = 1.0
+        self._applied = faults
+        self._p[[k.STUCK_L, k.STUCK_R, k.LIFTED]] = stuck_left, stuck_right, lifted
+        self._footing.set_extra_slip(slip_left, slip_right)
+        self._read = None
+
+    def _set_tau(self, *, lifted: bool) -> None:
+        """Wheels in the air carry their own inertia only."""
         motor = self._motor
-        target_left = motor.target_rad_s(self._left_v, r.left_rad_s, motor.friction_v)
-        target_right = motor.target_rad_s(self._right_v, r.right_rad_s, motor.friction_v)
-        no_reversal = r.left_rad_s * target_left >= 0.0 and r.right_rad_s * target_right >= 0.0
-        if no_reversal and not self._touches:
-            reach_m = (ticks * TICK_S) * (
-                s.left_m * max(abs(r.left_rad_s), abs(target_left))
-                + s.right_m * max(abs(r.right_rad_s), abs(target_right))
-            )
-            if self._gap_m <= reach_m + TOUCH_M:
-                self._measure_gap()
-            if self._gap_m > reach_m + TOUCH_M:
-                self._r = roll_free(ticks, r, s, target_left, target_right)
-                self._gap_m -= self._r.path_m - r.path_m
-                self.tick_ms += ticks
-                return
-        self._measure_gap()
-        reach_m = self._radius_m + _CAREFUL_M
-        r = self._r
-        self._close = [e for e in self._near if nearest_m(r.x_m, r.y_m, (e,)) < reach_m]
-        for _ in range(ticks):
-            self._careful_tick()
-
-    def _careful_tick(self) -> None:
-        """One millisecond in which a wheel may pass rest or a wall may be met.
-
-        Where neither happens it computes the same floats as ``roll_free``.
-        """
-        wl, wr, al, ar, x, y, th, sway, path = self._r
-        decay, tau, cl, cr, yl, yr = self._step
-        drag_left, drag_right = self._drags(th)
-        wl1, il = turn_wheel(self._motor, wl, self._left_v, drag_left, decay, tau)
-        wr1, ir = turn_wheel(self._motor, wr, self._right_v, drag_right, decay, tau)
-        ds = cl * il + cr * ir
-        dth = yr * ir - yl * il
-        mid = th + 0.5 * dth
-        c, s = cos(mid), sin(mid)
-        dx, dy = ds * c, ds * s
-        travel = ds if ds > 0.0 else -ds
-        self.tick_ms += 1
-        if not self._touches and self._gap_m > travel + TOUCH_M:
-            self._gap_m -= travel
-            self._r = Rolling(
-                wl1,
-                wr1,
-                al + il,
-                ar + ir,
-                x + dx,
-                y + dy,
-                th + dth,
-                sway + ds * dth,
-                path + travel,
-            )
-            return
-        before = self._touches
-        if before:
-            vx, vy = self._floor_velocity(th)
-        else:
-            v = cl * wl + cr * wr
-            vx, vy = v * cos(th), v * sin(th)
-        x1, y1 = x, y
-        if travel > 0.0:
-            x1, y1, self._touches, gap_m = move_disc(
-                x,
-                y,
-                dx,
-                dy,
-                self._radius_m,
-                self._close,
-                before,
-                self._chassis.wall_friction,
-            )
-            self._gap_m = min(gap_m, _CAREFUL_M)
-        if x1 == x + dx and y1 == y + dy:  # unhindered: the floats of the free floor
-            ahead, aside = ds, 0.0
-        else:
-            gone_x, gone_y = x1 - x, y1 - y
-            ahead, aside = gone_x * c + gone_y * s, gone_y * c - gone_x * s
-            travel = hypot(gone_x, gone_y)
-        self._slide_v, self._slide_lateral_v = ahead / TICK_S, aside / TICK_S
-        self._slide_m_rad += aside * dth
-        self._r = Rolling(
-            wl1,
-            wr1,
-            al + il,
-            ar + ir,
-            x1,
-            y1,
-            th + dth,
-            sway + ahead * dth,
-            path + travel,
-        )
-        if self._touches:
-            self._contacts.count(self.tick_ms, before, self._touches, vx, vy)
-
-    def _drags(self, theta: float) -> tuple[float, float]:
-        """Voltage that friction, and a wall pushed against, takes from each motor."""
-        friction = self._motor.friction_v
-        if not self._touches:
-            return friction, friction
-        left_v, right_v = self._left_v, self._right_v
-        total = abs(left_v) + abs(right_v)
-        if total == 0.0:
-            return friction, friction
-        push = (left_v + right_v) / total
-        c, s = push * cos(theta), push * sin(theta)
-        blocked = 0.0
-        for _, nx, ny in self._touches:
-            against = -(c * nx + s * ny)
-            if against > blocked:  # noqa: PLR1730 - each millisecond: no call
-                blocked = against
-        load = blocked * self._load_v
-        return (
-            friction + load if left_v * push > 0.0 else friction,
-            friction + load if right_v * push > 0.0 else friction,
-        )
-
-    def _floor_velocity(self, theta: float) -> tuple[float, float]:
-        c, s = cos(theta), sin(theta)
-        v, lateral = self._slide_v, self._slide_lateral_v
-        return v * c - lateral * s, v * s + lateral * c
-
-    # Contact.
-
-    def _measure_gap(self) -> None:
-        """Distance from the disc to the walls, exact when it is small."""
-        r = self._r
-        gone = hypot(r.x_m - self._near_x, r.y_m - self._near_y)
-        if gone > _NEAR_MOVED_M:
-            self._renew_near()
-            gone = 0.0
-        nearest = nearest_m(r.x_m, r.y_m, self._near) - self._radius_m
-        self._gap_m = min(nearest, _NEAR_M - gone)
-
-    def _renew_near(self) -> None:
-        r = self._r
-        self._near = self._world.edges_near(r.x_m, r.y_m, self._radius_m + _NEAR_M)
-        self._near_x, self._near_y = r.x_m, r.y_m
-
-    # Power and what else changes slowly.
-
-    def _slow_tick(self) -> None:
-        self._book()
-        self._battery.settle(SLOW_MS * TICK_S)
-        self.supply_v = self._battery.terminal_v
-        if self._noise.slip_sigma > 0.0:
-            fade = SLOW_MS * TICK_S / SLIP_TIME_S
-            kick = self._noise.slip_sigma * (2.0 * fade) ** 0.5
-            self._slip_left += kick * self._slip_draws.normal() - fade * self._slip_left
-            self._slip_right += kick * self._slip_draws.normal() - fade * self._slip_right
-            self._set_step()
-        self._set_voltages()
-
-    def _set_step(self) -> None:
-        grip_left = 1.0 - self._noise.slip_mean - self._slip_left
-        grip_right = 1.0 - self._noise.slip_mean - self._slip_right
-        left_m, right_m = self.left_radius_m * grip_left, self.right_radius_m * grip_right
-        tau = self._motor.time_constant_s
-        self._step = WheelStep(
-            1.0 - exp(-TICK_S / tau),
-            tau,
-            0.5 * left_m,
-            0.5 * right_m,
-            left_m / self.wheel_base_m,
-            right_m / self.wheel_base_m,
-        )
-
-    def _set_voltages(self) -> None:
-        terminal_v = self._motor.terminal_v
-        self._left_v = terminal_v(self._duty_left, self.supply_v, self._drop_v)
-        self._right_v = terminal_v(self._duty_right, self.supply_v, self._drop_v)
-
-    def _drawn(self) -> Draw:
-        """Charge and energy drawn since the duty or the supply last changed."""
-        r = self._r
-        duration_s = (self.tick_ms - self._since_ms) * TICK_S
-        charge = self._motor.charge_c
-        left_c = charge(self._left_v, r.left_rad - self._since_left_rad, duration_s)
-        right_c = charge(self._right_v, r.right_rad - self._since_right_rad, duration_s)
-        # What a braking motor gives back is lost in the bridge.
-        motors_c = max(0.0, self._duty_left * left_c) + max(0.0, self._duty_right * right_c)
-        base_j = self._chassis.electronics_w * duration_s
-        return Draw(motors_c + base_j / self.supply_v, motors_c * self.supply_v + base_j)
-
-    def _book(self) -> None:
-        """Book what was drawn, before the duty or the supply changes."""
-        self._battery.draw(self._drawn())
-        self._since_ms = self.tick_ms
-        self._since_left_rad, self._since_right_rad = self._r.left_rad, self._r.right_rad
-
-
-def _bearing(touch: Touch, theta: float) -> float:
-    return wrap_angle(atan2(-touch.normal_y, -touch.normal_x) - theta)
+        tau = motor.time_constant_s
+        if lifted:
+            body = 0.5 * self._chassis.mass_kg * self._wheel_radius_m**2
+            tau -= body * motor.resistance_ohm / motor.back_emf_v_s**2
+            tau = max(tau, 0.1 * motor.time_constant_s)
+        self._p[k.TAU], self._p[k.DECAY] = tau, 1.0 - exp(-TICK_S / tau)

@@ -10,66 +10,92 @@ if TYPE_CHECKING:
     from sim_device.plant import Plant
 
 _SECONDS_PER_HOUR = 3600.0
+RAIL_V, RAIL_DROPOUT_V = 5.0, 1.5
+"""Of the logic rail: below 6.5 V at the battery it falls with it."""
+BRIDGE_LOGIC_V = 4.5
+"""L298 datasheet, electrical characteristics: least logic supply; below it the bridges are off."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryParameters:
-    """A four-cell pack; its voltage falls in a straight line with its charge."""
+    """A four-cell pack with a protection circuit; see ``Battery`` for its curve."""
 
     full_v: float = 16.0
     """Open-circuit voltage when full."""
     capacity_ah: float = 9.0
     empty_ratio: float = 0.85
-    """Open-circuit voltage when empty, relative to full."""
+    """Open-circuit voltage when empty, relative to full, were it not for the knee."""
     resistance_ohm: float = 0.15
     """Pack, connectors and wiring."""
     state_of_charge: float = 1.0
     """At power-on, 0..1."""
-
-
-class Draw(NamedTuple):
-    """What flowed out of the battery over some time."""
-
-    charge_c: float
-    energy_j: float
+    knee: float = 0.05
+    """State of charge below which the voltage falls steeply ..."""
+    knee_fall: float = 0.4
+    """... by this share when empty: 8.2 V, about 2 V a cell, where protection circuits open."""
+    knee_resistance: float = 4.0
+    """Growth of the resistance at 0, as a multiple of itself."""
 
 
 class Battery:
-    """State of charge and terminal voltage."""
+    """State of charge and terminal voltage.
 
-    __slots__ = ("_booked_c", "_p", "charge_ah", "current_a", "drawn_j")
+    The open-circuit voltage falls in a straight line with the charge down to the knee, and
+    steeply below it, where the internal resistance grows as well: a load then sags what is
+    left. At 0 the pack's protection opens: no voltage at all, until it is charged.
+    """
+
+    __slots__ = ("_p", "charge_ah", "current_a", "drawn_j", "internal_j", "open_v", "terminal_v")
 
     def __init__(self, parameters: BatteryParameters) -> None:
         """Start at the parameters' state of charge, with no current."""
         self._p = parameters
-        self.charge_ah = parameters.capacity_ah * parameters.state_of_charge
         self.current_a = 0.0
         self.drawn_j = 0.0
-        """Energy drawn at the terminals since power-on."""
-        self._booked_c = 0.0
+        """Energy given at the terminals since power-on."""
+        self.internal_j = 0.0
+        """Energy lost in its own resistance since power-on."""
+        self.set_charge(parameters.state_of_charge)
 
     @property
     def state_of_charge(self) -> float:
         """0..1."""
-        return max(0.0, self.charge_ah / self._p.capacity_ah)
+        return self.charge_ah / self._p.capacity_ah
 
-    @property
-    def terminal_v(self) -> float:
-        """Voltage under the present current."""
+    def set_charge(self, fraction: float) -> None:
+        """Make it that full, 0..1 (limited to it)."""
+        self.charge_ah = self._p.capacity_ah * min(1.0, max(0.0, fraction))
+        self._settle()
+
+    def draw(self, charge_c: float, duration_s: float) -> None:
+        """Give a charge at the present voltage, then let it lower the charge and sag the voltage.
+
+        Over each such period the voltage is constant: it follows the current of the one before.
+        """
+        self.drawn_j += charge_c * self.terminal_v
+        self.internal_j += charge_c * (self.open_v - self.terminal_v)
+        self.current_a = charge_c / duration_s
+        self.charge_ah = max(0.0, self.charge_ah - charge_c / _SECONDS_PER_HOUR)
+        self._settle()
+
+    def _settle(self) -> None:
         p = self._p
-        ratio = p.empty_ratio + (1.0 - p.empty_ratio) * self.state_of_charge
-        return max(0.0, p.full_v * ratio - self.current_a * p.resistance_ohm)
+        charge = self.charge_ah / p.capacity_ah
+        ohm = p.resistance_ohm
+        self.open_v = p.full_v * (p.empty_ratio + (1.0 - p.empty_ratio) * charge)
+        """Open-circuit voltage."""
+        if charge < p.knee:
+            depth = 1.0 - charge / p.knee
+            self.open_v *= 1.0 - p.knee_fall * depth
+            ohm *= 1.0 + p.knee_resistance * depth
+        empty = self.charge_ah == 0.0
+        self.terminal_v = 0.0 if empty else max(0.0, self.open_v - self.current_a * ohm)
+        """Voltage under the present current."""
 
-    def draw(self, drawn: Draw) -> None:
-        """Book what was drawn; the voltage stays until ``settle``."""
-        self._booked_c += drawn.charge_c
-        self.drawn_j += drawn.energy_j
 
-    def settle(self, duration_s: float) -> None:
-        """Let what was booked over a duration lower the charge and sag the voltage."""
-        self.current_a = self._booked_c / duration_s
-        self.charge_ah -= self._booked_c / _SECONDS_PER_HOUR
-        self._booked_c = 0.0
+def rail_5v_v(supply_v: float) -> float:
+    """Give the logic rail behind its linear regulator (78M05, 1.5 V of dropout)."""
+    return max(0.0, min(RAIL_V, supply_v - RAIL_DROPOUT_V))
 
 
 class PowerReading(NamedTuple):
@@ -81,11 +107,6 @@ class PowerReading(NamedTuple):
     left_a: float
     """Motor current; negative while it brakes."""
     right_a: float
-
-
-_RAIL_V = 5.0
-_RAIL_HEADROOM_V = 1.5
-"""The linear regulator's dropout: below 6.5 V at the battery the rail falls with it."""
 
 
 class PowerMonitor:
@@ -103,7 +124,7 @@ class PowerMonitor:
         """One reading of all four."""
         supply_v = self._plant.supply_v
         left_a, right_a = self._plant.motor_currents_a
-        rail_v = max(0.0, min(_RAIL_V, supply_v - _RAIL_HEADROOM_V))
+        rail_v = self._plant.rail_5v_v
         normal, volt, amp = (
             self._draws.normal,
             self._noise.voltage_sigma_v,

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim_device.contacts import Bumpers, bumpers
+from sim_device.bumper import Bumper
+from sim_device.cliff import CliffSensor
 from sim_device.encoders import Encoders
 from sim_device.imu import Imu, ImuCounts
 from sim_device.noise import Draws
 from sim_device.power import PowerMonitor, PowerReading
 from sim_device.rangers import Rangers, Ranges
+from sim_device.sensor_faults import CountDropout, SensorFaults
 
 if TYPE_CHECKING:
     import numpy as np
 
     from bridge.motion.robot_model import RobotModel
+    from sim_device.contacts import Bumpers
     from sim_device.noise import NoiseLevel
     from sim_device.plant import Plant
+
+__all__ = ["SensorFaults", "SensorSuite"]
 
 
 class SensorSuite:
@@ -35,10 +40,15 @@ class SensorSuite:
     ) -> None:
         """Attach to ``plant``; ``model`` gives the mounts and the encoder's counts."""
         imu_rng, range_rng, power_rng = rng.spawn(3)
+        self.faults = SensorFaults()
+        """What is broken; may be changed at any time."""
         self._plant = plant
         self._encoders = Encoders(plant, model)
-        self._imu = Imu(plant, noise, Draws(imu_rng))
-        self._rangers = Rangers(model, noise, Draws(range_rng))
+        self._dropouts = CountDropout(), CountDropout()
+        self._imu = Imu(plant, noise, imu_rng, self.faults)
+        self._rangers = Rangers(model, noise, range_rng)
+        self._bumper = Bumper(plant, model.radius_m)
+        self._cliff = CliffSensor(model.radius_m)
         self._power = PowerMonitor(plant, noise, Draws(power_rng))
 
     def imu(self) -> ImuCounts:
@@ -47,19 +57,38 @@ class SensorSuite:
 
     def encoders(self) -> tuple[int, int]:
         """Left and right count, 0..65535."""
-        return self._encoders.read()
+        left, right = self._encoders.read()
+        faults = self.faults
+        lost_left, lost_right = self._dropouts
+        return (
+            lost_left.apply(left, faults.encoder_dropout_left),
+            lost_right.apply(right, faults.encoder_dropout_right),
+        )
 
     def ranges(self) -> Ranges:
         """Ultrasonic, infrared left, infrared right, metres or ``None``."""
-        return self._rangers.read(self._plant.pose, self._plant.world)
+        plant, faults = self._plant, self.faults
+        ranges = self._rangers.read(plant.tick_ms, plant.pose, plant.world)
+        if faults.ultrasonic_lie_m is not None:
+            return ranges._replace(ultrasonic_m=faults.ultrasonic_lie_m)
+        return ranges._replace(ultrasonic_m=None) if faults.ultrasonic_blind else ranges
 
     def bumpers(self) -> Bumpers:
         """Left and right half."""
-        return bumpers(self._plant.touch_bearings_rad)
+        pressed, faults = self._bumper.read(), self.faults
+        if faults.bumper_stuck_left or faults.bumper_stuck_right:
+            return pressed._replace(
+                left=pressed.left or faults.bumper_stuck_left,
+                right=pressed.right or faults.bumper_stuck_right,
+            )
+        return pressed
 
     def cliff(self) -> bool:
-        """Whether the floor is missing ahead; a room's floor has no holes and no steps down."""
-        return False
+        """Whether the floor is missing ahead."""
+        if self.faults.lifted:
+            return True
+        cliffs = self._plant.world.plan.cliffs
+        return bool(cliffs) and self._cliff.sees_none(self._plant.pose, cliffs)
 
     def power(self) -> PowerReading:
         """Battery and 5 V rail, motor currents."""

@@ -23,6 +23,8 @@ BITRATES = {
 VERSION, SERIAL = b"V1013", b"NSW01"
 BUS_ERROR = 0x80
 """Of the status flags."""
+SHORTEST_LINE = 6
+"""A standard frame without data: ``t1230`` and CR."""
 LONGEST_LINE = 32
 """An extended frame with 8 bytes and a time stamp has 30 characters."""
 _EXTENDED, _REMOTE, _FLAGS = 0x8000_0000, 0x4000_0000, 0xE000_0000

@@ -1,48 +1,30 @@
-"""What the firmware tells periodically, and how readings become wire integers."""
+"""When each stream is due, and how readings become wire integers."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.message import Direction, RateClass
-from protocol.messages import INFRARED_NONE, ULTRASONIC_NONE, Encoders, Imu, Power, Range
+from protocol.messages import INFRARED_NONE, ULTRASONIC_NONE, Power, Range
 from protocol.values import Capability, Contact
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from protocol.catalogue import Catalogue
     from protocol.message import Message, MessageSpec
-    from sim_device.contacts import Bumpers
-    from sim_device.imu import ImuCounts
     from sim_device.power import PowerReading
-    from sim_device.rangers import Ranges
+    from sim_device.sampling import Around
 
 TICK_HZ = 100
 """Of the control loop; no stream is quicker."""
 _NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
-
-
-class Sensors(Protocol):
-    """The readings that the firmware takes from its hardware."""
-
-    def imu(self) -> ImuCounts:
-        """MPU6050 registers: acceleration, temperature, rates."""
-
-    def encoders(self) -> tuple[int, int]:
-        """Absolute 16-bit counts, left and right."""
-
-    def ranges(self) -> Ranges:
-        """Ultrasonic, left and right infrared, in metres; None: nothing seen."""
-
-    def bumpers(self) -> Bumpers:
-        """Left and right half pressed."""
-
-    def cliff(self) -> bool:
-        """True where the floor is missing ahead."""
-
-    def power(self) -> PowerReading:
-        """Rails and currents."""
+_CYCLE_MAX = 2_000
+"""Ticks after which every stream is where it was: as long as a table is kept for."""
+_LEFT, _RIGHT, _CLIFF = (
+    int(Contact.BUMPER_LEFT),
+    int(Contact.BUMPER_RIGHT),
+    int(Contact.CLIFF),
+)
 
 
 class Rate(NamedTuple):
@@ -66,7 +48,8 @@ class Schedule:
                 self._streams[spec.type_id] = spec
                 self._phases[spec.type_id] = index
         self._rates: dict[int, Rate] = {}
-        self._due: tuple[Rate, ...] = ()
+        self._on: tuple[Rate, ...] = ()
+        self._table: tuple[tuple[str, ...], ...] = ()
         self.reset()
 
     def reset(self) -> None:
@@ -75,27 +58,36 @@ class Schedule:
             t: self._rate(t, max(1, round(TICK_HZ / s.default_hz)))
             for t, s in self._streams.items()
         }
-        self._due = tuple(self._rates.values())
+        self._plan()
 
     def set_rate(self, type_id: int, rate: int) -> None:
         """Send a stream at ``rate`` tenths of a hertz, as near as whole ticks allow; 0: not."""
         period = max(1, round(10 * TICK_HZ / rate)) if rate else 0
         self._rates[type_id] = self._rate(type_id, period)
-        self._due = tuple(r for r in self._rates.values() if r.period)
+        self._plan()
 
     def _rate(self, type_id: int, period: int) -> Rate:
         phase = self._phases[type_id]
         return Rate(self._streams[type_id].name, period, phase % period if period else 0)
 
+    def _plan(self) -> None:
+        """Work out every tick of a whole cycle beforehand, where that is no long list."""
+        self._on = tuple(r for r in self._rates.values() if r.period)
+        cycle = math.lcm(1, *(r.period for r in self._on))
+        ticks = cycle if cycle <= _CYCLE_MAX else 0
+        self._table = tuple(self._due(tick) for tick in range(ticks))
+
     def __contains__(self, type_id: int) -> bool:
         """Whether the device sends this stream, if only at some rate."""
         return type_id in self._streams
 
-    def due(self, tick: int) -> Iterator[str]:
+    def due(self, tick: int) -> tuple[str, ...]:
         """Names of the streams to send at this tick."""
-        for name, period, phase in self._due:
-            if tick % period == phase:
-                yield name
+        table = self._table
+        return table[tick % len(table)] if table else self._due(tick)
+
+    def _due(self, tick: int) -> tuple[str, ...]:
+        return tuple(name for name, period, phase in self._on if tick % period == phase)
 
 
 def is_device_stream(spec: MessageSpec) -> bool:
@@ -103,27 +95,14 @@ def is_device_stream(spec: MessageSpec) -> bool:
     return spec.direction is Direction.DEVICE and spec.rate is RateClass.STREAM
 
 
-def read_imu(sensors: Sensors) -> Message:
-    """IMU registers as a message."""
-    return Imu(*sensors.imu())
-
-
-def read_encoders(sensors: Sensors) -> Message:
-    """Wheel counts as a message."""
-    return Encoders(*sensors.encoders())
-
-
-def read_range(sensors: Sensors) -> Message:
+def range_message(around: Around) -> Message:
     """Ranges and contacts as a message."""
-    ultrasonic_m, left_m, right_m = sensors.ranges()
-    bumper_left, bumper_right = sensors.bumpers()
+    ultrasonic_m, left_m, right_m, bumper_left, bumper_right, cliff = around
     contacts = (
-        (Contact.BUMPER_LEFT if bumper_left else 0)
-        | (Contact.BUMPER_RIGHT if bumper_right else 0)
-        | (Contact.CLIFF if sensors.cliff() else 0)
+        (_LEFT if bumper_left else 0) | (_RIGHT if bumper_right else 0) | (_CLIFF if cliff else 0)
     )
     front = ULTRASONIC_NONE if ultrasonic_m is None else round(ultrasonic_m * 1000)
-    return Range(front, _infrared(left_m), _infrared(right_m), int(contacts))
+    return Range(front, _infrared(left_m), _infrared(right_m), contacts)
 
 
 def power_message(reading: PowerReading) -> Message:

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 class Inertial(NamedTuple):
     """The part of the truth that the inertial sensor needs, named as in ``Truth``.
 
-    All are sums since power-on, so that differences over time are means.
+    All are sums since power-on (angles and speeds among them), so that differences over time
+    are means.
     """
 
     tick_ms: int
@@ -20,6 +21,31 @@ class Inertial(NamedTuple):
     impulse_y_m_s: float
     left_rad: float
     right_rad: float
+    pitch_rad: float
+    """Nose up positive; its weight is in the impulses already. So is ``roll_rad``'s."""
+    roll_rad: float
+    """Left side up positive."""
+    climb_m_s: float
+    """Vertical speed of the axle's centre: differences over time are mean accelerations."""
+
+
+class EnergyBalance(NamedTuple):
+    """Where the battery's energy went since power-on, in joules.
+
+    ``battery_j`` = ``electronics_j`` + ``bridge_j`` + ``winding_j`` + ``shaft_j``.
+    """
+
+    battery_j: float
+    """Given at the battery's terminals."""
+    internal_j: float
+    """Lost before them, in the battery's own resistance."""
+    electronics_j: float
+    bridge_j: float
+    """Heat of the L298N, what a braking motor gives back included."""
+    winding_j: float
+    """Heat of both motors' windings."""
+    shaft_j: float
+    """Work of the motors: friction, the floor, and the motion that is left at the end."""
 
 
 class Truth(NamedTuple):
@@ -42,8 +68,8 @@ class Truth(NamedTuple):
     right_rad_s: float
     impulse_x_m_s: float
     """Specific impulse along the body's x since power-on: the integral of what an
-    accelerometer at the axle's centre feels, centripetal share included; differences over
-    time are mean accelerations."""
+    accelerometer at the axle's centre feels, centripetal share and a tilted body's weight
+    included; differences over time are mean accelerations."""
     impulse_y_m_s: float
     path_m: float
     """Travelled by the axle's centre over the floor."""

@@ -13,6 +13,9 @@ STALL_S = 1.0
 STALL_TARGET_M_S = 0.03
 REST_M_S = 0.005
 """Below one count a period: a wheel that is measured slower than this stands."""
+NOMINAL_V = 16.0
+"""Supply for which the gains are given; duties are scaled to the one measured."""
+LEAST_V = 8.0
 _HALF_WRAP = 1 << 15
 _MASK = 0xFFFF
 
@@ -32,45 +35,75 @@ class WheelGains:
 class Wheel:
     """One wheel: measures its speed, holds the speed wanted."""
 
+    __slots__ = (
+        "_count",
+        "_feed_forward",
+        "_friction",
+        "_integral",
+        "_integral_gain",
+        "_integral_limit",
+        "_proportional",
+        "_speed_per_count",
+        "speed_m_s",
+        "stalled_s",
+    )
+
     def __init__(self, metres_per_count: float, gains: WheelGains) -> None:
         self.speed_m_s = 0.0
-        self.target_m_s = 0.0
         self.stalled_s = 0.0
-        self._metres_per_count = metres_per_count
-        self._gains = gains
+        """How long it has been driven and has not turned."""
+        self._speed_per_count = metres_per_count / PERIOD_S
+        self._feed_forward, self._friction = gains.feed_forward, gains.friction
+        self._proportional = gains.proportional
+        self._integral_gain = gains.integral_s * PERIOD_S
+        self._integral_limit = gains.integral_limit
         self._count: int | None = None
         self._integral = 0.0
 
     def measure(self, count: int) -> None:
         """Take an absolute 16-bit count, one per period."""
-        if self._count is not None:
-            delta = (count - self._count + _HALF_WRAP & _MASK) - _HALF_WRAP
-            raw = delta * self._metres_per_count / PERIOD_S
+        before = self._count
+        if before is not None:
+            delta = (count - before + _HALF_WRAP & _MASK) - _HALF_WRAP
             # One count a period is 13 mm/s: average two periods.
-            self.speed_m_s += 0.5 * (raw - self.speed_m_s)
+            self.speed_m_s += 0.5 * (delta * self._speed_per_count - self.speed_m_s)
         self._count = count
 
     def let_go(self) -> None:
         """Forget what was wanted and what came of it."""
-        self.target_m_s = self._integral = self.stalled_s = 0.0
+        self._integral = self.stalled_s = 0.0
 
-    def duty(self, supply_v: float) -> float:
-        """Duty for the next period; exactly 0 where the wheel should rest and does."""
-        gains, target = self._gains, self.target_m_s
-        error = target - self.speed_m_s
-        if target == 0.0 and abs(self.speed_m_s) < REST_M_S:
-            self.let_go()
+    def duty(self, target_m_s: float, scale: float) -> float:
+        """Duty for the next period; exactly 0 where the wheel should rest and does.
+
+        ``scale`` is the nominal supply over the present one.
+        """
+        speed = self.speed_m_s
+        if target_m_s > 0.0:
+            base, far = self._feed_forward * target_m_s + self._friction, target_m_s
+        elif target_m_s < 0.0:
+            base, far = self._feed_forward * target_m_s - self._friction, -target_m_s
+        elif -REST_M_S < speed < REST_M_S:
+            self._integral = self.stalled_s = 0.0
             return 0.0
-        stalled = abs(target) > STALL_TARGET_M_S and abs(self.speed_m_s) < 0.1 * abs(target)
-        self.stalled_s = self.stalled_s + PERIOD_S if stalled else 0.0
-        limit = gains.integral_limit
-        step = gains.integral_s * error * PERIOD_S
-        self._integral = min(limit, max(-limit, self._integral + step))
-        base = gains.feed_forward * target
-        if target:
-            base += gains.friction if target > 0 else -gains.friction
-        duty = (base + self._integral + gains.proportional * error) * 16.0 / max(supply_v, 8.0)
-        return min(1.0, max(-1.0, duty))
+        else:
+            base = far = 0.0
+        if far > STALL_TARGET_M_S and -0.1 * far < speed < 0.1 * far:
+            self.stalled_s += PERIOD_S
+        else:
+            self.stalled_s = 0.0
+        error = target_m_s - speed
+        limit = self._integral_limit
+        integral = self._integral + self._integral_gain * error
+        if integral > limit:
+            integral = limit
+        elif integral < -limit:
+            integral = -limit
+        self._integral = integral
+        duty = (base + integral + self._proportional * error) * scale
+        if duty > 1.0:
+            return 1.0
+        return duty if duty > -1.0 else -1.0  # noqa: FURB136 - each period, twice: no call
 
 
 class WheelControl:
@@ -79,18 +112,20 @@ class WheelControl:
     def __init__(
         self, model: RobotModel, stop_decel_m_s2: float, gains: WheelGains | None = None
     ) -> None:
-        self._model = model
-        self._decel_m_s2 = stop_decel_m_s2
         gains = gains or WheelGains()
         self.left = Wheel(model.metres_per_count, gains)
         self.right = Wheel(model.metres_per_count, gains)
+        self._half_base_m = 0.5 * model.wheel_base_m
         self._v = 0.0
         self._yaw = 0.0
+        self.limit(model, stop_decel_m_s2)
 
     def limit(self, model: RobotModel, stop_decel_m_s2: float) -> None:
         """Keep to other limits from now on; wheels and counts stay those of the boot."""
-        self._model = model
-        self._decel_m_s2 = stop_decel_m_s2
+        self._v_max, self._yaw_max = model.max_speed_m_s, model.max_yaw_rate_rad_s
+        self._v_step = stop_decel_m_s2 * PERIOD_S
+        self._yaw_step = self._v_step / self._half_base_m
+        self._limited = True
 
     def coast(self, counts: tuple[int, int]) -> None:
         """One period in which somebody else gives the duties."""
@@ -104,16 +139,23 @@ class WheelControl:
         self, v_m_s: float, yaw_rate_rad_s: float, counts: tuple[int, int], supply_v: float
     ) -> tuple[float, float]:
         """One 10 ms period: counts in, left and right duty out."""
-        model = self._model
-        self.left.measure(counts[0])
-        self.right.measure(counts[1])
-        v_m_s = _clamp(v_m_s, model.max_speed_m_s)
-        yaw_rate_rad_s = _clamp(yaw_rate_rad_s, model.max_yaw_rate_rad_s)
-        self._v += _clamp(v_m_s - self._v, self._decel_m_s2 * PERIOD_S)
-        yaw_step = 2.0 * self._decel_m_s2 / model.wheel_base_m * PERIOD_S
-        self._yaw += _clamp(yaw_rate_rad_s - self._yaw, yaw_step)
-        self.left.target_m_s, self.right.target_m_s = model.wheel_speeds_m_s(self._v, self._yaw)
-        return self.left.duty(supply_v), self.right.duty(supply_v)
+        left, right = self.left, self.right
+        left.measure(counts[0])
+        right.measure(counts[1])
+        v, yaw = self._v, self._yaw
+        if v_m_s != v or yaw_rate_rad_s != yaw or self._limited:
+            v = self._v = _towards(v, _clamp(v_m_s, self._v_max), self._v_step)
+            wanted = _clamp(yaw_rate_rad_s, self._yaw_max)
+            yaw = self._yaw = _towards(yaw, wanted, self._yaw_step)
+            self._limited = False
+        turn = self._half_base_m * yaw
+        scale = NOMINAL_V / (supply_v if supply_v > LEAST_V else LEAST_V)  # noqa: FURB136 - no call
+        return left.duty(v - turn, scale), right.duty(v + turn, scale)
+
+    @property
+    def yaw_rate_rad_s(self) -> float:
+        """As the wheels turn, counter-clockwise."""
+        return (self.right.speed_m_s - self.left.speed_m_s) * 0.5 / self._half_base_m
 
     @property
     def moving(self) -> bool:
@@ -121,10 +163,19 @@ class WheelControl:
         return max(abs(self.left.speed_m_s), abs(self.right.speed_m_s)) >= REST_M_S
 
     @property
-    def stalled(self) -> bool:
-        """True where a driven wheel has not turned for a second."""
-        return max(self.left.stalled_s, self.right.stalled_s) >= STALL_S
+    def stalled_s(self) -> float:
+        """How long a driven wheel has not turned."""
+        return max(self.left.stalled_s, self.right.stalled_s)
 
 
 def _clamp(value: float, limit: float) -> float:
-    return min(limit, max(-limit, value))
+    if value > limit:
+        return limit
+    return value if value > -limit else -limit  # noqa: FURB136 - each period: no call
+
+
+def _towards(value: float, wanted: float, step: float) -> float:
+    """``wanted``, or as near to it as one step comes."""
+    if wanted > value + step:
+        return value + step
+    return max(value - step, wanted)

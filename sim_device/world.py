@@ -1,16 +1,21 @@
 """The room as numbers: edges and corners in arrays, ray casts, distances to a point.
 
 Immutable and without state: what moves (the robot) asks it. Obstacles and outer walls are
-one set of edges; which side is floor only matters for corners and for the start check.
+one set of edges; which side is floor only matters for corners and for the start check. A
+walker (a person's leg) is a disc beside them; a world with him elsewhere is another world
+that shares all its arrays, so it costs next to nothing.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+import copy
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bridge.coverage.floorplan import FloorPlanError, contains, signed_area_m2
+from sim_device.ray_kernel import HIT_COSINE, HIT_RANGE, cast_beams, nearest_corner
+from sim_device.terrain import carpet_rows, threshold_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,11 +28,7 @@ if TYPE_CHECKING:
 START_OVERLAP_M = 1e-6
 """How far the start disc may stick into a wall: rounding in a room file, not a mistake."""
 
-_SEAM = 1e-9
-"""Relative: neighbouring edges share a corner, and no ray shall slip between them."""
-
-Edge = tuple[float, float, float, float, float, int]
-"""``(ax, ay, ex, ey, 1/|e|², index)``: from corner a along e, for loops in plain Python."""
+_AT_ORIGIN = (0.0, 0.0, 0.0)
 
 
 class StartBlockedError(FloorPlanError):
@@ -72,46 +73,46 @@ class World:
 
     """
 
-    def __init__(self, plan: FloorPlan, model: RobotModel) -> None:
-        """Take the room and the robot's radius; see the class for errors."""
+    def __init__(self, plan: FloorPlan, model: RobotModel, *, check_start: bool = True) -> None:
+        """Take the room and the robot's radius; see the class for errors.
+
+        Without ``check_start`` the start may be blocked: the robot is elsewhere by now.
+        """
         self.plan = plan
         self.radius_m = model.radius_m
         pairs = [(a, b) for a, b in plan.edges() if a != b]
         a = np.array([p for p, _ in pairs], dtype=np.float64)
-        b = np.array([q for _, q in pairs], dtype=np.float64)
-        self._ax, self._ay = a[:, 0].copy(), a[:, 1].copy()
-        self._ex, self._ey = (b - a)[:, 0].copy(), (b - a)[:, 1].copy()
-        length2 = self._ex**2 + self._ey**2
-        self._inv_len2 = 1.0 / length2
-        inv_len = np.sqrt(self._inv_len2)
-        self._ux, self._uy = self._ex * inv_len, self._ey * inv_len
-        self._edges: list[Edge] = [
-            (*row, i)
-            for i, row in enumerate(
-                zip(
-                    self._ax.tolist(),
-                    self._ay.tolist(),
-                    self._ex.tolist(),
-                    self._ey.tolist(),
-                    self._inv_len2.tolist(),
-                    strict=True,
-                ),
-            )
-        ]
+        e = np.array([q for _, q in pairs], dtype=np.float64) - a
+        inv_len2 = 1.0 / (e * e).sum(axis=1)
+        self.edges: Floats = np.ascontiguousarray(
+            np.column_stack([a, e, inv_len2, e * np.sqrt(inv_len2)[:, None]]),
+        )
+        """A row per edge as ``ray_kernel`` wants it; not to be changed."""
+        self.walker: Floats = np.zeros(3)
+        """The walker's centre and radius (m); the radius is 0 where nobody walks."""
+        self.carpets: Floats = carpet_rows(plan)
+        self.thresholds: Floats = threshold_rows(plan)
         corners = [*_corners(plan.walls, floor_inside=True)]
         for obstacle in plan.obstacles:
             corners += _corners(obstacle, floor_inside=False)
-        self.corner_x_m = np.array([c[0] for c in corners], dtype=np.float64)
-        self.corner_y_m = np.array([c[1] for c in corners], dtype=np.float64)
-        self.corner_juts = np.array([c[2] for c in corners], dtype=np.bool_)
+        self._corners: Floats = np.array(corners, dtype=np.float64).reshape(-1, 3)
+        self.corner_x_m, self.corner_y_m = self._corners[:, 0], self._corners[:, 1]
+        self.corner_juts = self._corners[:, 2] > 0.0
         """Per corner: True where it juts into the floor (an obstacle's corner), False where
         the floor ends in it (a room's corner)."""
-        self._check_start()
+        if check_start:
+            self._check_start()
 
     @property
     def edge_count(self) -> int:
         """Number of wall and obstacle edges."""
-        return len(self._edges)
+        return len(self.edges)
+
+    def with_walker(self, x_m: float, y_m: float, radius_m: float) -> World:
+        """Give the same room with a round walker in it; radius 0 takes him out."""
+        made = copy.copy(self)
+        made.walker = np.array([x_m, y_m, radius_m])
+        return made
 
     def is_floor(self, x_m: float, y_m: float) -> bool:
         """Whether a point lies inside the walls and in no obstacle."""
@@ -137,10 +138,49 @@ class World:
         """
         return self.nearest(x_m, y_m).distance_m - self.radius_m
 
-    def edges_near(self, x_m: float, y_m: float, within_m: float) -> list[Edge]:
-        """Edges with a point within ``within_m`` of (x, y)."""
+    def edges_near(self, x_m: float, y_m: float, within_m: float) -> list[int]:
+        """Indices of the edges with a point within ``within_m`` of (x, y)."""
         _, _, d2 = self._closest(x_m, y_m)
-        return [self._edges[i] for i in np.flatnonzero(d2 <= within_m * within_m).tolist()]
+        near: list[int] = np.flatnonzero(d2 <= within_m * within_m).tolist()
+        return near
+
+    def cast_beams(self, pose: tuple[float, float, float], beams: Floats, hits: Floats) -> None:
+        """Cast beams fixed to a body at ``pose`` (x, y in metres, heading in radians).
+
+        Args:
+            pose: Of the body.
+            beams: Origin and unit direction in the body's frame; float64, ``(beams, 4)``.
+            hits: Filled per beam with range (m, ``inf``: nothing), cosine of the incidence
+                (1: square on) and edge index (-1: walker or nothing); float64, ``(beams, 3)``.
+
+        """
+        cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
+
+    def nearest_corner_m(  # noqa: PLR0913, PLR0917 - a place, a cone, and two limits
+        self,
+        x_m: float,
+        y_m: float,
+        bearing_rad: float,
+        half_angle_rad: float,
+        within_m: float,
+        jutting_within_m: float,
+    ) -> float:
+        """Distance to the nearest corner in a cone and in sight; ``inf``: none.
+
+        Corners that jut into the floor count up to ``jutting_within_m`` only, the others up to
+        ``within_m``.
+        """
+        return nearest_corner(
+            self.edges,
+            self.walker,
+            self._corners,
+            x_m,
+            y_m,
+            bearing_rad,
+            half_angle_rad,
+            within_m,
+            jutting_within_m,
+        )
 
     def cast(
         self,
@@ -149,7 +189,7 @@ class World:
         dir_x: Floats,
         dir_y: Floats,
     ) -> tuple[Floats, Floats]:
-        """Cast rays against every edge.
+        """Cast rays against every edge and the walker.
 
         Args:
             origin_x: Ray origins, metres, shape ``(rays,)``; so ``origin_y``.
@@ -162,26 +202,15 @@ class World:
             between ray and wall normal there (1: square on), each of shape ``(rays,)``.
 
         """
-        ao_x = self._ax - origin_x[:, None]
-        ao_y = self._ay - origin_y[:, None]
-        dx, dy = dir_x[:, None], dir_y[:, None]
-        cross: Any = dx * self._ey - dy * self._ex
-        parallel = cross == 0.0
-        cross[parallel] = 1.0
-        t: Any = (ao_x * self._ey - ao_y * self._ex) / cross
-        u: Any = (ao_x * dy - ao_y * dx) / cross
-        miss = (u < -_SEAM) | (u > 1.0 + _SEAM) | (t < 0.0) | parallel
-        t[miss] = np.inf
-        first = t.argmin(axis=1)
-        ranges: Floats = t[np.arange(len(first)), first]
-        cos_incidence: Floats = np.abs(dir_x * self._uy[first] - dir_y * self._ux[first])
-        return ranges, cos_incidence
+        hits = np.empty((len(origin_x), 3))
+        rays = np.ascontiguousarray(np.column_stack([origin_x, origin_y, dir_x, dir_y]))
+        self.cast_beams(_AT_ORIGIN, rays, hits)
+        return hits[:, HIT_RANGE], hits[:, HIT_COSINE]
 
     def _closest(self, x_m: float, y_m: float) -> tuple[Floats, Floats, Floats]:
-        dx, dy = x_m - self._ax, y_m - self._ay
-        t: Any = (dx * self._ex + dy * self._ey) * self._inv_len2
-        np.minimum(np.maximum(t, 0.0, out=t), 1.0, out=t)
-        qx, qy = self._ax + t * self._ex, self._ay + t * self._ey
+        ax, ay, ex, ey, inv_len2 = self.edges.T[:5]
+        along = np.clip(((x_m - ax) * ex + (y_m - ay) * ey) * inv_len2, 0.0, 1.0)
+        qx, qy = ax + along * ex, ay + along * ey
         return qx, qy, (x_m - qx) ** 2 + (y_m - qy) ** 2
 
     def _check_start(self) -> None:

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 from hypothesis import HealthCheck, settings
+
+from support import conformance
+
+if TYPE_CHECKING:
+    import pytest
 
 # The same examples on every run, so that a red CI is a change of the code; and no verdict by the
 # clock (deadline, too_slow), which judges the machine.
@@ -25,3 +31,11 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    conformance.add_options(parser)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    conformance.configure(config)

@@ -1,34 +1,32 @@
 """What both ends do with the wire, gathered from the code that does it, for PROTOCOL.md.
 
-The host's states are its transition table. The device's are found by trying: an emulated
-device is brought into each state, and everything that may happen there is made to happen.
+States are the transition tables of both ends; of the device's latch, what trying gives.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge import host, session, session_events
-from bridge.coverage.floorplan import FloorPlan
+from bridge import host, session, session_agreement, session_bus, session_events
 from bridge.io import pump
-from bridge.motion.geometry import Pose2
 from protocol import can_link, can_segments, can_stamps, commands
-from protocol.catalogue import CATALOGUE
 from protocol.generate.md import Behaviour, Machine, Rule
-from protocol.link import Link
-from protocol.message import Direction
-from protocol.messages import ClearStop, HostHello, SetMode, Stop, TimeRequest
-from protocol.values import Mode, StopCause
+from protocol.values import StopCause
 from sim_device import commands as device_commands
-from sim_device import firmware, parameters, safety, streams
-from sim_device.device import VirtualSweeper
+from sim_device import (
+    device,
+    firmware,
+    health,
+    log_lines,
+    modes,
+    onboard,
+    parameters,
+    safety,
+    streams,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from protocol.message import Message
-
-_SQUARE = FloorPlan("", ((0, 0), (2, 0), (2, 2), (0, 2)), (), Pose2(1.0, 1.0, 0.0))
+    from collections.abc import Iterator
 
 
 def wire_behaviour() -> Behaviour:
@@ -80,79 +78,17 @@ def _name(cause: StopCause) -> str:
     return "free" if cause is StopCause.NONE else cause.name.lower()
 
 
-class _Trial:
-    """An emulated device and a host's hand-made frames."""
-
-    def __init__(self) -> None:
-        self.device = VirtualSweeper(_SQUARE, noise="none")
-        self._link = Link(Direction.HOST)
-        self._now_us = 0
-        self._id = 0
-        self.send(HostHello(CATALOGUE.hash, 1, 1, ""))
-
-    def send(self, *messages: Message) -> None:
-        for message in messages:
-            self._link.send(message, self._now_us, node=1)
-        self.device.step(self._link.data_to_send(), self._now_us)
-
-    def stop(self) -> None:
-        self._id += 1
-        self.send(Stop(self._id, StopCause.OPERATOR))
-
-    def clear(self) -> None:
-        self._id += 1
-        self.send(ClearStop(self._id, self.device.firmware.latch.cause))
-
-    def choose(self, mode: Mode) -> None:
-        self._id += 1
-        self.send(SetMode(self._id, mode))
-
-    def fall_silent(self) -> None:
-        self._now_us += safety.HOST_SILENCE_US + 2 * firmware.TICK_US
-        self.device.step(b"", self._now_us)
-        self.send(TimeRequest(0))
-
-    def take_over(self) -> None:
-        self.send(HostHello(CATALOGUE.hash, 2, 1, ""))
-
-    @property
-    def state(self) -> str:
-        if self.device.firmware.latch.latched:
-            return "latched"
-        return self.device.firmware.mode.name.lower()
-
-
-_ACTIONS: dict[str, Callable[[_Trial], None]] = {
-    "clear_stop": _Trial.clear,
-    **{
-        f"set_mode {mode.name.lower()}": (lambda trial, mode=mode: trial.choose(mode))  # type: ignore[misc]
-        for mode in Mode
-    },
-    "stop": _Trial.stop,
-    "host silent": _Trial.fall_silent,
-    "hello of another session": _Trial.take_over,
-}
-
-
 def _modes() -> Machine:
-    moves: list[tuple[str, str, str]] = []
-    for start in ("latched", *(m.name.lower() for m in Mode)):
-        for name, act in _ACTIONS.items():
-            trial = _Trial()
-            if start != "latched":
-                trial.clear()
-                trial.choose(Mode[start.upper()])
-            if trial.state != start:
-                break  # the device has no such mode
-            act(trial)
-            if trial.state != start:
-                moves.append((start, name, trial.state))
     return Machine(
         "The device's modes",
-        "Found by trying each of these in each state of the emulated device. `clear_stop` names "
-        "the cause that holds. What is not drawn changes nothing or is refused.",
-        _Trial().state,
-        moves,
+        "`sim_device.modes.TABLE`, from which the emulated firmware takes every step. `onboard`, "
+        "`running` and `paused` are one mode on the wire; `stopped` and what stands before it are "
+        "idle. A stopping fault is a robot lifted, a wheel without counts, a motor that has stood "
+        f"for {health.STALL_STOP_S:g} s under current, an empty battery, and while the device "
+        "plans for itself a gyro that cannot be believed. What is not drawn changes nothing or is "
+        "refused.",
+        modes.State.OFF.value,
+        modes.drawn(),
     )
 
 
@@ -207,8 +143,8 @@ def _rules() -> Iterator[Rule]:
     yield Rule(
         "device",
         "between two log texts",
-        _us(firmware.LOG_PERIOD_US),
-        "sim_device.firmware.LOG_PERIOD_US",
+        _us(log_lines.LOG_PERIOD_US),
+        "sim_device.log_lines.LOG_PERIOD_US",
     )
     yield Rule(
         "device",
@@ -222,6 +158,12 @@ def _rules() -> Iterator[Rule]:
         f"{safety.BRINGUP_DUTY_MAX:g}",
         "sim_device.safety.BRINGUP_DUTY_MAX",
     )
+    for what, us, source in (
+        ("from reset to its first control period", device.BOOT_US, "device.BOOT_US"),
+        ("a program that hangs is reset after", device.WATCHDOG_US, "device.WATCHDOG_US"),
+        ("onboard: at rest before the first leg", onboard.SETTLE_US, "onboard.SETTLE_US"),
+    ):
+        yield Rule("device", what, _us(us), f"sim_device.{source}")
     yield from _host_rules()
     yield from _can_rules()
 
@@ -248,8 +190,8 @@ def _host_rules() -> Iterator[Rule]:
     yield Rule(
         "host",
         "questions under way at the same time",
-        str(session.QUESTIONS_AT_ONCE),
-        "bridge.session.QUESTIONS_AT_ONCE",
+        str(session_agreement.QUESTIONS_AT_ONCE),
+        "bridge.session_agreement.QUESTIONS_AT_ONCE",
     )
     yield Rule(
         "host", "setpoint, every", _ms(host.CONTROL_PERIOD_NS), "bridge.host.CONTROL_PERIOD_NS"
@@ -289,8 +231,8 @@ def _can_rules() -> Iterator[Rule]:
     yield Rule(
         "host, on CAN",
         "from the first hello heard, time for other devices to answer",
-        _ms(session.SETTLE_NS),
-        "bridge.session.SETTLE_NS",
+        _ms(session_bus.SETTLE_NS),
+        "bridge.session_bus.SETTLE_NS",
     )
 
 

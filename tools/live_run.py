@@ -6,12 +6,12 @@ import contextlib
 import secrets
 import signal
 import sys
+from array import array
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.host import Host, HostOptions
@@ -113,6 +113,9 @@ def run_live(asked: LiveOptions) -> LiveResult:
         Mission(runner, clear_stop=asked.clear_stop),
         lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
     )
+    way = array("d")
+    if asked.plan is not None:
+        host.on_drive_pose = lambda time_s, pose: way.extend((time_s, *pose))
     pump = Pump(host, opened, reopen)
     pump.watch = lambda: _log_failed(recorder)
     if asked.duration_s is not None:
@@ -121,9 +124,9 @@ def run_live(asked: LiveOptions) -> LiveResult:
         with _endings(pump):  # the summary too is written whole
             with _picture(host, teller):
                 pump.run()
-            if host.poses:
+            if host.drive_pose is not None:
                 host.record_map(clock.now())
-            summary = _summarise(host, asked)
+            summary = _summarise(host, asked, way)
             recorder.close(summary)
     finally:
         recorder.close()
@@ -211,13 +214,16 @@ def _picture(host: Host, teller: Teller) -> Iterator[None]:
         picture.stop()
 
 
-def _summarise(host: Host, asked: LiveOptions) -> dict[str, Any]:
+def _summarise(host: Host, asked: LiveOptions, way: array[float]) -> dict[str, Any]:
     report, plan = None, asked.plan
-    if plan is not None and host.poses:
+    if plan is not None and way:
+        from bridge.coverage.metrics import CoverageMeter
+
         runner = host.mission.runner
         lanes_m = runner.lane_length_m if runner else 0.0
         meter = CoverageMeter(plan, asked.model)
-        report = meter.measure(((t, *pose) for t, pose in host.poses), lanes_m)
+        rows = iter(way)
+        report = meter.measure(zip(rows, rows, rows, rows, strict=True), lanes_m)
     return run_summary(
         host,
         room=plan.name if plan else None,

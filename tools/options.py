@@ -13,6 +13,11 @@ import click
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sim_device.device import VirtualSweeper
+    from sim_device.faults.spec import FaultSpec
+    from sim_device.line import LineSettings
+    from sim_device.rig import Rig
+
 NOISE_LEVELS = ("none", "paper", "typical", "harsh")
 PLANNERS = ("paper", "u-shape", "random")
 DEFAULT_PLANNER = "paper"
@@ -32,6 +37,104 @@ class Seconds(click.FloatRange):
         if math.isnan(number):
             self.fail(f"{value!r} is not a time.", param, ctx)
         return number
+
+
+class Baud(click.IntRange):
+    """A baud rate, or 0 for none."""
+
+    def __init__(self) -> None:
+        super().__init__(0, 12_000_000)
+
+    def convert(
+        self,
+        value: Any,  # noqa: ANN401 - click's interface
+        param: click.Parameter | None,
+        ctx: click.Context | None,
+    ) -> int:
+        """Read it."""
+        number = int(super().convert(value, param, ctx))
+        if 0 < number < _MIN_BAUD:
+            self.fail(f"{number} is not 0, nor in the range {_MIN_BAUD}<=x<=12000000.", param, ctx)
+        return number
+
+
+_MIN_BAUD = 1200
+
+
+def _faults(
+    ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]
+) -> tuple[FaultSpec, ...]:
+    from sim_device.faults.kinds import parse_fault
+    from sim_device.faults.spec import FaultSpecError
+
+    try:
+        return tuple(parse_fault(text) for text in texts)
+    except FaultSpecError as error:
+        raise click.BadParameter(str(error), ctx, param) from None
+
+
+def address(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[str, int] | None:
+    """``HOST:PORT`` in two, an IPv6 address in brackets."""
+    if text is None:
+        return None
+    host, colon, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not colon or not host or not port.isascii() or not port.isdigit():
+        raise click.BadParameter(f"{text!r} is not HOST:PORT.", ctx, param)
+    if int(port) > _MAX_PORT:
+        raise click.BadParameter(f"port {port} is not in 0 to {_MAX_PORT}.", ctx, param)
+    return host, int(port)
+
+
+_MAX_PORT = 65_535
+
+
+def fault_option(f: Callable[..., object]) -> Callable[..., object]:
+    """``--fault``, any number of times."""
+    return click.option(
+        "--fault",
+        callback=_faults,
+        multiple=True,
+        metavar="SPEC",
+        help="Inject kind@time[:for][:name=value,...], seconds since the device booted; may be "
+        "given again. `sweepctl emulate --list-faults` explains each kind.",
+    )(f)
+
+
+def baud_option(f: Callable[..., object]) -> Callable[..., object]:
+    """``--baud`` of the virtual line."""
+    return click.option(
+        "--baud",
+        type=Baud(),
+        help="Pace bytes at this rate, 10 bits each; 0: as fast as they come.  [default: 921600]",
+    )(f)
+
+
+def latency_option(f: Callable[..., object]) -> Callable[..., object]:
+    """``--latency-ms`` of the virtual adapter."""
+    return click.option(
+        "--latency-ms",
+        type=Seconds(0.0, 1000.0),
+        help="The USB adapter's latency timer; FTDI's own default is 16.  [default: 1; udpcan: 0]",
+    )(f)
+
+
+def rig(
+    device: VirtualSweeper, line: LineSettings, faults: tuple[FaultSpec, ...], seed: int
+) -> Rig:
+    """Connect a device as asked for.
+
+    Raises:
+        click.BadParameter: a fault cannot be on this device.
+
+    """
+    from sim_device.faults.spec import FaultSpecError
+    from sim_device.rig import Rig
+
+    try:
+        return Rig(device, line, faults, seed=seed)
+    except FaultSpecError as error:
+        raise click.BadParameter(str(error), param_hint="'--fault'") from None
 
 
 def out_option(f: Callable[..., object]) -> Callable[..., object]:

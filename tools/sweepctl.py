@@ -14,8 +14,9 @@ from tools.version import VERSION
 
 _COMMANDS = {
     "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
-    "emulate": "Run a virtual sweeper on a pseudo-terminal, in real time.",
+    "emulate": "Run a virtual sweeper on a serial line, a socket or a CAN bus, in real time.",
     "simulate": "Run a plan against the virtual sweeper in virtual time.",
+    "fault": "Switch faults of a running emulator on and off.",
     "view": "Open a log in Rerun.",
     "info": "Say what a log holds.",
     "generate": "Write the wire's messages for C, CAN tools, Wireshark, protobuf or people.",

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import random
-from dataclasses import dataclass, field
+from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bridge.coverage.metrics import CoverageMeter, CoverageTrack
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.host import Host, HostOptions
@@ -14,14 +16,19 @@ from bridge.mission import Ending, Mission
 from bridge.telemetry import RoomRecord, TruthRecord
 from protocol.clock import HostNs
 from sim_device.device import VirtualSweeper
+from sim_device.line import STRAIGHT
+from sim_device.rig import Rig
+from tools.fault_help import fault_record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from bridge.coverage.floorplan import FloorPlan
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
+    from sim_device.faults.spec import FaultSpec
+    from sim_device.line import LineSettings
 
 EPOCH_NS = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z: simulated runs start here, so that equal seeds give equal logs."""
@@ -36,14 +43,18 @@ _TICKS_KEPT = 32
 
 @dataclass(slots=True)
 class VirtualRun:
-    """A finished run: both ends and the truth over time."""
+    """A finished run: both ends and what the truth came to. It does not grow with the run."""
 
     device: VirtualSweeper
     host: Host
-    truth: list[tuple[float, Pose2]] = field(default_factory=list)
-    """Time (s since boot) and true pose, every 20 ms of the drive."""
-    errors_m: list[float] = field(default_factory=list)
-    """Distance of estimate and truth at the encoder samples of the drive."""
+    track: CoverageTrack
+    """Measures the true pose of every 20 ms of the drive."""
+    rig: Rig | None = None
+    """The device with its line and faults, where either was asked for."""
+    end_error_m: float | None = None
+    """Distance of estimate and truth at the newest encoder sample of the drive."""
+    max_error_m: float | None = None
+    """The greatest of them."""
 
 
 def run_virtual(  # noqa: PLR0913 - what a run can be asked for
@@ -57,13 +68,16 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     max_time_s: float = 3600.0,
     progress: Callable[[float, Host], None] | None = None,
     ended: Callable[[], Ending | None] = lambda: None,
+    faults: Sequence[FaultSpec] = (),
+    line: LineSettings | None = None,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
     ``progress`` is called about once a simulated second; ``ended`` is asked as often whether
-    the run should end early.
+    the run should end early. A ``line`` takes the place of the plain delay of 1 ms each way.
 
     Raises:
+        FaultSpecError: a fault cannot be on this device.
         FloorPlanError: the robot does not fit at the room's start.
         UnknownPlannerError: no such planner.
         UnknownNoiseLevelError: no such noise level.
@@ -79,47 +93,55 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
         Mission(runner, max_time_s=max_time_s),
         lambda: next(ids),
     )
-    run = VirtualRun(device, host)
+    rig = Rig(device, line or STRAIGHT, faults, seed=seed) if faults or line else None
+    run = VirtualRun(device, host, CoverageMeter(plan, model).track(), rig)
     sink.write(RoomRecord(EPOCH_NS, plan))
-    _loop(run, sink, progress, ended)
+    _loop(run, sink, progress, ended, LATENCY_US if line is None else 0)
     host.record_map(HostNs(device.next_deadline_us() * 1000 + HOST_BOOT_NS))
     return run
 
 
-def _loop(
+def _loop(  # noqa: C901 - two ends and the wire between them
     run: VirtualRun,
     sink: Sink,
     progress: Callable[[float, Host], None] | None,
     ended: Callable[[], Ending | None],
+    latency_us: int,
 ) -> None:
-    device, host = run.device, run.host
-    to_device: list[tuple[int, bytes]] = []
-    to_host: list[tuple[int, bytes]] = []
+    rig, host = run.rig, run.host
+    device = rig or run.device
+    to_device: deque[tuple[int, bytes]] = deque()
+    to_host: deque[tuple[int, bytes]] = deque()
     poses: dict[int, Pose2] = {}
     host.open(HostNs(HOST_BOOT_NS))
     progress_us = 0
     while not host.mission.done:
-        now_us = min(
-            device.next_deadline_us(),
-            -((HOST_BOOT_NS - host.next_deadline()) // 1000),
-            to_device[0][0] if to_device else 1 << 62,
-            to_host[0][0] if to_host else 1 << 62,
-        )
+        device_us = now_us = device.next_deadline_us()
+        host_us = -((HOST_BOOT_NS - host.next_deadline()) // 1000)
+        now_us = min(now_us, host_us)
+        if to_device and to_device[0][0] < now_us:
+            now_us = to_device[0][0]
+        if to_host and to_host[0][0] < now_us:
+            now_us = to_host[0][0]
         arrived = b""
         while to_device and to_device[0][0] <= now_us:
-            arrived += to_device.pop(0)[1]
-        out = device.step(arrived, now_us)
+            arrived += to_device.popleft()[1]
+        # Neither end is asked while it has nothing to do: half of all turns are the other's.
+        out = device.step(arrived, now_us) if arrived or now_us >= device_us else b""
         if out:
-            to_host.append((now_us + LATENCY_US, out))
-        if device.plant.tick_ms not in poses:
-            _remember(run, poses, device.plant.tick_ms, device.plant.pose, sink)
+            to_host.append((now_us + latency_us, out))
+        if rig is not None:
+            _record_faults(rig, sink)
+        tick_ms = device.plant.tick_ms
+        if tick_ms not in poses:
+            _remember(run, poses, tick_ms, device.plant.pose, sink)
         now_ns = HostNs(now_us * 1000 + HOST_BOOT_NS)
         while to_host and to_host[0][0] <= now_us:
-            _receive(run, poses, to_host.pop(0)[1], now_ns)
+            _receive(run, poses, to_host.popleft()[1], now_ns)
         host.poll(now_ns)
         data = host.data_to_send(now_ns)
         if data:
-            to_device.append((now_us + LATENCY_US, data))
+            to_device.append((now_us + latency_us, data))
         if now_us >= progress_us:
             progress_us = now_us + 1_000_000
             if progress is not None:
@@ -127,6 +149,11 @@ def _loop(
             ending = ended()
             if ending is not None:
                 host.end(ending, now_ns)
+
+
+def _record_faults(rig: Rig, sink: Sink) -> None:
+    for event in rig.faults.take_events():
+        sink.write(fault_record(event, EPOCH_NS + event.t_us * 1000))
 
 
 def _remember(
@@ -138,7 +165,7 @@ def _remember(
     if tick_ms % _TRUTH_PERIOD_MS == 0:
         sink.write(TruthRecord(EPOCH_NS + tick_ms * 1_000_000, pose))
         if _driving(run):
-            run.truth.append((tick_ms / 1000.0, pose))
+            run.track.add(tick_ms / 1000.0, *pose)
 
 
 def _receive(run: VirtualRun, poses: dict[int, Pose2], data: bytes, now_ns: HostNs) -> None:
@@ -149,7 +176,9 @@ def _receive(run: VirtualRun, poses: dict[int, Pose2], data: bytes, now_ns: Host
     if host.encoders_us != before_us and _driving(run):
         truth = poses.get(host.encoders_us // 1000)
         if truth is not None:
-            run.errors_m.append(truth.distance_m(host.estimator.pose))
+            run.end_error_m = error_m = truth.distance_m(host.estimator.pose)
+            if run.max_error_m is None or error_m > run.max_error_m:
+                run.max_error_m = error_m
 
 
 def _driving(run: VirtualRun) -> bool:

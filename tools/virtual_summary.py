@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.summary import run_summary
 
 if TYPE_CHECKING:
@@ -19,12 +18,9 @@ def summarise(
     host = run.host
     truth = run.device.truth
     report = None
-    if run.truth:
+    if run.end_error_m is not None:
         runner = host.mission.runner
-        meter = CoverageMeter(plan, host.model)
-        report = meter.measure(
-            ((t, *pose) for t, pose in run.truth), runner.lane_length_m if runner else 0.0
-        )
+        report = run.track.report(runner.lane_length_m if runner else 0.0)
     return run_summary(
         host,
         room=plan.name,
@@ -32,7 +28,7 @@ def summarise(
         seed=seed,
         log=log,
         report=report,
-        errors_m=run.errors_m,
+        error_m=(run.end_error_m, run.max_error_m),
         collisions=truth.collisions,
         contact_s=truth.contact_s,
         energy_wh=truth.energy_wh,

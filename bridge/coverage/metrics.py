@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from bridge.coverage import raster_kernel as kernel
 from bridge.coverage.regions import find_regions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from bridge.coverage.floorplan import FloorPlan
-    from bridge.coverage.raster import Floats, Mask
+    from bridge.coverage.raster import Floats, Mask, Raster
     from bridge.motion.robot_model import RobotModel
 
 _CHUNK_S = 0.25
@@ -25,6 +25,9 @@ _TOLERANCE_M = 2e-4
 _JUMP_M = 0.2
 """Poses further apart than this are not joined: a log with a hole, or an estimate set anew."""
 _T90, _T99 = 0.90, 0.99
+_Mouth = tuple[float, float, float, float]
+"""x and y of its left, then of its right end."""
+_NO_MOUTH: _Mouth = (0.0, 0.0, 0.0, 0.0)
 
 
 class TimedPose(NamedTuple):
@@ -97,7 +100,7 @@ class CoverageMeter:
 
     def __init__(self, plan: FloorPlan, model: RobotModel, resolution_m: float = 0.005) -> None:
         """Cells of 1 cm or finer are what the figures are defined for."""
-        self._model = model
+        self.model = model
         self.regions = find_regions(plan, model, resolution_m)
         raster = self.regions.raster
         self.free_m2 = raster.area_m2(self.regions.free)
@@ -107,7 +110,7 @@ class CoverageMeter:
     @property
     def reference_time_s(self) -> float:
         """Time to sweep the sweepable floor once at cruise speed, with no turns."""
-        width, speed = self._model.cleaning_width_m, self._model.cruise_speed_m_s
+        width, speed = self.model.cleaning_width_m, self.model.cruise_speed_m_s
         return self.sweepable_m2 / (width * speed)
 
     def measure(
@@ -122,22 +125,14 @@ class CoverageMeter:
             lane_length_m: sum of the lanes' lengths, for eq. 8.
 
         """
-        track = [TimedPose(*pose) for pose in poses]
-        raster, regions = self.regions.raster, self.regions
-        times = np.full(raster.shape, np.inf)
-        body = raster.empty()
-        start_s = track[0].time_s if track else 0.0
-        for part in _unbroken(track):
-            pieces = self._pieces(part)
-            ends = [self._mouth(p) for p in pieces]
-            for pose, old, new in zip(pieces[1:], ends, ends[1:], strict=False):
-                raster.stamp_sweep(times, old, new, pose.time_s - start_s)
-            centres = [(p.x_m, p.y_m) for p in pieces]
-            raster.stamp_path(body, _moving(centres), self._model.radius_m)
-        times[~regions.free] = np.inf
-        body &= regions.free
-        swept = np.isfinite(times)
-        return self._report(track, times, swept, body, lane_length_m)
+        track = self.track()
+        for pose in poses:
+            track.add(*pose)
+        return track.report(lane_length_m)
+
+    def track(self) -> CoverageTrack:
+        """Begin to measure a run pose by pose; what it keeps does not grow with the run."""
+        return CoverageTrack(self)
 
     def share_at(self, report: CoverageReport, times_s: Sequence[float]) -> list[float]:
         """The main figure at given times from the first pose, for curves."""
@@ -145,65 +140,73 @@ class CoverageMeter:
         counts = np.searchsorted(swept, np.asarray(times_s, dtype=np.float64), side="right")
         return [float(count) / max(len(swept), 1) for count in counts]
 
-    # -- inside ----------------------------------------------------------------------------
 
-    def _mouth(self, pose: TimedPose) -> tuple[float, float, float, float]:
-        """The mouth's left and right end."""
-        half = 0.5 * self._model.cleaning_width_m
-        c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
-        x = pose.x_m + self._model.mouth_offset_m * c
-        y = pose.y_m + self._model.mouth_offset_m * s
-        return x - half * s, y + half * c, x + half * s, y - half * c
+class CoverageTrack:
+    """One run as it is driven: poses in, figures at any time."""
 
-    def _pieces(self, track: list[TimedPose]) -> list[TimedPose]:
-        """Merge poses while both ends of the mouth move straight on, up to 0.25 s."""
-        kept = [track[0]]
-        anchor = self._mouth(track[0])
-        last, last_pose = anchor, track[0]
-        directions: tuple[float, ...] | None = None
-        for pose in track[1:]:
-            ends = self._mouth(pose)
-            if ends == last:
-                last_pose = pose
-                continue
-            long = pose.time_s - kept[-1].time_s > _CHUNK_S
-            if directions is not None and (long or not _straight(anchor, directions, ends)):
-                kept.append(last_pose)
-                anchor, directions = last, None
-            if directions is None:
-                directions = tuple(e - a for e, a in zip(ends, anchor, strict=True))
-            last, last_pose = ends, pose
-        if last_pose is not kept[-1]:
-            kept.append(last_pose)
-        return kept
+    def __init__(self, meter: CoverageMeter) -> None:
+        self._model = model = meter.model
+        self._meter = meter
+        self._half_m = 0.5 * model.cleaning_width_m
+        raster = meter.regions.raster
+        self._times = np.full(raster.shape, np.inf)
+        self._body = raster.empty()
+        self._first: TimedPose | None = None
+        self._newest: TimedPose | None = None
+        self._path_m = 0.0
+        self._begun: TimedPose | None = None
+        """Where the piece under way begins."""
+        self._anchor = self._end = _NO_MOUTH
+        self._end_pose: TimedPose | None = None
+        """The pose that the piece under way has come to; None: no further than it began."""
+        self._directions: tuple[float, ...] | None = None
 
-    def _report(
-        self,
-        track: list[TimedPose],
-        times: Floats,
-        swept: Mask,
-        body: Mask,
-        lane_length_m: float | None,
-    ) -> CoverageReport:
-        raster, regions, width = self.regions.raster, self.regions, self._model.cleaning_width_m
-        steps = (math.dist(a[1:3], b[1:3]) for a, b in pairwise(track))
-        path_m = sum(step for step in steps if step <= _JUMP_M)
-        duration_s = track[-1].time_s - track[0].time_s if track else 0.0
-        hole_cm2, inradius_m = self._holes(regions.sweepable & ~swept)
+    def add(self, time_s: float, x_m: float, y_m: float, theta_rad: float) -> None:
+        """Take the next pose, of the axle's centre, in the order of time."""
+        pose = TimedPose(time_s, x_m, y_m, theta_rad)
+        newest, self._newest = self._newest, pose
+        if newest is None:
+            self._first = pose
+            self._set_out(pose)
+            return
+        step_m = math.hypot(x_m - newest.x_m, y_m - newest.y_m)
+        if step_m > _JUMP_M:
+            self._close()
+            self._set_out(pose)
+            return
+        self._path_m += step_m
+        self._follow(pose)
+
+    def report(self, lane_length_m: float | None = None) -> CoverageReport:
+        """Everything measured up to the newest pose; more poses may follow.
+
+        ``lane_length_m`` is the sum of the lanes' lengths, for eq. 8.
+        """
+        self._close()
+        meter, regions = self._meter, self._meter.regions
+        raster, width = regions.raster, self._model.cleaning_width_m
+        times = np.where(regions.free, self._times, np.inf)
+        body = self._body & regions.free
+        swept = np.isfinite(times)
+        path_m, duration_s = self._path_m, 0.0
+        if self._first is not None and self._newest is not None:
+            duration_s = self._newest.time_s - self._first.time_s
+        hole_cm2, inradius_m = _holes(raster, regions.sweepable & ~swept)
         swept_m2 = raster.area_m2(swept)
+        free_m2 = meter.free_m2
         coverage = Coverage(
             mouth_sweepable=_share(swept & regions.sweepable, regions.sweepable),
             mouth_free=_share(swept, regions.free),
             body_reachable=_share(body & regions.reachable, regions.reachable),
             body_free=_share(body, regions.free),
-            eq8=None if lane_length_m is None else lane_length_m * width / max(self.free_m2, 1e-12),
+            eq8=None if lane_length_m is None else lane_length_m * width / max(free_m2, 1e-12),
         )
         ordered = np.sort(times[regions.sweepable])
         return CoverageReport(
             coverage=coverage,
-            free_m2=self.free_m2,
-            reachable_m2=self.reachable_m2,
-            sweepable_m2=self.sweepable_m2,
+            free_m2=free_m2,
+            reachable_m2=meter.reachable_m2,
+            sweepable_m2=meter.sweepable_m2,
             duration_s=duration_s,
             path_m=path_m,
             t90_s=_passed(ordered, _T90),
@@ -211,29 +214,82 @@ class CoverageMeter:
             largest_hole_cm2=hole_cm2,
             hole_inradius_m=inradius_m,
             repeat_ratio=path_m * width / swept_m2 - 1.0 if swept_m2 > 0.0 else None,
-            path_ratio=path_m * width / max(self.sweepable_m2, 1e-12),
-            time_ratio=duration_s / max(self.reference_time_s, 1e-12),
-            reference_time_s=self.reference_time_s,
+            path_ratio=path_m * width / max(meter.sweepable_m2, 1e-12),
+            time_ratio=duration_s / max(meter.reference_time_s, 1e-12),
+            reference_time_s=meter.reference_time_s,
             first_swept_s=times,
             body_swept=body,
             origin_m=(raster.x_min_m, raster.y_min_m),
             resolution_m=raster.resolution_m,
         )
 
-    def _holes(self, left: Mask) -> tuple[float, float]:
-        """Area of the largest unswept piece (cm²) and the largest inscribed radius (m)."""
-        from scipy import ndimage  # noqa: PLC0415 - heavy, and only metrics need it
+    # -- inside ----------------------------------------------------------------------------
 
-        if not left.any():
-            return 0.0, 0.0
-        raster = self.regions.raster
-        labels, _ = ndimage.label(left)
-        largest = int(np.bincount(labels.ravel())[1:].max())
-        depth = float(ndimage.distance_transform_edt(np.pad(left, 1)).max())
-        # from a cell's centre to the centre of the first cell outside: the edge is half a cell
-        # nearer
-        inradius_m = max(depth - 0.5, 0.0) * raster.resolution_m
-        return largest * raster.cell_m2 * 1e4, inradius_m
+    def _set_out(self, pose: TimedPose) -> None:
+        """Begin anew, unconnected with what was before."""
+        self._begun, self._anchor = pose, self._mouth(pose)
+        self._end, self._end_pose = self._anchor, None
+        self._directions = None
+        self._stand(pose)
+
+    def _follow(self, pose: TimedPose) -> None:
+        """Lengthen the piece under way while both ends of the mouth move straight on."""
+        begun = self._begun
+        ends = self._mouth(pose)
+        if begun is None:
+            return
+        if ends == self._end:
+            self._end_pose = pose
+            return
+        if self._directions is not None and (
+            pose.time_s - begun.time_s > _CHUNK_S
+            or not _straight(self._anchor, self._directions, ends)
+        ):
+            self._close()
+        if self._directions is None:
+            ax, ay, bx, by = self._anchor
+            self._directions = (ends[0] - ax, ends[1] - ay, ends[2] - bx, ends[3] - by)
+        self._end, self._end_pose = ends, pose
+
+    def _close(self) -> None:
+        """Stamp the piece under way, and begin the next where it ends."""
+        begun, last = self._begun, self._end_pose
+        if begun is None or last is None or self._first is None:
+            return
+        raster = self._meter.regions.raster
+        raster.stamp_sweep(self._times, self._anchor, self._end, last.time_s - self._first.time_s)
+        a, b = (begun.x_m, begun.y_m), (last.x_m, last.y_m)
+        if a != b:
+            raster.stamp_capsule(self._body, a, b, self._model.radius_m)
+        self._begun, self._anchor = last, self._end
+        self._end_pose = self._directions = None
+
+    def _stand(self, pose: TimedPose) -> None:
+        """Stamp the body where a way begins; it may be all of it."""
+        centre = (pose.x_m, pose.y_m)
+        self._meter.regions.raster.stamp_capsule(self._body, centre, centre, self._model.radius_m)
+
+    def _mouth(self, pose: TimedPose) -> _Mouth:
+        """The mouth's left and right end."""
+        _, x, y, theta_rad = pose
+        c, s = math.cos(theta_rad), math.sin(theta_rad)
+        x += self._model.mouth_offset_m * c
+        y += self._model.mouth_offset_m * s
+        half = self._half_m
+        return x - half * s, y + half * c, x + half * s, y - half * c
+
+
+def _holes(raster: Raster, left: Mask) -> tuple[float, float]:
+    """Area of the largest unswept piece (cm²) and the largest inscribed radius (m)."""
+    if not left.any():
+        return 0.0, 0.0
+    labels, _ = kernel.pieces(left, 1)
+    largest = int(np.bincount(labels.ravel())[1:].max())
+    depth = kernel.deepest(left)
+    # from a cell's centre to the centre of the first cell outside: the edge is half a cell
+    # nearer
+    inradius_m = max(depth - 0.5, 0.0) * raster.resolution_m
+    return largest * raster.cell_m2 * 1e4, inradius_m
 
 
 def _straight(anchor: Sequence[float], directions: Sequence[float], ends: Sequence[float]) -> bool:
@@ -249,23 +305,6 @@ def _straight(anchor: Sequence[float], directions: Sequence[float], ends: Sequen
         if dx * ex + dy * ey < 0.0 or abs(dx * ey - dy * ex) > _TOLERANCE_M * length:
             return False
     return True
-
-
-def _unbroken(track: list[TimedPose]) -> list[list[TimedPose]]:
-    """The track cut where it jumps."""
-    parts: list[list[TimedPose]] = [track[:1]] if track else []
-    for a, b in pairwise(track):
-        if math.dist(a[1:3], b[1:3]) > _JUMP_M:
-            parts.append([])
-        parts[-1].append(b)
-    return parts
-
-
-def _moving(path: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """A path without the points at which it stands still."""
-    kept = path[:1]
-    kept.extend(b for a, b in pairwise(path) if a != b)
-    return kept
 
 
 def _share(part: Mask, whole: Mask) -> float:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from bridge.coverage import raster_kernel as kernel
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -120,14 +122,8 @@ class Raster:
         )
         if r0 >= r1 or c0 >= c1:
             return
-        x, y = self.x[r0:r1, c0:c1] - ax, self.y[r0:r1, c0:c1] - ay
-        ex, ey = bx - ax, by - ay
-        square = ex * ex + ey * ey
-        if square > 0.0:
-            along = np.clip((x * ex + y * ey) / square, 0.0, 1.0)
-            x -= along * ex
-            y -= along * ey
-        mask[r0:r1, c0:c1] |= x * x + y * y <= radius_m * radius_m
+        window = (r0, r1, c0, c1)
+        kernel.capsule(mask, self.x, self.y, window, ax, ay, bx - ax, by - ay, radius_m)
 
     def stamp_path(self, mask: Mask, path: list[tuple[float, float]], radius_m: float) -> None:
         """Set the points within ``radius_m`` of a polyline."""
@@ -159,34 +155,12 @@ class Raster:
         )
         if r0 >= r1 or c0 >= c1:
             return
-        part = times[r0:r1, c0:c1]
-        x, y = self.x[r0:r1, c0:c1], self.y[r0:r1, c0:c1]
         pivot = _crossing(old, new)
         if pivot is None:
-            inside = _triangle(x, y, (lx0, ly0), (rx0, ry0), (rx1, ry1))
-            inside |= _triangle(x, y, (lx0, ly0), (rx1, ry1), (lx1, ly1))
+            corners = ((lx0, ly0, rx0, ry0, rx1, ry1), (lx0, ly0, rx1, ry1, lx1, ly1))
         else:
-            inside = _triangle(x, y, pivot, (lx0, ly0), (lx1, ly1))
-            inside |= _triangle(x, y, pivot, (rx0, ry0), (rx1, ry1))
-        part[inside & (part > time_s)] = time_s
-
-
-def _triangle(
-    x: Floats,
-    y: Floats,
-    a: tuple[float, float],
-    b: tuple[float, float],
-    c: tuple[float, float],
-) -> Mask:
-    """Points in a triangle of either orientation, edges included."""
-    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    sign = 1.0 if area >= 0.0 else -1.0
-    slack = -1e-12
-    inside = np.ones(x.shape, dtype=np.bool_)
-    for p, q in ((a, b), (b, c), (c, a)):
-        ex, ey = sign * (q[0] - p[0]), sign * (q[1] - p[1])
-        inside &= ex * (y - p[1]) - ey * (x - p[0]) >= slack
-    return inside
+            corners = ((*pivot, lx0, ly0, lx1, ly1), (*pivot, rx0, ry0, rx1, ry1))
+        kernel.sweep(times, self.x, self.y, (r0, r1, c0, c1), np.array(corners), time_s)
 
 
 def _crossing(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bridge.coverage.raster import Raster
+from bridge.coverage.raster_kernel import pieces
 
 if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
@@ -26,7 +27,7 @@ class Regions:
 
     raster: Raster
     free: Mask
-    """Floor inside the walls less the obstacles."""
+    """Floor inside the walls less the obstacles and the cliffs."""
     centres: Mask
     """Where the axle's centre can be, connected to the start."""
     reachable: Mask
@@ -43,6 +44,7 @@ def find_regions(plan: FloorPlan, model: RobotModel, resolution_m: float) -> Reg
     dilating C is then C and all within the distance of its boundary, with no loss of a
     half cell along every wall. Passages are open from a width of Φ.
     """
+    plan = replace(plan, obstacles=plan.obstacles + plan.cliffs)
     raster = Raster(plan.bounds(), resolution_m)
     free = raster.polygon(plan.walls)
     for obstacle in plan.obstacles:
@@ -132,8 +134,6 @@ def _connected(
     cell has no sample point in it, but its two boundary curves. A start whose body touches a
     wall is taken to the nearest place where it does not.
     """
-    from scipy import ndimage  # noqa: PLC0415 - heavy, and only metrics need it
-
     joined = centres.copy()
     rows_cols: list[tuple[Floats, Floats]] = []
     for curve in curves:
@@ -143,7 +143,7 @@ def _connected(
         joined[row.astype(np.intp), col.astype(np.intp)] = True
     if not joined.any():
         return centres, []
-    labels, _ = ndimage.label(joined, structure=np.ones((3, 3)))
+    labels, _ = pieces(joined, 2)
     distance = np.where(joined, np.hypot(raster.x - start[0], raster.y - start[1]), np.inf)
     mine = labels == labels[np.unravel_index(int(np.argmin(distance)), raster.shape)]
     kept = [

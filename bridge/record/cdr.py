@@ -9,6 +9,8 @@ from __future__ import annotations
 import struct
 from typing import Any
 
+from bridge.record.packer import Packer, Part
+
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 _NANOSECONDS = 1_000_000_000
 
@@ -22,44 +24,30 @@ class CdrLayout:
     """
 
     def __init__(self, *parts: str | tuple[str, Any]) -> None:
-        # What stays is packed here once: constant bytes at even places, values at odd ones.
-        self._format = ["<"]
-        self._template: list[Any] = []
-        self._constant = LITTLE_ENDIAN
+        self.parts: list[Part] = [LITTLE_ENDIAN]
+        """Constants and values in their places, alignment included."""
+        self._size = 0
         for part in parts:
             if isinstance(part, tuple):
                 code, value = part
                 if code == "text":
                     data = str(value).encode() + b"\0"
-                    self._append_constant("I", len(data))
-                    self._constant += data
+                    self._append("I", struct.pack("<I", len(data)))
+                    self.parts.append(data)
+                    self._size += len(data)
                 else:
-                    self._append_constant(code, value)
+                    self._append(code, struct.pack(f"<{code}", value))
             else:
-                count, code = int(part[:-1] or 1), part[-1]
-                for _ in range(count):
-                    self._append_varying(code)
-        self._end_constant()
-        self._pack = struct.Struct("".join(self._format)).pack
+                for _ in range(int(part[:-1] or 1)):
+                    self._append(part[-1], part[-1])
+        self._packer = Packer(self.parts)
 
-    def _align(self, code: str) -> None:
-        done = struct.calcsize("".join(self._format)) + len(self._constant)
-        self._constant += bytes(-(done - len(LITTLE_ENDIAN)) % struct.calcsize(f"<{code}"))
-
-    def _append_constant(self, code: str, value: object) -> None:
-        self._align(code)
-        self._constant += struct.pack(f"<{code}", value)
-
-    def _append_varying(self, code: str) -> None:
-        self._align(code)
-        self._end_constant()
-        self._format.append(code)
-        self._template.append(0)
-
-    def _end_constant(self) -> None:
-        self._format.append(f"{len(self._constant)}s")
-        self._template.append(self._constant)
-        self._constant = b""
+    def _append(self, code: str, part: Part) -> None:
+        """Add a constant or a value, aligned to its size."""
+        size = struct.calcsize(f"<{code}")
+        padding = -self._size % size
+        self.parts += (bytes(padding), part)
+        self._size += padding + size
 
     def encode(self, *values: float) -> bytes:
         """Serialise the values that vary, in their order.
@@ -68,9 +56,7 @@ class CdrLayout:
             ValueError: there are more or fewer of them than the layout has places.
 
         """
-        parts = self._template.copy()
-        parts[1::2] = values
-        return self._pack(*parts)
+        return self._packer.pack(values)
 
 
 def stamp(time_ns: int) -> tuple[int, int]:

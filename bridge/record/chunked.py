@@ -2,7 +2,8 @@
 
 The container's records are the mcap library's; its writer is not used, because it spends
 10.9 µs on a message where this spends 1.8 µs (measured), and closes chunks by size only, so
-that a kill loses whatever the last mebibyte held.
+that a kill loses whatever the last mebibyte held. Messages of fixed length that come together
+are cheaper still: a :class:`Bundle` packs them, headers included, in one go.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import struct
 import zlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -33,9 +34,10 @@ from mcap.records import (
 )
 
 from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.packer import Packer, Part
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from io import FileIO
     from pathlib import Path
 
@@ -50,7 +52,10 @@ CHUNK_NS = 250_000_000
 _ZSTD_LEVEL = 1  # level 3 makes 20 % less of our data, for a fifth more time
 
 _MESSAGE = struct.Struct("<BQHIQQ")
-_MESSAGE_FIXED = _MESSAGE.size - 9
+_RECORD_HEAD = 9
+"""Opcode and length, which the length does not count."""
+_MESSAGE_FIXED = _MESSAGE.size - _RECORD_HEAD
+_MESSAGE_HEAD = struct.Struct("<BQH")
 _INDEX = struct.Struct("<BQHI")
 
 
@@ -67,6 +72,32 @@ def _open(path: Path, *, force: bool) -> FileIO:
         raise LogExistsError(path) from None
     except OSError as error:
         raise LogWriteError(path, error.strerror or str(error)) from None
+
+
+class _Packed:
+    """Records that wait for the file's end, compressed: an hour has 14 400 chunks to index."""
+
+    _BLOCK_BYTES = 128 * 1024
+
+    def __init__(self, zstd: zstandard.ZstdCompressor) -> None:
+        self.count = 0
+        self._zstd = zstd
+        self._blocks: list[bytes] = []
+        self._pending = bytearray()
+
+    def append(self, record: bytes) -> None:
+        """Keep one more."""
+        self.count += 1
+        self._pending += record
+        if len(self._pending) >= self._BLOCK_BYTES:
+            self._blocks.append(self._zstd.compress(bytes(self._pending)))
+            self._pending.clear()
+
+    def __iter__(self) -> Iterator[bytes]:
+        """All of them in order, in pieces of many records."""
+        for block in self._blocks:
+            yield zstandard.decompress(block)
+        yield bytes(self._pending)
 
 
 class ChunkedFile:
@@ -93,12 +124,16 @@ class ChunkedFile:
         self._zstd = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
         self._pending = bytearray()
         self._earliest_ns = self._deadline_ns = 0
-        self._indexes: dict[int, list[int]] = {}
+        self._indexes: list[list[int]] = []
+        """By channel: log time and place of each of its messages in the chunk in progress."""
         self._schemas: dict[int, Schema] = {}
         self._schema_ids: dict[str, int] = {}
         self._channels: dict[int, Channel] = {}
-        self._counts: dict[int, int] = {}
-        self._chunks: list[ChunkIndex] = []
+        self._counts: list[int] = []
+        self._chunks = _Packed(self._zstd)
+        """The chunks' index records."""
+        self._span_ns: tuple[int, int] | None = None
+        """Log times of the first and the last message."""
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self.closed = False
@@ -150,7 +185,8 @@ class ChunkedFile:
             metadata={},
             schema_id=schema_id,
         )
-        self._counts[channel_id] = 0
+        self._counts.append(0)
+        self._indexes.append([])
         self._pending += _bytes_of(self._channels[channel_id])
         return channel_id
 
@@ -162,13 +198,24 @@ class ChunkedFile:
         if not self._earliest_ns <= log_ns < self._deadline_ns or len(pending) >= CHUNK_BYTES:
             self._next_chunk(log_ns)
             pending = self._pending
-        index = self._indexes.get(channel_id)
-        if index is None:
-            index = self._indexes[channel_id] = []
-        index += (log_ns, len(pending))
+        self._indexes[channel_id - 1] += (log_ns, len(pending))
         pending += _MESSAGE.pack(
             _OP_MESSAGE, _MESSAGE_FIXED + len(data), channel_id, sequence, log_ns, publish_ns
         )
+        pending += data
+
+    def add_records(self, log_ns: int, data: bytes, places: Iterable[tuple[int, int]]) -> None:
+        """Add whole Message records of one log time.
+
+        ``places`` says of each its channel's id and where in ``data`` it begins.
+        """
+        pending = self._pending
+        if not self._earliest_ns <= log_ns < self._deadline_ns or len(pending) >= CHUNK_BYTES:
+            self._next_chunk(log_ns)
+            pending = self._pending
+        start, indexes = len(pending), self._indexes
+        for channel_id, offset in places:
+            indexes[channel_id - 1] += (log_ns, start + offset)
         pending += data
 
     def _next_chunk(self, log_ns: int) -> None:
@@ -188,11 +235,12 @@ class ChunkedFile:
         """
         if self.failure is not None:
             raise self.failure
-        if not self._indexes:
+        used = {c: entries for c, entries in enumerate(self._indexes, 1) if entries}
+        if not used:
             return
         self._earliest_ns = self._deadline_ns = 0
-        first_ns = min(min(entries[::2]) for entries in self._indexes.values())
-        last_ns = max(max(entries[::2]) for entries in self._indexes.values())
+        first_ns = min(min(entries[::2]) for entries in used.values())
+        last_ns = max(max(entries[::2]) for entries in used.values())
         content = bytes(self._pending)
         compressed = self._zstd.compress(content)
         chunk = _bytes_of(
@@ -208,12 +256,11 @@ class ChunkedFile:
         start = self.offset
         indexes = bytearray()
         index_offsets: dict[int, int] = {}
-        for channel_id, entries in self._indexes.items():
+        for channel_id, entries in used.items():
             index_offsets[channel_id] = start + len(chunk) + len(indexes)
             size = 8 * len(entries)
             indexes += _INDEX.pack(_OP_MESSAGE_INDEX, 6 + size, channel_id, size)
             indexes += struct.pack(f"<{len(entries)}Q", *entries)
-        counts = {channel_id: len(entries) // 2 for channel_id, entries in self._indexes.items()}
         described = ChunkIndex(
             chunk_length=len(chunk),
             chunk_start_offset=start,
@@ -226,11 +273,13 @@ class ChunkedFile:
             uncompressed_size=len(content),
         )
         self._pending = bytearray()
-        self._indexes = {}
+        self._indexes = [[] for _ in self._indexes]
         self._write(chunk + bytes(indexes))
-        self._chunks.append(described)
-        for channel_id, count in counts.items():
-            self._counts[channel_id] += count
+        self._chunks.append(_bytes_of(described))
+        earliest_ns, latest_ns = self._span_ns or (first_ns, last_ns)
+        self._span_ns = min(first_ns, earliest_ns), max(last_ns, latest_ns)
+        for channel_id, entries in used.items():
+            self._counts[channel_id - 1] += len(entries) // 2
 
     def finish(self) -> None:
         """Close the last chunk, write the summary and close the file; again is no error.
@@ -262,18 +311,18 @@ class ChunkedFile:
         data_end = _bytes_of(DataEnd(0))
         start = self.offset + len(data_end)
         summary, offsets = bytearray(), bytearray()
-        groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
-            (Opcode.SCHEMA, list(self._schemas.values())),
-            (Opcode.CHANNEL, list(self._channels.values())),
-            (Opcode.STATISTICS, [self._statistics()]),
+        groups: tuple[tuple[Opcode, Iterable[bytes]], ...] = (
+            (Opcode.SCHEMA, map(_bytes_of, self._schemas.values())),
+            (Opcode.CHANNEL, map(_bytes_of, self._channels.values())),
+            (Opcode.STATISTICS, (_bytes_of(self._statistics()),)),
             (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.ATTACHMENT_INDEX, self._attachments),
-            (Opcode.METADATA_INDEX, self._metadata),
+            (Opcode.ATTACHMENT_INDEX, map(_bytes_of, self._attachments)),
+            (Opcode.METADATA_INDEX, map(_bytes_of, self._metadata)),
         )
         for opcode, records in groups:
             group_start = start + len(summary)
             for record in records:
-                summary += _bytes_of(record)
+                summary += record
             length = start + len(summary) - group_start
             offsets += _bytes_of(SummaryOffset(int(opcode), group_start, length))
         offsets_start = start + len(summary)
@@ -287,11 +336,11 @@ class ChunkedFile:
         return Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
-            channel_message_counts={c: n for c, n in self._counts.items() if n},
-            chunk_count=len(self._chunks),
-            message_count=sum(self._counts.values()),
-            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
-            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            channel_message_counts={c: n for c, n in enumerate(self._counts, 1) if n},
+            chunk_count=self._chunks.count,
+            message_count=sum(self._counts),
+            message_end_time=self._span_ns[1] if self._span_ns else 0,
+            message_start_time=self._span_ns[0] if self._span_ns else 0,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
@@ -311,3 +360,34 @@ class ChunkedFile:
             self.failure = LogWriteError(self.path, error.strerror or str(error))
             raise self.failure from None
         self.offset += len(data)
+
+
+class Bundle:
+    """Messages of fixed length that always come together, packed in one go.
+
+    Of every message the values are: sequence, log time and publish time (ns), then those of
+    its own form.
+    """
+
+    def __init__(self, file: ChunkedFile, messages: Iterable[tuple[int, Sequence[Part]]]) -> None:
+        """Take a channel's id and a form for each message."""
+        parts: list[Part] = []
+        places: list[tuple[int, int]] = []
+        offset = 0
+        for channel_id, form in messages:
+            size = _MESSAGE_FIXED + Packer(form).size
+            parts += (_MESSAGE_HEAD.pack(_OP_MESSAGE, size, channel_id), "I", "Q", "Q", *form)
+            places.append((channel_id, offset))
+            offset += _RECORD_HEAD + size
+        self._add = file.add_records
+        self._pack = Packer(parts).pack
+        self._places = tuple(places)
+
+    def add(self, log_ns: int, values: Iterable[Any]) -> None:
+        """Write the messages; ``log_ns`` must be the log time that the values name.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        self._add(log_ns, self._pack(values), self._places)

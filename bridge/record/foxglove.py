@@ -1,91 +1,175 @@
-"""Poses, transforms and log lines in Foxglove's protobuf types.
+"""Poses, transforms and log lines in Foxglove's protobuf types, as forms of fixed length.
 
-Each type's message object is built once and refilled: 1.0 µs a pose, against 8 µs to build.
+A pose is one ``struct.pack``: numbers that protobuf would leave out where they are 0 are
+written out, and the two integers of a time stamp in five bytes each, which protobuf's
+variable-length integers allow. Google's library takes 1 µs for it, and 0.1 s to be imported.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from typing import TYPE_CHECKING
 
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from mcap_protobuf.schema import build_file_descriptor_set
-
+from bridge.record.descriptors import (
+    WIRE_FIXED64,
+    FieldType,
+    MessageType,
+    Type,
+    delimited,
+    descriptor_set,
+    tag,
+    varint,
+)
+from bridge.record.packer import Packer, Part
 from bridge.record.ros import BODY_FRAME, MAP_FRAME
 from bridge.telemetry import Severity
 
 if TYPE_CHECKING:
-    from google.protobuf.message import Message
-
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RangerMount
     from bridge.telemetry import LogRecord
 
 _NANOSECONDS = 1_000_000_000
 
-_LEVELS = {
-    Severity.DEBUG: Log.DEBUG,
-    Severity.INFO: Log.INFO,
-    Severity.WARNING: Log.WARNING,
-    Severity.ERROR: Log.ERROR,
-}
+# ---- the types, as Foxglove declares them ----------------------------------------------------
 
 
-def schema(message_class: type[Message]) -> tuple[str, str, bytes]:
-    """Name, encoding and data of a generated protobuf class's MCAP schema."""
-    descriptors = build_file_descriptor_set(message_class)
-    return message_class.DESCRIPTOR.full_name, "protobuf", descriptors.SerializeToString()
+def _doubles(*names: str) -> tuple[FieldType, ...]:
+    return tuple(FieldType(name, i, Type.DOUBLE) for i, name in enumerate(names, 1))
 
 
-class FoxgloveEncoder:
-    """Encodes into its own message objects: not for several threads at once."""
+def _message(name: str, number: int, of: MessageType) -> FieldType:
+    return FieldType(name, number, Type.MESSAGE, f".{of.full_name}")
 
-    def __init__(self) -> None:
-        self._pose = PoseInFrame(frame_id=MAP_FRAME)
-        self._pose_parts = (
-            self._pose.timestamp,
-            self._pose.pose.position,
-            self._pose.pose.orientation,
-        )
-        self._transform = FrameTransform(parent_frame_id=MAP_FRAME, child_frame_id=BODY_FRAME)
-        self._transform_parts = (
-            self._transform.timestamp,
-            self._transform.translation,
-            self._transform.rotation,
-        )
 
-    def pose(self, time_ns: int, pose: Pose2) -> bytes:
-        """``PoseInFrame`` in the map frame."""
-        stamp, position, rotation = self._pose_parts
-        stamp.seconds, stamp.nanos = divmod(time_ns, _NANOSECONDS)
-        position.x, position.y, theta_rad = pose
-        rotation.z, rotation.w = math.sin(0.5 * theta_rad), math.cos(0.5 * theta_rad)
-        return self._pose.SerializeToString()
+def _declared(name: str, *fields: FieldType, uses: tuple[MessageType, ...] = ()) -> MessageType:
+    return MessageType(f"foxglove/{name}.proto", "foxglove", name, fields, uses=uses)
 
-    def transform(self, time_ns: int, pose: Pose2) -> bytes:
-        """``FrameTransform`` from the map to the robot's body."""
-        stamp, translation, rotation = self._transform_parts
-        stamp.seconds, stamp.nanos = divmod(time_ns, _NANOSECONDS)
-        translation.x, translation.y, theta_rad = pose
-        rotation.z, rotation.w = math.sin(0.5 * theta_rad), math.cos(0.5 * theta_rad)
-        return self._transform.SerializeToString()
+
+_TIMESTAMP = MessageType(
+    "google/protobuf/timestamp.proto",
+    "google.protobuf",
+    "Timestamp",
+    (FieldType("seconds", 1, Type.INT64), FieldType("nanos", 2, Type.INT32)),
+)
+_QUATERNION = _declared("Quaternion", *_doubles("x", "y", "z", "w"))
+_VECTOR3 = _declared("Vector3", *_doubles("x", "y", "z"))
+_POSE = _declared(
+    "Pose",
+    _message("position", 1, _VECTOR3),
+    _message("orientation", 2, _QUATERNION),
+    uses=(_QUATERNION, _VECTOR3),
+)
+POSE_IN_FRAME = _declared(
+    "PoseInFrame",
+    _message("timestamp", 1, _TIMESTAMP),
+    FieldType("frame_id", 2, Type.STRING),
+    _message("pose", 3, _POSE),
+    uses=(_POSE, _TIMESTAMP),
+)
+FRAME_TRANSFORM = _declared(
+    "FrameTransform",
+    _message("timestamp", 1, _TIMESTAMP),
+    FieldType("parent_frame_id", 2, Type.STRING),
+    FieldType("child_frame_id", 3, Type.STRING),
+    _message("translation", 4, _VECTOR3),
+    _message("rotation", 5, _QUATERNION),
+    uses=(_QUATERNION, _VECTOR3, _TIMESTAMP),
+)
+LOG = MessageType(
+    "foxglove/Log.proto",
+    "foxglove",
+    "Log",
+    (
+        _message("timestamp", 1, _TIMESTAMP),
+        FieldType("level", 2, Type.ENUM, ".foxglove.Log.Level"),
+        FieldType("message", 3, Type.STRING),
+        FieldType("name", 4, Type.STRING),
+        FieldType("file", 5, Type.STRING),
+        FieldType("line", 6, Type.FIXED32),
+    ),
+    uses=(_TIMESTAMP,),
+    enums={"Level": ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")},
+)
+_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARNING: 3, Severity.ERROR: 4}
+
+
+def schema(message: MessageType) -> tuple[str, str, bytes]:
+    """Name, encoding and data of a type's MCAP schema."""
+    return message.full_name, "protobuf", descriptor_set(message)
+
+
+# ---- forms of fixed length -------------------------------------------------------------------
+
+_STAMP = struct.Struct("<BIBBIB")
+STAMP_CODE = f"{_STAMP.size}s"
+
+
+def timestamp(time_ns: int) -> bytes:
+    """A ``google.protobuf.Timestamp`` of Unix nanoseconds, always twelve bytes long."""
+    s, n = divmod(time_ns, _NANOSECONDS)
+    # Seven bits go into each byte; all but the fifth have the bit that says "more follows".
+    return _STAMP.pack(
+        0x08,
+        s & 0x7F | s << 1 & 0x7F00 | s << 2 & 0x7F0000 | s << 3 & 0x7F000000 | 0x80808080,
+        s >> 28,
+        0x10,
+        n & 0x7F | n << 1 & 0x7F00 | n << 2 & 0x7F0000 | n << 3 & 0x7F000000 | 0x80808080,
+        n >> 28,
+    )
+
+
+def _stamp_parts() -> tuple[Part, ...]:
+    return tag(1, 2), varint(_STAMP.size), STAMP_CODE
+
+
+def _vector_parts(number: int, names: str) -> tuple[Part, ...]:
+    """A message of doubles: fields numbered as the letters of ``xyzw`` stand."""
+    parts: list[Part] = []
+    for name in names:
+        parts += (tag(1 + "xyzw".index(name), WIRE_FIXED64), "d")
+    return tag(number, 2), varint(9 * len(names)), *parts
+
+
+_POSITION, _ROTATION = _vector_parts(1, "xy"), _vector_parts(2, "zw")
+POSE_PARTS: tuple[Part, ...] = (
+    *_stamp_parts(),
+    delimited(2, MAP_FRAME),
+    tag(3, 2),
+    varint(2 * (2 + 2 * 9)),
+    *_POSITION,
+    *_ROTATION,
+)
+"""``PoseInFrame`` in the map frame: stamp, x (m), y (m), sine and cosine of half the yaw."""
+
+
+def _transform_parts(parent: str, child: str) -> tuple[Part, ...]:
+    frames = delimited(2, parent) + delimited(3, child)
+    return *_stamp_parts(), frames, *_vector_parts(4, "xy"), *_vector_parts(5, "zw")
+
+
+TRANSFORM_PARTS = _transform_parts(MAP_FRAME, BODY_FRAME)
+"""``FrameTransform`` from the map to the robot's body; values as in ``POSE_PARTS``."""
+
+
+def planar(time_ns: int, pose: Pose2) -> tuple[bytes, float, float, float, float]:
+    """Values of both forms: stamp, x, y, and the unit quaternion's z and w."""
+    x_m, y_m, theta_rad = pose
+    half = 0.5 * theta_rad
+    return timestamp(time_ns), x_m, y_m, math.sin(half), math.cos(half)
 
 
 def mount(time_ns: int, name: str, mount: RangerMount) -> bytes:
     """``FrameTransform`` from the body to a range sensor."""
-    message = FrameTransform(parent_frame_id=BODY_FRAME, child_frame_id=f"range_{name}")
-    message.timestamp.seconds, message.timestamp.nanos = divmod(time_ns, _NANOSECONDS)
-    message.translation.x, message.translation.y = mount.x_m, mount.y_m
-    message.rotation.z = math.sin(0.5 * mount.yaw_rad)
-    message.rotation.w = math.cos(0.5 * mount.yaw_rad)
-    return message.SerializeToString()
+    form = Packer(_transform_parts(BODY_FRAME, f"range_{name}"))
+    half = 0.5 * mount.yaw_rad
+    values = (timestamp(time_ns), mount.x_m, mount.y_m, math.sin(half), math.cos(half))
+    return form.pack(values)
 
 
 def log(record: LogRecord) -> bytes:
     """``Log``."""
-    text = record.text.encode(errors="replace").decode()  # protobuf refuses lone surrogates
-    message = Log(level=_LEVELS[record.severity], message=text, name=record.source)
-    message.timestamp.seconds, message.timestamp.nanos = divmod(record.log_ns, _NANOSECONDS)
-    return message.SerializeToString()
+    text = record.text.encode(errors="replace")  # a lone surrogate must not end a recording
+    head = delimited(1, timestamp(record.log_ns)) + tag(2, 0) + varint(_LEVELS[record.severity])
+    return head + delimited(3, text) + delimited(4, record.source)

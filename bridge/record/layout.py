@@ -8,39 +8,41 @@ and 6.3 µs to refill one. What fixed width costs in bytes, zstd takes back.
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-from google.protobuf.descriptor_pb2 import (
-    FieldDescriptorProto,
-    FileDescriptorProto,
-    FileDescriptorSet,
+from bridge.record.descriptors import (
+    WIRE_DELIMITED,
+    WIRE_FIXED32,
+    WIRE_FIXED64,
+    FieldType,
+    MessageType,
+    Type,
+    descriptor_set,
+    tag,
+    varint,
 )
+from bridge.record.packer import Packer, Part
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Iterable, Sequence
 
 PACKAGE = "sweepctl"
-
-_FIXED64, _LENGTH_DELIMITED, _FIXED32 = 1, 2, 5
 
 
 class Kind(Enum):
     """A protobuf type: its descriptor's number, wire type and ``struct`` code."""
 
-    DOUBLE = (FieldDescriptorProto.TYPE_DOUBLE, _FIXED64, "d")
-    FIXED32 = (FieldDescriptorProto.TYPE_FIXED32, _FIXED32, "I")
-    SFIXED32 = (FieldDescriptorProto.TYPE_SFIXED32, _FIXED32, "i")
-    FIXED64 = (FieldDescriptorProto.TYPE_FIXED64, _FIXED64, "Q")
-    SFIXED64 = (FieldDescriptorProto.TYPE_SFIXED64, _FIXED64, "q")
-    STRING = (FieldDescriptorProto.TYPE_STRING, _LENGTH_DELIMITED, "")
-    BYTES = (FieldDescriptorProto.TYPE_BYTES, _LENGTH_DELIMITED, "")
+    DOUBLE = (Type.DOUBLE, WIRE_FIXED64, "d")
+    FIXED32 = (Type.FIXED32, WIRE_FIXED32, "I")
+    SFIXED32 = (Type.SFIXED32, WIRE_FIXED32, "i")
+    FIXED64 = (Type.FIXED64, WIRE_FIXED64, "Q")
+    SFIXED64 = (Type.SFIXED64, WIRE_FIXED64, "q")
+    STRING = (Type.STRING, WIRE_DELIMITED, "")
+    BYTES = (Type.BYTES, WIRE_DELIMITED, "")
 
-    def __init__(
-        self, proto_type: FieldDescriptorProto.Type.ValueType, wire_type: int, code: str
-    ) -> None:
+    def __init__(self, proto_type: Type, wire_type: int, code: str) -> None:
         self.proto_type = proto_type
         self.wire_type = wire_type
         self.code = code
@@ -57,17 +59,7 @@ class FlatField:
     @property
     def tag(self) -> bytes:
         """The key that stands before the value."""
-        return varint(self.number << 3 | self.kind.wire_type)
-
-
-def varint(value: int) -> bytes:
-    """Protobuf's variable-length form of an unsigned integer."""
-    out = bytearray()
-    while value > 0x7F:  # noqa: PLR2004 - seven bits a byte
-        out.append(value & 0x7F | 0x80)
-        value >>= 7
-    out.append(value)
-    return bytes(out)
+        return tag(self.number, self.kind.wire_type)
 
 
 class FlatMessage:
@@ -78,8 +70,20 @@ class FlatMessage:
         self.fields = tuple(fields)
         self._fixed = [i for i, f in enumerate(fields) if f.kind.code]
         self._variable = [(i, f.tag, f.kind) for i, f in enumerate(fields) if not f.kind.code]
-        self._packers: dict[tuple[int, ...], Callable[[list[Any]], bytes]] = {}
-        self._pack_all = self._packer(tuple(self._fixed))
+        self._packers: dict[tuple[int, ...], Packer] = {}
+        self.all_parts = self.parts(self._fixed)
+        """The form of all fields that are neither text nor bytes."""
+        self._all = Packer(self.all_parts)
+
+    @property
+    def is_fixed(self) -> bool:
+        """No text and no bytes in it: its length depends only on which fields are there."""
+        return not self._variable
+
+    def parts(self, present: Iterable[int]) -> list[Part]:
+        """The form of these fields, by index: each one's key, then its value."""
+        fields = [self.fields[i] for i in present]
+        return [part for f in fields for part in (f.tag, f.kind.code)]
 
     @property
     def full_name(self) -> str:
@@ -88,20 +92,10 @@ class FlatMessage:
 
     def descriptor_set(self) -> bytes:
         """The message's ``FileDescriptorSet``, as an MCAP schema holds it."""
-        file = FileDescriptorProto(
-            name=f"{PACKAGE}/{self.name}.proto",
-            package=PACKAGE,
-            syntax="proto2",  # where every field may be absent, and says so
-        )
-        message = file.message_type.add(name=self.name)
-        for field in self.fields:
-            message.field.add(
-                name=field.name,
-                number=field.number,
-                type=field.kind.proto_type,
-                label=FieldDescriptorProto.LABEL_OPTIONAL,
-            )
-        return FileDescriptorSet(file=[file]).SerializeToString()
+        # In proto2 every field may be absent, and says so.
+        fields = tuple(FieldType(f.name, f.number, f.kind.proto_type) for f in self.fields)
+        file = f"{PACKAGE}/{self.name}.proto"
+        return descriptor_set(MessageType(file, PACKAGE, self.name, fields, "proto2"))
 
     def encode(self, values: list[Any]) -> bytes:
         """Serialise one value per field, in the fields' order."""
@@ -112,33 +106,19 @@ class FlatMessage:
 
     def _encode_fixed(self, values: list[Any]) -> bytes:
         if None not in values:
-            return self._pack_all(values)
+            return self._all.pack(values)
         present = tuple(i for i, v in zip(self._fixed, values, strict=True) if v is not None)
         packer = self._packers.get(present)
         if packer is None:
-            packer = self._packers[present] = self._packer(present)
-        return packer([v for v in values if v is not None])
+            packer = self._packers[present] = Packer(self.parts(present))
+        return packer.pack(v for v in values if v is not None)
 
     def _encode_variable(self, values: list[Any]) -> bytes:
         out = b""
-        for index, tag, kind in self._variable:
+        for index, key, kind in self._variable:
             value = values[index]
             if value is not None:
                 # A lone surrogate must not end a recording.
                 data = value.encode(errors="replace") if kind is Kind.STRING else value
-                out += tag + varint(len(data)) + data
+                out += key + varint(len(data)) + data
         return out
-
-    def _packer(self, present: tuple[int, ...]) -> Callable[[list[Any]], bytes]:
-        """Packer of these fixed fields: tags at even places, values at odd ones."""
-        fields = [self.fields[i] for i in present]
-        layout = struct.Struct("<" + "".join(f"{len(f.tag)}s{f.kind.code}" for f in fields))
-        template: list[Any] = [part for f in fields for part in (f.tag, 0)]
-        pack = layout.pack
-
-        def packer(values: list[Any]) -> bytes:
-            parts = template.copy()
-            parts[1::2] = values
-            return pack(*parts)
-
-        return packer

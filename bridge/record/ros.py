@@ -84,16 +84,23 @@ def schema_text(name: str) -> str:
     return text
 
 
-class RosMessage(NamedTuple):
-    """What a device message becomes for one topic."""
+class RosTopic(NamedTuple):
+    """One topic of what a device message becomes; its first two values are the time stamp's."""
 
-    topic: str
+    name: str
     type_name: str
-    data: bytes
+    layout: CdrLayout
 
 
-if TYPE_CHECKING:
-    _Translator = Callable[[DeviceMessage, tuple[int, int]], tuple[RosMessage, ...]]
+class RosForm(NamedTuple):
+    """What messages of one type become in ROS."""
+
+    topics: tuple[RosTopic, ...]
+    values: Callable[[DeviceMessage], tuple[tuple[float, ...], ...]]
+    """For each topic its values but the time stamp's."""
+    needs: int
+    """Leading fields of the device's message that must be there."""
+
 
 _NO_COVARIANCE = [("d", 0.0)] * 9
 _IMU = CdrLayout(
@@ -128,38 +135,28 @@ _DISCHARGING = 2
 _ULTRASOUND, _INFRARED = 0, 1
 
 
-class _Ranger:
-    """One range sensor's topic; no echo is +infinity, as ROS has it (REP 117)."""
-
-    def __init__(self, name: str, mount: RangerMount, radiation: int) -> None:
-        self.topic = f"/ros/range/{name}"
-        self._layout = CdrLayout(
-            "2I",
-            ("text", f"range_{name}"),
-            ("B", radiation),
-            ("f", mount.cone_rad),
-            ("f", mount.min_range_m),
-            ("f", mount.max_range_m),
-            "f",
-            ("f", 0.0),
-        )
-
-    def encode(self, time: tuple[int, int], range_m: float | None) -> RosMessage:
-        value = math.inf if range_m is None else range_m
-        return RosMessage(self.topic, RANGE, self._layout.encode(*time, value))
+def _ranger(name: str, mount: RangerMount, radiation: int) -> RosTopic:
+    layout = CdrLayout(
+        "2I",
+        ("text", f"range_{name}"),
+        ("B", radiation),
+        ("f", mount.cone_rad),
+        ("f", mount.min_range_m),
+        ("f", mount.max_range_m),
+        "f",
+        ("f", 0.0),
+    )
+    return RosTopic(f"/ros/range/{name}", RANGE, layout)
 
 
 class RosTranslator:
-    """Turns device messages into their ROS 2 counterparts; one robot's messages in order."""
+    """What device messages are in ROS 2; each robot's messages must come in order."""
 
     def __init__(self, model: RobotModel) -> None:
         self._rad_per_count = 2.0 * math.pi / model.counts_per_turn
         self._wheels: dict[int, WheelAngles] = {}
-        self._front = _Ranger("front", model.ultrasonic, _ULTRASOUND)
-        self._left = _Ranger("left", model.infrared_left, _INFRARED)
-        self._right = _Ranger("right", model.infrared_right, _INFRARED)
         nan = ("f", math.nan)  # not measured
-        self._battery = CdrLayout(
+        battery = CdrLayout(
             "2I",
             ("text", BODY_FRAME),
             "f",
@@ -174,46 +171,47 @@ class RosTranslator:
             ("text", ""),
             ("text", ""),
         )
-        self._translators: dict[type, _Translator] = {
-            Imu: self._imu,
-            Encoders: self._encoders,
-            Range: self._range,
-            Power: self._power,
+        joints = RosTopic("/ros/joint_states", JOINT_STATE, _JOINT_STATE)
+        ranges = (
+            _ranger("front", model.ultrasonic, _ULTRASOUND),
+            _ranger("left", model.infrared_left, _INFRARED),
+            _ranger("right", model.infrared_right, _INFRARED),
+        )
+        self._forms: dict[type, RosForm] = {
+            Imu: RosForm((RosTopic("/ros/imu", IMU, _IMU),), self._imu, 7),
+            Encoders: RosForm((joints,), self._encoders, 2),
+            Range: RosForm(ranges, self._range, 3),
+            Power: RosForm((RosTopic("/ros/battery", BATTERY_STATE, battery),), self._power, 1),
         }
 
-    def translate(self, record: DeviceMessage, time_ns: int) -> tuple[RosMessage, ...]:
-        """What ROS has a type for, stamped with ``time_ns``; nothing for other messages."""
-        translator = self._translators.get(type(record.message))
-        return () if translator is None else translator(record, stamp(time_ns))
+    def form(self, message: type) -> RosForm | None:
+        """What ROS has for messages of this type, if anything."""
+        return self._forms.get(message)
 
-    def _imu(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
+    @staticmethod
+    def _imu(record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
         # By position and gain: a third of the time of the message's own properties.
         ax, ay, az, _, gx, gy, gz, *_ = record.message
         a, g = _ACCEL_GAIN, _GYRO_GAIN
-        data = _IMU.encode(*time, gx * g, gy * g, gz * g, ax * a, ay * a, az * a)
-        return (RosMessage("/ros/imu", IMU, data),)
+        return ((gx * g, gy * g, gz * g, ax * a, ay * a, az * a),)
 
-    def _encoders(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
-        message = cast("Encoders", record.message)
+    def _encoders(self, record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
+        left, right, *_ = record.message
         wheels = self._wheels.get(record.node)
         if wheels is None:
             wheels = self._wheels[record.node] = WheelAngles(self._rad_per_count)
-        turned = wheels.advance((message.left, message.right), record.t_us)
-        data = _JOINT_STATE.encode(*time, *turned)
-        return (RosMessage("/ros/joint_states", JOINT_STATE, data),)
+        return (wheels.advance((left, right), record.t_us),)
 
-    def _range(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
+    @staticmethod
+    def _range(record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
+        """No echo is +infinity, as ROS has it (REP 117)."""
         message = cast("Range", record.message)
-        return (
-            self._front.encode(time, message.ultrasonic_m),
-            self._left.encode(time, message.infrared_left_m),
-            self._right.encode(time, message.infrared_right_m),
-        )
+        ranges = (message.ultrasonic_m, message.infrared_left_m, message.infrared_right_m)
+        return tuple((math.inf if m is None else m,) for m in ranges)
 
-    def _power(self, record: DeviceMessage, time: tuple[int, int]) -> tuple[RosMessage, ...]:
-        message = cast("Power", record.message)
-        data = self._battery.encode(*time, message.battery_v)
-        return (RosMessage("/ros/battery", BATTERY_STATE, data),)
+    @staticmethod
+    def _power(record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
+        return ((cast("Power", record.message).battery_v,),)
 
 
 def occupancy_grid(record: CoverageRecord) -> bytes:

@@ -15,7 +15,6 @@ from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
 if TYPE_CHECKING:
     from bridge.telemetry import (
         ClockRecord,
-        CommandRecord,
         DeviceMessage,
         EventRecord,
         PlannerRecord,
@@ -71,12 +70,16 @@ class DeviceEncoder:
 
     def encode(self, record: DeviceMessage) -> bytes:
         """Serialise one message."""
+        return self.layout.encode(self.values(record))
+
+    def values(self, record: DeviceMessage) -> list[Any]:
+        """One value for each field of the layout, None where it is absent."""
         raw = tuple(record.message)
         if self._sentinels or None in raw:
             si = [self._si_or_none(raw[i], i, gain, offset) for i, gain, offset in self._gains]
         else:
             si = [raw[i] * gain + offset for i, gain, offset in self._gains]
-        return self.layout.encode([record.t_us, record.node, record.bound_ns, *raw, *si])
+        return [record.t_us, record.node, record.bound_ns, *raw, *si]
 
     def _si_or_none(self, raw: int | None, index: int, gain: float, offset: float) -> float | None:
         if raw is None or raw == self._sentinels.get(index):
@@ -212,24 +215,11 @@ def encode_raw_can(record: RawCan) -> bytes:
     return RAW_CAN.encode([int(record.outgoing), record.can_id, bytes(record.data)])
 
 
-def encode_estimate(record: PoseRecord) -> bytes:
-    """``PoseEstimate``: of the symmetric covariance, the upper triangle."""
-    xx, xy, xt, _, yy, yt, _, _, tt = record.covariance
-    return POSE_ESTIMATE.encode(
-        [
-            *record.pose,
-            record.v_m_s,
-            record.yaw_rate_rad_s,
-            *(xx, xy, xt, yy, yt, tt),
-            record.gyro_bias_rad_s,
-            record.wheel_scale,
-        ]
-    )
-
-
-def encode_command(record: CommandRecord) -> bytes:
-    """``Command``."""
-    return COMMAND.encode(list(record[1:]))
+def estimate_values(record: PoseRecord) -> tuple[float, ...]:
+    """Of ``PoseEstimate``: of the symmetric covariance, the upper triangle."""
+    _, pose, v_m_s, yaw_rate_rad_s, covariance, bias, scale = record
+    xx, xy, xt, _, yy, yt, _, _, tt = covariance
+    return (*pose, v_m_s, yaw_rate_rad_s, xx, xy, xt, yy, yt, tt, bias, scale)
 
 
 def encode_planner(record: PlannerRecord) -> bytes:

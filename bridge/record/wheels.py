@@ -21,16 +21,19 @@ class WheelAngles:
 
     def advance(self, counts: tuple[int, int], t_us: int) -> tuple[float, float, float, float]:
         """Angles (rad) since the first message and speeds (rad/s; NaN where unknown)."""
-        speeds = (math.nan, math.nan)
+        left_speed = right_speed = math.nan
         if self._counts is not None:
             dt_s = (t_us - self._t_us) % _US_WRAP * 1e-6
             if 0.0 < dt_s <= _GAP_S:
-                half = _COUNT_WRAP // 2
-                steps = [
-                    ((now - then + half) % _COUNT_WRAP - half) * self._rad_per_count
-                    for now, then in zip(counts, self._counts, strict=True)
-                ]
-                self._angles = (self._angles[0] + steps[0], self._angles[1] + steps[1])
-                speeds = (steps[0] / dt_s, steps[1] / dt_s)
+                then_left, then_right = self._counts
+                left = _steps(counts[0] - then_left) * self._rad_per_count
+                right = _steps(counts[1] - then_right) * self._rad_per_count
+                self._angles = (self._angles[0] + left, self._angles[1] + right)
+                left_speed, right_speed = left / dt_s, right / dt_s
         self._counts, self._t_us = counts, t_us
-        return (*self._angles, *speeds)
+        return (*self._angles, left_speed, right_speed)
+
+
+def _steps(difference: int) -> int:
+    """Undo the wrap of a difference of counts."""
+    return (difference + _COUNT_WRAP // 2) % _COUNT_WRAP - _COUNT_WRAP // 2

@@ -6,13 +6,10 @@ import json
 import platform
 from typing import TYPE_CHECKING, Any
 
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-
 from bridge.config import parse_robot
 from bridge.record import foxglove, ros, schemas
-from bridge.record.chunked import ChunkedFile
+from bridge.record.chunked import Bundle, ChunkedFile
+from bridge.record.device_topics import DeviceTopics
 from bridge.record.errors import LogWriteError
 from bridge.record.room import rasterise
 from bridge.telemetry import (
@@ -36,7 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from bridge.record.descriptors import MessageType
     from bridge.record.layout import FlatMessage
+    from bridge.record.ros import RosTopic
     from bridge.telemetry import Record, RunInfo
 
 METADATA = "sweepctl"
@@ -66,10 +65,10 @@ class RunWriter:
         model = parse_robot(info.robot_toml)
         self.path = path
         self._file = ChunkedFile(path, force=force, library=f"sweepctl {info.version}")
-        self._foxglove = foxglove.FoxgloveEncoder()
         self._ros = ros.RosTranslator(model)
         self._ros_channels: dict[str, int] = {}
-        self._device: dict[str, tuple[int, Callable[[DeviceMessage], bytes]]] = {}
+        self._device: dict[str, DeviceTopics] = {}
+        self._bundles: dict[type, Bundle] = {}
         self._flat_channels: dict[str, int] = {}
         self._foxglove_channels: dict[str, int] = {}
         self._last_ns = info.opened_unix_ns
@@ -84,7 +83,7 @@ class RunWriter:
             ("right", model.infrared_right),
         ):
             data = foxglove.mount(info.opened_unix_ns, name, mount)
-            self._add_foxglove("/tf_static", FrameTransform, info.opened_unix_ns, data)
+            self._add_foxglove("/tf_static", foxglove.FRAME_TRANSFORM, info.opened_unix_ns, data)
         self._handlers: dict[type, Callable[[Any], None]] = {
             RawBytes: self._raw,
             RawCan: self._raw_can,
@@ -178,34 +177,50 @@ class RunWriter:
         self._add_flat("/raw/can", schemas.RAW_CAN, record.log_ns, data)
 
     def _device_message(self, record: DeviceMessage) -> None:
-        known = self._device.get(record.name)
-        if known is None:
-            encoder = schemas.DeviceEncoder(CATALOGUE.spec(type(record.message)))
-            channel = self._flat_channel(f"/device/{record.name}", encoder.layout)
-            known = self._device[record.name] = (channel, encoder.encode)
-        channel, encode = known
-        time_ns = record.log_ns if record.publish_ns is None else record.publish_ns
-        add = self._file.add_message
-        add(channel, record.log_ns, time_ns, record.seq, encode(record))
-        for topic, type_name, data in self._ros.translate(record, time_ns):
-            add(self._ros_channel(topic, type_name), record.log_ns, time_ns, record.seq, data)
+        topics = self._device.get(record.name)
+        if topics is None:
+            cls = type(record.message)
+            topics = self._device[record.name] = DeviceTopics(
+                self._file, CATALOGUE.spec(cls), self._ros.form(cls), self._ros_topic
+            )
+        topics.write(record)
 
     def _pose(self, record: PoseRecord) -> None:
         log_ns = record.log_ns
-        data = self._foxglove.pose(log_ns, record.pose)
-        self._add_foxglove("/pose", PoseInFrame, log_ns, data)
-        estimate = schemas.encode_estimate(record)
-        self._add_flat("/pose/estimate", schemas.POSE_ESTIMATE, log_ns, estimate)
-        data = self._foxglove.transform(log_ns, record.pose)
-        self._add_foxglove("/tf", FrameTransform, log_ns, data)
+        bundle = self._bundles.get(PoseRecord)
+        if bundle is None:
+            pose = self._foxglove_channel("/pose", foxglove.POSE_IN_FRAME)
+            estimate = self._flat_channel("/pose/estimate", schemas.POSE_ESTIMATE)
+            transform = self._foxglove_channel("/tf", foxglove.FRAME_TRANSFORM)
+            bundle = self._bundles[PoseRecord] = Bundle(
+                self._file,
+                (
+                    (pose, foxglove.POSE_PARTS),
+                    (estimate, schemas.POSE_ESTIMATE.all_parts),
+                    (transform, foxglove.TRANSFORM_PARTS),
+                ),
+            )
+        head, planar = (0, log_ns, log_ns), foxglove.planar(log_ns, record.pose)
+        estimate_values = schemas.estimate_values(record)
+        bundle.add(log_ns, (*head, *planar, *head, *estimate_values, *head, *planar))
 
     def _truth(self, record: TruthRecord) -> None:
-        data = self._foxglove.pose(record.log_ns, record.pose)
-        self._add_foxglove("/truth/pose", PoseInFrame, record.log_ns, data)
+        log_ns = record.log_ns
+        bundle = self._bundles.get(TruthRecord)
+        if bundle is None:
+            channel = self._foxglove_channel("/truth/pose", foxglove.POSE_IN_FRAME)
+            bundle = Bundle(self._file, ((channel, foxglove.POSE_PARTS),))
+            self._bundles[TruthRecord] = bundle
+        bundle.add(log_ns, (0, log_ns, log_ns, *foxglove.planar(log_ns, record.pose)))
 
     def _command(self, record: CommandRecord) -> None:
-        data = schemas.encode_command(record)
-        self._add_flat("/cmd", schemas.COMMAND, record.log_ns, data)
+        log_ns, *velocities = record
+        bundle = self._bundles.get(CommandRecord)
+        if bundle is None:
+            channel = self._flat_channel("/cmd", schemas.COMMAND)
+            bundle = Bundle(self._file, ((channel, schemas.COMMAND.all_parts),))
+            self._bundles[CommandRecord] = bundle
+        bundle.add(log_ns, (0, log_ns, log_ns, *velocities))
 
     def _planner(self, record: PlannerRecord) -> None:
         data = schemas.encode_planner(record)
@@ -215,7 +230,7 @@ class RunWriter:
         self._add_flat("/events", schemas.EVENT, record.log_ns, schemas.encode_event(record))
 
     def _log(self, record: LogRecord) -> None:
-        self._add_foxglove("/log", Log, record.log_ns, foxglove.log(record))
+        self._add_foxglove("/log", foxglove.LOG, record.log_ns, foxglove.log(record))
 
     def _clock(self, record: ClockRecord) -> None:
         data = schemas.encode_clock(record)
@@ -248,13 +263,19 @@ class RunWriter:
             channel = self._flat_channel(topic, layout)
         self._file.add_message(channel, log_ns, log_ns, 0, data)
 
-    def _add_foxglove(self, topic: str, message_class: type[Any], log_ns: int, data: bytes) -> None:
+    def _add_foxglove(self, topic: str, message: MessageType, log_ns: int, data: bytes) -> None:
+        channel = self._foxglove_channel(topic, message)
+        self._file.add_message(channel, log_ns, log_ns, 0, data)
+
+    def _foxglove_channel(self, topic: str, message: MessageType) -> int:
         channel = self._foxglove_channels.get(topic)
         if channel is None:
-            schema = foxglove.schema(message_class)
-            channel = self._file.add_channel(topic, "protobuf", schema)
+            channel = self._file.add_channel(topic, "protobuf", foxglove.schema(message))
             self._foxglove_channels[topic] = channel
-        self._file.add_message(channel, log_ns, log_ns, 0, data)
+        return channel
+
+    def _ros_topic(self, topic: RosTopic) -> int:
+        return self._ros_channel(topic.name, topic.type_name)
 
     def _add_grid(self, topic: str, record: CoverageRecord) -> None:
         channel = self._ros_channel(topic, ros.OCCUPANCY_GRID)

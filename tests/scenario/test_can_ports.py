@@ -124,7 +124,7 @@ def test_an_adapter_has_one_owner_and_garbled_lines_are_no_frames() -> None:
         with pytest.raises(PortBusyError, match=f"process {os.getpid()}"):
             CanPort(adapter.path)
         assert adapter.read() == b""
-        os.write(adapter.fileno(), b"t12x1\rt1\r\xff\xfe\rt1219\r")
+        os.write(adapter.filenos()[0], b"t12x1\rt1\r\xff\xfe\rt1219\r")
         time.sleep(0.05)
         assert port.wait(0.2) == b""
         assert port.garbled >= 2

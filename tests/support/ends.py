@@ -18,6 +18,7 @@ from protocol.clock import HostNs
 from protocol.link import Link, LinkBase, Received
 from protocol.message import Direction
 from protocol.messages import VelocitySetpoint
+from protocol.values import ResetCause
 from sim_device.device import VirtualSweeper
 from support.hostile import Piece, Pipe, Wire
 from support.sim_body import room
@@ -255,8 +256,7 @@ class Ends:
         host.open(self.host_ns)
 
     def reboot_device(self, boot_id: int) -> None:
-        self.device.reboot(boot_id)
-        self._booted_us = self.now_us
+        self.device.reset(ResetCause.SOFTWARE, boot_id=boot_id)
 
     def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
         """Let both live; True once ``until`` holds, False where the time ran out before."""

@@ -7,6 +7,7 @@ import numpy as np
 from bridge.coverage.floorplan import FloorPlan, Polygon
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from sim_device.chassis import Chassis
 from sim_device.motors import MotorParameters
 from sim_device.noise import noise_level
 from sim_device.plant import Plant
@@ -16,6 +17,8 @@ from sim_device.world import World
 
 IDEAL_BATTERY = BatteryParameters(resistance_ohm=0.0, capacity_ah=1e9)
 """Stays at its voltage, so that motion has a closed form."""
+IDEAL_CHASSIS = Chassis(caster_drag_n=0.0, mass_kg=0.0)
+"""Without drag, and its wheels never spin: what the wheels roll, the body goes."""
 
 
 def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
@@ -43,9 +46,15 @@ def plant(
     level: str = "none",
     seed: int = 1,
     battery: BatteryParameters | None = IDEAL_BATTERY,
+    chassis: Chassis = IDEAL_CHASSIS,
 ) -> Plant:
     return Plant(
-        world(plan), RobotModel(), noise_level(level), np.random.default_rng(seed), battery=battery
+        world(plan),
+        RobotModel(),
+        noise_level(level),
+        np.random.default_rng(seed),
+        battery=battery,
+        chassis=chassis,
     )
 
 

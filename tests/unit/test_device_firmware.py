@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sim_device.device import VirtualSweeper
+    from sim_device.firmware import Firmware
 
 SESSION = 0xABCD
 
@@ -42,12 +43,15 @@ class Bench:
 
     def __init__(self, device: VirtualSweeper | None = None) -> None:
         self.device = device or sweeper()
-        self.firmware = self.device.firmware
         self.link = Link(Direction.HOST)
         self.now_us = 0
         self.heard: list[tuple[int, Message]] = []
         self.counter = 0
         self._take(self.device.step(b"", 0))  # the hello of its boot
+
+    @property
+    def firmware(self) -> Firmware:
+        return self.device.firmware
 
     def send(self, *messages: Message, node: int = 1, stamp_us: int | None = None) -> list[Message]:
         for message in messages:
@@ -106,9 +110,7 @@ def test_streams_come_at_their_default_rates() -> None:
     expected = {
         spec.cls.__name__: round(10 * spec.default_hz)
         for spec in CATALOGUE
-        if spec.direction is Direction.DEVICE
-        and spec.rate is RateClass.STREAM
-        and spec.name != "planner_state"  # no planner on board, and the hello says so
+        if spec.direction is Direction.DEVICE and spec.rate is RateClass.STREAM
     }
     assert {name: counted[name] for name in expected} == expected
     assert expected["Imu"] == 1000
@@ -142,8 +144,8 @@ def test_hello_names_device_boot_and_session() -> None:
     assert hello.boot_id == bench.firmware.identity.boot_id != 0
     assert hello.uid == bench.firmware.identity.uid
     assert hello.reset_cause == ResetCause.POWER_ON
-    bench.device.reboot(99, ResetCause.BROWN_OUT)
-    bench.now_us = 0
+    bench.device.reset(ResetCause.BROWN_OUT, boot_id=99)
+    bench.run(0.5)
     again = bench.send(HostHello(1, SESSION, 0, "test"))[-1]
     assert isinstance(again, Hello)
     assert (again.boot_id, again.reset_cause) == (99, ResetCause.BROWN_OUT)
@@ -398,10 +400,9 @@ def test_a_reboot_forgets_session_and_latches() -> None:
     bench = Bench()
     bench.free()
     bench.run(0.5, bench.drive)
-    bench.device.reboot(7)
+    bench.device.reset(ResetCause.SOFTWARE)
     firmware = bench.device.firmware
     assert firmware.latch.cause is StopCause.SESSION_END
-    bench.now_us = 0
     bench.run(1.0, bench.drive)
     assert not firmware.agreed
     assert bench.speed < REST_M_S

@@ -20,8 +20,6 @@ from protocol.messages import (
     LinkCounters,
     LogText,
     ParameterValue,
-    PlannerCommand,
-    PlannerState,
     Power,
     Reboot,
     SaveParameters,
@@ -35,7 +33,6 @@ from protocol.messages import (
     WheelDuty,
 )
 from protocol.values import (
-    Capability,
     Fault,
     Mode,
     NackReason,
@@ -475,7 +472,6 @@ def test_the_supply_is_looked_after_whoever_listens() -> None:
         (VelocitySetpoint, 10, NackReason.BAD_VALUE),
         (Imu, 10_001, NackReason.BAD_VALUE),
         (Sync, 0, NackReason.BAD_VALUE),
-        (PlannerState, 50, NackReason.UNSUPPORTED),
     ],
 )
 def test_rates_that_cannot_be(kind: type[Message], tenths: int, reason: NackReason) -> None:
@@ -485,18 +481,6 @@ def test_rates_that_cannot_be(kind: type[Message], tenths: int, reason: NackReas
 
 def test_a_type_that_is_nothing_has_no_rate() -> None:
     assert Desk().rate(0x7D, 10) is NackReason.BAD_VALUE
-
-
-# ---- no planner on board ------------------------------------------------------------------
-
-
-def test_without_a_planner_on_board_it_says_so() -> None:
-    desk = Desk()
-    hello = desk.host.of(Agreed)[-1].hello
-    assert not hello.capabilities & Capability.ONBOARD_PLANNER
-    assert desk.ask(lambda i: PlannerCommand(i, 0, 0)) is NackReason.UNSUPPORTED
-    assert desk.ask(lambda i: SetMode(i, Mode.ONBOARD)) is NackReason.UNSUPPORTED
-    assert desk.count(PlannerState, 1.0) == 0
 
 
 # ---- bring-up -----------------------------------------------------------------------------

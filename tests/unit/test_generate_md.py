@@ -167,12 +167,14 @@ def test_the_session_is_drawn_as_it_is() -> None:
 
 def test_the_device_drives_only_from_an_open_latch() -> None:
     drawn = arrows("The device's modes")
-    assert {m for m in drawn if m[0] == "latched"} == {("latched", "clear_stop", "idle")}
-    for mode in ("idle", "velocity", "bringup"):
+    leave = {what.split(" (")[0]: end for start, what, end in drawn if start == "stopped"}
+    assert leave == {"clear_stop": "idle", "supply lost": "off", "reset": "boot"}
+    free = ("idle", "velocity", "bringup", "onboard", "running", "paused")
+    for state in free:
         for what in ("stop", "host silent", "hello of another session"):
-            assert (mode, what, "latched") in drawn
-    assert ("idle", "set_mode velocity", "velocity") in drawn
-    assert not [m for m in drawn if "onboard" in m], "it has no planner on board"
+            assert (state, what, "stopped") in drawn
+    into = {start for start, what, _ in drawn if what.startswith("planner start")}
+    assert into == {"onboard"}
 
 
 def test_a_graver_cause_is_never_replaced_by_a_lesser_one() -> None:

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 ALLOWED = {
     "protocol": {"protocol", "numpy", "cobs"},
-    "bridge/motion": {"bridge.motion", "numpy", "scipy"},
+    "bridge/motion": {"bridge.motion", "numba", "numpy", "scipy"},
     "bridge/coverage": {"bridge.coverage", "bridge.motion", "numpy", "scipy"},
 }
 # The standard library's doors to clocks, ports, processes, hidden randomness and logs.

@@ -53,7 +53,7 @@ def test_of_a_run_that_never_began_nothing_is_known() -> None:
 
 def test_what_is_known_of_a_watched_robot() -> None:
     watched = host()
-    watched.poses = [(1.0, Pose2(0, 0, 0)), (2.0, Pose2(0.1, 0, 0))]
+    watched.drive_pose = Pose2(0.1, 0, 0)
     watched.path_m = 0.1
     summary = summed(watched, room="den", log="a.mcap")
     assert (summary["path_m"], summary["room"], summary["log"]) == (0.1, "den", "a.mcap")
@@ -71,12 +71,12 @@ def test_how_it_ended() -> None:
 
 def test_errors_and_the_plants_account() -> None:
     summary = summed(
-        host(), errors_m=[0.01, 0.05, 0.02], collisions=3, contact_s=1.23456, energy_wh=0.123456
+        host(), error_m=(0.02, 0.05), collisions=3, contact_s=1.23456, energy_wh=0.123456
     )
     assert summary["pose_error_m"] == {"end": 0.02, "max": 0.05}
     assert (summary["collisions"], summary["contact_s"]) == (3, 1.235)
     assert summary["energy_wh"] == 0.1235
-    assert summed(host(), errors_m=[], collisions=0)["collisions"] == 0
+    assert summed(host(), collisions=0)["collisions"] == 0
 
 
 def test_coverage_is_the_reports() -> None:

@@ -1,10 +1,11 @@
-"""``sweepctl emulate``: a virtual sweeper on a pseudo-terminal or a CAN bus."""
+"""``sweepctl emulate``: a virtual sweeper on a serial line, a socket or a CAN bus."""
 
 from __future__ import annotations
 
 import secrets
 import signal
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,36 +18,66 @@ if TYPE_CHECKING:
 
     from bridge.coverage.floorplan import FloorPlan
     from bridge.record.writer import RunWriter
+    from sim_device.faults.injector import FaultEvent
+    from sim_device.faults.spec import FaultSpec
+    from sim_device.line import LineSettings
     from sim_device.plant import Truth
-    from sim_device.ports import MulticastPort, PtyPort
+    from sim_device.ports import DevicePort, ServeReport
+    from sim_device.rig import Rig
+
+_LINKS = ("pty", "tcp", "slcan", "udpcan")
+_SERIAL = {"pty", "tcp"}
 
 
-@click.command("emulate", epilog="Example:  sweepctl emulate case-1 --pty-link /tmp/sweeper")
+@click.command(
+    "emulate",
+    epilog="Example:  sweepctl emulate case-1 --pty-link /tmp/sweeper --fault unplug@30:4",
+)
 @click.argument("room", default="case-1")
 @click.option(
     "--link",
-    type=click.Choice(["pty", "slcan", "udpcan"]),
+    type=click.Choice(_LINKS),
     default="pty",
     show_default=True,
-    help="What the device is connected by: a serial line, a serial CAN adapter, or a CAN bus "
-    "of UDP datagrams that several devices and one host can join.",
+    help="What the device is connected by: a serial line, the same on a TCP socket, a serial CAN "
+    "adapter, or a CAN bus of UDP datagrams that several devices and one host can join.",
 )
+@options.baud_option
+@options.latency_option
 @click.option(
     "--bitrate",
     type=click.IntRange(10_000, 1_000_000),
     default=500_000,
     show_default=True,
-    help="Of the bus behind the serial CAN adapter.",
+    help="Of the CAN bus.",
 )
-@click.option("--lan", is_flag=True, help="With udpcan: let frames leave this machine.")
+@click.option(
+    "--listen",
+    callback=options.address,
+    metavar="HOST:PORT",
+    help="With tcp: where to listen; port 0 is any.  [default: 127.0.0.1:0]",
+)
+@click.option(
+    "--lan",
+    is_flag=True,
+    help="With udpcan: let frames leave this machine. With tcp: listen on all its addresses. "
+    "Whoever can reach it can then drive it.",
+)
 @options.seed_option
 @options.noise_option
 @options.robot_option
 @click.option("--node", type=click.IntRange(1, 15), default=1, show_default=True)
+@options.fault_option
+@click.option("--list-faults", is_flag=True, help="Explain each kind of fault, and end.")
+@click.option(
+    "--control",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Make this Unix socket, on which `sweepctl fault` switches faults while it runs.",
+)
 @click.option(
     "--truth",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Log where the robot really is (/truth/pose, Unix time).",
+    help="Log where the robot really is (/truth/pose, Unix time), and the faults (/events).",
 )
 @click.option("--force", is_flag=True, help="Replace the truth file if it exists.")
 @click.option(
@@ -54,75 +85,193 @@ if TYPE_CHECKING:
     type=click.Path(dir_okay=False, path_type=Path),
     help="Also make this symbolic link to the port.",
 )
+@click.option("--stats", is_flag=True, help="At the end, say how well time was kept.")
+@click.option("--json", "as_json", is_flag=True, help="With --list-faults: as one JSON object.")
 def command(  # noqa: PLR0913 - one parameter per option
     *,
     room: str,
     link: str,
+    baud: int | None,
+    latency_ms: float | None,
     bitrate: int,
+    listen: tuple[str, int] | None,
     lan: bool,
     seed: int,
     noise: str,
     robot: Path | None,
     node: int,
+    fault: tuple[FaultSpec, ...],
+    list_faults: bool,
+    control: Path | None,
     truth: Path | None,
     force: bool,
     pty_link: Path | None,
+    stats: bool,
+    as_json: bool,
 ) -> int:
     """Run a virtual sweeper in ROOM, in real time, until ended by a signal.
 
     The first line on stdout is "ready PORT", where PORT can be passed to connect.
     """
+    if list_faults:
+        from tools.fault_help import print_faults
+
+        print_faults(as_json=as_json)
+        return 0
     from bridge.config import load_robot
     from bridge.errors import PortError
     from protocol.can_link import CanLink
     from protocol.link import Link
     from sim_device.device import VirtualSweeper
-    from sim_device.ports import PortUnavailableError, Stopper, serve
-    from tools.console import say
+    from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
     from tools.rooms import load_room
 
-    if lan and link != "udpcan":
-        raise click.UsageError("--lan goes with --link udpcan")
-    if pty_link is not None and link == "udpcan":
-        raise click.UsageError("--pty-link goes with --link pty or slcan")
+    _check(link, baud, listen, pty_link, lan=lan, as_json=as_json)
     plan = load_room(room)
     model, robot_toml = load_robot(robot)
-    kind = Link if link == "pty" else CanLink
+    kind = Link if link in _SERIAL else CanLink
     boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice that it was started anew
     device = VirtualSweeper(
         plan, model, seed=seed, noise=noise, node=node, link=kind, boot_id=boot_id
     )
+    rig = options.rig(device, _line(link, baud, latency_ms, bitrate), fault, seed)
     stopper = Stopper()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in _signals():
         signal.signal(number, lambda _number, _frame: stopper.stop())
-    writer = _truth_writer(truth, robot_toml, plan, seed, noise, force=force) if truth else None
     try:
-        with _port(link, pty_link, bitrate, lan=lan) as port:
+        with ExitStack() as stack:
+            stack.callback(stopper.close)
+            writer = None
+            if truth is not None:
+                writer = _truth_writer(truth, robot_toml, plan, seed, noise, force=force)
+                stack.callback(writer.close)
+            port = stack.enter_context(_port(link, pty_link, bitrate, listen, lan=lan))
+            server = None
+            if control is not None:
+                server = ControlServer(control)
+                stack.callback(server.close)
             sys.stdout.write(f"ready {port.path}\n")
             sys.stdout.flush()
-            say(
+            _tell(
                 f"virtual sweeper, node {node}, in {plan.name} ({noise} noise, seed {seed}, "
                 f"{link}); Ctrl-C ends it"
             )
-            serve(device, port, stopper, _recording(writer) if writer else None)
+            watchers = Watchers(
+                on_truth=_recording(writer) if writer else None,
+                on_fault=_on_fault(writer),
+                on_plug=_on_plug,
+            )
+            _warn(link, listen, lan=lan)
+            report = serve(rig, port, stopper, watchers, server)
+            _sum_up(rig, report, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
-    finally:
-        if writer is not None:
-            writer.close()
     return 0
 
 
-def _port(link: str, pty_link: Path | None, bitrate: int, *, lan: bool) -> PtyPort | MulticastPort:
-    from sim_device.ports import MulticastPort, PtyPort, SlcanPort
+def _check(  # noqa: PLR0913 - the options that exclude each other
+    link: str,
+    baud: int | None,
+    listen: tuple[str, int] | None,
+    pty_link: Path | None,
+    *,
+    lan: bool,
+    as_json: bool,
+) -> None:
+    if lan and link not in {"udpcan", "tcp"}:
+        raise click.UsageError("--lan goes with --link udpcan or tcp")
+    if lan and listen is not None:
+        raise click.UsageError("--lan and --listen both say where to listen; give one")
+    if listen is not None and link != "tcp":
+        raise click.UsageError("--listen goes with --link tcp")
+    if pty_link is not None and link not in {"pty", "slcan"}:
+        raise click.UsageError("--pty-link goes with --link pty or slcan")
+    if baud is not None and link not in _SERIAL:
+        raise click.UsageError("--baud goes with --link pty or tcp; a bus has a --bitrate")
+    if as_json:
+        raise click.UsageError("--json goes with --list-faults")
+
+
+def _warn(link: str, listen: tuple[str, int] | None, *, lan: bool) -> None:
+    from sim_device.ports.tcp import is_loopback
+
+    if link == "tcp" and (lan or (listen is not None and not is_loopback(listen[0]))):
+        _tell("warning: whoever reaches this port over the network can drive the robot")
+
+
+def _signals() -> list[signal.Signals]:
+    """Those that end it; SIGHUP where there is one."""
+    names = ("SIGINT", "SIGTERM", "SIGHUP")
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+def _line(link: str, baud: int | None, latency_ms: float | None, bitrate: int) -> LineSettings:
+    from sim_device.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
+
+    default_us = 0 if link == "udpcan" else DEFAULT_LATENCY_US
+    latency_us = default_us if latency_ms is None else round(1000.0 * latency_ms)
+    if link in _SERIAL:
+        return LineSettings(DEFAULT_BAUD if baud is None else baud, latency_us)
+    return LineSettings(0, latency_us, bitrate)
+
+
+def _port(
+    link: str, pty_link: Path | None, bitrate: int, listen: tuple[str, int] | None, *, lan: bool
+) -> DevicePort:
+    from sim_device.ports import MulticastPort, PtyPort, SlcanPort, TcpPort
 
     match link:
         case "slcan":
             return SlcanPort(pty_link, bitrate=bitrate)
         case "udpcan":
             return MulticastPort(lan=lan)
+        case "tcp":
+            host, number = listen or ("0.0.0.0" if lan else "127.0.0.1", 0)  # noqa: S104 - --lan
+            return TcpPort(host, number, _tell)
         case _:
             return PtyPort(pty_link)
+
+
+def _tell(text: str) -> None:
+    """A line for people; whoever read them may have left, and the device runs on."""
+    try:
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        pass
+
+
+def _on_plug(name: str | None) -> None:
+    _tell("the port is unplugged" if name is None else f"the port is back: {name}")
+
+
+def _on_fault(writer: RunWriter | None) -> Callable[[FaultEvent, int], None]:
+    from tools.fault_help import fault_record
+
+    def tell(event: FaultEvent, unix_ns: int) -> None:
+        _tell(f"fault at {event.t_us / 1e6:.2f} s: {event.text}")
+        if writer is not None:
+            writer.write(fault_record(event, unix_ns))
+
+    return tell
+
+
+def _sum_up(rig: Rig, report: ServeReport, *, asked: bool) -> None:
+    counts, late = rig.counts(), report.lateness
+    if asked and late.periods:
+        _tell(
+            f"ran {report.duration_s:.1f} s: {late.periods} turns, 99 of 100 at most "
+            f"{late.percentile_us(99.0) / 1000:.2f} ms late, the worst "
+            f"{late.worst_us / 1000:.2f} ms; "
+            f"{counts.to_host} B to the host, {counts.from_host} B from it"
+        )
+    lost = {
+        "by the device, which had more to say than the line carries": counts.device_overrun,
+        "in the adapter, because the host did not read": counts.adapter_overrun,
+    }
+    for where, count in lost.items():
+        if count and (asked or rig.host_heard):
+            _tell(f"{count} B were lost {where}")
 
 
 def _truth_writer(  # noqa: PLR0913 - what a log says of itself

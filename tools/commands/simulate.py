@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from bridge.host import Host
     from bridge.mission import Ending
+    from sim_device.faults.spec import FaultSpec
+    from sim_device.line import LineSettings
 
 
 @click.command("simulate", epilog="Example:  sweepctl simulate case-1 --planner paper --json")
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 )
 @options.seed_option
 @options.noise_option
+@options.fault_option
+@options.baud_option
+@options.latency_option
 @click.option(
     "--max-time",
     "max_time_s",
@@ -45,6 +50,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     planner: str,
     seed: int,
     noise: str,
+    fault: tuple[FaultSpec, ...],
+    baud: int | None,
+    latency_ms: float | None,
     max_time_s: float,
     robot: Path | None,
     out: Path | None,
@@ -67,6 +75,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     plan = load_room(room)
     model, robot_toml = load_robot(robot)
     check_start(plan, model)
+    check_faults(plan, fault)
     path = options.log_path(out, plan.name)
     info = RunInfo(
         "virtual",
@@ -77,7 +86,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         EPOCH_NS - HOST_BOOT_NS,
         robot_toml,
         plan,
-        {"noise": noise},
+        {"noise": noise, **({"faults": " ".join(spec.text for spec in fault)} if fault else {})},
     )
     writer = RunWriter(path, info, force=force)
     try:
@@ -93,6 +102,8 @@ def command(  # noqa: PLR0913 - one parameter per option
                     max_time_s=max_time_s,
                     progress=progress,
                     ended=ended,
+                    faults=fault,
+                    line=_line(baud, latency_ms),
                 )
             summary = summarise(run, plan, planner, seed, str(path))
             writer.close(summary)
@@ -108,6 +119,29 @@ def check_start(plan: Any, model: Any) -> None:  # noqa: ANN401 - imported when 
     from sim_device.world import World
 
     World(plan, model)
+
+
+def check_faults(plan: Any, faults: tuple[FaultSpec, ...]) -> None:  # noqa: ANN401 - as above
+    """Refuse a fault that cannot be in this room, before a log is made."""
+    from sim_device.faults.bench import UnknownObstacleError, check_obstacle
+
+    for spec in faults:
+        try:
+            check_obstacle(plan, spec.values)
+        except UnknownObstacleError as error:
+            raise click.BadParameter(f"{spec.text}: {error}", param_hint="'--fault'") from None
+
+
+def _line(baud: int | None, latency_ms: float | None) -> LineSettings | None:
+    """The line that was asked for; None: the plain delay of a virtual run."""
+    if baud is None and latency_ms is None:
+        return None
+    from sim_device.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
+
+    return LineSettings(
+        DEFAULT_BAUD if baud is None else baud,
+        DEFAULT_LATENCY_US if latency_ms is None else round(1000.0 * latency_ms),
+    )
 
 
 @contextlib.contextmanager

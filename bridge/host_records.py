@@ -1,0 +1,172 @@
+"""What a host puts on record, and in which form."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.telemetry import (
+    ClockRecord,
+    CommandRecord,
+    CoverageRecord,
+    DeviceMessage,
+    EventRecord,
+    IdentityRecord,
+    LogRecord,
+    PlannerRecord,
+    PoseRecord,
+    RawBytes,
+    RawCan,
+    Severity,
+)
+from protocol.can_frames import RECORD
+from protocol.values import LogLevel, ResetCause, label
+
+if TYPE_CHECKING:
+    from bridge.coverage.planner import PlannerState
+    from bridge.coverage.swept_map import SweptMap
+    from bridge.mission import Runner
+    from bridge.motion.estimator import PoseEstimator
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.observation import VelocityCommand
+    from bridge.record.sink import Sink
+    from bridge.session_events import Agreed
+    from bridge.timesync import Mapped, TimeSync
+    from protocol.link import Received
+    from protocol.messages import Hello, LogText
+
+_LEVELS = {
+    LogLevel.DEBUG: Severity.DEBUG,
+    LogLevel.INFO: Severity.INFO,
+    LogLevel.WARNING: Severity.WARNING,
+    LogLevel.ERROR: Severity.ERROR,
+}
+_new = tuple.__new__
+
+
+class HostRecords:
+    """Writes a host's records; takes the host's clock and gives them Unix time."""
+
+    def __init__(self, sink: Sink, unix_offset_ns: int, planner: str) -> None:
+        self._write = sink.write
+        self._unix_offset_ns = unix_offset_ns
+        self._planner = planner
+        self._planner_state: PlannerState | None = None
+
+    def event(
+        self,
+        now_ns: int,
+        severity: Severity,
+        source: str,
+        kind: str,
+        text: str,
+        **data: float | str | bool,
+    ) -> None:
+        """Something worth finding again."""
+        log_ns = now_ns + self._unix_offset_ns
+        self._write(EventRecord(log_ns, severity, source, kind, text, data))
+
+    def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
+        """What a serial port gave or took."""
+        self._write(_new(RawBytes, (now_ns + self._unix_offset_ns, outgoing, data)))
+
+    def can(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
+        """Frames that a bus gave or took."""
+        log_ns = now_ns + self._unix_offset_ns
+        for can_id, length, content in RECORD.iter_unpack(data):
+            self._write(RawCan(log_ns, outgoing, can_id, content[:length]))
+
+    def message(self, received: Received, mapped: Mapped | None, now_ns: int) -> None:
+        """A message of the device, with its moment on our clock where that is known."""
+        message, frame, spec = received
+        _, node, _, seq, t_us, _ = frame
+        offset_ns = self._unix_offset_ns
+        publish_ns = bound_ns = None
+        if mapped is not None:
+            host_ns, bound_ns = mapped
+            publish_ns = host_ns + offset_ns
+        log_ns = now_ns + offset_ns
+        row = (log_ns, publish_ns, bound_ns, node, seq, t_us, spec.name, message)
+        self._write(_new(DeviceMessage, row))
+
+    def log_text(self, message: LogText, now_ns: int) -> None:
+        """A line of the device's own log."""
+        severity = _LEVELS.get(LogLevel(message.level & 3), Severity.INFO)
+        log_ns = now_ns + self._unix_offset_ns
+        self._write(LogRecord(log_ns, severity, "device", message.line))
+
+    def identity(self, event: Agreed, now_ns: int) -> None:
+        """The device that a session agreed with."""
+        hello = event.hello
+        self._write(
+            IdentityRecord(
+                now_ns + self._unix_offset_ns,
+                event.node,
+                hello.uid,
+                hello.boot_id,
+                hello.session_id,
+                label(ResetCause, hello.reset_cause),
+                f"{hello.name} {hello.version_major}.{hello.version_minor}.{hello.version_patch}",
+                hello.catalogue_hash,
+            )
+        )
+
+    def command(self, command: VelocityCommand, target: VelocityCommand, now_ns: int) -> None:
+        """A velocity that was sent, and the one wanted before smoothing."""
+        self._write(_new(CommandRecord, (now_ns + self._unix_offset_ns, *command, *target)))
+
+    def pose(self, pose: Pose2, estimator: PoseEstimator, now_ns: int) -> None:
+        """The estimate of a control step."""
+        (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = estimator.covariance
+        self._write(
+            PoseRecord(
+                now_ns + self._unix_offset_ns,
+                pose,
+                estimator.v_m_s,
+                estimator.yaw_rate_rad_s,
+                (xx, xy, xt, yx, yy, yt, tx, ty, tt),
+                estimator.gyro_bias_rad_s,
+                1.0,
+            )
+        )
+
+    def plan(self, runner: Runner, now_ns: int) -> None:
+        """The planner's decisions since the last call, and its state where that has changed."""
+        for decision in runner.drain_events():
+            self.event(
+                now_ns, Severity.INFO, "planner", decision.kind, decision.reason, **decision.data
+            )
+        state, known = runner.state, self._planner_state
+        if state is not known and state != known:
+            self._planner_state = state
+            self._write(PlannerRecord(now_ns + self._unix_offset_ns, self._planner, state))
+
+    def swept(self, swept: SweptMap, now_ns: int) -> None:
+        """The map of the swept floor so far."""
+        grid = swept.to_occupancy()
+        self._write(
+            CoverageRecord(
+                now_ns + self._unix_offset_ns,
+                grid.cells,
+                grid.origin_x_m,
+                grid.origin_y_m,
+                grid.resolution_m,
+            )
+        )
+
+    def clock(self, sync: TimeSync, hello: Hello, now_ns: int) -> None:
+        """The fit of the device's clock to ours, once there is one."""
+        fit = sync.fit
+        if fit is None:
+            return
+        offset_ns = self._unix_offset_ns
+        self._write(
+            ClockRecord(
+                now_ns + offset_ns,
+                round(fit.host_ns) + offset_ns - fit.device_us * 1000,
+                fit.drift * 1e6,
+                round(fit.bound_ns),
+                sync.round_trip_ns,
+                sync.samples,
+                hello.boot_id,
+            )
+        )

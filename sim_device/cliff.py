@@ -1,0 +1,46 @@
+"""Missing floor, as sensor and wheels meet it.
+
+The cliff sensor: reflex light barriers under the front rim that look for the floor.
+
+Three of them, straight ahead and 45° to either side, 1 cm inside the rim; together they are
+one bit. The floor is missing in a room's ``cliffs``, and under a robot that is held up. What
+stands on the floor (carpet, threshold) is floor to them. What becomes of a robot that drives
+on is told in ``plant``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.coverage.floorplan import contains
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import Polygon
+    from bridge.motion.geometry import Pose2
+
+INSIDE_RIM_M = 0.01
+BEARINGS_RAD = (-0.25 * math.pi, 0.0, 0.25 * math.pi)
+
+
+class CliffSensor:
+    """Its spots on the floor."""
+
+    __slots__ = ("_spots",)
+
+    def __init__(self, radius_m: float) -> None:
+        """Sit under the rim of a disc."""
+        reach_m = radius_m - INSIDE_RIM_M
+        self._spots = [(reach_m * math.cos(b), reach_m * math.sin(b)) for b in BEARINGS_RAD]
+
+    def sees_none(self, pose: Pose2, cliffs: tuple[Polygon, ...]) -> bool:
+        """Whether any spot of a robot at ``pose`` is over missing floor."""
+        return any(
+            contains(cliff, *pose.transform(*spot)) for spot in self._spots for cliff in cliffs
+        )
+
+
+def wheel_over(pose: Pose2, half_base_m: float, cliffs: tuple[Polygon, ...]) -> bool:
+    """Whether the floor is missing under either wheel of a robot at ``pose``."""
+    wheels = (pose.transform(0.0, half_base_m), pose.transform(0.0, -half_base_m))
+    return any(contains(cliff, *wheel) for wheel in wheels for cliff in cliffs)

@@ -1,0 +1,1 @@
+"""Faults to be injected: their texts, what each does, and when."""

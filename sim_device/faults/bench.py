@@ -1,0 +1,195 @@
+"""What faults do to one virtual sweeper: the one place that knows where its knobs are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from bridge.motion.robot_model import RobotModel
+from protocol.values import ResetCause
+from sim_device.world import World
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bridge.coverage.floorplan import FloorPlan
+    from sim_device.device import VirtualSweeper
+    from sim_device.faults.knobs import Knobs, Walker
+    from sim_device.faults.spec import Value
+
+STEP_US = 20_000
+"""How often a person's place is renewed: 16 mm at 0.8 m/s."""
+BODY_GAP_M = 0.02
+"""A person stops this far from the robot."""
+_PLANT = ("stuck_left", "stuck_right", "slip_left", "slip_right", "lifted")
+_SENSORS = (
+    "imu_frozen",
+    "gyro_bias_deg_s",
+    "accel_bias_g",
+    "encoder_dropout_left",
+    "encoder_dropout_right",
+    "ultrasonic_blind",
+    "ultrasonic_lie_m",
+    "bumper_stuck_left",
+    "bumper_stuck_right",
+    "lifted",
+)
+
+
+class UnknownObstacleError(ValueError):
+    """A fault moves an obstacle that the room does not have."""
+
+    def __init__(self, index: int, count: int) -> None:
+        """Keep both numbers."""
+        self.index, self.count = index, count
+        has = f"0 to {count - 1}" if count > 1 else "only 0" if count else "none"
+        super().__init__(f"the room has no obstacle {index}; it has {has}")
+
+
+class Bench:
+    """Hands for one device."""
+
+    def __init__(self, device: VirtualSweeper) -> None:
+        """Touch nothing yet."""
+        self._device = device
+        self._world = device.plant.world
+        self._drift_ppm = 0.0
+        self._moved: dict[int, tuple[float, float]] = {}
+        self._walker: Walker | None = None
+        self._path: _Path | None = None
+
+    # ---- what lasts -----------------------------------------------------------------------
+
+    def turn(self, knobs: Knobs, now_us: int) -> None:
+        """Let the device be as the knobs say."""
+        device = self._device
+        for name in _PLANT:
+            setattr(device.plant.faults, name, getattr(knobs, name))
+        for name in _SENSORS:
+            setattr(device.sensors.faults, name, getattr(knobs, name))
+        if knobs.drift_ppm != self._drift_ppm:
+            device.clock.drift_ppm += knobs.drift_ppm - self._drift_ppm
+            self._drift_ppm = knobs.drift_ppm
+        if knobs.moved != self._moved:
+            device.plant.replace_world(self._rebuilt(knobs.moved))
+            self._moved = dict(knobs.moved)
+        if knobs.walker != self._walker:
+            self._walker = knobs.walker
+            if knobs.walker is None:
+                self._path = None
+                device.plant.clear_walker()
+            else:
+                self._path = _Path(knobs.walker, device, now_us)
+                self._path.step(now_us)
+
+    def check(self, values: Mapping[str, Value]) -> None:
+        """Say at once what could only fail later.
+
+        Raises:
+            UnknownObstacleError: there is no such obstacle.
+
+        """
+        check_obstacle(self._world.plan, values)
+
+    def _rebuilt(self, moved: Mapping[int, tuple[float, float]]) -> World:
+        if not moved:
+            return self._world
+        plan = moved_plan(self._world.plan, moved)
+        model = RobotModel(robot_diameter_m=2.0 * self._world.radius_m)
+        return World(plan, model, check_start=False)
+
+    # ---- a person -------------------------------------------------------------------------
+
+    def next_us(self) -> int | None:
+        """When the person takes the next step."""
+        return None if self._path is None else self._path.next_us
+
+    def walk(self, now_us: int) -> None:
+        """Let the person walk."""
+        if self._path is not None:
+            self._path.step(now_us)
+
+    # ---- what is over at once -------------------------------------------------------------
+
+    def strike(self, what: str, values: Mapping[str, Value]) -> None:
+        """Do what a kind names in ``strike``."""
+        {
+            "reset": self._reset,
+            "hang": self._hang,
+            "brown_out": self._brown_out,
+            "clock_jump": self._clock_jump,
+            "battery_flat": self._battery_flat,
+        }[what](values)
+
+    def _reset(self, values: Mapping[str, Value]) -> None:
+        self._device.reset(ResetCause[str(values["cause"]).upper()])
+
+    def _hang(self, values: Mapping[str, Value]) -> None:
+        del values
+        self._device.hang()
+
+    def _brown_out(self, values: Mapping[str, Value]) -> None:
+        self._device.reset(ResetCause.BROWN_OUT, off_s=float(values["off"]))
+
+    def _clock_jump(self, values: Mapping[str, Value]) -> None:
+        self._device.clock.jump_us(round(1000.0 * float(values["ms"])))
+
+    def _battery_flat(self, values: Mapping[str, Value]) -> None:
+        self._device.plant.set_charge(float(values["charge"]))
+
+
+def check_obstacle(plan: FloorPlan, values: Mapping[str, Value]) -> None:
+    """Check that an obstacle which a fault names by its index is there.
+
+    Raises:
+        UnknownObstacleError: it is not.
+
+    """
+    count = len(plan.obstacles)
+    if "index" in values and float(values["index"]) >= count:
+        raise UnknownObstacleError(round(float(values["index"])), count)
+
+
+def moved_plan(plan: FloorPlan, moved: Mapping[int, tuple[float, float]]) -> FloorPlan:
+    """The room with some obstacles moved by (dx, dy) metres."""
+    obstacles = tuple(
+        tuple((x + moved[i][0], y + moved[i][1]) for x, y in obstacle) if i in moved else obstacle
+        for i, obstacle in enumerate(plan.obstacles)
+    )
+    return replace(plan, obstacles=obstacles)
+
+
+class _Path:
+    """To and fro across the way that the robot faced as the person came."""
+
+    def __init__(self, walker: Walker, device: VirtualSweeper, now_us: int) -> None:
+        pose = device.plant.pose
+        self._walker, self._device = walker, device
+        c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
+        self._x_m, self._y_m = pose.x_m + walker.ahead_m * c, pose.y_m + walker.ahead_m * s
+        self._along = (-s, c)
+        self._offset_m = walker.reach_m  # comes from the left
+        self._direction = -1.0
+        self._last_us = now_us
+        self.next_us = now_us + STEP_US
+
+    def step(self, now_us: int) -> None:
+        walker, plant = self._walker, self._device.plant
+        gone_m = walker.speed_m_s * (now_us - self._last_us) * 1e-6
+        self._last_us, self.next_us = now_us, now_us + STEP_US
+        offset_m = self._offset_m + self._direction * gone_m
+        direction = self._direction
+        if abs(offset_m) > walker.reach_m:
+            offset_m = math.copysign(max(0.0, 2.0 * walker.reach_m - abs(offset_m)), offset_m)
+            direction = -direction
+        x_m, y_m = self._at(offset_m)
+        pose = plant.pose
+        apart_m = plant.world.radius_m + walker.radius_m + BODY_GAP_M
+        free = math.hypot(x_m - pose.x_m, y_m - pose.y_m) > apart_m
+        if free:
+            self._offset_m, self._direction = offset_m, direction
+        plant.set_walker(*self._at(self._offset_m), walker.radius_m)
+
+    def _at(self, offset_m: float) -> tuple[float, float]:
+        return self._x_m + self._along[0] * offset_m, self._y_m + self._along[1] * offset_m

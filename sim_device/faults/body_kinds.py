@@ -1,0 +1,226 @@
+"""Faults of the device and of the floor: processor, clock, sensors, wheels, battery, people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sim_device.faults.knobs import Knobs, Walker, either
+from sim_device.faults.spec import Choice, FaultKind, Number, Value
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_SIDE = Choice("side", "which", ("left", "right", "both"), "left")
+_BOTH = Choice("side", "which", ("left", "right", "both"), "both")
+
+
+def _clock_drift(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    knobs.drift_ppm += float(values["ppm"])
+
+
+def _imu_frozen(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    knobs.imu_frozen = True
+
+
+def _imu_biased(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    x, y, z = knobs.gyro_bias_deg_s
+    knobs.gyro_bias_deg_s = (x, y, z + float(values["gyro"]))
+    x, y, z = knobs.accel_bias_g
+    knobs.accel_bias_g = (x + float(values["accel"]), y, z)
+
+
+def _encoder_dropout(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    share = float(values["share"])
+    for side in knobs.sides(str(values["side"])):
+        name = f"encoder_dropout_{side}"
+        setattr(knobs, name, either(getattr(knobs, name), share))
+
+
+def _wheel_stuck(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for side in knobs.sides(str(values["side"])):
+        setattr(knobs, f"stuck_{side}", True)
+
+
+def _wheel_slip(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    share = float(values["share"])
+    for side in knobs.sides(str(values["side"])):
+        name = f"slip_{side}"
+        setattr(knobs, name, either(getattr(knobs, name), share))
+
+
+def _ultrasonic_blind(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    knobs.ultrasonic_blind = True
+
+
+def _ultrasonic_lies(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    knobs.ultrasonic_lie_m = float(values["m"])
+
+
+def _bumper_stuck(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for side in knobs.sides(str(values["side"])):
+        setattr(knobs, f"bumper_stuck_{side}", True)
+
+
+def _lifted(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    knobs.lifted = True
+
+
+def _obstacle(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    index = round(float(values["index"]))
+    dx, dy = knobs.moved.get(index, (0.0, 0.0))
+    knobs.moved[index] = (dx + float(values["dx"]), dy + float(values["dy"]))
+
+
+def _person(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    knobs.walker = Walker(
+        float(values["ahead"]),
+        float(values["reach"]),
+        float(values["speed"]),
+        float(values["radius"]),
+    )
+
+
+BODY_KINDS = (
+    FaultKind(
+        "reset",
+        "The processor starts anew.",
+        "reset@30:cause=watchdog",
+        (
+            Choice(
+                "cause",
+                "what the firmware finds as the cause",
+                ("pin", "watchdog", "software", "power_on"),
+                "pin",
+            ),
+        ),
+        strike="reset",
+    ),
+    FaultKind(
+        "hang",
+        "The firmware stands still with its outputs as they are, until its independent watchdog "
+        "resets it after 0.1 s.",
+        "hang@30",
+        strike="hang",
+    ),
+    FaultKind(
+        "brown-out",
+        "The 5 V rail falls below what the processor needs, and comes back after the time off.",
+        "brown-out@30:off=0.5",
+        (Number("off", "time without power", "s", 0.2, 0.0, 60.0),),
+        strike="brown_out",
+    ),
+    FaultKind(
+        "clock-drift",
+        "The device's clock runs fast (positive) or slow.",
+        "clock-drift@10:60:ppm=80",
+        (Number("ppm", "so many millionths", "ppm", 100.0, -10_000.0, 10_000.0),),
+        _clock_drift,
+    ),
+    FaultKind(
+        "clock-jump",
+        "The device's clock jumps.",
+        "clock-jump@20:ms=-50",
+        (Number("ms", "forward, or back where negative", "ms", 100.0, -60_000.0, 60_000.0),),
+        strike="clock_jump",
+    ),
+    FaultKind(
+        "imu-frozen",
+        "The inertial sensor's registers no longer change, as after a bus fault.",
+        "imu-frozen@20:10",
+        (),
+        _imu_frozen,
+    ),
+    FaultKind(
+        "imu-biased",
+        "The inertial sensor is off by a constant.",
+        "imu-biased@20:60:gyro=2",
+        (
+            Number("gyro", "added to the yaw rate", "°/s", 1.0, -250.0, 250.0),
+            Number("accel", "added to the forward acceleration", "g", 0.0, -2.0, 2.0),
+        ),
+        _imu_biased,
+    ),
+    FaultKind(
+        "encoder-dropout",
+        "An encoder misses counts.",
+        "encoder-dropout@20:10:side=right,share=0.5",
+        (_SIDE, Number("share", "share of counts missed", "", 1.0, 0.0, 1.0)),
+        _encoder_dropout,
+    ),
+    FaultKind(
+        "wheel-stuck",
+        "A gearbox is jammed: the wheel does not turn, its motor draws its stall current.",
+        "wheel-stuck@20:3:side=left",
+        (_SIDE,),
+        _wheel_stuck,
+    ),
+    FaultKind(
+        "wheel-slip",
+        "A wheel turns and takes the robot less far than it should.",
+        "wheel-slip@20:5:side=both,share=0.5",
+        (_BOTH, Number("share", "share of the wheel's travel lost", "", 0.3, 0.0, 1.0)),
+        _wheel_slip,
+    ),
+    FaultKind(
+        "ultrasonic-blind",
+        "The ultrasonic sensor hears no echo.",
+        "ultrasonic-blind@20:10",
+        (),
+        _ultrasonic_blind,
+    ),
+    FaultKind(
+        "ultrasonic-lies",
+        "The ultrasonic sensor gives one distance, whatever is there.",
+        "ultrasonic-lies@20:10:m=1.5",
+        (Number("m", "that distance", "m", 0.5, 0.02, 4.0),),
+        _ultrasonic_lies,
+    ),
+    FaultKind(
+        "bumper-stuck",
+        "A half of the bumper stays pressed.",
+        "bumper-stuck@20:10:side=left",
+        (_SIDE,),
+        _bumper_stuck,
+    ),
+    FaultKind(
+        "battery-flat",
+        "The battery is nearly empty from now on.",
+        "battery-flat@60:charge=0.02",
+        (Number("charge", "share of its charge that is left", "", 0.02, 0.0, 1.0),),
+        strike="battery_flat",
+    ),
+    FaultKind(
+        "lifted",
+        "Somebody holds the robot up: its wheels turn free, the cliff sensor sees no floor.",
+        "lifted@20:3",
+        (),
+        _lifted,
+    ),
+    FaultKind(
+        "obstacle",
+        "An obstacle of the room is moved, and moved back after the duration, if one is given.",
+        "obstacle@30:index=0,dx=0.3,dy=-0.2",
+        (
+            Number("index", "which, in the room file's order, from 0", "", 0.0, 0.0, 999.0),
+            Number("dx", "along x", "m", 0.2, -20.0, 20.0),
+            Number("dy", "along y", "m", 0.0, -20.0, 20.0),
+        ),
+        _obstacle,
+    ),
+    FaultKind(
+        "person",
+        "A leg walks to and fro across the way that the robot faced as it came; it waits rather "
+        "than walk into the robot. One at a time: a second takes the place of the first.",
+        "person@20:15:ahead=0.8,speed=0.5",
+        (
+            Number("ahead", "how far before the robot's centre", "m", 0.8, 0.3, 10.0),
+            Number("speed", "of the walk", "m/s", 0.8, 0.0, 5.0),
+            Number("reach", "how far to either side it goes", "m", 1.0, 0.0, 10.0),
+            Number("radius", "of the leg", "m", 0.06, 0.01, 0.5),
+        ),
+        _person,
+    ),
+)

@@ -1,0 +1,187 @@
+"""Which faults are active when, and what the device and its line make of all of them together.
+
+Every change computes all knobs anew from the faults that are active, in the order in which they
+were asked for: faults compose, and the end of one never ends another.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sim_device.faults.bench import Bench, UnknownObstacleError
+from sim_device.faults.kinds import KINDS, parse_fault_now
+from sim_device.faults.knobs import Knobs
+from sim_device.faults.spec import FaultSpec, FaultSpecError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from sim_device.device import VirtualSweeper
+
+_EVENTS_KEPT = 1000
+MAX_FAULTS = 1000
+"""That wait or are active at once: what a runaway script could ask for is bounded."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultEvent:
+    """A fault began, struck or ended."""
+
+    t_us: int
+    """Since the device was switched on."""
+    what: str
+    """``began``, ``struck``, ``ended`` or ``cleared``."""
+    spec: FaultSpec
+
+    @property
+    def text(self) -> str:
+        """A line for people."""
+        return f"{self.spec.kind.name} {self.what} ({self.spec.text})"
+
+
+@dataclass(slots=True)
+class _Injected:
+    spec: FaultSpec
+    begin_us: int
+    end_us: int | None
+    active: bool = False
+
+
+class FaultInjector:
+    """Begins and ends faults on one device, at their times or when told to."""
+
+    def __init__(self, device: VirtualSweeper, specs: Iterable[FaultSpec] = ()) -> None:
+        """Plan ``specs``.
+
+        Raises:
+            FaultSpecError: one of them cannot be on this device.
+
+        """
+        self._bench = Bench(device)
+        self._now_us = 0
+        self._faults: list[_Injected] = []
+        self._changed = False
+        self.knobs = Knobs()
+        self.events: deque[FaultEvent] = deque(maxlen=_EVENTS_KEPT)
+        """What has happened and was not fetched yet, oldest first."""
+        for spec in specs:
+            self.start(spec)
+
+    # ---- asked for ------------------------------------------------------------------------
+
+    def start(self, fault: FaultSpec | str) -> FaultSpec:
+        """Let a fault begin at its time, or at once if it has none or that is past.
+
+        Raises:
+            FaultSpecError: the text is none, or it cannot be on this device.
+
+        """
+        spec = parse_fault_now(fault) if isinstance(fault, str) else fault
+        try:
+            self._bench.check(spec.values)
+        except UnknownObstacleError as error:
+            raise FaultSpecError(spec.text, str(error)) from None
+        if len(self._faults) >= MAX_FAULTS:
+            raise FaultSpecError(spec.text, f"{MAX_FAULTS} faults wait or are active already")
+        begin_us = self._now_us
+        if spec.at_s is not None:
+            asked_us = round(spec.at_s * 1e6) + (self._now_us if spec.relative else 0)
+            begin_us = max(asked_us, begin_us)
+        end_us = None if spec.for_s is None else begin_us + round(spec.for_s * 1e6)
+        self._faults.append(_Injected(spec, begin_us, end_us))
+        return spec
+
+    def clear(self, kind: str | None = None) -> int:
+        """End all faults of a kind (of every kind), those that wait too; how many there were.
+
+        Raises:
+            FaultSpecError: there is no such kind.
+
+        """
+        if kind is not None and kind not in KINDS:
+            raise FaultSpecError(kind, f"there is no such kind; they are {', '.join(KINDS)}")
+        gone = [f for f in self._faults if kind in {None, f.spec.kind.name}]
+        for fault in gone:
+            self._faults.remove(fault)
+            if fault.active:
+                self._changed = True
+                self._tell("cleared", fault.spec)
+        return len(gone)
+
+    @property
+    def active(self) -> list[FaultSpec]:
+        """The lasting faults that are in force."""
+        return [fault.spec for fault in self._faults if fault.active]
+
+    @property
+    def waiting(self) -> list[FaultSpec]:
+        """The faults whose time has not come."""
+        return [fault.spec for fault in self._faults if not fault.active]
+
+    def take_events(self) -> list[FaultEvent]:
+        """Fetch and forget what has happened."""
+        events = list(self.events)
+        self.events.clear()
+        return events
+
+    # ---- time -----------------------------------------------------------------------------
+
+    def lived(self, now_us: int) -> None:
+        """Take note of the time: what is asked for without one begins then."""
+        self._now_us = max(now_us, self._now_us)
+
+    def next_us(self) -> int | None:
+        """When :meth:`run` has something to do; None: never, as things are."""
+        if self._changed:
+            return self._now_us
+        return min(self._edges(), default=None)
+
+    def _edges(self) -> Iterator[int]:
+        step_us = self._bench.next_us()
+        if step_us is not None:
+            yield step_us
+        for fault in self._faults:
+            if not fault.active:
+                yield fault.begin_us
+            elif fault.end_us is not None:
+                yield fault.end_us
+
+    def run(self, now_us: int) -> bool:
+        """Begin and end what is due; whether the knobs have been turned."""
+        self.lived(now_us)
+        changed, self._changed = self._changed, False
+        for fault in list(self._faults):
+            if not fault.active and fault.begin_us <= now_us:
+                changed |= self._begin(fault)
+            if fault.active and fault.end_us is not None and fault.end_us <= now_us:
+                self._faults.remove(fault)
+                self._tell("ended", fault.spec)
+                changed = True
+        if changed:
+            self._turn()
+        else:
+            self._bench.walk(now_us)
+        return changed
+
+    def _begin(self, fault: _Injected) -> bool:
+        kind = fault.spec.kind
+        if kind.strike is not None:
+            self._faults.remove(fault)
+            self._bench.strike(kind.strike, fault.spec.values)
+            self._tell("struck", fault.spec)
+            return False
+        fault.active = True
+        self._tell("began", fault.spec)
+        return True
+
+    def _turn(self) -> None:
+        self.knobs = Knobs()
+        for fault in self._faults:
+            if fault.active and fault.spec.kind.turn is not None:
+                fault.spec.kind.turn(self.knobs, fault.spec.values)
+        self._bench.turn(self.knobs, self._now_us)
+
+    def _tell(self, what: str, spec: FaultSpec) -> None:
+        self.events.append(FaultEvent(self._now_us, what, spec))

@@ -1,0 +1,150 @@
+"""Faults of the line: what cables, adapters, drivers and sparks do to bytes.
+
+On a CAN bus they act on frames: there a damaged one is found by the controllers' own CRC and
+sent again, so that flips and bursts cost time instead of content.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sim_device.faults.knobs import either
+from sim_device.faults.spec import Choice, FaultKind, Number, Value
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sim_device.faults.knobs import Knobs
+
+_WAY = Choice("way", "up: device to host; down: host to device", ("up", "down", "both"), "both")
+
+
+def _share(default: float, what: str) -> Number:
+    return Number("rate", f"share of the line's bytes {what}", "", default, 0.0, 1.0)
+
+
+def _flips(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.flips = either(wire.flips, float(values["rate"]))
+
+
+def _loss(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.loss = either(wire.loss, float(values["rate"]))
+
+
+def _duplicates(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.duplicates = either(wire.duplicates, float(values["rate"]))
+        wire.duplicate_bytes = max(wire.duplicate_bytes, round(float(values["length"])))
+
+
+def _bursts(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.bursts = either(wire.bursts, float(values["rate"]))
+        wire.burst_bytes = max(wire.burst_bytes, round(float(values["length"])))
+
+
+def _latency(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.latency_us += round(1000.0 * float(values["ms"]))
+
+
+def _jitter(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.jitter_us += round(1000.0 * float(values["ms"]))
+
+
+def _silence(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.silent = True
+
+
+def _wrong_baud(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    for wire in knobs.wires(str(values["way"])):
+        wire.garbled = True
+
+
+def _unplug(knobs: Knobs, values: Mapping[str, Value]) -> None:
+    del values
+    knobs.unplugged = True
+
+
+WIRE_KINDS = (
+    FaultKind(
+        "bit-flips",
+        "Single bits are turned over.",
+        "bit-flips@10:5:rate=0.001",
+        (_share(0.001, "with a wrong bit"), _WAY),
+        _flips,
+    ),
+    FaultKind(
+        "byte-loss",
+        "Single bytes do not arrive, as from an overrun receiver.",
+        "byte-loss@10:5:rate=0.001,way=up",
+        (_share(0.001, "lost"), _WAY),
+        _loss,
+    ),
+    FaultKind(
+        "duplicates",
+        "A stretch of bytes comes twice, as from a USB driver that repeats a packet.",
+        "duplicates@10:5:length=62",
+        (
+            _share(0.001, "after which the stretch before comes again"),
+            Number("length", "bytes that come again", "B", 62.0, 1.0, 1024.0),
+            _WAY,
+        ),
+        _duplicates,
+    ),
+    FaultKind(
+        "bursts",
+        "A stretch of bytes is noise, as from a motor's spark or a loose plug.",
+        "bursts@10:5:rate=0.001,length=20",
+        (
+            _share(0.0005, "at which a burst begins"),
+            Number("length", "bytes that are noise", "B", 16.0, 1.0, 1024.0),
+            _WAY,
+        ),
+        _bursts,
+    ),
+    FaultKind(
+        "latency",
+        "Everything comes later.",
+        "latency@10:20:ms=50,way=down",
+        (Number("ms", "how much later", "ms", 20.0, 0.0, 60_000.0), _WAY),
+        _latency,
+    ),
+    FaultKind(
+        "jitter",
+        "Bytes come later by a time that changes, in their order.",
+        "jitter@10:20:ms=15",
+        (
+            Number("ms", "at most so much later, each lateness as likely", "ms", 10.0, 0, 60_000),
+            _WAY,
+        ),
+        _jitter,
+    ),
+    FaultKind(
+        "silence",
+        "Nothing arrives, while the port stays open.",
+        "silence@10:0.5:way=up",
+        (_WAY,),
+        _silence,
+    ),
+    FaultKind(
+        "wrong-baud",
+        "Both ends run at different baud rates: all that arrives is noise. (A pseudo-terminal "
+        "has no rate, so a real mismatch of `--baud` cannot show on it.)",
+        "wrong-baud@0",
+        (_WAY,),
+        _wrong_baud,
+    ),
+    FaultKind(
+        "unplug",
+        "The plug is pulled, and put back after the duration: the port disappears and comes back "
+        "under the same `--pty-link`; the device runs on.",
+        "unplug@30:4",
+        (),
+        _unplug,
+    ),
+)

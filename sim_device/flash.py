@@ -1,0 +1,103 @@
+"""Two pages of flash that hold the parameters, whatever moment the supply is lost at.
+
+A save erases the page that is not in use, writes the new image there and ends with its check:
+until the last byte stands, the other page is what the next boot finds. The two banks of an
+STM32F429 let the program run on meanwhile (RM0090, section 3: read while write).
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_HEAD = struct.Struct("<IH")
+"""Number of the save, length of the image."""
+_CHECK = struct.Struct("<I")
+_SPAN, _HALF = 1 << 32, 1 << 31
+ERASE_MS = 250
+"""A 16 KiB sector, typical, 32 bits at a time (STM32F429 data sheet, flash programming)."""
+BYTES_PER_MS = 250
+"""A word of four bytes takes 16 µs (same place)."""
+
+
+class Flash:
+    """Both pages, as bytes; ``pages`` may be looked at and spoilt by tests."""
+
+    def __init__(self) -> None:
+        """New from the factory: erased."""
+        self.pages = [b"", b""]
+        self._job: bytes | None = None
+        self._page = 0
+        self._erase_ms = 0
+        self._done = 0
+
+    def load(self) -> dict[str, int]:
+        """The newest whole image; empty where there is none."""
+        newest = self._newest()
+        return {} if newest is None else _read(self.pages[newest])[1]  # type: ignore[index]  # whole
+
+    def erase(self) -> None:
+        """Forget everything, a save under way included."""
+        self.pages = [b"", b""]
+        self._job = None
+
+    @property
+    def busy(self) -> bool:
+        """True while a save is under way."""
+        return self._job is not None
+
+    def begin(self, image: Mapping[str, int]) -> None:
+        """Start to save; :meth:`advance` carries it on."""
+        newest = self._newest()
+        number = 0 if newest is None else _number(self.pages[newest]) + 1
+        self._page = 0 if newest is None else 1 - newest
+        content = json.dumps(dict(image), separators=(",", ":")).encode()
+        record = _HEAD.pack(number % _SPAN, len(content)) + content
+        self._job = record + _CHECK.pack(crc32(record))
+        self._erase_ms, self._done = ERASE_MS, 0
+        self.pages[self._page] = b""
+
+    def advance(self, ms: int) -> bool:
+        """Erase and write for so long; True as the save is complete."""
+        if self._job is None:
+            return False
+        erased_ms = min(ms, self._erase_ms)
+        self._erase_ms -= erased_ms
+        self._done += (ms - erased_ms) * BYTES_PER_MS
+        self.pages[self._page] = self._job[: self._done]
+        if self._done < len(self._job):
+            return False
+        self._job = None
+        return True
+
+    def power_lost(self) -> None:
+        """A reset or the supply ends what was under way: the page stays half written."""
+        self._job = None
+
+    def _newest(self) -> int | None:
+        whole = [page for page in (0, 1) if _read(self.pages[page]) is not None]
+        if len(whole) < len(self.pages):
+            return whole[0] if whole else None
+        ahead = (_number(self.pages[1]) - _number(self.pages[0])) % _SPAN
+        return 1 if 0 < ahead < _HALF else 0
+
+
+def _number(page: bytes) -> int:
+    number: int = _HEAD.unpack_from(page)[0]
+    return number
+
+
+def _read(page: bytes) -> tuple[int, dict[str, int]] | None:
+    """Number and image of a page; None where it is not whole."""
+    if len(page) < _HEAD.size + _CHECK.size:
+        return None
+    number, length = _HEAD.unpack_from(page)
+    end = _HEAD.size + length
+    if len(page) != end + _CHECK.size or _CHECK.unpack_from(page, end)[0] != crc32(page[:end]):
+        return None
+    return number, json.loads(page[_HEAD.size : end])

@@ -1,0 +1,226 @@
+"""The device's modes as a table: what each event does in each state, and on what condition.
+
+The table is the machine: the firmware fires events at it and does what it says, the printed
+specification is drawn from it, and the tests walk through all of it.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.values import Mode, NackReason
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+
+class State(Enum):
+    """Where the device stands; the value is its name in the specification."""
+
+    OFF = "off"
+    """No supply: outputs off, memory lost."""
+    BOOT = "boot"
+    """Supplied and starting: outputs off, deaf and mute."""
+    STOPPED = "stopped"
+    """A stop is latched."""
+    IDLE = "idle"
+    VELOCITY = "velocity"
+    BRINGUP = "bringup"
+    ONBOARD = "onboard"
+    """Ready for the device's own planner."""
+    RUNNING = "running"
+    """The device's own planner drives."""
+    PAUSED = "paused"
+    """The device's own planner holds still, its plan kept."""
+
+
+class Event(Enum):
+    """What may happen; the value is its name in the specification."""
+
+    SUPPLY_LOST = "supply lost"
+    SUPPLY_BACK = "supply back"
+    RESET = "reset"
+    BOOTED = "booted"
+    STOP = "stop"
+    CLEAR = "clear_stop"
+    SET_IDLE = "set_mode idle"
+    SET_VELOCITY = "set_mode velocity"
+    SET_BRINGUP = "set_mode bringup"
+    SET_ONBOARD = "set_mode onboard"
+    START = "planner start"
+    PAUSE = "planner pause"
+    RESUME = "planner resume"
+    ABORT = "planner abort"
+    FINISHED = "planner finished"
+    FAULT = "stopping fault"
+    SILENCE = "host silent"
+    NEW_SESSION = "hello of another session"
+
+
+class Guard(Enum):
+    """A condition on which an event is refused."""
+
+    OTHER_CAUSE = "another cause holds"
+    CAUSE_HOLDS = "what stopped it still holds"
+    FAULT_HOLDS = "a stopping fault holds"
+    NO_PLANNER = "no such planner"
+
+
+Outcome = State | NackReason | None
+"""A state: go there. A reason: refuse. None: nothing to do, and that is fine."""
+
+
+class Branch(NamedTuple):
+    """One outcome and its condition; no guard: else."""
+
+    outcome: Outcome
+    guard: Guard | None = None
+
+
+Branches = tuple[Branch, ...]
+
+MODE_OF: dict[State, Mode] = {
+    State.OFF: Mode.IDLE,
+    State.BOOT: Mode.IDLE,
+    State.STOPPED: Mode.IDLE,
+    State.IDLE: Mode.IDLE,
+    State.VELOCITY: Mode.VELOCITY,
+    State.BRINGUP: Mode.BRINGUP,
+    State.ONBOARD: Mode.ONBOARD,
+    State.RUNNING: Mode.ONBOARD,
+    State.PAUSED: Mode.ONBOARD,
+}
+"""What the status message says of each state."""
+SET_EVENT: dict[int, Event] = {
+    Mode.IDLE: Event.SET_IDLE,
+    Mode.VELOCITY: Event.SET_VELOCITY,
+    Mode.BRINGUP: Event.SET_BRINGUP,
+    Mode.ONBOARD: Event.SET_ONBOARD,
+}
+PLANNING = frozenset({State.RUNNING, State.PAUSED})
+"""States in which there is a plan."""
+GUARDED = frozenset({State.VELOCITY, State.ONBOARD, State.RUNNING, State.PAUSED})
+"""States that a stopping fault ends. In bring-up the wheels are off the floor and turned by
+hand, capped and with somebody beside them."""
+_UNPOWERED = frozenset({State.OFF, State.BOOT})
+_AWAKE = tuple(s for s in State if s not in _UNPOWERED)
+_FREE = tuple(s for s in _AWAKE if s is not State.STOPPED)
+
+
+def _to(state: State, *refusals: Branch) -> Branches:
+    return (*refusals, Branch(state))
+
+
+def _rows() -> Iterator[tuple[State, Event, Branches]]:
+    faulty = Branch(NackReason.FAULT, Guard.FAULT_HOLDS)
+    latched = (Branch(NackReason.STOP_LATCHED),)
+    elsewhere = (Branch(NackReason.OTHER_MODE),)
+
+    yield State.OFF, Event.SUPPLY_BACK, _to(State.BOOT)
+    yield State.BOOT, Event.BOOTED, _to(State.STOPPED)
+    yield State.BOOT, Event.RESET, _to(State.BOOT)
+    yield State.BOOT, Event.SUPPLY_LOST, _to(State.OFF)
+    for state in _AWAKE:
+        yield state, Event.SUPPLY_LOST, _to(State.OFF)
+        yield state, Event.RESET, _to(State.BOOT)
+        yield state, Event.STOP, _to(State.STOPPED)
+
+    yield (
+        State.STOPPED,
+        Event.CLEAR,
+        _to(
+            State.IDLE,
+            Branch(NackReason.OTHER_CAUSE, Guard.OTHER_CAUSE),
+            Branch(NackReason.FAULT, Guard.CAUSE_HOLDS),
+        ),
+    )
+    for event in (
+        Event.SET_VELOCITY,
+        Event.SET_BRINGUP,
+        Event.SET_ONBOARD,
+        Event.START,
+        Event.PAUSE,
+        Event.RESUME,
+    ):
+        yield State.STOPPED, event, latched
+
+    for state in _FREE:
+        yield state, Event.SILENCE, _to(State.STOPPED)
+        yield state, Event.NEW_SESSION, _to(State.STOPPED)
+        yield state, Event.SET_IDLE, _to(State.IDLE)
+        yield state, Event.SET_VELOCITY, _to(State.VELOCITY, faulty)
+        yield state, Event.SET_BRINGUP, _to(State.BRINGUP)
+        if state in GUARDED:
+            yield state, Event.FAULT, _to(State.STOPPED)
+        if state not in PLANNING:
+            yield state, Event.SET_ONBOARD, _to(State.ONBOARD, faulty)
+            yield state, Event.PAUSE, elsewhere
+            yield state, Event.RESUME, elsewhere
+        if state is not State.ONBOARD:
+            yield state, Event.START, elsewhere
+    yield (
+        State.ONBOARD,
+        Event.START,
+        _to(State.RUNNING, Branch(NackReason.UNSUPPORTED, Guard.NO_PLANNER), faulty),
+    )
+    yield State.RUNNING, Event.PAUSE, _to(State.PAUSED)
+    yield State.PAUSED, Event.RESUME, _to(State.RUNNING, faulty)
+    yield State.RUNNING, Event.ABORT, _to(State.IDLE)
+    yield State.PAUSED, Event.ABORT, _to(State.IDLE)
+    yield State.RUNNING, Event.FINISHED, _to(State.IDLE)
+
+
+NOTHING: Branches = (Branch(None),)
+TABLE: dict[tuple[State, Event], Branches] = {
+    **{(state, event): NOTHING for state in State for event in Event},
+    **{(state, event): branches for state, event, branches in _rows()},
+}
+"""Every state and every event; the first branch whose guard holds, or has none, is taken."""
+
+
+class ModeMachine:
+    """Walks the table."""
+
+    def __init__(self, state: State = State.OFF) -> None:
+        """A device is off until it is supplied."""
+        self._go(state)
+
+    def _go(self, state: State) -> None:
+        self.state = state
+        # Asked for in each period, and an enumeration's hash is a call in Python.
+        self.awake = state not in _UNPOWERED
+        self.planning = state in PLANNING
+
+    def fire(self, event: Event, holding: Collection[Guard] = ()) -> Outcome:
+        """Let an event happen; gives what the table says, the state being changed already.
+
+        ``holding`` are the conditions that are so now.
+        """
+        outcome = next(b.outcome for b in TABLE[self.state, event] if b.guard in {None, *holding})
+        if isinstance(outcome, State):
+            self._go(outcome)
+        return outcome
+
+
+def drawn() -> list[tuple[str, str, str]]:
+    """The table's changes of state as (from, event and its conditions, to), for a diagram."""
+    found: list[tuple[str, str, str]] = []
+    for (state, event), branches in TABLE.items():
+        target = branches[-1].outcome
+        if isinstance(target, State) and target is not state:
+            unless = " or ".join(b.guard.value for b in branches if b.guard is not None)
+            label = f"{event.value} (unless {unless})" if unless else event.value
+            found.append((state.value, label, target.value))
+    return found
+
+
+def refusals() -> list[tuple[str, str, str]]:
+    """What the table refuses as (event and condition, states, reason)."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for (state, event), branches in TABLE.items():
+        for outcome, guard in branches:
+            if isinstance(outcome, NackReason):
+                what = f"{event.value}, {guard.value}" if guard else event.value
+                found.setdefault((what, outcome.name.lower()), []).append(state.value)
+    return [(what, ", ".join(states), reason) for (what, reason), states in found.items()]

@@ -1,0 +1,31 @@
+"""The emulator's only I/O: pseudo-terminals, TCP, CAN buses, the control socket, the clock.
+
+Like a UART, a port does not care whether anybody listens: what does not fit its buffers is
+dropped and counted.
+"""
+
+from __future__ import annotations
+
+from sim_device.ports.base import DevicePort, PortUnavailableError, Stopper
+from sim_device.ports.control import ControlServer, ask_control
+from sim_device.ports.multicast import MULTICAST_GROUP, MulticastPort
+from sim_device.ports.pty_port import PtyPort, SlcanPort
+from sim_device.ports.serving import NOBODY, ServeReport, Watchers, serve
+from sim_device.ports.tcp import TcpPort
+
+__all__ = [
+    "MULTICAST_GROUP",
+    "NOBODY",
+    "ControlServer",
+    "DevicePort",
+    "MulticastPort",
+    "PortUnavailableError",
+    "PtyPort",
+    "ServeReport",
+    "SlcanPort",
+    "Stopper",
+    "TcpPort",
+    "Watchers",
+    "ask_control",
+    "serve",
+]

@@ -1,0 +1,114 @@
+"""A CAN bus made of UDP datagrams, which any process on this machine can join."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from protocol.can_frames import RECORD
+from sim_device.line import FIFO_BYTES
+from sim_device.ports.base import DevicePort, PortUnavailableError
+
+if TYPE_CHECKING:
+    import can
+
+MULTICAST_GROUP = "239.74.163.2"
+"""The IPv4 group that python-can names as its default."""
+_ECHOES = 512
+
+
+class MulticastPort(DevicePort):
+    """The device's node on the bus."""
+
+    def __init__(self, group: str = MULTICAST_GROUP, *, lan: bool = False) -> None:
+        """Join the group; nothing leaves this machine unless ``lan``.
+
+        Raises:
+            PortUnavailableError: this system has no multicast.
+
+        """
+        self.path = f"can:udp_multicast:{group}"
+        self._group, self._lan = group, lan
+        self._echoes: deque[bytes] = deque(maxlen=_ECHOES)
+        self._bus: can.BusABC | None = None
+        self.plug()
+
+    def plug(self) -> None:
+        """Join the group."""
+        import can  # noqa: PLC0415 - slow to import, and for one kind of link only
+
+        if self._bus is not None:
+            return
+        try:
+            self._bus = can.Bus(
+                interface="udp_multicast",
+                channel=self._group,
+                hop_limit=1 if self._lan else 0,
+                fd=False,
+                ignore_config=True,
+            )
+        except (can.CanError, OSError) as error:
+            cause = error.__cause__ or error
+            raise PortUnavailableError(
+                f"cannot join the multicast group {self._group}: {cause}; "
+                "it needs a route (ip route add 224.0.0.0/4 dev lo)"
+            ) from None
+        self._error = can.CanError
+        self._echoes.clear()
+
+    def unplug(self) -> None:
+        """Leave the group."""
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+
+    def close(self) -> None:
+        """Leave the group."""
+        self.unplug()
+
+    def filenos(self) -> list[int]:
+        """The socket."""
+        return [] if self._bus is None else [self._bus.fileno()]
+
+    def read(self, limit: int = FIFO_BYTES) -> bytes:
+        """Frames of the other nodes on the bus; the socket gives our own back to us too."""
+        found: list[bytes] = []
+        for _ in range(max(1, limit // RECORD.size)):
+            if self._bus is None:
+                break
+            try:
+                message = self._bus.recv(0.0)
+            except (self._error, ValueError):  # any process may send anything to the group
+                continue
+            if message is None:
+                break
+            if message.is_fd or message.is_extended_id or message.is_remote_frame:
+                continue
+            record = _record(message)
+            if record in self._echoes:
+                self._echoes.remove(record)
+            else:
+                found.append(record)
+        return b"".join(found)
+
+    def write(self, data: bytes) -> int:
+        """Send frames; what the system does not take is lost."""
+        import can  # noqa: PLC0415 - loaded already
+
+        for can_id, length, content in RECORD.iter_unpack(data):
+            if self._bus is None:
+                break
+            message = can.Message(
+                arbitration_id=can_id, data=content[:length], is_extended_id=False
+            )
+            self._echoes.append(_record(message))
+            try:
+                self._bus.send(message)
+            except (self._error, OSError):
+                self._echoes.pop()
+                self.dropped_bytes += RECORD.size
+        return len(data)
+
+
+def _record(message: can.Message) -> bytes:
+    return RECORD.pack(message.arbitration_id, min(message.dlc, 8), bytes(message.data)[:8])

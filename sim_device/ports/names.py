@@ -1,0 +1,114 @@
+"""Names in the file system that belong to one living emulator: claimed, and given back.
+
+A name is claimed under a lock on its folder, so that two emulators that start at once cannot
+both have it; nothing but the name itself is ever left in the folder.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+from sim_device.ports.base import PortUnavailableError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+@contextmanager
+def folder_locked(path: Path) -> Iterator[None]:
+    """Hold the lock on the folder of ``path``.
+
+    Raises:
+        PortUnavailableError: there is no such folder.
+
+    """
+    import fcntl  # noqa: PLC0415 - not on every platform
+
+    try:
+        folder = os.open(path.parent, os.O_RDONLY)
+    except OSError as error:
+        raise PortUnavailableError(f"cannot make {path}: {error.strerror}") from None
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+class PtyLink:
+    """A symbolic link with a stable name to a pseudo-terminal.
+
+    Whose it is says a lock on the pseudo-terminal itself, at an offset made from the link's
+    path: it ends with its process, so a link that outlived its emulator is free to take.
+    """
+
+    def __init__(self, path: Path, slave: int) -> None:
+        """Claim the name for the open pseudo-terminal ``slave``.
+
+        Raises:
+            PortUnavailableError: another emulator has it, it is no link, or it cannot be made.
+
+        """
+        self.path = path
+        self._target = os.ttyname(slave)
+        offset = crc32(os.fsencode(path.parent.resolve() / path.name))
+        with folder_locked(path):
+            try:
+                if path.is_symlink():
+                    self._take_over(offset)
+                path.symlink_to(self._target)
+            except OSError as error:
+                if isinstance(error, PortUnavailableError):
+                    raise
+                raise PortUnavailableError(
+                    f"cannot make the link {path}: {error.strerror}"
+                ) from None
+            _lock(slave, offset)
+
+    def _take_over(self, offset: int) -> None:
+        """Remove a link that nobody lives behind."""
+        target = self.path.readlink()
+        if self.path.is_char_device():
+            try:
+                other = os.open(self.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+            except OSError as error:
+                raise PortUnavailableError(
+                    f"the link {self.path} leads to {target}, which is not ours: {error.strerror}"
+                ) from None
+            try:
+                if not _lock(other, offset):
+                    raise PortUnavailableError(
+                        f"the link {self.path} belongs to another emulator that still runs "
+                        f"(on {target}); end it, or choose another --pty-link"
+                    )
+            finally:
+                os.close(other)
+        self.path.unlink()
+
+    def remove(self) -> None:
+        """Take the link away, unless it leads to something else by now."""
+        with suppress(OSError), folder_locked(self.path):
+            if str(self.path.readlink()) == self._target:
+                self.path.unlink()
+
+
+def _lock(fd: int, offset: int) -> bool:
+    """Lock one byte for as long as ``fd`` is open; False: somebody else has it."""
+    import fcntl  # noqa: PLC0415 - not on every platform
+
+    try:
+        if sys.platform == "linux":
+            # Of the open file, not the process: it holds against the same process too.
+            wanted = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, offset, 1, 0)
+            fcntl.fcntl(fd, fcntl.F_OFD_SETLK, wanted)
+        else:
+            fcntl.lockf(fd, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, offset)
+    except (BlockingIOError, PermissionError):
+        return False
+    return True

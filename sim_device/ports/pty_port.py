@@ -1,0 +1,142 @@
+"""A serial line, and a serial CAN adapter, on pseudo-terminals."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from protocol.can_frames import RECORD
+from sim_device.line import FIFO_BYTES
+from sim_device.ports.base import DevicePort, PortUnavailableError
+from sim_device.slcan import SHORTEST_LINE, SlcanAdapter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sim_device.ports.names import PtyLink
+
+_GONE = -1
+
+
+class PtyPort(DevicePort):
+    """A pseudo-terminal whose far end is the device's serial port."""
+
+    def __init__(self, link: Path | None = None) -> None:
+        """Make it, raw, and optionally a symbolic link with a stable name to it.
+
+        Raises:
+            PortUnavailableError: no pseudo-terminals on this system, or the link's path is
+                taken by something that is not a link, or by an emulator that runs.
+
+        """
+        if sys.platform == "win32":
+            raise PortUnavailableError("a pty needs Linux or macOS; use --link tcp there")
+        self._wanted = link
+        self._link: PtyLink | None = None
+        self._master = self._slave = _GONE
+        self.path = ""
+        self.plug()
+
+    def plug(self) -> None:
+        """Make the pseudo-terminal, and the link to it."""
+        import pty  # noqa: PLC0415 - not on every platform
+        import tty  # noqa: PLC0415 - not on every platform
+
+        from sim_device.ports.names import PtyLink  # noqa: PLC0415 - not on every platform
+
+        if self._master != _GONE:
+            return
+        try:
+            self._master, self._slave = pty.openpty()
+        except OSError as error:
+            raise PortUnavailableError(f"no pseudo-terminal to be had: {error.strerror}") from None
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        if self._wanted is not None:
+            try:
+                self._link = PtyLink(self._wanted, self._slave)
+            except PortUnavailableError:
+                self.unplug()
+                raise
+            self.path = str(self._wanted)
+
+    def unplug(self) -> None:
+        """Take the pseudo-terminal and its link away."""
+        if self._link is not None:
+            self._link.remove()
+            self._link = None
+        for end in (self._master, self._slave):
+            if end != _GONE:
+                with suppress(OSError):
+                    os.close(end)
+        self._master = self._slave = _GONE
+
+    def close(self) -> None:
+        """Take the pseudo-terminal and its link away."""
+        self.unplug()
+
+    def filenos(self) -> list[int]:
+        """The device's end."""
+        return [] if self._master == _GONE else [self._master]
+
+    def read(self, limit: int = FIFO_BYTES) -> bytes:
+        """What has come; empty when nothing has."""
+        try:
+            return os.read(self._master, min(limit, FIFO_BYTES))
+        except (BlockingIOError, InterruptedError):
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """Write what fits."""
+        written = 0
+        with suppress(BlockingIOError, InterruptedError):
+            written = os.write(self._master, data)
+        self.dropped_bytes += len(data) - written
+        return written
+
+
+class SlcanPort(PtyPort):
+    """A serial CAN adapter on a pseudo-terminal, the device alone on its bus."""
+
+    def __init__(self, link: Path | None = None, *, bitrate: int = 500_000) -> None:
+        """Plug it in; the host opens its bus.
+
+        Raises:
+            PortUnavailableError: as for :class:`PtyPort`.
+
+        """
+        self._adapter = SlcanAdapter(bitrate)
+        self._bitrate = bitrate
+        self._text = b""
+        super().__init__(link)
+
+    def plug(self) -> None:
+        """Make the pseudo-terminal; an adapter without power forgets that it was open."""
+        super().plug()
+        self._adapter = SlcanAdapter(self._bitrate)
+        self._text = b""
+        if not self.path.startswith("can:"):
+            self.path = f"can:slcan:{self.path}"
+
+    def read(self, limit: int = FIFO_BYTES) -> bytes:
+        """Frames that the host has put on the bus, at most as many as fit ``limit``."""
+        frames = max(1, limit // RECORD.size)
+        records, answer = self._adapter.feed(super().read(frames * SHORTEST_LINE))
+        self._say(answer)
+        return records
+
+    def write(self, data: bytes) -> int:
+        """Frames for the host; while its bus is closed they go nowhere."""
+        self._say(b"")
+        if self._text:
+            return 0
+        self._say(self._adapter.from_bus(data))
+        return len(data)
+
+    def _say(self, text: bytes) -> None:
+        self._text += text
+        if self._text:
+            self._text = self._text[super().write(self._text) :]

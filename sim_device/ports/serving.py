@@ -1,0 +1,158 @@
+"""The real-time loop: the clock that paces the device, and how well it kept time."""
+
+from __future__ import annotations
+
+import math
+import select
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from sim_device.rig import Rig
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sim_device.device import VirtualSweeper
+    from sim_device.faults.injector import FaultEvent
+    from sim_device.plant import Truth
+    from sim_device.ports.base import DevicePort, Stopper
+    from sim_device.ports.control import ControlServer
+
+_STEPS = 8
+"""Bins of lateness for each doubling: a percentile is known to 9 %."""
+_BINS = 28 * _STEPS
+"""Up to four minutes."""
+
+
+@dataclass(slots=True)
+class Lateness:
+    """How late control periods began, in a memory that does not grow."""
+
+    periods: int = 0
+    worst_us: int = 0
+    _bins: list[int] = field(default_factory=lambda: [0] * _BINS)
+
+    def add(self, late_us: int) -> None:
+        """Count one."""
+        self.periods += 1
+        self.worst_us = max(self.worst_us, late_us)
+        place = int(_STEPS * math.log2(late_us)) + 1 if late_us > 0 else 0
+        self._bins[min(place, _BINS - 1)] += 1
+
+    def percentile_us(self, percent: float) -> int:
+        """So many of a hundred were no later than this."""
+        wanted = math.ceil(self.periods * percent / 100.0)
+        seen = 0
+        for place, count in enumerate(self._bins):
+            seen += count
+            if seen >= wanted:
+                return min(self.worst_us, math.ceil(2 ** (place / _STEPS)))
+        return self.worst_us
+
+
+@dataclass(slots=True)
+class ServeReport:
+    """What a served run was like."""
+
+    lateness: Lateness
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Watchers:
+    """Who is told of what while a device is served; Unix times in nanoseconds."""
+
+    on_truth: Callable[[Truth, int], None] | None = None
+    """After every control period: the truth, and when it is so."""
+    on_fault: Callable[[FaultEvent, int], None] | None = None
+    """At each beginning and end of a fault."""
+    on_plug: Callable[[str | None], None] | None = None
+    """The port's name when it is back, None when it has gone."""
+
+
+NOBODY = Watchers()
+
+
+def serve(
+    device: VirtualSweeper | Rig,
+    port: DevicePort,
+    stopper: Stopper,
+    watchers: Watchers = NOBODY,
+    control: ControlServer | None = None,
+) -> ServeReport:
+    """Run the device in real time on a port until stopped.
+
+    Raises:
+        PortUnavailableError: a port that was unplugged cannot come back.
+
+    """
+    rig = device if isinstance(device, Rig) else Rig(device)
+    served = _Served(rig, port, watchers, control)
+    while not stopper.stopped:
+        served.turn(stopper)
+    return served.report()
+
+
+class _Served:
+    """One device on one port, a turn at a time."""
+
+    def __init__(
+        self, rig: Rig, port: DevicePort, watchers: Watchers, control: ControlServer | None
+    ) -> None:
+        self._rig, self._port, self._watchers, self._control = rig, port, watchers, control
+        self._lateness = Lateness()
+        self._start_ns = time.monotonic_ns()
+        self._unix_at_boot_ns = time.time_ns()
+        self._last_tick = -1
+        self._plugged = True
+
+    def turn(self, stopper: Stopper) -> None:
+        """Wait for bytes, a request or the time; live until now; write."""
+        rig, port = self._rig, self._port
+        wait_s = max(0.0, (rig.next_deadline_us() - self._now_us()) / 1e6)
+        room = rig.room()
+        listened = port.filenos() if room else []
+        asked = self._control.filenos() if self._control is not None else []
+        ready, _, _ = select.select([stopper.fileno(), *listened, *asked], [], [], wait_s)
+        data = port.read(room) if not set(listened).isdisjoint(ready) else b""
+        now_us = self._now_us()
+        late_us = now_us - rig.device.next_deadline_us()
+        if late_us >= 0:
+            self._lateness.add(late_us)
+        out = rig.step(data, now_us)
+        if rig.plugged != self._plugged:
+            self._replug()
+        if out and self._plugged:
+            rig.give_back(out[port.write(out) :], now_us)
+        if self._control is not None and not set(asked).isdisjoint(ready):
+            self._control.turn(rig)
+        self._tell()
+
+    def report(self) -> ServeReport:
+        """What the run was like."""
+        return ServeReport(self._lateness, self._now_us() / 1e6)
+
+    def _now_us(self) -> int:
+        return (time.monotonic_ns() - self._start_ns) // 1000
+
+    def _replug(self) -> None:
+        self._plugged = self._rig.plugged
+        if self._plugged:
+            self._port.plug()
+        else:
+            self._port.unplug()
+        if self._watchers.on_plug is not None:
+            self._watchers.on_plug(self._port.path if self._plugged else None)
+
+    def _tell(self) -> None:
+        on_fault, on_truth = self._watchers.on_fault, self._watchers.on_truth
+        for event in self._rig.faults.take_events():
+            if on_fault is not None:
+                on_fault(event, self._unix_at_boot_ns + event.t_us * 1000)
+        if on_truth is None:
+            return
+        truth = self._rig.truth
+        if truth.tick_ms != self._last_tick:
+            self._last_tick = truth.tick_ms
+            on_truth(truth, self._unix_at_boot_ns + truth.tick_ms * 1_000_000)

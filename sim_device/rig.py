@@ -1,0 +1,227 @@
+"""A virtual sweeper with its line and its faults, behind the sweeper's own interface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from protocol.can_frames import RECORD
+from sim_device.faults.damage import Damage, Delay
+from sim_device.faults.injector import FaultInjector
+from sim_device.line import (
+    FIFO_BYTES,
+    STRAIGHT,
+    CanChannel,
+    Channel,
+    LineSettings,
+    StraightChannel,
+    UartDown,
+    UartUp,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sim_device.device import VirtualSweeper
+    from sim_device.faults.spec import FaultSpec
+    from sim_device.plant import Plant, Truth
+
+_RETRY_US = 1_000
+"""How soon what the host did not take is offered again: a USB frame."""
+_SEED = 0x11E
+"""Keeps the line's draws apart from the device's, which are made from the same seed."""
+
+
+@dataclass(slots=True)
+class LineCounts:
+    """Bytes since the device was switched on."""
+
+    to_host: int = 0
+    """Handed to the host's port."""
+    from_host: int = 0
+    device_overrun: int = 0
+    """Lost in the device: it had more to say than the line carries."""
+    adapter_overrun: int = 0
+    """Lost in the adapter: the host did not read."""
+    harmed: int = 0
+    """Lost, changed or added by faults; frames on a bus."""
+    unplugged: int = 0
+    """Lost because the plug was out."""
+
+
+class Rig:
+    """Device, line and faults; steps like :class:`sim_device.device.VirtualSweeper`.
+
+    Deterministic for its seed, its faults and the moments of its input.
+    """
+
+    def __init__(
+        self,
+        device: VirtualSweeper,
+        settings: LineSettings = STRAIGHT,
+        faults: Iterable[FaultSpec] = (),
+        *,
+        seed: int = 0,
+    ) -> None:
+        """Connect ``device`` as ``settings`` say.
+
+        Raises:
+            FaultSpecError: a fault cannot be on this device.
+
+        """
+        self.device = device
+        self.settings = settings
+        self.faults = FaultInjector(device, faults)
+        up, down, up_delay, down_delay = np.random.default_rng((_SEED, seed)).spawn(4)
+        self._damage_up, self._damage_down = Damage(up), Damage(down)
+        self._delay_up, self._delay_down = Delay(up_delay), Delay(down_delay)
+        self._up, self._down = _channels(settings, self._damage_up, self._damage_down)
+        self._counts = LineCounts()
+        self._held = b""
+        self._offer_us = 0
+        self.host_heard = False
+        """Whether a host has ever written anything."""
+
+    # ---- like a sweeper -------------------------------------------------------------------
+
+    def step(self, data: bytes, now_us: int) -> bytes:
+        """Live until ``now_us``, then take ``data``; give what has reached the host meanwhile."""
+        out = self._live(now_us)
+        if data:
+            self.host_heard = True
+            self._counts.from_host += len(data)
+            if self.faults.knobs.unplugged:
+                self._counts.unplugged += len(data)
+            elif self._delay_down.idle:
+                self._down.push(data, now_us)
+            else:
+                self._delay_down.push(data, now_us)
+            out += self._live(now_us)
+        if self._held:
+            out, self._held = self._held + out, b""
+            if now_us < self._offer_us:
+                self._hold(out)
+                return b""
+        self._counts.to_host += len(out)
+        return out
+
+    def next_deadline_us(self) -> int:
+        """When there is something to do next, bytes of the host aside."""
+        deadline_us = self._inner_deadline_us()
+        return min(deadline_us, self._offer_us) if self._held else deadline_us
+
+    @property
+    def truth(self) -> Truth:
+        """What is really so, at the end of the running control period."""
+        return self.device.truth
+
+    @property
+    def plant(self) -> Plant:
+        """The device's body."""
+        return self.device.plant
+
+    # ---- the port's owner -----------------------------------------------------------------
+
+    @property
+    def plugged(self) -> bool:
+        """Whether there is a port that a host could open."""
+        return not self.faults.knobs.unplugged
+
+    def room(self) -> int:
+        """How many bytes of the host the adapter takes now; more would be held back by USB."""
+        return max(0, self._down.room())
+
+    def give_back(self, data: bytes, now_us: int) -> None:
+        """Return what the host did not take; what does not fit the adapter's buffer is lost."""
+        if not data:
+            return
+        self._counts.to_host -= len(data)
+        self._hold(data + self._held)
+        self._offer_us = now_us + _RETRY_US
+
+    def counts(self) -> LineCounts:
+        """What went over the line, and what was lost on it."""
+        counts = self._counts
+        counts.device_overrun = self._up.overrun
+        counts.harmed = self._damage_up.harmed + self._damage_down.harmed
+        return counts
+
+    # ---- inside ---------------------------------------------------------------------------
+
+    def _hold(self, data: bytes) -> None:
+        unit = RECORD.size if self.settings.bitrate else 1
+        kept = min(len(data), FIFO_BYTES) // unit * unit
+        self._counts.adapter_overrun += len(data) - kept
+        self._held = data[:kept]
+
+    def _inner_deadline_us(self) -> int:
+        deadline_us = self.device.next_deadline_us()
+        for source in (self.faults, self._delay_down, self._down, self._up, self._delay_up):
+            due_us = source.next_us()
+            if due_us is not None and due_us < deadline_us:
+                deadline_us = due_us
+        return deadline_us
+
+    def _live(self, now_us: int) -> bytes:
+        out = b""
+        while (at_us := self._inner_deadline_us()) <= now_us:
+            out += self._turn(at_us)
+        self.faults.lived(now_us)
+        return out
+
+    def _turn(self, now_us: int) -> bytes:
+        due_us = self.faults.next_us()
+        if due_us is not None and due_us <= now_us:
+            self._speak(now_us, b"")  # lives until now as it was
+            if self.faults.run(now_us):
+                self._turn_knobs()
+        if self._delay_down.next_us() is not None:
+            late = self._delay_down.pull(now_us)
+            if late:
+                self._down.push(late, now_us)
+        self._speak(now_us, self._down.pull(now_us))
+        arrived = self._up.pull(now_us)
+        if not self._delay_up.idle:
+            if arrived:
+                self._delay_up.push(arrived, now_us)
+            arrived = self._delay_up.pull(now_us)
+        if arrived and self.faults.knobs.unplugged:
+            self._counts.unplugged += len(arrived)
+            return b""
+        return arrived
+
+    def _speak(self, now_us: int, data: bytes) -> None:
+        said = self.device.step(data, now_us)
+        if said:
+            self._up.push(said, now_us)
+
+    def _turn_knobs(self) -> None:
+        knobs = self.faults.knobs
+        self._damage_up.turn(knobs.up)
+        self._damage_down.turn(knobs.down)
+        self._delay_up.turn(knobs.up)
+        self._delay_down.turn(knobs.down)
+        if knobs.unplugged:
+            self._counts.unplugged += len(self._held)
+            self._held = b""
+            self._down.clear()
+            self._delay_down.clear()
+            self._delay_up.clear()
+
+
+def _channels(settings: LineSettings, up: Damage, down: Damage) -> tuple[Channel, Channel]:
+    """Device to host, and host to device."""
+    if settings.bitrate:
+        latency_us = settings.latency_us
+        return (
+            CanChannel(settings.bitrate, latency_us, up.frame),
+            CanChannel(settings.bitrate, 0, down.frame),
+        )
+    if settings.baud == 0:
+        return StraightChannel(up.stretch), StraightChannel(down.stretch)
+    return (
+        UartUp(settings.baud, settings.latency_us, up.stretch),
+        UartDown(settings.baud, down.stretch),
+    )

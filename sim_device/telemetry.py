@@ -1,0 +1,78 @@
+"""What the firmware tells of itself: a message for each stream, from the period's readings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.messages import Encoders, Imu, LinkCounters, Status, Sync
+from sim_device.streams import TICK_HZ, power_message, range_message
+from sim_device.versions import blank
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from protocol.link import LinkBase
+    from protocol.message import Message
+    from sim_device.control import Control
+    from sim_device.sampling import Sampler
+
+TICK_WORK_US = 400
+FRAME_WORK_US = 25
+"""Assumed cost on a 168 MHz Cortex-M4 of a control period and of a frame, for ``load``."""
+LOAD_TICKS = 10
+_LOAD_US = LOAD_TICKS * 1_000_000 // TICK_HZ
+_TIME_TO_LIVE_MS_MAX = 250
+
+
+class Telemetry:
+    """Reads each stream's message by the stream's name."""
+
+    def __init__(self, link: LinkBase, sampler: Sampler, control: Control) -> None:
+        self.stale = 0
+        """Setpoints refused so far."""
+        self._link, self._sampler, self._control = link, sampler, control
+        self._load_percent = 0
+        self._frames_before = 0
+        self._readers: dict[str, Callable[[int], Message]] = {
+            "imu": lambda _now_us: Imu(*sampler.imu),
+            "encoders": lambda _now_us: Encoders(*sampler.counts),
+            "range": lambda _now_us: range_message(sampler.around()),
+            "power": lambda _now_us: power_message(control.power),
+            "sync": lambda _now_us: Sync((link.statistics.frames_out + 1) & 0xFFFF_FFFF),
+            "link_counters": self._counters,
+            "status": self._status,
+            "planner_state": lambda _now_us: control.planner_state(),
+        }
+
+    def read(self, name: str, now_us: int) -> Message:
+        """The stream's message now; zeros for one of another version of the project."""
+        reader = self._readers.get(name)
+        if reader is None:
+            return blank(self._link.codec.catalogue.by_name[name])
+        return reader(now_us)
+
+    def measure_load(self) -> None:
+        """Work out the busy share of the last ten periods."""
+        statistics = self._link.statistics
+        frames = statistics.frames_in + statistics.frames_out
+        work_us = LOAD_TICKS * TICK_WORK_US + (frames - self._frames_before) * FRAME_WORK_US
+        self._frames_before = frames
+        self._load_percent = min(100, round(100 * work_us / _LOAD_US))
+
+    def _counters(self, _now_us: int) -> Message:
+        statistics = self._link.statistics
+        return LinkCounters(
+            statistics.frames_in & 0xFFFF,
+            statistics.damaged + statistics.rejected & 0xFFFF,
+            self.stale & 0xFFFF,
+        )
+
+    def _status(self, now_us: int) -> Message:
+        control = self._control
+        return Status(
+            control.mode,
+            control.latch.cause,
+            control.fault_bits,
+            min(_TIME_TO_LIVE_MS_MAX, control.watchdog.left_us(now_us) // 1000),
+            self._load_percent,
+        )

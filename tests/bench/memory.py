@@ -1,0 +1,59 @@
+"""Memory of a simulated run that lasts an hour, recording on: it must not grow with the run.
+
+PYTHONPATH=tests python -m bench.memory
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.config import load_robot
+from bridge.record.writer import RunWriter
+from bridge.telemetry import RunInfo
+from tools.rooms import load_room
+from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+
+if TYPE_CHECKING:
+    from bridge.host import Host
+
+_EVERY_S = 600.0
+
+
+def resident_mb() -> float:
+    """Memory of this process that is in use now, shared libraries included (Linux)."""
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    line = next(line for line in status.splitlines() if line.startswith("VmRSS:"))
+    return int(line.split()[1]) / 1024.0
+
+
+def main() -> None:
+    """Drive at random for the time and print what is in use after each ten minutes."""
+    options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    options.add_argument("--seconds", type=float, default=3600.0, help="simulated")
+    seconds = options.parse_args().seconds
+    plan = load_room("case-1")
+    model, robot_toml = load_robot(None)
+    clock_ns = EPOCH_NS - HOST_BOOT_NS
+    info = RunInfo("virtual", "random", 0, "bench", EPOCH_NS, clock_ns, robot_toml, plan)
+    used: list[tuple[float, float]] = []
+
+    def watch(time_s: float, _host: Host) -> None:
+        # The first minute still imports, compiles and fills what is bounded.
+        if time_s >= 60.0 and (not used or time_s - used[-1][0] >= _EVERY_S):
+            used.append((time_s, resident_mb()))
+            print(f"after {time_s:5.0f} simulated seconds: {used[-1][1]:6.1f} MB")
+
+    with tempfile.TemporaryDirectory() as folder:
+        writer = RunWriter(Path(folder) / "run.mcap", info)
+        run_virtual(plan, model, "random", writer, max_time_s=seconds, progress=watch)
+        writer.close()
+    (first_s, first_mb), last_mb = used[0], resident_mb()
+    hours = (seconds - first_s) / 3600.0
+    print(f"growth {(last_mb - first_mb) / hours:.1f} MB a simulated hour, driving")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,148 @@
+"""Faults on the command line: the list, refusals, the control socket, the page in the docs."""
+
+from __future__ import annotations
+
+import json
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sim_device.faults.kinds import KINDS
+from support.cli import ROOT, sweepctl
+from support.two_processes import Command, Emulator
+from tools.fault_help import faults_page
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def test_the_list_explains_every_kind() -> None:
+    done = sweepctl("emulate", "--list-faults")
+    assert (done.status, done.err) == (0, "")
+    for kind in KINDS.values():
+        assert f"\n{kind.name}\n" in done.out
+        assert f"--fault {kind.example}" in done.out
+        for argument in kind.arguments:
+            assert f"    {argument.name}: " in done.out
+    assert max(map(len, done.out.splitlines())) <= 100
+    listed = sweepctl("emulate", "--list-faults", "--json").json["faults"]
+    assert [item["kind"] for item in listed] == list(KINDS)
+    assert listed[0]["arguments"][0]["high"] == 1.0
+
+
+def test_the_page_is_fresh() -> None:
+    page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
+    assert page == faults_page(), "write it anew: python -m tools.fault_help > docs/faults.md"
+
+
+@pytest.mark.parametrize("command", ["emulate", "simulate"])
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("wheel-stucc@1", "did you mean wheel-stuck?"),
+        ("silence", "when?"),
+        ("bit-flips@1:2:rate=2", "rate '2' is not in 0 to 1"),
+        ("obstacle@1:index=7", "the room has no obstacle 7; it has only 0"),
+    ],
+)
+def test_a_fault_that_cannot_be(tmp_path: Path, command: str, text: str, says: str) -> None:
+    out = ("--out", tmp_path / "log.mcap") if command == "simulate" else ()
+    done = sweepctl(command, "case-1", "--fault", "silence@1", "--fault", text, *out)
+    assert (done.status, done.out) == (2, "")
+    assert "--fault" in done.line
+    assert says in done.line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--lan",), "--lan goes with --link udpcan or tcp"),
+        (("--listen", "127.0.0.1:0"), "--listen goes with --link tcp"),
+        (("--link", "tcp", "--listen", "7000"), "'7000' is not HOST:PORT"),
+        (("--link", "tcp", "--listen", "127.0.0.1:70000"), "port 70000 is not in 0 to 65535"),
+        (("--link", "tcp", "--lan", "--listen", "127.0.0.1:0"), "give one"),
+        (("--link", "tcp", "--pty-link", "x"), "--pty-link goes with --link pty or slcan"),
+        (("--link", "udpcan", "--baud", "9600"), "--baud goes with --link pty or tcp"),
+        (("--baud", "300"), "300 is not 0"),
+        (("--latency-ms", "nan"), "'nan' is not a time"),
+    ],
+)
+def test_options_that_do_not_go_together(arguments: tuple[str, ...], says: str) -> None:
+    done = sweepctl("emulate", *arguments)
+    assert (done.status, done.out) == (2, "")
+    assert says in done.line
+
+
+def test_json_is_for_the_list() -> None:
+    done = sweepctl("emulate", "--json")
+    assert done.status == 2
+    assert "--json goes with --list-faults" in done.line
+    assert done.json["exit_status"] == 2
+
+
+@pytest.fixture(scope="module")
+def device(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The control socket of an emulator that runs."""
+    folder = tmp_path_factory.mktemp("control")
+    with Emulator(folder, "--control", folder / "sweeper.ctl"):
+        yield folder / "sweeper.ctl"
+
+
+def test_switched_while_it_runs(device: Path) -> None:
+    assert stat.S_IMODE(device.stat().st_mode) == 0o600
+    done = sweepctl("fault", device, "silence:0.05", "wheel-slip::left", "reset@1e6", "--json")
+    assert done.json == {
+        "begun": [
+            "silence:0.05:way=both",
+            "wheel-slip:side=left,share=0.3",
+            "reset@1000000:cause=pin",
+        ],
+        "cleared": 0,
+        "active": done.json["active"],
+        "waiting": ["reset@1000000:cause=pin"],
+    }
+    assert "wheel-slip:side=left,share=0.3" in done.json["active"]
+    done = sweepctl("fault", device, "--clear", "reset", "--list")
+    assert "ended: 1" in done.out
+    assert "active: wheel-slip:side=left,share=0.3" in done.out
+    assert "waiting" not in done.out
+    done = sweepctl("fault", device, "--clear-all", "--list")
+    assert "active: none" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("silense",), "did you mean silence?"),
+        (("obstacle:index=9",), "the room has no obstacle 9"),
+        (("--clear", "silense"), "there is no such kind"),
+        (("silence\nclear",), "one line"),
+        (("silence:" + "x" * 2000,), "shorter than 1024 bytes"),
+        ((), "nothing to do"),
+    ],
+)
+def test_what_the_control_refuses(device: Path, arguments: tuple[str, ...], says: str) -> None:
+    done = sweepctl("fault", device, *arguments)
+    assert (done.status, done.out) == (2, "")
+    assert says in done.line
+
+
+def test_nobody_there_and_somebody_else(device: Path, tmp_path: Path) -> None:
+    done = sweepctl("fault", tmp_path / "none", "silence", "--json")
+    assert done.status == 3
+    assert "was it started with --control" in done.line
+    assert json.loads(done.out)["exit_status"] == 3
+    with Command("emulate", "--control", device, cwd=tmp_path) as second:
+        ended = second.end()
+    assert ended.status == 3
+    assert "another emulator that still runs listens" in ended.complaint
+    (tmp_path / "file").write_text("precious")
+    with Command("emulate", "--control", tmp_path / "file", cwd=tmp_path) as second:
+        ended = second.end()
+    assert ended.status == 3
+    assert "exists and is no socket" in ended.complaint
+    assert (tmp_path / "file").read_text() == "precious"
+    assert sweepctl("fault", device, "--list").status == 0

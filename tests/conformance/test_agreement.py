@@ -1,0 +1,164 @@
+"""Hello and agreement: who the device is, and what it declares."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+import pytest
+
+from protocol.catalogue import CATALOGUE
+from protocol.message import MAX_TYPE
+from protocol.messages import (
+    UNKNOWN_MESSAGE,
+    Describe,
+    DescribeReply,
+    Hello,
+    HostHello,
+)
+from protocol.values import ResetCause
+
+if TYPE_CHECKING:
+    from support.probe import Probe
+
+AT_ONCE_S = 0.25
+"""A reply that is waited for by the measured round trip, and our own machine's pauses."""
+
+
+def described(device: Probe, questions: list[Describe]) -> dict[int, DescribeReply]:
+    """Answers by type, a few questions at a time; one that is lost is asked again."""
+    answers: dict[int, DescribeReply] = {}
+    for _ in range(4):
+        for start in range(0, len(questions), 4):
+            mark = len(device.heard)
+            some = [q for q in questions[start : start + 4] if q.described_type not in answers]
+            for question in some:
+                device.send(question)
+            wanted = len(some)
+            device.until(
+                lambda m=mark, n=wanted: len(device.of(DescribeReply, m)) >= n,  # type: ignore[misc]  # bound now
+                AT_ONCE_S,
+            )
+            answers |= {r.described_type: r for r in device.of(DescribeReply, mark)}
+    missing = [q.described_type for q in questions if q.described_type not in answers]
+    assert not missing, f"no answer to describe of {missing}"
+    return answers
+
+
+@pytest.mark.slow
+def test_hello_once_a_second_until_a_host_agrees(device: Probe) -> None:
+    mark = 0
+
+    def hellos() -> list[int]:
+        return [
+            h.frame.t_us
+            for h in device.heard[mark:]
+            if isinstance(h.message, Hello) and h.message.session_id == 0
+        ]
+
+    assert device.until(lambda: len(hellos()) >= 3, 6.0, alive=False), (
+        f"{len(hellos())} hellos without a session within 6 s of silence"
+    )
+    gaps = [(b - a) % (1 << 32) for a, b in pairwise(hellos())]
+    assert all(900_000 <= gap <= 1_100_000 for gap in gaps), f"hellos {gaps} us apart"
+
+
+def test_hello_says_who_it_is(device: Probe) -> None:
+    hello, again = device.greet(), device.greet()
+    assert 1 <= (device.node or 0) <= 15
+    assert len(hello.uid) == 12
+    assert hello.uid not in {bytes(12), b"\xff" * 12}, "a uid that no chip has"
+    assert hello.boot_id != 0
+    assert hello.reset_cause in set(ResetCause), f"unknown reset cause {hello.reset_cause}"
+    assert hello.name.strip(), "the firmware has no name"
+    assert "�" not in hello.name, "the name is not UTF-8"
+    of_the_session = CATALOGUE.by_class[Hello].fields.index(
+        next(f for f in CATALOGUE.by_class[Hello].fields if f.name == "session_id")
+    )
+    same = [a == b for a, b in zip(hello, again, strict=True)]
+    del same[of_the_session]
+    assert all(same), f"it changed its mind: {hello}, {again}"
+
+
+def test_hello_is_answered_at_once_and_names_the_session(device: Probe) -> None:
+    device.greet()
+    mark = len(device.heard)
+    device.say_hello()
+    found = device.wait_for(Hello, AT_ONCE_S, mark=mark, alive=False)
+    assert found is not None, f"no answer within {AT_ONCE_S} s"
+    assert isinstance(found.message, Hello)
+    assert found.message.session_id == device.session_id
+
+
+def test_nothing_is_streamed_before_agreement(device: Probe) -> None:
+    device.greet()
+    device.ping()  # what was still under way is here by now
+    heard = device.listen(0.5)
+    told = {type(h.message).__name__ for h in heard} - {"Hello", "TimeReply"}
+    assert not told, f"sent without agreement: {sorted(told)}"
+
+
+def test_session_zero_opens_nothing(device: Probe) -> None:
+    device.greet()
+    device.session_id, session = 0, device.session_id
+    mark = len(device.heard)
+    device.send(HostHello(CATALOGUE.hash, 0, 1, "conformance"))
+    device.listen(0.3, alive=False)
+    device.session_id = session
+    named = {h.session_id for h in device.of(Hello, mark)}
+    assert named <= {session}, "the session was ended by a hello without one"
+    heard = device.listen(0.2)
+    assert all(type(h.message).__name__ in {"Hello", "TimeReply"} for h in heard)
+
+
+def test_describe_agrees_with_the_catalogue(device: Probe) -> None:
+    device.greet()
+    specs = list(CATALOGUE)
+    answers = described(device, [Describe(s.type_id, len(s.fields)) for s in specs])
+    for spec in specs:
+        reply, own = answers[spec.type_id], len(spec.fields)
+        if reply.field_count == UNKNOWN_MESSAGE:
+            assert not spec.bootstrap, f"{spec.name} is needed to agree at all"
+            continue
+        shared = min(own, reply.field_count)
+        expected = CATALOGUE.chains[spec.type_id][shared]
+        assert reply.chain == expected, f"{spec.name}: another meaning of its first {shared} fields"
+        if reply.field_count == own:
+            assert reply.payload_length == spec.layout.size, spec.name
+        assert reply.field_count == own or not spec.bootstrap, f"{spec.name} never changes"
+
+
+@pytest.mark.slow
+def test_describe_gives_the_chain_after_any_number_of_fields(device: Probe) -> None:
+    device.greet()
+    specs = list(CATALOGUE)
+    for count in range(max(len(s.fields) for s in specs) + 2):
+        asked = [s for s in specs if count <= len(s.fields) + 1]
+        answers = described(device, [Describe(s.type_id, count) for s in asked])
+        for spec in asked:
+            reply = answers[spec.type_id]
+            shared = min(count, reply.field_count, len(spec.fields))
+            if (
+                reply.field_count == UNKNOWN_MESSAGE
+                or count > len(spec.fields) != reply.field_count
+            ):
+                continue
+            expected = CATALOGUE.chains[spec.type_id][shared]
+            assert reply.chain == expected, f"{spec.name} after {shared} fields"
+
+
+def test_the_catalogues_hash_is_that_of_what_is_described(device: Probe) -> None:
+    hello = device.greet()
+    answers = described(device, [Describe(t, 0xFE) for t in range(MAX_TYPE + 1)])
+    known = {t: a for t, a in answers.items() if a.field_count != UNKNOWN_MESSAGE}
+    lines = "".join(f"{t:02x}:{known[t].chain:08x}\n" for t in sorted(known))
+    assert hello.catalogue_hash == crc32(lines.encode())
+    unknown = [a for a in answers.values() if a.field_count == UNKNOWN_MESSAGE]
+    assert unknown, "it claims to know every type"
+
+
+def test_describe_is_answered_outside_a_session(device: Probe) -> None:
+    device.greet()
+    device.session_id = 0
+    described(device, [Describe(s.type_id, len(s.fields)) for s in list(CATALOGUE)[:3]])

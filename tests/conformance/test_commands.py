@@ -1,0 +1,154 @@
+"""Commands: answered, refused with a reason, carried out once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.catalogue import CATALOGUE
+from protocol.messages import (
+    Ack,
+    ClearStop,
+    GetParameter,
+    Nack,
+    Reboot,
+    SaveParameters,
+    SetMode,
+    SetParameter,
+    SetStreamRate,
+)
+from protocol.uart import FLAG_RETRY
+from protocol.values import Mode, NackReason, StopCause
+
+if TYPE_CHECKING:
+    from protocol.message import Message
+    from support.probe import Probe
+
+OPERATOR = StopCause.OPERATOR
+REMEMBERED = 16
+
+
+def type_of(message: Message) -> int:
+    return CATALOGUE.by_class[type(message)].type_id
+
+
+def again(device: Probe, message: Message, command_id: int) -> list[Ack | Nack]:
+    """Repeat a command to the letter; every answer to it."""
+    mark = len(device.heard)
+    device.send(message, flags=FLAG_RETRY)
+    device.until(lambda: bool(device.replies(command_id, type_of(message), mark)), 0.5)
+    device.ping()  # whatever it says twice is here by now
+    return device.replies(command_id, type_of(message), mark)
+
+
+def test_an_answer_names_the_command(device: Probe) -> None:
+    device.agree()
+    for command_id in (0, 1, 0x1234, 0xFFFF):
+        message = SetMode(command_id, Mode.IDLE)
+        reply = device.reply_to(message)
+        assert reply == Ack(command_id, type_of(message))
+
+
+def test_one_command_has_one_answer(device: Probe) -> None:
+    device.agree()
+    command_id = device.next_id()
+    mark = len(device.heard)
+    device.send(SetMode(command_id, Mode.IDLE))
+    device.listen(0.4)
+    assert len(device.replies(command_id, 0x06, mark)) == 1
+
+
+def test_before_agreement_everything_but_stop_is_refused(device: Probe) -> None:
+    device.agree()
+    device.stop()
+    device.greet()
+    commands = (
+        lambda i: ClearStop(i, OPERATOR),
+        lambda i: SetMode(i, Mode.IDLE),
+        lambda i: GetParameter(i, 0),
+        lambda i: SetParameter(i, 0, 0, 1),
+        SaveParameters,
+        lambda i: SetStreamRate(i, 0x12, 10),
+        lambda i: Reboot(i, 0),
+    )
+    for make in commands:
+        message = make(0)
+        if device.has(type(message)):
+            reason = device.refusal(make)
+            assert reason in {NackReason.NO_SESSION, NackReason.UNKNOWN_COMMAND}, (
+                f"{type(message).__name__} before agreement: {reason}"
+            )
+
+
+def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: Probe) -> None:
+    """The stop that came in between must hold, though the same clear_stop comes again."""
+    device.agree()
+    device.stop()
+    device.free()
+    device.stop()
+    command_id = device.next_id()
+    clear = ClearStop(command_id, OPERATOR)
+    assert device.reply_to(clear) == Ack(command_id, type_of(clear))
+    assert device.status().stop_cause == StopCause.NONE
+    device.stop()
+    assert again(device, clear, command_id) == [Ack(command_id, type_of(clear))], (
+        "the answer is repeated as it was, once"
+    )
+    assert device.status().stop_cause == OPERATOR, "it was carried out twice"
+
+
+def test_a_repeated_refusal_stays_a_refusal(device: Probe) -> None:
+    device.agree()
+    device.stop()
+    command_id = device.next_id()
+    wanted = SetMode(command_id, Mode.VELOCITY)
+    refused = Nack(command_id, type_of(wanted), NackReason.STOP_LATCHED)
+    assert device.reply_to(wanted) == refused
+    device.free()
+    assert again(device, wanted, command_id) == [refused]
+    assert device.status().mode == Mode.IDLE, "a command was carried out after its refusal"
+    device.stop()
+
+
+def test_the_last_sixteen_are_remembered(device: Probe) -> None:
+    device.agree()
+    device.stop()
+    command_id = device.next_id()
+    clear = ClearStop(command_id, OPERATOR)
+    device.reply_to(clear)
+    for _ in range(REMEMBERED - 1):
+        assert device.refusal(lambda i: SetMode(i, Mode.IDLE)) is None
+    device.stop()
+    assert again(device, clear, command_id) == [Ack(command_id, type_of(clear))]
+    assert device.status().stop_cause == OPERATOR, "fifteen commands later it was forgotten"
+
+
+def test_the_same_id_of_another_command_is_another(device: Probe) -> None:
+    device.agree()
+    device.stop()
+    command_id = device.next_id()
+    assert isinstance(device.reply_to(SetMode(command_id, Mode.IDLE)), Ack)
+    assert isinstance(device.reply_to(ClearStop(command_id, OPERATOR)), Ack)
+    assert device.status().stop_cause == StopCause.NONE
+
+
+def test_the_same_id_in_another_session_is_another(device: Probe) -> None:
+    device.agree()
+    device.stop()
+    command_id = device.next_id()
+    assert isinstance(device.reply_to(ClearStop(command_id, OPERATOR)), Ack)
+    device.stop()
+    device.agree()
+    assert isinstance(device.reply_to(ClearStop(command_id, OPERATOR)), Ack)
+    assert device.status().stop_cause == StopCause.NONE
+
+
+def test_a_value_that_cannot_be_is_refused(device: Probe) -> None:
+    device.agree()
+    device.free()
+    reason = device.refusal(lambda i: SetMode(i, 77))
+    assert reason in {NackReason.BAD_VALUE, NackReason.UNSUPPORTED}, reason
+    assert device.status().mode == Mode.IDLE
+    if device.has(Reboot):
+        boot = device.hello.boot_id if device.hello else 0
+        assert device.refusal(lambda i: Reboot(i, 99)) is not None
+        assert device.greet().boot_id == boot

@@ -1,0 +1,355 @@
+"""Hostile bytes: nothing but intact frames is obeyed, and nothing upsets the device."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.can_segments import content, segments
+from protocol.catalogue import CATALOGUE
+from protocol.messages import (
+    Describe,
+    Encoders,
+    GetParameter,
+    Hello,
+    HostHello,
+    SetStreamRate,
+    Stop,
+    TimeReply,
+    TimeRequest,
+    VelocitySetpoint,
+)
+from protocol.values import Mode, StopCause
+from support.probe import now_us
+from support.reference_codec import frame_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from protocol.message import Message
+    from support.probe import Probe
+
+SEED = 20_240
+TIME_REQUEST, STOP, SET_MODE = 0x07, 0x00, 0x06
+UNKNOWN_TYPES = (0x01, 0x0F, 0x3F, 0x7E)
+FUZZ_BYTES = 12_000
+"""A second at what the slowest line that we know of carries."""
+
+
+def frame(  # noqa: PLR0913 - the header's fields
+    device: Probe,
+    type_id: int,
+    payload: bytes,
+    *,
+    version: int = 1,
+    flags: int = 0,
+    node: int | None = None,
+) -> bytes:
+    """A whole frame, by another codec than ours."""
+    return frame_bytes(
+        version=version,
+        flags=flags,
+        node=(device.node or 0) if node is None else node,
+        type_id=type_id,
+        seq=random.Random(now_us()).randrange(256),
+        t_us=now_us() & 0xFFFF_FFFF,
+        payload=payload,
+    )
+
+
+def pings_answered(device: Probe, mark: int) -> list[int]:
+    return [reply.ping for reply in device.of(TimeReply, mark)]
+
+
+def quiet(device: Probe) -> None:
+    """A session that is agreed, at a standstill, with few streams in the way."""
+    device.agree()
+    device.stop()
+
+
+# ---- UART -------------------------------------------------------------------------------
+
+
+@pytest.mark.link("uart")
+def test_a_reference_codecs_frame_is_understood(device: Probe) -> None:
+    quiet(device)
+    mark = len(device.heard)
+    device.write(frame(device, TIME_REQUEST, b"\x5a"))
+    assert device.wait_for(TimeReply, mark=mark, such=lambda r: r.ping == 0x5A)
+
+
+@pytest.mark.link("uart")
+def test_lone_zeros_are_no_error(device: Probe) -> None:
+    quiet(device)
+    before = device.counters().damaged
+    device.write(bytes(300))
+    device.alive()
+    assert device.counters().damaged == before
+
+
+@pytest.mark.link("uart")
+def test_a_damaged_frame_is_counted_and_not_obeyed(device: Probe) -> None:
+    quiet(device)
+    before = device.counters().damaged
+    mark = len(device.heard)
+    whole = frame(device, TIME_REQUEST, b"\xc3")
+    damaged = []
+    for bit in range(8 * 2, 8 * (len(whole) - 1), 3):
+        broken = bytearray(whole)
+        broken[bit // 8] ^= 1 << bit % 8
+        if 0 not in broken[1:-1]:  # else it is two stretches
+            damaged.append(bytes(broken))
+    for broken_frame in damaged:
+        device.write(broken_frame)
+        device.listen(0.005)
+    device.alive()
+    assert 0xC3 not in pings_answered(device, mark), "a damaged frame was obeyed"
+    assert (device.counters().damaged - before) % 0x10000 == len(damaged)
+
+
+@pytest.mark.link("uart")
+def test_a_cut_frame_costs_no_intact_one(device: Probe) -> None:
+    quiet(device)
+    mark = len(device.heard)
+    whole = frame(device, TIME_REQUEST, b"\x11")
+    for number in range(1, 11):
+        device.write(whole[: 4 + number])  # its tail is lost, the next begins with a zero
+        device.write(frame(device, TIME_REQUEST, bytes((number,))))
+        device.listen(0.01)
+    device.ping()
+    answered = pings_answered(device, mark)
+    assert [p for p in answered if p in range(1, 11)] == list(range(1, 11))
+
+
+@pytest.mark.link("uart")
+def test_a_frame_may_come_byte_by_byte(device: Probe) -> None:
+    quiet(device)
+    mark = len(device.heard)
+    for byte in frame(device, TIME_REQUEST, b"\x42"):
+        device.write(bytes((byte,)))
+        device.listen(0.002)
+    assert device.wait_for(TimeReply, mark=mark, such=lambda r: r.ping == 0x42)
+
+
+@pytest.mark.link("uart")
+@pytest.mark.parametrize("length", [254, 255, 256, 400, 3000])
+def test_an_overlong_stretch_is_dropped(device: Probe, length: int) -> None:
+    quiet(device)
+    device.write(b"\0" + b"\x55" * length + b"\0")
+    mark = len(device.heard)
+    device.write(frame(device, TIME_REQUEST, b"\x77"))
+    assert device.wait_for(TimeReply, mark=mark, such=lambda r: r.ping == 0x77), "one frame lost"
+
+
+@pytest.mark.link("uart")
+@pytest.mark.parametrize("version", [0, 2, 15])
+def test_another_version_is_not_obeyed(device: Probe, version: int) -> None:
+    quiet(device)
+    mark = len(device.heard)
+    device.write(frame(device, TIME_REQUEST, b"\x31", version=version))
+    device.alive()
+    assert 0x31 not in pings_answered(device, mark)
+
+
+@pytest.mark.link("uart")
+def test_a_payload_of_another_length_is_not_obeyed(device: Probe) -> None:
+    device.agree()
+    device.free()
+    mark = len(device.heard)
+    command_id = device.next_id()
+    head = command_id.to_bytes(2, "little")
+    for payload in (head + b"\x01\x00", head, b"", bytes(100)):
+        device.write(frame(device, SET_MODE, payload))
+    device.alive()
+    assert device.status().mode == Mode.IDLE
+    assert not any(type(r).__name__ == "Ack" for r in device.replies(command_id, SET_MODE, mark))
+
+
+@pytest.mark.link("uart")
+def test_garbage_leaves_it_alive(device: Probe) -> None:
+    quiet(device)
+    rng = random.Random(SEED)
+    sent = 0
+    while sent < FUZZ_BYTES:
+        noise = rng.randbytes(rng.randrange(1, 400))
+        device.write(noise)
+        sent += len(noise)
+        device.listen(len(noise) / 11_000)
+    device.write(b"\0")
+    device.alive()
+    still_itself(device)
+
+
+@pytest.mark.link("uart")
+def test_mutated_frames_leave_it_alive(device: Probe) -> None:
+    """Frames as hosts send them, cut, joined, with bytes changed, inserted and left out."""
+    quiet(device)
+    rng = random.Random(SEED)
+    sent = 0
+    while sent < FUZZ_BYTES:
+        piece = bytearray(frame(device, *random_harmless(rng)))
+        for _ in range(rng.randrange(4)):
+            at = rng.randrange(len(piece))
+            match rng.randrange(4):
+                case 0:
+                    piece[at] = rng.randrange(256)
+                case 1:
+                    piece.insert(at, rng.randrange(256))
+                case 2 if len(piece) > 1:
+                    del piece[at]
+                case _:
+                    piece = piece[: at + 1]
+        device.write(bytes(piece))
+        sent += len(piece)
+        device.listen(len(piece) / 11_000)
+    device.write(b"\0")
+    device.alive()
+    still_itself(device)
+
+
+# ---- CAN --------------------------------------------------------------------------------
+
+
+def bus_frames(device: Probe, message: Message, transfer_id: int) -> Iterable[tuple[int, bytes]]:
+    """The segments of a message that is none of the periodic ones."""
+    spec = CATALOGUE.by_class[type(message)]
+    _, payload = device.link.codec.encode(message)
+    whole = content(0x10, now_us(), payload)
+    can_id = spec.type_id << 4 | (device.node or 0)
+    return [(can_id, data) for data in segments(whole, transfer_id)]
+
+
+@pytest.mark.link("can")
+def test_a_segment_that_is_lost_loses_its_message_only(device: Probe) -> None:
+    quiet(device)
+    known = device.hello
+    hello = HostHello(0, 0x1234_5678, 1, "a name of several segments")
+    frames = list(bus_frames(device, hello, 3))
+    assert len(frames) > 3
+    mark = len(device.heard)
+    for left_out in range(len(frames)):
+        for index, (can_id, data) in enumerate(frames):
+            if index != left_out:
+                device.write_frame(can_id, data)
+        device.listen(0.05)
+    named = {h.session_id for h in device.of(Hello, mark)}
+    assert 0x1234_5678 not in named, "a hello of which a part is missing was obeyed"
+    assert known is not None
+    device.alive()
+
+
+@pytest.mark.link("can")
+def test_a_transfer_with_a_wrong_check_is_not_obeyed(device: Probe) -> None:
+    quiet(device)
+    hello = HostHello(0, 0x1234_5678, 1, "a name of several segments")
+    mark = len(device.heard)
+    frames = list(bus_frames(device, hello, 5))
+    can_id, data = frames[2]
+    frames[2] = (can_id, bytes((data[0] ^ 1, *data[1:])))
+    for one in frames:
+        device.write_frame(*one)
+    device.listen(0.1)
+    assert 0x1234_5678 not in {h.session_id for h in device.of(Hello, mark)}
+    device.alive()
+
+
+@pytest.mark.link("can")
+def test_a_doubled_frame_is_one(device: Probe) -> None:
+    quiet(device)
+    mark = len(device.heard)
+    for one in bus_frames(device, TimeRequest(0x61), 9):
+        device.write_frame(*one)
+        device.write_frame(*one)
+    device.alive()
+    assert pings_answered(device, mark).count(0x61) == 1
+
+
+@pytest.mark.link("can")
+def test_random_frames_leave_it_alive(device: Probe) -> None:
+    """Of any length on any identifier but those of commands that could do harm."""
+    quiet(device)
+    rng = random.Random(SEED)
+    types = [t for t in range(0x7F) if t not in {0x0B, 0x0C, 0x0E, STOP, 0x05, SET_MODE, 0x09}]
+    for _ in range(700):
+        can_id = rng.choice(types) << 4 | rng.choice([device.node or 1, 0, 9])
+        device.write_frame(can_id, rng.randbytes(rng.randrange(9)))
+        device.listen(0.001)
+    device.alive()
+    still_itself(device)
+
+
+# ---- both -------------------------------------------------------------------------------
+
+
+def random_harmless(rng: random.Random) -> tuple[int, bytes]:
+    """Type and payload of something that a host may say, without lasting consequences."""
+    messages: tuple[Message, ...] = (
+        TimeRequest(rng.randrange(256)),
+        Describe(rng.randrange(127), rng.randrange(256)),
+        VelocitySetpoint(rng.randrange(-900, 900), 0, rng.randrange(251), rng.randrange(256)),
+        GetParameter(rng.randrange(0x10000), rng.randrange(256)),
+        SetStreamRate(rng.randrange(0x10000), rng.randrange(127), rng.randrange(0x10000)),
+        Stop(rng.randrange(0x10000), StopCause.OPERATOR),
+    )
+    message = rng.choice(messages)
+    spec = CATALOGUE.by_class[type(message)]
+    return spec.type_id, spec.layout.pack(*message)
+
+
+def still_itself(device: Probe) -> None:
+    """The same boot, still latched, idle, and agreeing as ever."""
+    before = device.hello
+    hello = device.agree()
+    assert before is not None
+    assert hello.boot_id == before.boot_id, "it booted anew"
+    status = device.status()
+    assert status.mode == Mode.IDLE
+    assert status.stop_cause == StopCause.OPERATOR
+
+
+@pytest.mark.parametrize("type_id", UNKNOWN_TYPES)
+def test_an_unknown_type_is_passed_over(device: Probe, type_id: int) -> None:
+    quiet(device)
+    device.ping()
+    mark = len(device.heard)
+    if device.on_can:
+        whole = content(0x10, now_us(), bytes(4))
+        for data in segments(whole, 1):
+            device.write_frame(type_id << 4 | (device.node or 0), data)
+    else:
+        device.write(frame(device, type_id, bytes(4)))
+    device.alive()
+    answers = [h for h in device.heard[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
+    assert not answers, f"it answered {answers}"
+
+
+def test_a_devices_own_message_is_passed_over(device: Probe) -> None:
+    quiet(device)
+    mark = len(device.heard)
+    spec = CATALOGUE.by_class[Encoders]
+    if device.on_can:
+        device.write_frame(spec.type_id << 4 | (device.node or 0), bytes(6))
+    else:
+        device.write(frame(device, spec.type_id, bytes(4)))
+        device.write(frame(device, 0x19, bytes(3)))
+    device.alive()
+    answers = [h for h in device.heard[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
+    assert not answers
+
+
+def test_another_nodes_messages_are_passed_over(device: Probe) -> None:
+    device.agree()
+    device.free()
+    other = 15 if device.node != 15 else 14
+    mark = len(device.heard)
+    command_id = device.next_id()
+    device.send(Stop(command_id, StopCause.HARDWARE), node=other)
+    device.send(TimeRequest(0x99), node=other)
+    device.send(HostHello(CATALOGUE.hash, 0x0BAD_CAFE, 1, "another host"), node=other)
+    device.listen(0.2)
+    assert device.status().stop_cause == StopCause.NONE, "it obeyed a stop for another node"
+    assert not device.replies(command_id, STOP, mark), "it answered for another node"
+    assert 0x0BAD_CAFE not in {h.session_id for h in device.of(Hello, mark)}
+    device.stop()

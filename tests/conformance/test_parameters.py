@@ -1,0 +1,212 @@
+"""Parameters: read, set within their ranges, saved, and back where they were."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.messages import GetParameter, Hello, Reboot, SaveParameters, SetParameter
+from protocol.values import NackReason, ParameterFlag, ParameterKind, RebootKind, ResetCause
+from support.probe_parameters import every, get, other_value, put, value_of, writable
+
+if TYPE_CHECKING:
+    from protocol.messages import ParameterValue
+    from support.probe import Probe
+
+REBOOT_S = 15.0
+"""From the acknowledgement to the first hello."""
+
+
+def one_to_set(device: Probe) -> ParameterValue:
+    found = writable(every(device))
+    device.needs(bool(found), "no parameter can be set")
+    return found[0]
+
+
+def reboot(device: Probe, kind: int) -> Hello:
+    """Boot the device and agree anew; the first hello that names no session."""
+    before = device.hello
+    assert before is not None
+    reason: NackReason | None = None
+    for _ in range(30):
+        reason = device.refusal(lambda i: Reboot(i, kind))
+        if reason is not NackReason.FAULT:  # it comes to rest from the check before
+            break
+        device.listen(0.1)
+    device.needs(reason is not NackReason.UNSUPPORTED, f"no {RebootKind(kind).name.lower()}")
+    assert reason is None, f"refused: {reason}"
+    device.session_id = 0
+    mark = len(device.heard)
+    found = device.wait_for(
+        Hello, REBOOT_S, mark=mark, such=lambda h: h.boot_id != before.boot_id, alive=False
+    )
+    assert found is not None, f"no hello of a new boot within {REBOOT_S} s"
+    device.link.forget_sequence()
+    device.agree()
+    assert isinstance(found.message, Hello)
+    return found.message
+
+
+def test_the_list_is_whole(device: Probe) -> None:
+    device.agree()
+    found = every(device)
+    assert [p.parameter for p in found] == list(range(found[0].parameter_count))
+    names = [p.name.partition(" ")[0] for p in found]
+    assert len(set(names)) == len(names), "two parameters of one name"
+    for p in found:
+        assert p.name.partition(" ")[2], f"{p.name!r}: a name, a blank, a unit"
+        assert p.kind in set(ParameterKind), p.name
+        low, high = value_of(p.kind, p.low), value_of(p.kind, p.high)
+        for raw in (p.value, p.default):
+            assert low <= value_of(p.kind, raw) <= high, f"{p.name}: {value_of(p.kind, raw)}"
+        assert p.parameter_count == len(found)
+
+
+def test_a_value_is_set_and_read_back(device: Probe) -> None:
+    device.agree()
+    for parameter in writable(every(device)):
+        wanted = other_value(parameter)
+        try:
+            assert put(device, parameter, wanted) is None, parameter.name
+            now = get(device, parameter.parameter)
+            assert now.value == wanted, parameter.name
+            assert now.flags & ParameterFlag.CHANGED, (
+                f"{parameter.name}: differs from what is stored"
+            )
+        finally:
+            assert put(device, parameter, parameter.value) is None
+        assert get(device, parameter.parameter) == parameter, "back where it was"
+
+
+def test_a_repeated_set_does_not_undo_a_later_one(device: Probe) -> None:
+    device.agree()
+    parameter = one_to_set(device)
+    first, number, kind = other_value(parameter), parameter.parameter, parameter.kind
+    command_id = device.next_id()
+    command = SetParameter(command_id, number, kind, first)
+    device.reply_to(command)
+    assert put(device, parameter, parameter.value) is None
+    device.reply_to(command)
+    assert get(device, number).value == parameter.value, "it was carried out twice"
+
+
+def test_what_is_out_of_range_is_refused(device: Probe) -> None:
+    device.agree()
+    for p in writable(every(device)):
+        wrong: list[int] = []
+        if p.kind == ParameterKind.F32:
+            wrong += [0x7FC0_0000, 0x7F80_0000, 0xFF80_0000]  # not a number, infinities
+            wrong.append(p.high + 1 if value_of(p.kind, p.high) >= 0 else p.high - 1)
+        elif p.kind == ParameterKind.BOOL:
+            wrong.append(2)
+        else:
+            wrong += [raw for raw, end in ((p.low - 1, p.low), (p.high + 1, p.high)) if end]
+        for raw in wrong:
+            reason = put(device, p, raw & 0xFFFF_FFFF)
+            value = value_of(p.kind, raw & 0xFFFF_FFFF)
+            assert reason is NackReason.BAD_VALUE, f"{p.name} = {value}: {reason}"
+        assert get(device, p.parameter) == p, f"{p.name}: refused, and changed all the same"
+        assert not math.isnan(value_of(p.kind, p.value))
+
+
+def test_another_kind_is_refused(device: Probe) -> None:
+    device.agree()
+    p = one_to_set(device)
+    for kind in set(ParameterKind) - {p.kind}:
+        reason = device.refusal(lambda i, k=kind: SetParameter(i, p.parameter, k, p.value))  # type: ignore[misc]  # bound now
+        assert reason is NackReason.BAD_VALUE, f"{p.name} as {kind.name}: {reason}"
+
+
+def test_what_is_not_there_is_refused(device: Probe) -> None:
+    device.agree()
+    count = every(device)[0].parameter_count
+    for number in {count, 255}:
+
+        def read(command_id: int, number: int = number) -> GetParameter:
+            return GetParameter(command_id, number)
+
+        def write(command_id: int, number: int = number) -> SetParameter:
+            return SetParameter(command_id, number, 0, 0)
+
+        assert device.refusal(read) is NackReason.UNKNOWN_PARAMETER
+        assert device.refusal(write) is NackReason.UNKNOWN_PARAMETER
+
+
+def test_what_is_read_only_stays(device: Probe) -> None:
+    device.agree()
+    found = [p for p in every(device) if p.flags & ParameterFlag.READ_ONLY]
+    device.needs(bool(found), "every parameter can be set")
+    for p in found:
+        assert put(device, p, p.value) is NackReason.READ_ONLY, p.name
+
+
+@pytest.mark.slow
+def test_a_reboot_is_a_new_boot(device: Probe) -> None:
+    device.agree()
+    device.free()
+    before = device.hello
+    hello = reboot(device, RebootKind.NORMAL)
+    assert before is not None
+    assert hello.reset_cause == ResetCause.SOFTWARE
+    assert hello.session_id == 0, "a boot knows of no session"
+    assert hello.boot_id != 0
+    assert hello.uid == before.uid
+    assert hello.catalogue_hash == before.catalogue_hash
+    status = device.status()
+    assert (status.mode, status.stop_cause) == (0, 1), "it boots idle and latched session_end"
+
+
+@pytest.mark.slow
+def test_saved_values_survive_a_reboot_and_others_do_not(device: Probe) -> None:
+    device.agree()
+    found = writable(every(device))
+    device.needs(len(found) > 1, "fewer than two parameters can be set")
+    saved, unsaved = sorted(found, key=needs_reboot)[:2]
+    wanted = other_value(saved)
+    try:
+        assert put(device, saved, wanted) is None
+        assert device.refusal(SaveParameters) is None
+        kept = get(device, saved.parameter)
+        assert kept.flags & ParameterFlag.STORED, "saved, and not marked so"
+        assert not kept.flags & ParameterFlag.CHANGED
+        assert put(device, unsaved, other_value(unsaved)) is None
+        reboot(device, RebootKind.NORMAL)
+        assert get(device, saved.parameter).value == wanted, "a saved value is lost"
+        assert get(device, unsaved.parameter).value == unsaved.value, "it was never saved"
+    finally:
+        restore(device, found)
+
+
+@pytest.mark.slow
+def test_a_factory_reset_forgets_what_was_saved(device: Probe) -> None:
+    """The device's own values are put back and saved again, whatever comes of the check."""
+    device.agree()
+    found = writable(every(device))
+    device.needs(bool(found), "no parameter can be set")
+    try:
+        assert put(device, found[0], other_value(found[0])) is None
+        assert device.refusal(SaveParameters) is None
+        reboot(device, RebootKind.FACTORY_RESET)
+        for parameter in writable(every(device)):
+            assert parameter.value == parameter.default, f"{parameter.name} outlives it"
+    finally:
+        restore(device, found)
+
+
+def needs_reboot(parameter: ParameterValue) -> bool:
+    return bool(parameter.flags & ParameterFlag.NEEDS_REBOOT)
+
+
+def restore(device: Probe, found: list[ParameterValue]) -> None:
+    """Put the device's own values back, store them, and boot it with them."""
+    device.agree()
+    refused = [p for p in found if put(device, p, p.value) is not None]
+    saved = device.refusal(SaveParameters) is None
+    lines = "\n".join(f"  {p.name.partition(' ')[0]} = {value_of(p.kind, p.value)}" for p in found)
+    assert saved, f"could not be saved again; the device had\n{lines}"
+    assert not refused, f"could not be put back; the device had\n{lines}"
+    if any(needs_reboot(p) for p in found):
+        reboot(device, RebootKind.NORMAL)
+    assert [p.value for p in writable(every(device))] == [p.value for p in found]

@@ -1,0 +1,144 @@
+"""Onboard planner: started, paused, resumed and ended by the host."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.messages import PlannerCommand, PlannerState, SetStreamRate
+from protocol.values import (
+    Capability,
+    Mode,
+    NackReason,
+    OnboardPlanner,
+    PlannerAction,
+    PlannerPhase,
+    StopCause,
+)
+from support.probe import since
+
+if TYPE_CHECKING:
+    from support.probe import Probe
+
+DRIVING = {
+    PlannerPhase.LANE,
+    PlannerPhase.TURN,
+    PlannerPhase.STEP,
+    PlannerPhase.RECOVERY_BACK,
+    PlannerPhase.RECOVERY_LANE,
+    PlannerPhase.RECOVERY_RETURN,
+}
+STILL = 4
+
+
+def command(device: Probe, action: PlannerAction, planner: int | None = None) -> NackReason | None:
+    which = OnboardPlanner.PAPER if planner is None else planner
+    return device.refusal(lambda i: PlannerCommand(i, action, which))
+
+
+def ready(device: Probe) -> None:
+    device.agree()
+    device.needs(Capability.ONBOARD_PLANNER)
+    device.refusal(lambda i: SetStreamRate(i, 0x13, 500))
+    device.refusal(lambda i: SetStreamRate(i, 0x17, 200))
+
+
+def start(device: Probe) -> None:
+    ready(device)
+    device.enter(Mode.ONBOARD)
+    assert command(device, PlannerAction.START) is None
+
+
+def phase_becomes(device: Probe, phases: set[PlannerPhase], within_s: float = 6.0) -> bool:
+    mark = len(device.heard)
+    return device.until(
+        lambda: any(p.phase in phases for p in device.of(PlannerState, mark)), within_s
+    )
+
+
+def moves(device: Probe, seconds: float) -> bool:
+    mark = device.counts()[-1][0]
+    device.listen(seconds)
+    after = [c for c in device.counts() if since(mark, c[0]) >= 0]
+    return max(abs(after[-1][i] - after[0][i]) for i in (1, 2)) > STILL
+
+
+def test_a_device_without_a_planner_says_so(device: Probe) -> None:
+    hello = device.agree()
+    device.needs(not hello.capabilities & Capability.ONBOARD_PLANNER, "it has a planner")
+    device.stop()
+    reason = command(device, PlannerAction.START)
+    assert reason in {NackReason.UNSUPPORTED, NackReason.UNKNOWN_COMMAND}, reason
+    assert not device.of(PlannerState), "it tells of a planner that it has not"
+
+
+def test_its_state_is_told(device: Probe) -> None:
+    ready(device)
+    found = device.wait_for(PlannerState)
+    assert found is not None, "no planner_state"
+    assert isinstance(found.message, PlannerState)
+    assert found.message.phase in set(PlannerPhase)
+
+
+def test_it_does_not_start_while_a_stop_is_latched(device: Probe) -> None:
+    ready(device)
+    device.stop()
+    assert command(device, PlannerAction.START) is NackReason.STOP_LATCHED
+    assert device.status().mode == Mode.IDLE
+
+
+def test_it_is_commanded_in_its_own_mode_only(device: Probe) -> None:
+    ready(device)
+    device.free()
+    for action in (PlannerAction.START, PlannerAction.PAUSE, PlannerAction.RESUME):
+        assert command(device, action) is NackReason.OTHER_MODE, action.name.lower()
+    assert device.status().mode == Mode.IDLE
+
+
+@pytest.mark.motion
+@pytest.mark.slow
+def test_it_starts_pauses_resumes_and_is_aborted(device: Probe) -> None:
+    start(device)
+    assert device.status().mode == Mode.ONBOARD
+    assert phase_becomes(device, DRIVING), "started, and in no driving phase"
+    assert device.until(lambda: moves(device, 0.3), 5.0), "started, and does not move"
+    assert command(device, PlannerAction.PAUSE) is None
+    assert phase_becomes(device, {PlannerPhase.PAUSED})
+    device.listen(0.6)
+    assert not moves(device, 0.3), "paused, and moves"
+    assert command(device, PlannerAction.RESUME) is None
+    assert phase_becomes(device, DRIVING)
+    assert command(device, PlannerAction.ABORT) is None
+    device.listen(0.7)
+    assert not moves(device, 0.2), "aborted, and moves"
+    assert device.status().mode == Mode.IDLE
+
+
+@pytest.mark.motion
+@pytest.mark.slow
+def test_a_stop_ends_it(device: Probe) -> None:
+    start(device)
+    assert phase_becomes(device, DRIVING)
+    device.stop()
+    device.listen(0.7)
+    assert not moves(device, 0.2)
+    status = device.status()
+    assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.OPERATOR)
+
+
+@pytest.mark.motion
+@pytest.mark.slow
+def test_a_silent_host_ends_it(device: Probe) -> None:
+    """The host supervises: a robot that nobody watches does not drive."""
+    start(device)
+    assert phase_becomes(device, DRIVING)
+    device.session_id = 0
+    device.listen(2.0, alive=False)
+    device.agree()
+    device.refusal(lambda i: SetStreamRate(i, 0x13, 500))
+    device.forget()
+    device.listen(0.1)
+    assert not moves(device, 0.2)
+    status = device.status()
+    assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.LINK)

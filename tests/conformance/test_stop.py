@@ -1,0 +1,159 @@
+"""Stop: latched, acknowledged, released by its name only."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.messages import Ack, ClearStop, SetMode, Stop, TimeRequest
+from protocol.values import Mode, NackReason, StopCause
+from support.probe import now_us
+
+if TYPE_CHECKING:
+    from support.probe import Probe
+
+GRAVE = (StopCause.SUPERVISE, StopCause.OPERATOR, StopCause.HARDWARE)
+STOP = 0x00
+
+
+def clear(device: Probe, cause: int) -> NackReason | None:
+    return device.refusal(lambda i: ClearStop(i, cause))
+
+
+def test_a_stop_is_latched_and_leaves_every_mode(device: Probe) -> None:
+    device.agree()
+    device.free()
+    device.stop(StopCause.OPERATOR)
+    status = device.status()
+    assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.OPERATOR)
+    device.listen(0.2)
+    assert device.refusal(lambda i: SetMode(i, Mode.VELOCITY)) is NackReason.STOP_LATCHED
+    assert device.status().stop_cause == StopCause.OPERATOR, "the latch does not hold"
+
+
+def test_every_repetition_is_acknowledged(device: Probe) -> None:
+    device.agree()
+    command_id = device.next_id()
+    mark = len(device.heard)
+    for _ in range(4):
+        device.send(Stop(command_id, StopCause.OPERATOR))
+    device.until(lambda: len(device.replies(command_id, STOP, mark)) >= 4, 1.0)
+    device.ping()
+    assert device.replies(command_id, STOP, mark) == [Ack(command_id, STOP)] * 4
+
+
+def test_it_is_obeyed_when_addressed_to_all(device: Probe) -> None:
+    device.agree()
+    device.free()
+    command_id = device.next_id()
+    assert device.reply_to(Stop(command_id, StopCause.OPERATOR), node=0) == Ack(command_id, STOP)
+    assert device.status().stop_cause == StopCause.OPERATOR
+
+
+@pytest.mark.slow
+def test_it_is_obeyed_and_acknowledged_outside_a_session(device: Probe) -> None:
+    device.agree()
+    device.free()
+    device.session_id = 0
+    device.listen(1.3, alive=False)  # the session is over
+    command_id = device.next_id()
+    device.reply_to(Stop(command_id, StopCause.HARDWARE))
+    device.agree()
+    assert device.status().stop_cause == StopCause.HARDWARE
+    device.free()
+
+
+def test_a_graver_cause_replaces_a_lesser_one_and_never_the_other_way(device: Probe) -> None:
+    device.agree()
+    device.free()
+    held = StopCause.NONE
+    for cause in (StopCause.SUPERVISE, StopCause.SESSION_END, StopCause.HARDWARE, *GRAVE):
+        device.stop(cause)
+        held = max(held, cause)
+        assert device.status().stop_cause == held, f"after {cause.name.lower()}"
+    device.free()
+
+
+def test_a_cause_that_nobody_knows_stops_all_the_same(device: Probe) -> None:
+    device.agree()
+    device.free()
+    device.reply_to(Stop(device.next_id(), 200))
+    assert device.status().stop_cause != StopCause.NONE
+
+
+@pytest.mark.parametrize("cause", GRAVE)
+def test_only_its_own_name_clears_it(device: Probe, cause: StopCause) -> None:
+    device.agree()
+    device.free()
+    device.stop(cause)
+    for other in set(StopCause) - {cause, StopCause.NONE}:
+        assert clear(device, other) is NackReason.OTHER_CAUSE, f"cleared as {other.name.lower()}"
+    assert device.status().stop_cause == cause
+    assert clear(device, cause) is None
+    assert device.status().stop_cause == StopCause.NONE
+
+
+def test_to_clear_where_nothing_is_latched_is_no_error(device: Probe) -> None:
+    device.agree()
+    device.free()
+    assert clear(device, StopCause.OPERATOR) is None
+    assert device.status().stop_cause == StopCause.NONE
+
+
+def test_another_sessions_hello_stops_a_robot_that_was_free(device: Probe) -> None:
+    device.agree()
+    device.free()
+    device.agree()
+    status = device.status()
+    assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.LINK)
+
+
+def test_another_sessions_hello_keeps_the_cause_of_a_robot_that_was_not(device: Probe) -> None:
+    device.agree()
+    device.free()
+    device.stop(StopCause.SESSION_END)
+    device.agree()
+    assert device.status().stop_cause == StopCause.SESSION_END, "an orderly end stays one"
+
+
+@pytest.mark.slow
+def test_a_silent_host_is_a_lost_link(device: Probe) -> None:
+    device.agree()
+    device.free()
+    session, device.session_id = device.session_id, 0
+    device.listen(0.6, alive=False)
+    device.session_id = session
+    assert device.status().stop_cause == StopCause.NONE, "0.6 s are not yet silence"
+    device.session_id = 0
+    silent_us = now_us()
+    heard = device.listen(1.4, alive=False)
+    late = [h for h in heard if h.at_us - silent_us > 1_200_000]
+    told = {type(h.message).__name__ for h in late} - {"Hello"}
+    assert not told, f"1.2 s after the host fell silent it still sends {sorted(told)}"
+    device.agree()
+    assert device.status().stop_cause == StopCause.LINK
+
+
+@pytest.mark.slow
+def test_any_frame_of_the_host_keeps_the_link(device: Probe) -> None:
+    device.agree()
+    device.free()
+    for ping in range(8):
+        device.send(TimeRequest(ping))
+        device.listen(0.25, alive=False)
+    assert device.status().stop_cause == StopCause.NONE
+
+
+@pytest.mark.slow
+def test_frames_for_another_node_do_not_keep_it(device: Probe) -> None:
+    device.agree()
+    device.free()
+    other = 15 if device.node != 15 else 14
+    session, device.session_id = device.session_id, 0
+    for ping in range(14):
+        device.send(TimeRequest(ping), node=other)
+        device.listen(0.1, alive=False)
+    device.session_id = session
+    device.agree()
+    assert device.status().stop_cause == StopCause.LINK

@@ -1,0 +1,174 @@
+"""The device conformance suite, as a user runs it, on devices that are sound and that are not."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import Future, ThreadPoolExecutor
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
+
+from support.broken_device import DEFECTS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
+
+INSTALLED = bool(entry_points(group="pytest11", name="sweepctl"))
+"""Whether pytest finds the project's plugin by itself."""
+
+AT_ONCE = 4
+
+FOUND_BY = {
+    "reciting": {"test_describe_agrees_with_the_catalogue"},
+    "shy": {"test_hello_once_a_second_until_a_host_agrees"},
+    "eager": {"test_a_repeated_command_is_answered_again_and_not_carried_out_again"},
+    "forgetful": {"test_a_stop_is_latched_and_leaves_every_mode"},
+    "batching": {"test_stamps_advance_and_are_of_the_sampling"},
+    "lossy": {"test_sequence_numbers_count_every_frame"},
+    "persistent": {"test_an_expired_setpoint_ramps_to_rest_and_does_not_latch"},
+    "trusting": {"test_a_damaged_frame_is_counted_and_not_obeyed"},
+    "deaf": {"test_a_silent_host_is_a_lost_link"},
+    "careless": {"test_another_nodes_messages_are_passed_over"},
+    "fickle": {"test_saved_values_survive_a_reboot_and_others_do_not"},
+}
+"""Defect → the checks that must find it."""
+SOUND = (
+    "test_hello_says_who_it_is",
+    "test_an_answer_names_the_command",
+    "test_lone_zeros_are_no_error",
+)
+"""What each of them passes."""
+
+
+class Outcome(NamedTuple):
+    """A run of the suite."""
+
+    status: int
+    out: str
+    report: dict[str, Any]
+
+    def of(self, outcome: str) -> set[str]:
+        return {
+            c["check"].partition("[")[0] for c in self.report["checks"] if c["outcome"] == outcome
+        }
+
+
+def conformance(folder: Path, *arguments: str) -> Outcome:
+    """Run ``pytest`` with these arguments at the project's root."""
+    report = folder / "report.json"
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"),
+            *("--conformance-report", str(report), *arguments),
+        ],
+        cwd=ROOT,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    found = json.loads(report.read_text()) if report.exists() else {}
+    return Outcome(done.returncode, done.stdout + done.stderr, found)
+
+
+@pytest.fixture(scope="module", name="runs")
+def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future[Outcome]]]:
+    """Some defects at a time: they wait more than they work."""
+    names = ["sound", *FOUND_BY]
+    with (
+        subprocess.Popen(
+            [sys.executable, "-m", "support.broken_device", *names],
+            cwd=ROOT,
+            env=ENVIRONMENT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as devices,
+        ThreadPoolExecutor(AT_ONCE) as pool,
+    ):
+        assert devices.stdout is not None
+        assert devices.stdin is not None
+        futures = {}
+        for name in names:
+            port = devices.stdout.readline().removeprefix("ready ").strip()
+            checks = [*SOUND, *FOUND_BY[name]] if name in FOUND_BY else list(SOUND)
+            arguments = [f"--port={port}", "-k", " or ".join(checks)]
+            if name != "sound":
+                arguments.append("--allow-motion")
+            else:
+                arguments[-1] += " or test_it_follows_a_setpoint or test_its_state_is_told"
+            futures[name] = pool.submit(conformance, tmp_path_factory.mktemp(name), *arguments)
+        yield futures
+        for future in futures.values():
+            future.exception()
+        devices.stdin.close()
+        assert devices.wait(30) == 0
+
+
+def test_every_defect_is_looked_for() -> None:
+    assert FOUND_BY.keys() == DEFECTS.keys() - {"sound"}
+
+
+@pytest.mark.parametrize("defect", FOUND_BY)
+def test_a_defect_is_found_by_the_check_for_it(
+    defect: str, runs: dict[str, Future[Outcome]]
+) -> None:
+    outcome = runs[defect].result()
+    assert outcome.of("failed") == FOUND_BY[defect], outcome.out
+    assert outcome.of("passed") == set(SOUND), outcome.out
+    assert outcome.status == 1
+    assert outcome.report["passed"] is False
+
+
+def test_a_sound_device_passes(runs: dict[str, Future[Outcome]]) -> None:
+    outcome = runs["sound"].result()
+    assert outcome.status == 0, outcome.out
+    report = outcome.report
+    assert report["passed"] is True
+    assert outcome.of("passed") >= set(SOUND)
+    assert outcome.of("failed") == set()
+    assert "test_it_follows_a_setpoint" in outcome.of("not_run"), "nobody allowed motion"
+    assert report["device"]["node"] == 1
+    assert len(bytes.fromhex(report["device"]["uid"])) == 12
+    assert report["chapters"]["Hello and agreement"]["passed"] == 1
+    assert "moving checks were off" in outcome.out
+    assert "--allow-motion" in outcome.out
+    assert "Hello and agreement" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("port", "line"),
+    [
+        (
+            "/dev/no-such-robot",
+            "ERROR: /dev/no-such-robot does not exist; is the robot plugged in?",
+        ),
+        ("can:nothing", "ERROR: can:nothing is not a CAN port: write can:INTERFACE:CHANNEL"),
+    ],
+)
+def test_a_port_that_cannot_be_opened_is_one_line(tmp_path: Path, port: str, line: str) -> None:
+    outcome = conformance(tmp_path, f"--port={port}")
+    assert outcome.status == 4
+    assert outcome.out.strip().splitlines() == [line]
+
+
+def test_a_port_where_nobody_answers_is_one_line(tmp_path: Path) -> None:
+    """Given as people type it: a path that exists, in a word of its own."""
+    master, slave = os.openpty()
+    plugin = [] if INSTALLED else ["-p", "tools.pytest_plugin"]
+    try:
+        outcome = conformance(tmp_path, *plugin, "--port", os.ttyname(slave))
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert outcome.status == 4
+    (line,) = outcome.out.strip().splitlines()
+    assert "nothing answers a hello" in line

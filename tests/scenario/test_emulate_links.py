@@ -1,0 +1,180 @@
+"""``emulate`` as real processes: its links, its names in the file system, and its end."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import time
+from typing import TYPE_CHECKING
+
+import can
+import pytest
+
+from sim_device.ports import PortUnavailableError, PtyPort, ask_control
+from support.two_processes import COMMAND, PATIENCE_S, ROOT, Command, Emulator, Together, connect
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+
+def wait_until(true: Callable[[], object]) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < end_s, "waited in vain"
+        time.sleep(0.01)
+
+
+def read_all(client: socket.socket) -> bytes:
+    """Until the other side hangs up."""
+    client.settimeout(PATIENCE_S)
+    data = b""
+    while more := client.recv(4096):
+        data += more
+    return data
+
+
+def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
+    with Emulator(tmp_path, "--link", "tcp") as device:
+        found = re.fullmatch(r"socket://127\.0\.0\.1:(\d+)", device.port)
+        assert found
+        address = ("127.0.0.1", int(found[1]))
+        with socket.create_connection(address) as first:
+            device.says(f"127.0.0.1:{first.getsockname()[1]} is connected")
+            with socket.create_connection(address) as second:
+                said = read_all(second).decode()
+            assert said.count("\n") == 1
+            assert "refused: this sweeper has a host already, 127.0.0.1:" in said
+            device.says("was refused")
+            ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
+            assert ended.status == 3
+            assert "the other end says: refused: this sweeper has a host already" in ended.complaint
+            assert first.recv(100), "the first hears the device all the same"
+        device.says("has left")
+        log = ("--json", "--out", "run.mcap")
+        ended = connect(tmp_path, device.port, "--duration", "1", *log)  # it listens again
+        assert ended.status == 0, ended.err
+        assert ended.json["wire"]["frames"]["rx"] > 50
+        assert ended.json["wire"]["crc_errors"] == 0
+        ended = device.stop()
+    assert (ended.status, ended.out) == (0, "")
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(address)
+
+
+def two_that_want_one_link(tmp_path: Path) -> None:
+    link = tmp_path / "sweeper"
+    with Emulator(tmp_path, "--pty-link", link) as first:
+        target = link.readlink()
+        with pytest.raises(PortUnavailableError, match="another emulator that still runs"):
+            PtyPort(link)
+        assert link.readlink() == target
+        first.process.kill()  # nobody takes its link away
+        first.process.wait()
+        assert link.is_symlink()
+        with Emulator(tmp_path, "--pty-link", link) as heir:
+            assert link.is_char_device()
+            assert heir.stop().status == 0
+        assert not os.path.lexists(link)
+
+
+def a_port_pulled_and_put_back(tmp_path: Path) -> None:
+    link = tmp_path / "sweeper"
+    control = tmp_path / "control"
+    with Emulator(tmp_path, "--pty-link", link, "--control", control) as device:
+        arguments = (link, "--duration", "7", "--json", "--out", "run.mcap")
+        with Command("connect", *arguments, cwd=tmp_path) as host:
+            host.says("both ends agree")
+            assert ask_control(control, "start unplug:1.5")["ok"]
+            device.says("the port is unplugged")
+            assert not os.path.lexists(link)
+            device.says(f"the port is back: {link}")
+            assert link.is_symlink()
+            ended = host.end()
+        assert ended.status == 0, ended.err
+        assert "is gone" in ended.err
+        assert "sweeper is back" in ended.err
+        assert ended.err.count("both ends agree") == 2
+        assert device.stop().status == 0
+    assert not os.path.lexists(link)
+
+
+def a_line_that_is_too_slow_is_told(tmp_path: Path) -> None:
+    with Emulator(tmp_path, "--baud", "19200", "--stats") as device:
+        ended = connect(tmp_path, device.port, "--duration", "4", "--json", "--out", "r.mcap")
+        assert ended.status == 0, ended.err
+        told = device.stop().err
+    # 1920 B/s whatever the streams want, and for as long as the emulator says that it ran.
+    found = re.search(r"ran ([\d.]+) s: (\d+) turns.* ([\d.]+) ms late.* (\d+) B to the host", told)
+    assert found, told
+    assert int(found[4]) <= 1920 * float(found[1])
+    assert re.search(r"\d+ B were lost by the device, which had more to say", told)
+
+
+def an_adapter_as_python_can_expects_it(tmp_path: Path) -> None:
+    with Emulator(tmp_path, "--link", "slcan") as device:
+        channel = device.port.removeprefix("can:slcan:")
+        bus = can.Bus(
+            interface="slcan", channel=channel, bitrate=500_000, sleep_after_open=0.0,
+            ignore_config=True,
+        )  # fmt: skip
+        with bus:
+            assert bus.get_version(2.0) == (10, 13)  # type: ignore[attr-defined]  # slcan's own
+            assert bus.get_serial_number(2.0) == "SW01"  # type: ignore[attr-defined]
+            seen = {bus.recv(2.0) for _ in range(3)}
+            assert all(m is not None and m.arbitration_id & 0xF == 1 for m in seen), "its hello"
+            bus.send(can.Message(arbitration_id=0x7FF, data=b"", is_extended_id=False))
+        assert device.stop().status == 0
+
+
+def nothing_is_left_however_it_ends(tmp_path: Path) -> None:
+    link, control = tmp_path / "sweeper", tmp_path / "control"
+    for number in (signal.SIGTERM, signal.SIGINT):
+        with Emulator(tmp_path, "--pty-link", link, "--control", control) as device:
+            assert sorted(tmp_path.iterdir()) == [control, link]
+            device.send(number)
+            assert device.end().status == 0
+        assert list(tmp_path.iterdir()) == []
+    # Whoever reads the ready line may then hang up: the device runs on, and ends as ever.
+    arguments = [*COMMAND, "emulate", "--pty-link", str(link), "--fault", "silence@0.3:0.1"]
+    with subprocess.Popen(
+        arguments,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        assert process.stdout.readline() == f"ready {link}\n".encode()
+        process.stdout.close()
+        process.stderr.close()
+        time.sleep(1.0)  # the fault is told to nobody
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+SCENARIOS = (
+    tcp_one_client_and_a_reason_for_the_second,
+    two_that_want_one_link,
+    a_port_pulled_and_put_back,
+    a_line_that_is_too_slow_is_told,
+    an_adapter_as_python_can_expects_it,
+    nothing_is_left_however_it_ends,
+)
+
+
+@pytest.fixture(scope="module", name="together")
+def _together(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Together]:
+    with Together(SCENARIOS, tmp_path_factory.mktemp("links")) as together:
+        yield together
+
+
+@pytest.mark.parametrize("scenario", [s.__name__ for s in SCENARIOS])
+def test_emulate(scenario: str, together: Together) -> None:
+    together.result(scenario)

@@ -1,0 +1,218 @@
+"""The pytest plugin as users have it: in a pytest of their own, in a folder of their own."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+INSTALLED = bool(entry_points(group="pytest11", name="sweepctl"))
+"""Whether pytest finds the plugin by itself, as it does where sweepctl is installed."""
+
+
+def users_pytest(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, *arguments: str
+) -> pytest.RunResult:
+    """Run pytest in the user's folder, with the plugin and nothing of this project's settings."""
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    plugin = () if INSTALLED else ("-p", "tools.pytest_plugin")
+    return pytester.runpytest_subprocess(*plugin, "-p", "no:cacheprovider", *arguments)
+
+
+FIXTURES = """
+import pytest
+
+FINAL = {}
+
+@pytest.mark.sweeper(room="empty", noise="none", node=3)
+def test_a_velocity_is_followed(sweeper):
+    assert sweeper.connected and sweeper.host.session.node == 3
+    x_m = sweeper.truth.pose.x_m
+    sweeper.enable()
+    sweeper.drive(0.1, 0.0, for_s=5.0)
+    sweeper.run(1.0)
+    # Half a metre, less the ramp up (0.1 m/s at 1 m/s2: 5 mm) and more the last setpoint's
+    # life: within a few centimetres.
+    assert sweeper.truth.pose.x_m - x_m == pytest.approx(0.5, abs=0.04)
+    assert sweeper.pose_error_m < 0.01
+    assert abs(sweeper.truth.v_m_s) < 1e-3
+    assert sweeper.imu.latest.accel_z_m_s2 == pytest.approx(9.81, abs=0.3)
+    assert sweeper.range.latest is not None and sweeper.power.latest is not None
+
+@pytest.mark.sweeper(room="empty", noise="none")
+def test_a_velocity_is_let_go(sweeper):
+    sweeper.enable()
+    sweeper.drive(0.1, 0.0)
+    sweeper.run(3.0)
+    assert 0.03 < sweeper.truth.path_m < 0.1  # half a second of it
+    sweeper.stop()
+    assert sweeper.stop_cause.name == "OPERATOR"
+    with pytest.raises(Exception, match="stopped by the test"):
+        sweeper.drive(0.1, 0.0)
+    with pytest.raises(Exception, match="clear-stop"):
+        sweeper.enable()
+    sweeper.enable(clear_stop=True)
+
+@pytest.mark.sweeper(noise="typical", seed=5)
+class TestSeeds:
+    def drive(self, sweeper):
+        sweeper.enable()
+        sweeper.drive(0.1, 0.3, for_s=1.0)
+        return tuple(sweeper.truth.pose)
+
+    @pytest.mark.sweeper(room="empty")
+    def test_one(self, sweeper):
+        FINAL["one"] = self.drive(sweeper)
+
+    @pytest.mark.sweeper(room="empty")
+    def test_the_same(self, sweeper):
+        assert self.drive(sweeper) == FINAL["one"]
+
+    @pytest.mark.sweeper(room="empty", seed=6)
+    def test_another(self, sweeper):
+        assert self.drive(sweeper) != FINAL["one"]
+
+@pytest.mark.sweeper(room="empty", noise="none", faults=["wheel-stuck@0:side=right"])
+def test_a_fault_from_the_start(sweeper):
+    sweeper.enable()
+    sweeper.drive(0.1, 0.0, for_s=1.5)
+    assert sweeper.active_faults == ["wheel-stuck@0:side=right"]
+    assert abs(sweeper.truth.right_rad) < 0.1 < sweeper.truth.left_rad
+    sweeper.clear_faults()
+    assert sweeper.active_faults == []
+
+@pytest.mark.sweeper(room="empty", noise="none", link="slcan")
+def test_a_fault_while_it_runs(sweeper):
+    sweeper.run(0.5)
+    assert sweeper.range.latest.ultrasonic_m is not None
+    sweeper.fault("ultrasonic-blind")
+    sweeper.run(0.5)
+    assert sweeper.range.latest.ultrasonic_m is None
+    sweeper.clear_faults("ultrasonic-blind")
+    sweeper.run(0.5)
+    assert sweeper.range.latest.ultrasonic_m is not None
+
+@pytest.mark.sweeper(room="empty", noise="none")
+def test_a_plan(sweeper):
+    summary = sweeper.clean("u-shape", max_time_s=15.0)
+    assert summary["outcome"] == "timeout"
+    assert 8.0 < summary["duration_s"] < 15.0
+    assert summary["path_m"] > 1.0
+    assert summary["pose_error_m"]["max"] < 0.05
+    assert summary["coverage"]["mouth_sweepable"] > 0.02
+"""
+
+
+def test_the_sweeper_fixture(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytester.makepyfile(FIXTURES)
+    result = users_pytest(pytester, monkeypatch, "--strict-markers", "-W", "error")
+    result.assert_outcomes(passed=8)
+
+
+PORT = """
+import os
+import pytest
+import bridge
+
+PORTS = []
+
+@pytest.mark.sweeper(room="empty", noise="none", node=5)
+def test_a_pty(sweeper_port):
+    PORTS.append(sweeper_port)
+    assert os.path.exists(sweeper_port)
+    with bridge.open(sweeper_port) as robot:
+        assert robot.host.session.node == 5
+
+def test_it_is_gone():
+    assert not os.path.exists(PORTS[0])
+
+@pytest.mark.sweeper(room="empty", noise="none", link="tcp")
+def test_a_socket(sweeper_port):
+    assert sweeper_port.startswith("socket://127.0.0.1:")
+    with bridge.open(sweeper_port) as robot:
+        assert robot.status is not None
+"""
+
+
+def test_the_port_fixture_beside_a_folder_named_like_ours(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The emulator is our `tools`, whatever stands in the folder where the tests run."""
+    pytester.mkdir("tools").joinpath("sweepctl.py").write_text("raise SystemExit('not ours')")
+    pytester.makepyfile(PORT)
+    users_pytest(pytester, monkeypatch, "-W", "error").assert_outcomes(passed=3)
+
+
+WRONG = {
+    "room": ('room="no-such-room"', "no room 'no-such-room': neither a file nor one of"),
+    "noise": ('noise="loud"', "loud"),
+    "fault": ('faults=["gremlins@3"]', "there is no kind 'gremlins'"),
+    "key": ('rooom="empty"', "no 'rooom'; there are room, noise, seed, faults, node, link"),
+    "kind": ('seed="one"', "seed='one' is not int"),
+    "link": ('link="wifi"', "link 'wifi' is not one of pty, tcp, slcan, udpcan"),
+    "word": ('"empty"', "write name=value"),
+}
+
+
+def test_what_is_wrong_is_one_line(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for fixture in ("sweeper", "sweeper_port"):
+        cases = "\n".join(
+            f"@pytest.mark.sweeper({argument})\ndef test_{name}({fixture}): pass\n"
+            for name, (argument, _) in WRONG.items()
+            if fixture == "sweeper" or name in {"room", "fault"}
+        )
+        pytester.makepyfile(**{f"test_{fixture}": f"import pytest\n{cases}"})
+    result = users_pytest(pytester, monkeypatch, "-rE")
+    result.assert_outcomes(errors=len(WRONG) + 2)
+    out = result.stdout.str()
+    assert "Traceback" not in out
+    for name, (_, expected) in WRONG.items():
+        said = [line for line in out.splitlines() if f"::test_{name} - " in line]
+        assert said, name
+        block = "\n".join(_setups(out, f"test_{name}"))
+        assert expected in block, f"{name}: {block}"
+
+
+def _setups(out: str, test: str) -> Sequence[str]:
+    """What is said of a test's setup, without headings."""
+    return re.findall(rf"ERROR at setup of {test} _+\n(.*?)\n(?:_|=)", out, re.DOTALL)
+
+
+def test_pytest_starts_as_quickly_as_without(tmp_path: Path) -> None:
+    program = (
+        "import sys, tools.pytest_plugin\n"
+        "heavy = {'numpy', 'numba', 'scipy', 'serial', 'can', 'click', 'protocol', 'bridge', "
+        "'sim_device'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "[]\n"
+
+
+def test_a_user_without_the_fixtures_sees_nothing_of_it(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An option named --port of the user's own stays the user's own."""
+    pytester.makeconftest("def pytest_addoption(parser):\n    parser.addoption('--port')\n")
+    pytester.makepyfile("def test_it(pytestconfig): assert pytestconfig.getoption('port') == '.'")
+    result = users_pytest(pytester, monkeypatch, "--port", ".")
+    result.assert_outcomes(passed=1)

@@ -1,0 +1,82 @@
+"""``simulate`` under faults: on record, repeatable, and with an honest end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from support.cli import Done, decoded, plain_messages, sweepctl
+from tools.virtual_run import EPOCH_NS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def simulate(log: Path, *arguments: str, max_time_s: float = 6.0) -> Done:
+    command = ("simulate", "case-1", "--planner", "paper", "--json", "--out", log)
+    return sweepctl(*command, "--max-time", str(max_time_s), *arguments)
+
+
+def faults(log: Path) -> list[tuple[float, str, str]]:
+    """Time since boot, beginning or end, and text of each event about a fault."""
+    found: list[tuple[float, str, str]] = []
+    for plain, event in decoded(log, "/events"):
+        if event.source == "fault":
+            found.append(((plain.log_ns - EPOCH_NS) / 1e9, event.kind, event.text))
+    return found
+
+
+def test_what_was_injected_is_on_record(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    done = simulate(
+        log, "--fault", "bit-flips@3:1:rate=0.01", "--fault", "wheel-slip@4.5:0.25:left"
+    )
+    assert done.status == 1, "the time was too short, and nothing else"
+    assert done.json["outcome"] == "timeout"
+    assert done.json["wire"]["crc_errors"] > 5
+    flips, slip = "bit-flips@3:1:rate=0.01,way=both", "wheel-slip@4.5:0.25:side=left,share=0.3"
+    assert faults(log) == [
+        (3.0, "began", f"bit-flips began ({flips})"),
+        (4.0, "ended", f"bit-flips ended ({flips})"),
+        (4.5, "began", f"wheel-slip began ({slip})"),
+        (4.75, "ended", f"wheel-slip ended ({slip})"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "outcome", "reason"),
+    [
+        ("unplug@4", 3, "fault", "the device was lost for 30 s"),
+        ("unplug@4:3", 5, "stopped", "the device was lost and is back"),
+        ("reset@4", 5, "stopped", "the device was lost and is back"),
+        ("unplug@0", 3, "fault", "nothing was heard"),
+    ],
+)
+def test_a_device_that_is_lost(
+    tmp_path: Path, fault: str, status: int, outcome: str, reason: str
+) -> None:
+    log = tmp_path / "run.mcap"
+    done = simulate(log, "--fault", fault, max_time_s=60.0)
+    assert (done.status, done.json["outcome"]) == (status, outcome)
+    assert reason in done.json["reason"]
+    assert faults(log)[0][2].startswith(fault.split("@", maxsplit=1)[0])
+
+
+def test_the_same_seed_and_faults_give_the_same_log(tmp_path: Path) -> None:
+    storm = (
+        *("--fault", "byte-loss@3:rate=0.001", "--fault", "jitter@3:ms=5"),
+        *("--fault", "person@3.5:1", "--baud", "230400", "--latency-ms", "16"),
+    )
+    logs: list[Any] = []
+    for name, seed in (("one", "3"), ("two", "3"), ("three", "4")):
+        simulate(tmp_path / name, "--seed", seed, *storm, max_time_s=2.0)
+        logs.append(plain_messages(tmp_path / name))
+    assert logs[0] == logs[1]
+    assert logs[0] != logs[2]
+
+
+def test_a_fault_after_the_end_changes_nothing(tmp_path: Path) -> None:
+    simulate(tmp_path / "bare", max_time_s=2.0)
+    simulate(tmp_path / "late", "--fault", "person@9999", max_time_s=2.0)
+    assert plain_messages(tmp_path / "bare") == plain_messages(tmp_path / "late")

@@ -1,0 +1,350 @@
+"""Emulated devices with a defect each, to see the conformance suite find it.
+
+    python -m support.broken_device DEFECT…
+
+prints a line ``ready PORT`` for each, and serves until its stdin is closed. Every defect is one
+of the bytes between a sound device and its port: frames changed, held, repeated, kept back.
+"""
+
+from __future__ import annotations
+
+import os
+import pty
+import selectors
+import sys
+import time
+import tty
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from cobs import cobs
+
+from protocol.catalogue import CATALOGUE
+from protocol.codec import Codec
+from protocol.messages import (
+    Ack,
+    ClearStop,
+    DescribeReply,
+    Hello,
+    Nack,
+    SaveParameters,
+    Status,
+    Stop,
+    TimeRequest,
+    VelocitySetpoint,
+)
+from protocol.uart import Frame, UartParser, encode_frame
+from protocol.values import StopCause
+from sim_device.device import VirtualSweeper
+from tools.rooms import load_room
+
+if TYPE_CHECKING:
+    from protocol.message import Message
+
+OWN_ID = 0xB000
+"""Command ids of our own, which no host sees answered."""
+
+
+class Sound:
+    """Between device and port; changes nothing."""
+
+    def __init__(self, seed: int) -> None:
+        self.device = VirtualSweeper(load_room("empty"), seed=seed)
+        self.now_us = 0
+        self.codec = Codec(CATALOGUE)
+        self._up, self._down = UartParser(), UartParser()
+        self._next_id = OWN_ID
+
+    def step(self, data: bytes, now_us: int) -> bytes:
+        """Like the device's own."""
+        self.now_us = now_us
+        out = self.device.step(self.to_device(data), now_us)
+        return self.to_host(out)
+
+    def to_device(self, data: bytes) -> bytes:
+        """What the device gets for what the host wrote, and of ourselves."""
+        frames = [f for f in self._down.feed(data) if isinstance(f, Frame)]
+        return b"".join(_bytes(g) for f in frames for g in self.host_frame(f)) + self.injected()
+
+    def to_host(self, data: bytes) -> bytes:
+        """What the host gets for what the device wrote."""
+        frames = [f for f in self._up.feed(data) if isinstance(f, Frame)]
+        return b"".join(_bytes(g) for f in frames for g in self.device_frame(f))
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        """What becomes of a frame of the host's."""
+        return [frame]
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        """What becomes of a frame of the device's."""
+        return [frame]
+
+    def injected(self) -> bytes:
+        """What the device hears besides."""
+        return b""
+
+    def message(self, frame: Frame) -> Message:
+        return self.codec.decode(CATALOGUE.by_type[frame.type_id], frame.payload)
+
+    def saying(self, frame: Frame, message: Message, **changes: int) -> Frame:
+        """A frame with other content."""
+        names = (field.name for field in CATALOGUE.by_class[type(message)].fields)
+        values = dict(zip(names, message, strict=True)) | changes
+        type_id, payload = self.codec.encode(type(message)(**values))
+        return frame._replace(type_id=type_id, payload=payload)
+
+    def own_id(self) -> int:
+        self._next_id += 1
+        return self._next_id
+
+
+class Reciting(Sound):
+    """Its chains are wrong after the second field."""
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, DescribeReply) and message.described_type == 0x12:
+            return [self.saying(frame, message, chain=message.chain ^ 1)]
+        return [frame]
+
+
+class Shy(Sound):
+    """It says hello every other second only."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._hellos = 0
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, Hello) and message.session_id == 0:
+            self._hellos += 1
+            return [frame] if self._hellos % 2 else []
+        return [frame]
+
+
+class Eager(Sound):
+    """It carries out every repetition of a command."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._told: dict[int, int] = {}
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, ClearStop):
+            own = self.own_id()
+            self._told[own] = message.command_id
+            return [self.saying(frame, message, command_id=own)]
+        return [frame]
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, Ack | Nack) and message.command_id in self._told:
+            return [self.saying(frame, message, command_id=self._told[message.command_id])]
+        return [frame]
+
+
+class Forgetful(Sound):
+    """It says yes to a stop, stands, and forgets the latch a moment later."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._cause = 0
+        self._latched_us = 0
+        self._own: set[int] = set()
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, Status) and message.stop_cause != self._cause:
+            self._cause, self._latched_us = message.stop_cause, self.now_us
+        if isinstance(message, Ack | Nack) and message.command_id in self._own:
+            return []
+        return [frame]
+
+    def injected(self) -> bytes:
+        if self._cause in {0, StopCause.SESSION_END, StopCause.LINK}:
+            return b""
+        if self.now_us - self._latched_us < 20_000:
+            return b""
+        self._latched_us = self.now_us
+        own = self.own_id()
+        self._own = {own}
+        type_id, payload = self.codec.encode(ClearStop(own, self._cause))
+        return _bytes(Frame(0x10, 1, type_id, 0, 0, payload))
+
+
+class Batching(Sound):
+    """It stamps frames as they leave, every 25 ms, and not as their content was sampled."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._held: list[Frame] = []
+        self._left_us = 0
+
+    def to_host(self, data: bytes) -> bytes:
+        super().to_host(data)
+        if self.now_us - self._left_us < 25_000:
+            return b""
+        self._left_us = self.now_us
+        out = b"".join(_bytes(f._replace(t_us=self.now_us)) for f in self._held)
+        self._held.clear()
+        return out
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        self._held.append(frame)
+        return []
+
+
+class Lossy(Sound):
+    """It loses a frame of its own now and then."""
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        return [] if frame.seq % 64 == 17 else [frame]
+
+
+class Persistent(Sound):
+    """It drives on for seconds when setpoints cease."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._last: tuple[int, Frame, VelocitySetpoint] | None = None
+        self._said_us = 0
+        self._counter = 0
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, VelocitySetpoint):
+            self._last = (self.now_us, frame, message)
+            return []
+        return [frame]
+
+    def injected(self) -> bytes:
+        if self._last is None or self.now_us - self._said_us < 20_000:
+            return b""
+        heard_us, frame, message = self._last
+        if self.now_us - heard_us > 2_500_000:
+            return b""
+        self._said_us = self.now_us
+        self._counter = (self._counter + 1) & 0xFF
+        stamp_us = (frame.t_us + self.now_us - heard_us) & 0xFFFF_FFFF
+        again = self.saying(frame, message, counter=self._counter)
+        return _bytes(again._replace(t_us=stamp_us))
+
+
+class Trusting(Sound):
+    """It never looks at a frame's check."""
+
+    def to_device(self, data: bytes) -> bytes:
+        out = b""
+        for piece in data.split(b"\0"):
+            with suppress(cobs.DecodeError, ValueError, KeyError):
+                body = cobs.decode(piece)
+                if len(body) >= 12:
+                    flags, node, type_id, seq = body[:4]
+                    t_us = int.from_bytes(body[4:8], "little")
+                    out += _bytes(Frame(flags, node % 16, type_id, seq, t_us, body[8:-4]))
+        return out
+
+
+class Deaf(Sound):
+    """A silent host is nothing to it."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._said_us = 0
+
+    def injected(self) -> bytes:
+        if self.now_us - self._said_us < 300_000:
+            return b""
+        self._said_us = self.now_us
+        type_id, payload = self.codec.encode(TimeRequest(0))
+        return _bytes(Frame(0x10, 1, type_id, 0, self.now_us, payload))
+
+
+class Careless(Sound):
+    """It takes what is addressed to others for its own."""
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        return [frame._replace(node=1)]
+
+
+class Fickle(Sound):
+    """It says that parameters were saved, and saves none."""
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, SaveParameters):
+            return [self.saying(frame, Stop(message.command_id, StopCause.SESSION_END))]
+        return [frame]
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        if isinstance(message, Ack) and message.command_type == 0x00:
+            return [self.saying(frame, message, command_type=t) for t in (0x00, 0x0C)]
+        return [frame]
+
+
+DEFECTS = {
+    kind.__name__.lower(): kind
+    for kind in (
+        Sound,
+        Reciting,
+        Shy,
+        Eager,
+        Forgetful,
+        Batching,
+        Lossy,
+        Persistent,
+        Trusting,
+        Deaf,
+        Careless,
+        Fickle,
+    )
+}
+
+
+def _bytes(frame: Frame) -> bytes:
+    return b"\0" + encode_frame(
+        frame.node, frame.type_id, frame.seq, frame.t_us, frame.payload, frame.flags
+    )
+
+
+def serve(names: list[str]) -> None:
+    """Run devices on a pseudo-terminal each, in real time, until stdin is closed."""
+    devices: dict[int, Sound] = {}
+    with selectors.DefaultSelector() as selector:
+        selector.register(sys.stdin, selectors.EVENT_READ)
+        for seed, name in enumerate(names):
+            master, slave = pty.openpty()
+            tty.setraw(slave)
+            os.set_blocking(master, False)
+            devices[master] = DEFECTS[name](seed)
+            selector.register(master, selectors.EVENT_READ)
+            sys.stdout.write(f"ready {os.ttyname(slave)}\n")
+        sys.stdout.flush()
+        boots_ns: dict[int, int] = {}
+        while True:
+            awake = [
+                d.device.next_deadline_us() + boots_ns[m] // 1000
+                for m, d in devices.items()
+                if m in boots_ns
+            ]
+            now_us = time.monotonic_ns() // 1000
+            wait_s = max(0, min(awake) - now_us) / 1e6 if awake else None
+            ready = {key.fd for key, _ in selector.select(wait_s)}
+            if sys.stdin.fileno() in ready:
+                return
+            for master, device in devices.items():
+                data = os.read(master, 4096) if master in ready else b""
+                if data:  # switched on by the first byte: what nobody asks costs nothing
+                    boots_ns.setdefault(master, time.monotonic_ns())
+                if master not in boots_ns:
+                    continue
+                out = device.step(data, (time.monotonic_ns() - boots_ns[master]) // 1000)
+                with suppress(BlockingIOError):
+                    os.write(master, out)
+
+
+if __name__ == "__main__":
+    serve(sys.argv[1:])

@@ -1,0 +1,356 @@
+"""How pytest runs the device conformance suite: on which device, in what order, with what report.
+
+With ``--port`` every check runs on that one device, one after the other, and nothing else of
+the tests does. Without it they run on emulated devices, each a process of its own, several at a
+time: checks wait far more than they work.
+"""
+
+from __future__ import annotations
+
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from concurrent.futures import Future
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.errors import PortError
+from bridge.io.ports import DEFAULT_BAUD, open_port
+from protocol.catalogue import CATALOGUE
+from protocol.messages import Hello, HostHello
+from support.conformance_report import Report, describe_device, kind_of
+from support.probe import Probe, now_us
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from protocol.messages import Hello as HelloMessage
+
+FOLDER = Path(__file__).resolve().parents[1] / "conformance"
+ROOT = FOLDER.parents[1]
+FLOOR = FOLDER / "floor.json"
+LINKS = ("pty", "slcan")
+LANES = {"pty": 4, "slcan": 2}
+"""Emulated devices for each kind of link."""
+LISTEN_S = 3.5
+"""Three of a device's own hellos, and its session's end before them."""
+NOT_APPLICABLE = "not applicable: "
+
+
+# ---- options ----------------------------------------------------------------------------
+
+
+def add_options(parser: pytest.Parser) -> None:
+    group = parser.getgroup("device conformance")
+    group.addoption(
+        "--port",
+        help="run the device conformance suite, and nothing else, against the device at PORT: "
+        "a device path, socket://HOST:PORT, or can:INTERFACE:CHANNEL",
+    )
+    group.addoption("--node", type=int, metavar="N", help="the device's node, of several")
+    group.addoption("--baud", type=int, default=DEFAULT_BAUD, help="of a serial port")
+    group.addoption("--bitrate", type=int, metavar="N", help="of a CAN bus")
+    group.addoption(
+        "--allow-motion",
+        action="store_true",
+        help="also run the checks that turn the wheels; lift them off the floor first",
+    )
+    group.addoption(
+        "--conformance-report", type=Path, metavar="FILE.json", help="write the outcome here"
+    )
+
+
+def port_of(config: pytest.Config) -> str | None:
+    value: str | None = config.getoption("--port")
+    return value
+
+
+def kind_of_item(item: pytest.Function) -> str:
+    return kind_of(str(item.callspec.params["device"]))
+
+
+def is_slow(item: pytest.Function) -> bool:
+    return item.get_closest_marker("slow") is not None
+
+
+def in_suite(path: Path) -> bool:
+    return FOLDER in path.parents
+
+
+# ---- devices ----------------------------------------------------------------------------
+
+
+class Emulated:
+    """``sweepctl emulate`` as a process."""
+
+    def __init__(self, link: str, seed: int) -> None:
+        self._process = subprocess.Popen(
+            [
+                *(sys.executable, "-m", "tools.sweepctl", "emulate", str(FLOOR)),
+                *("--link", link, "--seed", str(seed)),
+            ],
+            cwd=ROOT,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def port(self) -> str:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        assert line.startswith("ready "), self._process.communicate()
+        return line.removeprefix("ready ").strip()
+
+    def end(self) -> None:
+        self._process.send_signal(signal.SIGTERM)
+        _, err = self._process.communicate(timeout=30)
+        assert self._process.returncode == 0, err
+
+
+def open_probe(name: str, config: pytest.Config) -> Probe:
+    """Open a port as the options say.
+
+    Raises:
+        PortError: it cannot be opened.
+
+    """
+    port = open_port(name, baud=config.getoption("--baud"), bitrate=config.getoption("--bitrate"))
+    return Probe(port, node=config.getoption("--node"))
+
+
+def identify(probe: Probe) -> HelloMessage | str:
+    """Find out who is there; a line for people where that is not one device."""
+    found: dict[int, HelloMessage] = {}
+    end_us = now_us() + round(LISTEN_S * 1e6)
+    wanted, probe.node = probe.node, None
+    while now_us() < end_us and not found:
+        probe.send(HostHello(CATALOGUE.hash, 0x00C0FFEE, 0, "conformance"), node=wanted or 0)
+        probe.listen(0.4, alive=False)
+        for heard in probe.heard:
+            if isinstance(heard.message, Hello) and wanted in {None, heard.frame.node}:
+                found[heard.frame.node] = heard.message
+    if not found:
+        who = "nothing" if wanted is None else f"no device of node {wanted}"
+        came = f"{len(probe.raw)} bytes came" if probe.raw else "no byte came"
+        return f"{who} answers a hello on {probe.port.name} within {LISTEN_S:g} s ({came})"
+    if len(found) > 1:
+        return f"several devices answer, nodes {sorted(found)}: choose one with --node N"
+    ((probe.node, hello),) = found.items()
+    return hello
+
+
+# ---- running ----------------------------------------------------------------------------
+
+
+def run_check(item: pytest.Function, probe: Probe) -> None:
+    """One check, in a session of its own."""
+    probe.forget()
+    probe.session_id = 0
+    parameters = item.callspec.params if hasattr(item, "callspec") else {}
+    own = {name: value for name, value in parameters.items() if name != "device"}
+    item.obj(device=probe, **own)
+
+
+class Lanes:
+    """Emulated devices, and the checks that wait for one."""
+
+    def __init__(self, items: list[pytest.Function], config: pytest.Config) -> None:
+        self._config = config
+        self._futures: dict[str, Future[None]] = {}
+        self._emulated: list[Emulated] = []
+        self._threads: list[threading.Thread] = []
+        self._end = threading.Event()
+        for link in LINKS:
+            waiting: queue.SimpleQueue[pytest.Function] = queue.SimpleQueue()
+            mine = [i for i in items if i.callspec.params["device"] == link]
+            # The slowest first, or the last lane works on alone.
+            for item in sorted(mine, key=is_slow, reverse=True):
+                self._futures[item.nodeid] = Future()
+                waiting.put(item)
+            for seed in range(min(LANES[link], len(mine))):
+                emulated = Emulated(link, seed)
+                self._emulated.append(emulated)
+                thread = threading.Thread(target=self._work, args=(emulated, waiting))
+                thread.start()
+                self._threads.append(thread)
+
+    def _work(self, emulated: Emulated, waiting: queue.SimpleQueue[pytest.Function]) -> None:
+        probe: Probe | None = None
+        while not self._end.is_set():
+            try:
+                item = waiting.get_nowait()
+            except queue.Empty:
+                break
+            future = self._futures[item.nodeid]
+            try:
+                probe = probe or open_probe(emulated.port(), self._config)
+                run_check(item, probe)
+            except BaseException as error:  # noqa: BLE001 - belongs to the check's own thread
+                future.set_exception(error)
+            else:
+                future.set_result(None)
+        if probe is not None:
+            probe.port.close()
+
+    def result(self, item: pytest.Function) -> None:
+        """Wait for a check; raises what it raised."""
+        self._futures[item.nodeid].result()
+
+    def close(self) -> None:
+        self._end.set()
+        for thread in self._threads:
+            thread.join()
+        for emulated in self._emulated:
+            emulated.end()
+
+
+# ---- the plugin -------------------------------------------------------------------------
+
+
+class ConformancePlugin:
+    """Joins it all to pytest."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+        self._port = port_of(config)
+        self._probe: Probe | None = None
+        self._lanes: Lanes | None = None
+        self.report = Report()
+
+    # ---- what is run
+
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        if self._port is None or collection_path.is_dir() or in_suite(collection_path):
+            return None
+        return True
+
+    def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
+        if "device" in metafunc.fixturenames and in_suite(Path(metafunc.module.__file__ or "")):
+            links = LINKS if self._port is None else (self._port,)
+            metafunc.parametrize("device", links, indirect=True)
+
+    def pytest_collection_modifyitems(
+        self, config: pytest.Config, items: list[pytest.Item]
+    ) -> None:
+        left_out: list[pytest.Item] = []
+        still = self._port is not None and not config.getoption("--allow-motion")
+        for item in items:
+            if not isinstance(item, pytest.Function) or not in_suite(item.path):
+                continue
+            kinds = {mark.args[0] for mark in item.iter_markers("link")}
+            if kinds and kind_of_item(item) not in kinds:
+                left_out.append(item)
+                if self._port is not None:
+                    self.report.note(item, "not_applicable", f"only over {min(kinds)}")
+            elif self._port is None and kind_of_item(item) == "can" and is_slow(item):
+                left_out.append(item)  # seconds of waiting that show nothing of the link
+            elif still and item.get_closest_marker("motion"):
+                left_out.append(item)
+                self.report.note(item, "not_run", "it turns the wheels: --allow-motion")
+        items[:] = [i for i in items if i not in left_out]
+        config.hook.pytest_deselected(items=left_out)
+
+    def pytest_sessionstart(self) -> None:
+        if self._port is None or self._config.getoption("--collect-only"):
+            return
+        try:
+            self._probe = open_probe(self._port, self._config)
+        except PortError as error:
+            raise pytest.UsageError(str(error)) from None
+        hello = identify(self._probe)
+        if isinstance(hello, str):
+            self._probe.port.close()
+            raise pytest.UsageError(hello)
+        self.report.device = describe_device(hello, self._probe.node, self._port)
+
+    def pytest_report_header(self) -> list[str]:
+        if self._port is None:
+            return []
+        lines = [f"device conformance: {self._port}"]
+        if self._config.getoption("--allow-motion"):
+            lines.append("THE WHEELS WILL TURN: the robot must stand with its wheels off the floor")
+        else:
+            lines.append("moving checks are off: nothing turns the wheels without --allow-motion")
+        return lines
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_pyfunc_call(self, pyfuncitem: pytest.Function) -> bool | None:
+        if not in_suite(pyfuncitem.path) or "device" not in pyfuncitem.fixturenames:
+            return None
+        if self._probe is not None:
+            run_check(pyfuncitem, self._probe)
+            return True
+        if self._lanes is None:
+            chosen = [
+                i
+                for i in pyfuncitem.session.items
+                if isinstance(i, pytest.Function)
+                and in_suite(i.path)
+                and "device" in i.fixturenames
+            ]
+            self._lanes = Lanes(chosen, self._config)
+        self._lanes.result(pyfuncitem)
+        return True
+
+    # ---- what came of it
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_makereport(
+        self, item: pytest.Item, call: pytest.CallInfo[None]
+    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        report = yield
+        if in_suite(item.path) and (call.when == "call" or report.failed):
+            self._note(item, report)
+        return report
+
+    def _note(self, item: pytest.Item, report: pytest.TestReport) -> None:
+        if report.passed:
+            self.report.note(item, "passed")
+        elif report.skipped and isinstance(report.longrepr, tuple):
+            reason = report.longrepr[2].removeprefix("Skipped: ").removeprefix(NOT_APPLICABLE)
+            self.report.note(item, "not_applicable", reason)
+        else:
+            self.report.note(item, "failed", report.longreprtext.strip().splitlines()[-1])
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        if self._port is None or not self.report.chapters:
+            return
+        device, write = self.report.device, terminalreporter.write_line
+        terminalreporter.section("device conformance")
+        if device:
+            write(
+                f"{device['name']} {device['version']}, node {device['node']}, "
+                f"uid {device['uid']}, on {self._port}"
+            )
+        columns = ("passed", "failed", "not applicable", "not run")
+        width = max(map(len, self.report.chapters))
+        write(" " * width + "".join(f"{name:>16}" for name in columns))
+        for title, chapter in self.report.chapters.items():
+            values = vars(chapter).values()
+            write(f"{title:<{width}}" + "".join(f"{value:>16}" for value in values))
+        if any(chapter.not_run for chapter in self.report.chapters.values()):
+            write("moving checks were off: with the wheels off the floor, --allow-motion runs them")
+        for check in self.report.checks:
+            if check["outcome"] == "not_applicable":
+                write(f"not applicable: {check['check']}: {check['reason']}")
+
+    def pytest_sessionfinish(self) -> None:
+        if self._lanes is not None:
+            self._lanes.close()
+        if self._probe is not None:
+            self._probe.port.close()
+        path: Path | None = self._config.getoption("--conformance-report")
+        if path is not None and self.report.chapters:
+            path.write_text(self.report.as_json(self._port), encoding="utf-8")
+
+
+def configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "motion: turns the wheels")
+    config.addinivalue_line("markers", "slow: waits for seconds; begun first")
+    config.addinivalue_line("markers", "link(kind): only over this kind of link, uart or can")
+    config.pluginmanager.register(ConformancePlugin(config), "device-conformance")

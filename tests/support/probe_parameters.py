@@ -1,0 +1,73 @@
+"""A device's parameters as a probe reads them, and their values."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from protocol.messages import GetParameter, ParameterValue, SetParameter
+from protocol.values import NackReason, ParameterFlag, ParameterKind
+
+if TYPE_CHECKING:
+    from support.probe import Probe
+
+
+def get(device: Probe, number: int) -> ParameterValue:
+    """One parameter; its value comes before the acknowledgement."""
+    mark = len(device.heard)
+    reason = device.refusal(lambda i: GetParameter(i, number))
+    assert reason is None, f"parameter {number}: {reason}"
+    values = [v for v in device.of(ParameterValue, mark) if v.parameter == number]
+    assert values, f"parameter {number}: acknowledged without its value"
+    return values[-1]
+
+
+def every(device: Probe) -> list[ParameterValue]:
+    """All of them, in order; ends the check where the device has none."""
+    device.needs(GetParameter)
+    first = device.refusal(lambda i: GetParameter(i, 0))
+    without = first in {NackReason.UNKNOWN_COMMAND, NackReason.UNSUPPORTED}
+    device.needs(not without, "it has no parameters")
+    count = get(device, 0).parameter_count
+    return [get(device, number) for number in range(count)]
+
+
+def put(device: Probe, parameter: ParameterValue, raw: int) -> NackReason | None:
+    """Set one; a refusal's reason, or None."""
+    return device.refusal(lambda i: SetParameter(i, parameter.parameter, parameter.kind, raw))
+
+
+def value_of(kind: int, raw: int) -> float:
+    """What 32 bits say."""
+    match kind:
+        case ParameterKind.F32:
+            number: float = struct.unpack("<f", struct.pack("<I", raw))[0]
+        case ParameterKind.I32:
+            number = struct.unpack("<i", struct.pack("<I", raw))[0]
+        case _:
+            number = raw
+    return number
+
+
+def raw_of(kind: int, value: float) -> int:
+    """The 32 bits that say it."""
+    if kind == ParameterKind.F32:
+        raw: int = struct.unpack("<I", struct.pack("<f", value))[0]
+        return raw
+    return int(value) & 0xFFFF_FFFF
+
+
+def writable(parameters: list[ParameterValue]) -> list[ParameterValue]:
+    """Those that can be set."""
+    return [p for p in parameters if not p.flags & ParameterFlag.READ_ONLY]
+
+
+def other_value(parameter: ParameterValue) -> int:
+    """A value within its range that it has neither now nor by default."""
+    low = value_of(parameter.kind, parameter.low)
+    high = value_of(parameter.kind, parameter.high)
+    for share in (0.25, 0.3, 0.35):
+        raw = raw_of(parameter.kind, low + share * (high - low))
+        if raw not in {parameter.value, parameter.default}:
+            return raw
+    return parameter.high if parameter.value != parameter.high else parameter.low

@@ -1,0 +1,121 @@
+"""A virtual sweeper with line and faults, and a session that drives it, in virtual time."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+from bridge.session import Session
+from bridge.session_events import Agreed, Data, Ping, State
+from protocol.clock import HostNs
+from protocol.link import Link
+from protocol.values import Mode, StopCause
+from sim_device.device import VirtualSweeper
+from sim_device.faults.kinds import parse_fault
+from sim_device.line import STRAIGHT, LineSettings
+from sim_device.rig import Rig
+from support.sim_body import room
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import FloorPlan
+    from bridge.session_events import SessionEvent
+    from protocol.link import LinkBase
+    from protocol.message import Message
+
+E = TypeVar("E")
+M = TypeVar("M")
+HOST_BOOT_US = 3_000_000
+OPEN_FLOOR = room((10.0, 10.0, 0.0))
+_SETPOINT_US = 20_000
+
+
+class Heard(NamedTuple):
+    """A message of the device."""
+
+    at_us: int
+    """When it came: the device's own true time."""
+    t_us: int
+    """Its stamp."""
+    message: Message
+
+
+def rig(
+    *faults: str,
+    plan: FloorPlan = OPEN_FLOOR,
+    settings: LineSettings = STRAIGHT,
+    seed: int = 1,
+    link: type[LinkBase] = Link,
+) -> Rig:
+    """Noise-free, in the middle of an open floor unless told otherwise."""
+    device = VirtualSweeper(plan, seed=seed, noise="none", link=link)
+    return Rig(device, settings, [parse_fault(text) for text in faults], seed=seed)
+
+
+class Drive:
+    """A session that asks for one velocity as long as it is ready."""
+
+    def __init__(self, made: Rig, v_m_s: float = 0.0, yaw_rate_rad_s: float = 0.0) -> None:
+        self.rig = made
+        self.velocity = v_m_s, yaw_rate_rad_s
+        self.session = Session(itertools.count(1).__next__, link=type(made.device.firmware.link))
+        self.heard: list[Heard] = []
+        self.events: list[tuple[int, SessionEvent]] = []
+        self.bytes: list[tuple[int, bytes]] = []
+        """What came, and when."""
+        self.now_us = 0
+        self._setpoint_us = 0
+        self.session.open(self._host_ns)
+
+    @property
+    def _host_ns(self) -> HostNs:
+        return HostNs((self.now_us + HOST_BOOT_US) * 1000)
+
+    def run(self, until_s: float) -> None:
+        """Let both live until this time of the device's."""
+        end_us = round(until_s * 1e6)
+        pending = b""
+        while self.now_us < end_us:
+            deadline_ns = self.session.next_deadline()
+            host_us = -(-deadline_ns // 1000) - HOST_BOOT_US if deadline_ns else end_us
+            due_us = min(self.rig.next_deadline_us(), host_us, self._setpoint_us, end_us)
+            self.now_us = max(self.now_us, due_us) if not pending else self.now_us
+            came = self.rig.step(pending, self.now_us)
+            if came:
+                self.bytes.append((self.now_us, came))
+                self._take(self.session.receive(came, self._host_ns))
+            self._take(self.session.poll(self._host_ns))
+            if self.now_us >= self._setpoint_us:
+                self._setpoint_us = self.now_us + _SETPOINT_US
+                if self.session.state is State.READY and any(self.velocity):
+                    self.session.setpoint(*self.velocity, 200, self._host_ns)
+            pending = self.session.data_to_send()
+
+    def _take(self, events: list[SessionEvent]) -> None:
+        for event in events:
+            self.events.append((self.now_us, event))
+            if isinstance(event, Data):
+                frame = event.received.frame
+                self.heard.append(Heard(self.now_us, frame.t_us, event.received.message))
+            elif isinstance(event, Agreed) and any(self.velocity):
+                self.session.clear_stop(StopCause.SESSION_END, self._host_ns)
+                self.session.set_mode(Mode.VELOCITY, self._host_ns)
+
+    def of(self, kind: type[M], since_s: float = 0.0, until_s: float = 1e9) -> list[M]:
+        """Messages of one kind that came in this time."""
+        return [
+            h.message
+            for h in self.heard
+            if isinstance(h.message, kind) and since_s * 1e6 <= h.at_us < until_s * 1e6
+        ]
+
+    def round_trips_us(self, since_s: float, until_s: float) -> list[int]:
+        """Of the pings that were answered in this time."""
+        return [
+            (e.arrived_ns - e.sent_ns) // 1000
+            for at_us, e in self.events
+            if isinstance(e, Ping) and since_s * 1e6 <= at_us < until_s * 1e6
+        ]
+
+    def agreed(self) -> list[Agreed]:
+        """Each agreement."""
+        return [e for _, e in self.events if isinstance(e, Agreed)]

@@ -1,0 +1,75 @@
+"""Stand-ins for the plant whose motion is a formula, so that a sensor's answer is one too."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from bridge.motion.geometry import Pose2
+from sim_device.truth import Inertial
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sim_device.plant import Plant
+    from sim_device.world import World
+
+
+def _still(_t_s: float) -> float:
+    return 0.0
+
+
+class Scripted:
+    """A body as the inertial sensor knows it: heading and impulses as functions of time."""
+
+    def __init__(  # noqa: PLR0913, PLR0917 - all that a sensor feels, each with a default
+        self,
+        heading_deg: Callable[[float], float] = _still,
+        impulse_x_m_s: Callable[[float], float] = _still,
+        wheels_rad: Callable[[float], float] = _still,
+        pitch_rad: Callable[[float], float] = _still,
+        roll_rad: Callable[[float], float] = _still,
+        climb_m_s: Callable[[float], float] = _still,
+    ) -> None:
+        self.tick_ms = 0
+        self._heading_deg = heading_deg
+        self._impulse_x_m_s = impulse_x_m_s
+        self._wheels_rad = wheels_rad
+        self._pitch_rad, self._roll_rad, self._climb_m_s = pitch_rad, roll_rad, climb_m_s
+
+    @property
+    def plant(self) -> Plant:
+        """Itself, as a sensor wants to have it."""
+        return cast("Plant", self)
+
+    @property
+    def inertial(self) -> Inertial:
+        t_s = 0.001 * self.tick_ms
+        wheel = self._wheels_rad(t_s)
+        return Inertial(
+            self.tick_ms,
+            self._heading_deg(t_s) * 0.017453292519943295,
+            self._impulse_x_m_s(t_s),
+            0.0,
+            wheel,
+            wheel,
+            self._pitch_rad(t_s),
+            self._roll_rad(t_s),
+            self._climb_m_s(t_s),
+        )
+
+
+class Placed:
+    """A body as bumper and cliff sensor know it: put somewhere by hand."""
+
+    def __init__(self, world: World, pose: Pose2 | None = None) -> None:
+        self.world = world
+        self.pose = pose or world.plan.start
+        self.touch_bearings_rad: tuple[float, ...] = ()
+
+    @property
+    def plant(self) -> Plant:
+        """Itself, as a sensor wants to have it."""
+        return cast("Plant", self)
+
+    def put(self, x_m: float, y_m: float, theta_rad: float = 0.0) -> None:
+        self.pose = Pose2(x_m, y_m, theta_rad)

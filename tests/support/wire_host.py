@@ -1,0 +1,135 @@
+"""A host made of frames alone: no session, no estimate, nothing of ``bridge``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from protocol.catalogue import CATALOGUE
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import (
+    Ack,
+    ClearStop,
+    Hello,
+    HostHello,
+    LogText,
+    Nack,
+    PlannerCommand,
+    SetMode,
+    Status,
+    Stop,
+    TimeRequest,
+)
+from protocol.values import Mode, NackReason, OnboardPlanner, PlannerAction, StopCause
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from protocol.message import Message
+    from sim_device.device import VirtualSweeper
+
+M = TypeVar("M")
+SESSION = 0xBEEF
+PING_US = 250_000
+
+
+class WireHost:
+    """Bytes to and from a device, in its true time; pings keep the session alive."""
+
+    def __init__(self, device: VirtualSweeper) -> None:
+        self.device = device
+        self.link = Link(Direction.HOST)
+        self.now_us = 0
+        self.heard: list[tuple[int, int, Message]] = []
+        """When (true), stamped when (device's), what."""
+        self.newest: dict[type, Message] = {}
+        self.alive = True
+        self.each_step: Callable[[], None] = lambda: None
+        self._id = 0
+        self._ping_us = 0
+        self._take(device.step(b"", 0))
+
+    def send(self, *messages: Message) -> list[Message]:
+        """Write messages now; what the device answers at once."""
+        for message in messages:
+            self.link.send(message, self.now_us, node=1)
+        return self._take(self.device.step(self.link.data_to_send(), self.now_us))
+
+    def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Let time pass; True once ``until`` holds."""
+        end_us = self.now_us + round(duration_s * 1e6)
+        while self.now_us < end_us:
+            self.now_us = min(end_us, max(self.now_us + 1, self.device.next_deadline_us()))
+            data = b""
+            if self.alive and self.now_us >= self._ping_us:
+                self._ping_us = self.now_us + PING_US
+                self.link.send(TimeRequest(0), self.now_us, node=1)
+                data = self.link.data_to_send()
+            self._take(self.device.step(data, self.now_us))
+            self.each_step()
+            if until():
+                return True
+        return False
+
+    def _take(self, out: bytes) -> list[Message]:
+        got = [e for e in self.link.receive(out, self.now_us) if isinstance(e, Received)]
+        self.heard += [(self.now_us, e.frame.t_us, e.message) for e in got]
+        self.newest |= {type(e.message): e.message for e in got}
+        return [e.message for e in got]
+
+    # ---- what a host asks -----------------------------------------------------------------
+
+    def join(self, session: int = SESSION) -> None:
+        self.send(HostHello(CATALOGUE.hash, session, 0, "frames"))
+        self.send(HostHello(CATALOGUE.hash, session, 1, "frames"))
+
+    def ask(self, make: Callable[[int], Message]) -> NackReason | None:
+        """A command and its answer, which must come at once."""
+        self._id += 1
+        (reply,) = [m for m in self.send(make(self._id)) if isinstance(m, Ack | Nack)]
+        assert reply.command_id == self._id
+        return NackReason(reply.reason) if isinstance(reply, Nack) else None
+
+    def clear(self, cause: StopCause = StopCause.SESSION_END) -> NackReason | None:
+        return self.ask(lambda i: ClearStop(i, cause))
+
+    def choose(self, mode: int) -> NackReason | None:
+        return self.ask(lambda i: SetMode(i, mode))
+
+    def stop(self, cause: StopCause = StopCause.OPERATOR) -> NackReason | None:
+        return self.ask(lambda i: Stop(i, cause))
+
+    def plan(self, action: PlannerAction, planner: int = OnboardPlanner.PAPER) -> NackReason | None:
+        return self.ask(lambda i: PlannerCommand(i, action, planner))
+
+    def start_plan(self, planner: int = OnboardPlanner.PAPER) -> None:
+        """From a boot to a plan under way."""
+        self.join()
+        assert self.clear() is None
+        self.start_plan_again(planner)
+
+    def start_plan_again(self, planner: int = OnboardPlanner.PAPER) -> None:
+        """From being free to a plan under way."""
+        assert self.choose(Mode.ONBOARD) is None
+        assert self.plan(PlannerAction.START, planner) is None
+
+    # ---- what it was told -----------------------------------------------------------------
+
+    def of(self, kind: type[M]) -> list[M]:
+        return [m for _, _, m in self.heard if isinstance(m, kind)]
+
+    def last(self, kind: type[M]) -> M:
+        message = self.newest[kind]
+        assert isinstance(message, kind)
+        return message
+
+    def lines(self) -> list[str]:
+        return [m.line for m in self.of(LogText)]
+
+    @property
+    def status(self) -> Status:
+        return self.last(Status)
+
+    @property
+    def hello(self) -> Hello:
+        return self.last(Hello)

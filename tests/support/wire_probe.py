@@ -1,0 +1,193 @@
+"""The wire of a probe: it says what it is told to, and keeps all that it hears.
+
+It knows a device by the bytes on its port and by nothing else, so the same checks judge the
+emulator, a firmware in another emulator, and a robot on the desk.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+from bridge.io.ports import link_of
+from protocol.can_frames import RECORD
+from protocol.codec import Codec
+from protocol.link import NODE_ALL, LinkEvent, Medium, Received
+from protocol.message import Direction
+from protocol.messages import (
+    Hello,
+    TimeRequest,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.io.ports import BytePort
+    from protocol.message import Message
+    from protocol.uart import Frame
+
+M = TypeVar("M", bound="Message")
+PATIENCE_S = 2.0
+"""For an answer; a device that takes this long does not answer."""
+ALIVE_S = 0.2
+_WRAP, _HALF = 1 << 32, 1 << 31
+
+
+class Heard(NamedTuple):
+    """A message, and our clock as it came."""
+
+    at_us: int
+    message: Message
+    frame: Frame
+
+
+class Ping(NamedTuple):
+    """A time request and its reply; host and device microseconds."""
+
+    sent_us: int
+    reached_us: int
+    replied_us: int
+    back_us: int
+
+    @property
+    def round_trip_us(self) -> int:
+        return self.back_us - self.sent_us
+
+
+def now_us() -> int:
+    """The host's clock."""
+    return time.monotonic_ns() // 1000
+
+
+def since(earlier_us: int, later_us: int) -> int:
+    """Microseconds from one 32-bit stamp to another; negative where the second is older."""
+    return (later_us - earlier_us + _HALF) % _WRAP - _HALF
+
+
+class WireProbe:
+    """One port with one device behind it."""
+
+    def __init__(self, port: BytePort, *, node: int | None = None) -> None:
+        self.port = port
+        self.link = link_of(port.name)(Direction.HOST, codec=Codec())
+        self.node = node
+        """Whom we talk to; None: everybody who answers."""
+        self.session_id = 0
+        self.hello: Hello | None = None
+        self.heard: list[Heard] = []
+        self.events: list[LinkEvent] = []
+        """What was heard and is no message."""
+        self.raw = bytearray()
+        self._command_id = secrets.randbelow(0x10000)
+        self._ping = secrets.randbelow(0x100)
+        self._counter = secrets.randbelow(0x100)
+        self._sent_us = 0
+
+    # ---- the wire -------------------------------------------------------------------------
+
+    @property
+    def on_can(self) -> bool:
+        return self.link.medium is Medium.CAN
+
+    def write(self, data: bytes) -> None:
+        """Write all of it, however little the port takes at once."""
+        end_s = time.monotonic() + PATIENCE_S
+        while data:
+            data = data[self.port.write(data) :]
+            if data:
+                assert time.monotonic() < end_s, "the port takes nothing"
+                self._pump(0.001)
+
+    def write_frame(self, can_id: int, data: bytes) -> None:
+        """Put one frame on a bus."""
+        self.write(RECORD.pack(can_id, len(data), data))
+
+    def send(
+        self,
+        message: Message,
+        *,
+        node: int | None = None,
+        stamp_us: int | None = None,
+        flags: int = 0,
+    ) -> int:
+        """Say something now; gives our clock as it went out."""
+        at_us = now_us()
+        if node is None:
+            node = NODE_ALL if self.node is None else self.node
+        stamp = at_us if stamp_us is None else stamp_us
+        self.link.send(message, stamp & 0xFFFF_FFFF, node=node, flags=flags)
+        self.write(self.link.data_to_send())
+        self._sent_us = at_us
+        return at_us
+
+    def _pump(self, timeout_s: float) -> None:
+        data = self.port.wait(timeout_s)
+        if not data:
+            return
+        at_us = now_us()
+        self.raw += data
+        for event in self.link.receive(data, at_us):
+            if isinstance(event, Received):
+                if self.node in {None, event.frame.node}:
+                    self.heard.append(Heard(at_us, event.message, event.frame))
+            else:
+                self.events.append(event)
+
+    def until(self, true: Callable[[], bool], timeout_s: float, *, alive: bool = True) -> bool:
+        """Listen until something holds; False where the time ran out before.
+
+        With ``alive`` a session that is open is kept open by time requests.
+        """
+        end_us = now_us() + round(timeout_s * 1e6)
+        while not true():
+            left_s = (end_us - now_us()) / 1e6
+            if left_s <= 0:
+                return False
+            if alive and self.session_id and now_us() - self._sent_us > ALIVE_S * 1e6:
+                self.send(TimeRequest(self._next_ping()))
+            self._pump(min(left_s, 0.05))
+        return True
+
+    def listen(self, duration_s: float, *, alive: bool = True) -> list[Heard]:
+        """Keep listening; what came meanwhile."""
+        mark = len(self.heard)
+        self.until(lambda: False, duration_s, alive=alive)
+        return self.heard[mark:]
+
+    def forget(self) -> None:
+        """Throw away what was heard so far."""
+        self.heard.clear()
+        self.events.clear()
+        self.raw.clear()
+
+    def of(self, kind: type[M], mark: int = 0) -> list[M]:
+        """Messages of one kind, from the ``mark``-th heard on."""
+        return [h.message for h in self.heard[mark:] if isinstance(h.message, kind)]
+
+    def wait_for(
+        self,
+        kind: type[M],
+        timeout_s: float = PATIENCE_S,
+        *,
+        mark: int | None = None,
+        such: Callable[[M], bool] = lambda _: True,
+        alive: bool = True,
+    ) -> Heard | None:
+        """The first message of a kind from now (or from ``mark``) on; None where none comes."""
+        position = len(self.heard) if mark is None else mark
+
+        def found() -> bool:
+            nonlocal position
+            while position < len(self.heard):
+                message = self.heard[position].message
+                if isinstance(message, kind) and such(message):
+                    return True
+                position += 1
+            return False
+
+        return self.heard[position] if self.until(found, timeout_s, alive=alive) else None
+
+    def _next_ping(self) -> int:
+        self._ping = (self._ping + 1) & 0xFF
+        return self._ping

@@ -1,0 +1,67 @@
+"""Compiled loops over a raster, against pictures drawn by hand and the plainest search."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from bridge.coverage.floorplan import parse_floorplan
+from bridge.coverage.metrics import CoverageMeter
+from bridge.coverage.raster_kernel import deepest, pieces
+from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def drawn(*rows: str) -> NDArray[np.bool_]:
+    return np.array([[cell == "#" for cell in row] for row in rows])
+
+
+def test_pieces_that_touch_by_a_corner_are_one_or_two() -> None:
+    mask = drawn("##..", "..#.", "#...")
+    by_side, count = pieces(mask, 1)
+    assert count == 3
+    assert by_side.tolist() == [[1, 1, 0, 0], [0, 0, 2, 0], [3, 0, 0, 0]]
+    by_corner, count = pieces(mask, 2)
+    assert count == 2
+    assert by_corner.tolist() == [[1, 1, 0, 0], [0, 0, 1, 0], [2, 0, 0, 0]]
+
+
+def test_depth_is_counted_to_the_nearest_cell_outside() -> None:
+    assert deepest(drawn("...", "...")) == 0.0
+    assert deepest(drawn("###", "###", "###")) == 2.0  # the raster's edge is outside
+    hole = np.ones((9, 9), dtype=np.bool_)
+    hole[4, 4] = False
+    assert deepest(hole) == pytest.approx(math.sqrt(8.0))  # two cells off the hole, both ways
+
+
+def test_depth_is_that_of_a_search_of_all_pairs() -> None:
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        mask = rng.random((11, 14)) < 0.9
+        padded = np.pad(mask, 1)
+        inside, outside = np.argwhere(padded), np.argwhere(~padded)
+        apart = np.linalg.norm(inside[:, None] - outside[None, :], axis=2)
+        assert deepest(mask) == pytest.approx(float(apart.min(axis=1).max()))
+
+
+def test_a_look_at_the_figures_under_way_leaves_the_end_as_it_is() -> None:
+    room = '{"name": "a", "walls": [[0,0],[2,0],[2,2],[0,2]], "obstacles": [], "start": [0.5,1,0]}'
+    meter = CoverageMeter(parse_floorplan(room), RobotModel())
+    way = [(0.02 * i, 0.5 + 0.004 * i, 1.0, 0.0) for i in range(251)]
+    track = meter.track()
+    shares = []
+    for i, pose in enumerate(way):
+        track.add(*pose)
+        if i % 50 == 0:
+            shares.append(track.report().coverage.mouth_free)
+    assert shares == sorted(shares)
+    # a metre by the mouth's 0.16 m, of 4 m²
+    assert shares[-1] == pytest.approx(0.04, abs=5e-4)
+    report = meter.measure(way)
+    assert shares[-1] == pytest.approx(report.coverage.mouth_free, abs=1e-4)
+    assert report.path_m == pytest.approx(1.0)

@@ -1,0 +1,312 @@
+"""Fault bits: each set by what really goes wrong, cleared as it passes, else silent."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.motion.robot_model import RobotModel
+from protocol.messages import LogText, PlannerState, SetParameter, VelocitySetpoint, WheelDuty
+from protocol.values import (
+    Fault,
+    Mode,
+    NackReason,
+    ParameterKind,
+    PlannerPhase,
+    StopCause,
+)
+from sim_device.device import VirtualSweeper
+from sim_device.health import STALL_STOP_S
+from sim_device.modes import State
+from sim_device.onboard import SETTLE_US
+from sim_device.parameters import table, to_raw
+from sim_device.rangers import Ranges
+from support.ends import OPEN_FLOOR, REST_M_S
+from support.sim_body import box, room
+from support.wire_host import WireHost
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import FloorPlan
+
+NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
+BOTH_ENCODERS = Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT
+
+
+class Bench(WireHost):
+    """A device that is driven by setpoints, and its fault bits."""
+
+    def __init__(
+        self, plan: FloorPlan = OPEN_FLOOR, noise: str = "typical", mode: Mode = Mode.VELOCITY
+    ) -> None:
+        super().__init__(VirtualSweeper(plan, seed=3, noise=noise))
+        self.counter = 0
+        self.join()
+        assert self.clear() is None
+        assert self.choose(mode) is None
+
+    def drive(self, duration_s: float, v_m_s: float = 0.2, yaw_rad_s: float = 0.0) -> None:
+        for _ in range(round(duration_s * 50)):
+            self.counter += 1
+            self.send(
+                VelocitySetpoint(
+                    round(v_m_s * 1e4), round(yaw_rad_s * 5e3), 200, self.counter & 0xFF
+                )
+            )
+            self.run(0.02)
+
+    def rest(self, duration_s: float = 1.0) -> None:
+        self.drive(duration_s, 0.0)
+
+    @property
+    def faults(self) -> Fault:
+        return self.device.firmware.faults
+
+    def stopped_by(self, cause: StopCause) -> bool:
+        return self.device.firmware.latch.cause is cause
+
+    def standing(self) -> bool:
+        return abs(self.device.truth.v_m_s) < REST_M_S
+
+    def told(self) -> list[str]:
+        return [m.line for m in self.of(LogText) if "fault" in m.line or "by itself" in m.line]
+
+
+@pytest.mark.parametrize("noise", ["none", "paper", "typical", "harsh"])
+def test_a_sound_device_has_none(noise: str) -> None:
+    """Rest, drive, turn in place, run into a wall, back off and turn again."""
+    plan = room((1.0, 1.0, 0.0), walls=box(0.0, 0.0, 2.4, 2.4))
+    bench = Bench(plan, noise)
+    for v_m_s, yaw_rad_s, duration_s in (
+        (0.0, 0.0, 3.0),
+        (0.2, 0.0, 2.0),
+        (0.0, 1.0, 7.0),
+        (0.15, 0.5, 3.0),
+        (0.02, 0.0, 1.0),
+        (-0.1, 0.0, 2.0),
+        (0.0, -1.0, 3.0),
+        (0.0, 0.0, 2.0),
+    ):
+        bench.drive(duration_s, v_m_s, yaw_rad_s)
+    assert bench.told() == []
+    assert bench.stopped_by(StopCause.NONE)
+
+
+def test_all_are_named_here() -> None:
+    """Every bit has its test below; ``setpoint_expired`` has it with its watchdog."""
+    assert [f.name for f in Fault] == [
+        "IMU",
+        "ENCODER_LEFT",
+        "ENCODER_RIGHT",
+        "ULTRASONIC",
+        "INFRARED",
+        "MOTOR_STALL",
+        "BATTERY_LOW",
+        "SETPOINT_EXPIRED",
+        "LIFTED",
+    ]
+
+
+# ---- IMU ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", ["none", "typical"])
+def test_a_frozen_imu(noise: str) -> None:
+    bench = Bench(noise=noise)
+    bench.rest(2.5)
+    bench.drive(1.0)
+    bench.device.sensors.faults.imu_frozen = True
+    bench.drive(1.5, 0.0, 1.0)
+    assert bench.faults & Fault.IMU
+    assert bench.stopped_by(StopCause.NONE), "a host may drive it home without a gyro"
+    assert bench.choose(Mode.ONBOARD) is NackReason.FAULT, "by itself it cannot"
+    bench.device.sensors.faults.imu_frozen = False
+    bench.drive(0.5, 0.0, 1.0)
+    assert not bench.faults & Fault.IMU
+    assert bench.told()[0] == "fault: imu"
+    bench.rest(0.5)
+    assert bench.told()[-1] == "fault gone: imu"
+
+
+@pytest.mark.parametrize(("bias_deg_s", "faulty"), [(15.0, False), (30.0, True), (-30.0, True)])
+def test_a_rate_at_rest_beyond_the_data_sheets(bias_deg_s: float, faulty: bool) -> None:  # noqa: FBT001 - a table
+    bench = Bench()
+    bench.device.sensors.faults.gyro_bias_deg_s = bias_deg_s
+    bench.rest(1.5)
+    assert bool(bench.faults & Fault.IMU) is faulty
+    bench.device.sensors.faults.gyro_bias_deg_s = 0.0
+    bench.rest(0.5)
+    assert not bench.faults & Fault.IMU
+
+
+def test_a_gravity_that_is_none() -> None:
+    bench = Bench()
+    bench.device.sensors.faults.accel_bias_g = (0.0, 0.0, -0.5)
+    bench.rest(2.5)
+    assert bench.faults & Fault.IMU
+
+
+def test_planning_for_itself_it_stops_without_a_gyro() -> None:
+    bench = Bench(mode=Mode.IDLE)
+    bench.start_plan_again()
+    bench.run(SETTLE_US / 1e6 + 2.0)
+    assert not bench.standing()
+    bench.device.sensors.faults.imu_frozen = True
+    assert bench.run(60.0, lambda: bench.device.state is State.STOPPED)
+    bench.run(1.0)
+    assert bench.stopped_by(StopCause.HARDWARE)
+    assert bench.standing()
+    assert PlannerPhase(bench.last(PlannerState).phase) is PlannerPhase.ABORTED
+    assert "stopped by itself: no heading" in bench.told()
+
+
+# ---- wheels -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("knob", "bit"),
+    [("left", Fault.ENCODER_LEFT), ("right", Fault.ENCODER_RIGHT)],
+)
+def test_an_encoder_that_is_silent(knob: str, bit: Fault) -> None:
+    """A wheel without counts is a wheel without control: it is not left to run."""
+    bench = Bench()
+    bench.drive(1.0)
+    setattr(bench.device.sensors.faults, f"encoder_dropout_{knob}", 1.0)
+    bench.drive(2.5)
+    assert bench.faults & BOTH_ENCODERS == bit
+    assert not bench.faults & Fault.MOTOR_STALL
+    assert bench.stopped_by(StopCause.HARDWARE)
+    assert bench.standing()
+    assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT, "it still holds"
+    setattr(bench.device.sensors.faults, f"encoder_dropout_{knob}", 0.0)
+    assert bench.faults & bit, "nothing shows yet that it counts again"
+
+
+@pytest.mark.parametrize("knob", ["stuck_left", "stuck_right"])
+def test_a_wheel_that_is_stuck(knob: str) -> None:
+    bench = Bench()
+    bench.drive(1.0)
+    setattr(bench.device.plant.faults, knob, True)
+    bench.drive(STALL_STOP_S - 0.3)
+    assert bench.faults & Fault.MOTOR_STALL
+    assert not bench.faults & BOTH_ENCODERS
+    assert bench.stopped_by(StopCause.NONE)
+    bench.drive(0.8)
+    assert bench.stopped_by(StopCause.HARDWARE), "before the motor burns"
+    bench.run(0.5)
+    assert "stopped by itself: motor stalled" in bench.told()
+    assert not bench.faults & Fault.MOTOR_STALL, "at rest nothing stalls"
+    setattr(bench.device.plant.faults, knob, False)
+    assert bench.clear(StopCause.HARDWARE) is None
+    assert bench.choose(Mode.VELOCITY) is None
+    bench.drive(2.0)
+    assert not bench.standing()
+    assert not bench.faults & Fault.MOTOR_STALL
+
+
+# ---- lifted -------------------------------------------------------------------------------
+
+
+def lift(bench: Bench, *, up: bool) -> None:
+    bench.device.plant.faults.lifted = up
+    bench.device.sensors.faults.lifted = up
+
+
+def test_a_robot_that_is_lifted_stops_its_wheels() -> None:
+    bench = Bench()
+    bench.drive(1.0)
+    lift(bench, up=True)
+    bench.drive(1.0)
+    assert bench.faults & Fault.LIFTED
+    assert bench.stopped_by(StopCause.HARDWARE)
+    assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT
+    lift(bench, up=False)
+    bench.rest(1.0)
+    assert not bench.faults & Fault.LIFTED
+    assert bench.clear(StopCause.HARDWARE) is None
+    assert bench.choose(Mode.VELOCITY) is None
+    assert bench.device.truth.left_rad_s == 0.0
+
+
+def test_lifted_it_is_not_set_off_and_in_bringup_it_is() -> None:
+    bench = Bench(mode=Mode.IDLE)
+    lift(bench, up=True)
+    bench.run(1.0)
+    assert bench.faults & Fault.LIFTED
+    assert bench.stopped_by(StopCause.NONE), "nothing moved: nothing to stop"
+    assert bench.choose(Mode.VELOCITY) is NackReason.FAULT
+    assert bench.choose(Mode.ONBOARD) is NackReason.FAULT
+    assert bench.choose(Mode.BRINGUP) is None, "that is how wheels are tried"
+    for k in range(50):
+        bench.send(WheelDuty(4000, 4000, 200, k))
+        bench.run(0.02)
+    assert bench.device.truth.left_rad_s > 1.0
+    assert bench.stopped_by(StopCause.NONE)
+
+
+# ---- rangers ------------------------------------------------------------------------------
+
+
+def test_an_ultrasonic_that_is_blind() -> None:
+    bench = Bench(room((1.0, 1.2, 0.0), walls=box(0.0, 0.0, 2.4, 2.4)))
+    bench.device.sensors.faults.ultrasonic_blind = True
+    for blow in range(2):
+        assert not bench.faults & Fault.ULTRASONIC, blow
+        bench.drive(7.0, 0.2)
+        bench.drive(2.0, -0.1)
+    assert bench.faults & Fault.ULTRASONIC
+    assert bench.stopped_by(StopCause.NONE)
+    bench.device.sensors.faults.ultrasonic_blind = False
+    bench.drive(1.0, -0.1)
+    assert not bench.faults & Fault.ULTRASONIC
+
+
+def test_an_ultrasonic_that_lies() -> None:
+    bench = Bench()
+    bench.device.sensors.faults.ultrasonic_lie_m = 1.5
+    bench.drive(3.5, 0.2)
+    assert bench.faults & Fault.ULTRASONIC
+    bench.device.sensors.faults.ultrasonic_lie_m = None
+    bench.drive(0.5, 0.2)
+    assert not bench.faults & Fault.ULTRASONIC
+
+
+def test_an_infrared_that_is_stuck() -> None:
+    bench = Bench()
+    sensors = bench.device.sensors
+    whole, sensors.ranges = sensors.ranges, lambda: Ranges(None, 0.12, None)  # type: ignore[method-assign]
+    bench.rest(1.0)
+    assert not bench.faults & Fault.INFRARED, "a wall beside it would read so"
+    bench.drive(2.0, 0.0, 1.0)
+    assert bench.faults & Fault.INFRARED
+    sensors.ranges = whole  # type: ignore[method-assign]
+    bench.drive(0.5, 0.0, 1.0)
+    assert not bench.faults & Fault.INFRARED
+
+
+# ---- battery ------------------------------------------------------------------------------
+
+
+def set_volts(bench: Bench, name: str, volts: float) -> None:
+    raw = to_raw(ParameterKind.F32, volts)
+    assert bench.ask(lambda i: SetParameter(i, NUMBERS[name], ParameterKind.F32, raw)) is None
+
+
+def test_a_battery_that_is_low_is_told_and_one_that_is_empty_ends_the_drive() -> None:
+    bench = Bench()
+    bench.drive(1.0)
+    set_volts(bench, "battery_low", 20.0)
+    bench.drive(1.0)
+    assert bench.faults & Fault.BATTERY_LOW
+    assert bench.stopped_by(StopCause.NONE)
+    set_volts(bench, "battery_empty", 20.0)
+    bench.drive(0.7)
+    assert bench.stopped_by(StopCause.NONE), "a sag of less than a second is none"
+    bench.drive(1.0)
+    assert bench.stopped_by(StopCause.HARDWARE)
+    assert bench.clear(StopCause.HARDWARE) is NackReason.FAULT
+    set_volts(bench, "battery_empty", 12.0)
+    bench.run(0.5)
+    assert bench.clear(StopCause.HARDWARE) is None
+    bench.run(0.3)
+    assert "stopped by itself: battery empty" in bench.told()

@@ -1,0 +1,69 @@
+"""Foxglove's types as we write them by hand, held against Google's library and their own code."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.timestamp_pb2 import Timestamp
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from bridge.motion.geometry import Pose2
+from bridge.record import foxglove
+from bridge.record.packer import Packer
+
+if TYPE_CHECKING:
+    from bridge.record.descriptors import MessageType
+
+TYPES = [
+    (foxglove.LOG, Log),
+    (foxglove.POSE_IN_FRAME, PoseInFrame),
+    (foxglove.FRAME_TRANSFORM, FrameTransform),
+]
+
+
+@pytest.mark.parametrize(("ours", "theirs"), TYPES)
+def test_the_schema_is_foxgloves_own(ours: MessageType, theirs: type) -> None:
+    expected = build_file_descriptor_set(theirs)
+    for file in expected.file:  # what no reader of a log needs: options of other languages
+        file.ClearField("options")
+        for message in file.message_type:
+            for field in message.field:
+                field.ClearField("json_name")
+    name, encoding, data = foxglove.schema(ours)
+    assert (name, encoding) == (theirs.DESCRIPTOR.full_name, "protobuf")  # type: ignore[attr-defined]  # generated
+    assert FileDescriptorSet.FromString(data) == expected
+
+
+@given(st.integers(0, 2**64 - 1))
+def test_a_time_stamp_of_any_moment_is_twelve_bytes(time_ns: int) -> None:
+    data = foxglove.timestamp(time_ns)
+    read = Timestamp.FromString(data)
+    assert (read.seconds, read.nanos, len(data)) == (*divmod(time_ns, 10**9), 12)
+
+
+@given(*[st.floats(-1e3, 1e3)] * 2, st.floats(-math.pi, math.pi))
+def test_a_pose_and_its_transform_read_back(x_m: float, y_m: float, theta_rad: float) -> None:
+    values = foxglove.planar(1_700_000_000_123_456_789, Pose2(x_m, y_m, theta_rad))
+    pose = PoseInFrame.FromString(Packer(foxglove.POSE_PARTS).pack(values))
+    moved = FrameTransform.FromString(Packer(foxglove.TRANSFORM_PARTS).pack(values))
+    assert (pose.frame_id, moved.parent_frame_id, moved.child_frame_id) == (
+        "map",
+        "map",
+        "base_link",
+    )
+    for where, turned in (
+        (pose.pose.position, pose.pose.orientation),
+        (moved.translation, moved.rotation),
+    ):
+        assert (where.x, where.y, where.z) == (x_m, y_m, 0.0)
+        assert (turned.x, turned.y) == (0.0, 0.0)
+        assert 2.0 * math.atan2(turned.z, turned.w) == pytest.approx(theta_rad, abs=1e-12)
+    assert pose.timestamp.nanos == moved.timestamp.nanos == 123_456_789

@@ -1,0 +1,246 @@
+"""Ultrasonic and infrared rangers against closed forms and their datasheets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from statistics import fmean
+
+import numpy as np
+import pytest
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from sim_device.infrared import Infrared, Reflectances, metres, volts
+from sim_device.noise import NOISE_LEVELS, Draws, NoiseLevel
+from sim_device.rangers import Rangers
+from sim_device.ultrasonic import Ultrasonic
+from support.sim_body import box, room, world
+
+NONE = NOISE_LEVELS["none"]
+MODEL = RobotModel()
+CENTRE = world(room((10.0, 10.0, 0.0)))
+"""Walls at 0 and 20 m."""
+FACE_M = 0.12
+"""The ultrasonic's face ahead of the axle."""
+MS_PER_M = 2000.0 / 343.0
+
+
+def sonar(level: NoiseLevel = NONE, seed: int = 1) -> Ultrasonic:
+    return Ultrasonic(MODEL.ultrasonic, level, Draws(np.random.default_rng(seed)))
+
+
+def before_wall(distance_m: float) -> Pose2:
+    """Facing the wall at 20 m squarely."""
+    return Pose2(20.0 - FACE_M - distance_m, 10.0, 0.0)
+
+
+def pings(device: Ultrasonic, count: int, distance_m: float) -> list[float | None]:
+    return [device.read(60 * i + 59, before_wall(distance_m), CENTRE) for i in range(count)]
+
+
+def within(count: int, of: int, p: float, sigmas: float = 4.0) -> bool:
+    """Whether a binomial count lies within some sigmas of its mean."""
+    return abs(count - of * p) <= sigmas * math.sqrt(of * p * (1.0 - p))
+
+
+# When it measures.
+
+
+def test_a_reading_is_that_of_the_last_ping_whose_echo_is_back() -> None:
+    """Driving at a wall at 0.2 m/s, read at 20 Hz, against the ping's own moment."""
+    device, start_m, v = sonar(), 2.0, 0.2
+    readings = []
+    for i in range(40):
+        t_ms = 50 * i
+        readings.append(device.read(t_ms, before_wall(start_m - v * 0.001 * t_ms), CENTRE))
+        known = [
+            start_m - v * 0.06 * ping
+            for ping in range(t_ms // 60 + 1)
+            if 60 * ping + MS_PER_M * (start_m - v * 0.06 * ping) <= t_ms
+        ]
+        assert readings[-1] == (pytest.approx(known[-1], abs=1e-9) if known else None)
+    # Two seconds hold 33 pings; the other readings repeat one to the bit.
+    assert readings[0] is None
+    assert len(set(readings[1:])) in {32, 33}
+
+
+def test_a_reading_is_never_older_than_a_cycle_and_its_flight() -> None:
+    device, v = sonar(), 0.2
+    for i in range(1, 60):
+        t_ms = 50 * i
+        true_m = 1.0 - v * 0.001 * t_ms * 0.3
+        told = device.read(t_ms, before_wall(true_m), CENTRE)
+        assert told is not None
+        late_ms = (told - true_m) / (0.3 * v) * 1000.0
+        assert -1e-6 <= late_ms < 60.0 + MS_PER_M * told
+
+
+def test_between_pings_and_before_the_echo_the_last_one_stands() -> None:
+    device = sonar()
+    assert device.read(5, before_wall(1.0), CENTRE) is None  # 5.8 ms for a metre
+    assert device.read(6, before_wall(1.0), CENTRE) == pytest.approx(1.0)
+    assert device.read(59, before_wall(0.5), CENTRE) == pytest.approx(1.0)
+    assert device.read(60, before_wall(0.5), CENTRE) == pytest.approx(1.0)
+    assert device.read(62, before_wall(0.5), CENTRE) == pytest.approx(1.0)
+    assert device.read(63, before_wall(0.5), CENTRE) == pytest.approx(0.5)
+
+
+def test_silence_is_known_after_38_milliseconds() -> None:
+    device = sonar()
+    assert device.read(30, before_wall(1.0), CENTRE) == pytest.approx(1.0)
+    assert device.read(60, before_wall(5.0), CENTRE) == pytest.approx(1.0)
+    assert device.read(97, before_wall(5.0), CENTRE) == pytest.approx(1.0)
+    assert device.read(98, before_wall(5.0), CENTRE) is None
+
+
+# What it hears.
+
+
+def test_nearer_than_its_least_range_it_reads_the_least() -> None:
+    assert pings(sonar(), 1, 0.008) == [0.02]
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 6.0, -7.0])
+def test_a_thin_leg_anywhere_in_the_cone_is_seen(turn_deg: float) -> None:
+    bearing = math.radians(turn_deg)
+    x, y = 10.12 + 3.5 * math.cos(bearing), 10.0 + 3.5 * math.sin(bearing)
+    made = world(room((10.0, 10.0, 0.0), obstacles=(box(x, y - 0.02, x + 0.04, y + 0.02),)))
+    reading = sonar().exact(made.plan.start, made)
+    assert reading == pytest.approx(3.5, abs=0.02)
+
+
+def test_outside_the_cone_it_is_not() -> None:
+    x, y = 10.12 + 2.0 * math.cos(0.2), 10.0 + 2.0 * math.sin(0.2)
+    made = world(room((10.0, 10.0, 0.0), obstacles=(box(x, y, x + 0.04, y + 0.04),)))
+    assert sonar().exact(made.plan.start, made) is None
+
+
+def test_a_walkers_leg_is_seen_where_it_is_nearest() -> None:
+    walked = CENTRE.with_walker(12.0, 10.05, 0.06)
+    nearest = math.hypot(2.0 - FACE_M, 0.05) - 0.06
+    assert sonar().exact(Pose2(10.0, 10.0, 0.0), walked) == pytest.approx(nearest, abs=1e-4)
+
+
+def test_the_blind_angle_of_a_wall_is_its_mirrors_and_half_the_cone() -> None:
+    """27° and 7.5°: found by turning before a wall in steps of a tenth of a degree."""
+    device = sonar()
+    seen = [
+        angle
+        for angle in np.arange(0.0, 60.0, 0.1)
+        if device.exact(Pose2(18.0, 10.0, math.radians(angle)), CENTRE) is not None
+    ]
+    assert max(seen) == pytest.approx(34.5, abs=0.11)
+    assert len(seen) == round(10.0 * max(seen)) + 1
+
+
+def test_echoes_are_missed_as_often_as_the_level_says() -> None:
+    level = replace(NONE, ultrasonic_dropout=0.05)
+    told = pings(sonar(level), 4000, 0.5)
+    assert within(told.count(None), 4000, 0.05)
+    assert all(t == pytest.approx(0.5) for t in told if t is not None)
+
+
+def test_strange_sounds_come_as_often_as_the_level_says_and_from_anywhere() -> None:
+    level = replace(NONE, ultrasonic_crosstalk=0.1)
+    told = [t for t in pings(sonar(level), 4000, 1.0) if t is not None]
+    assert len(told) == 4000
+    strange = [t for t in told if abs(t - 1.0) > 1e-9]
+    assert within(len(strange), 4000, 0.1)
+    # Uniform from 2 cm to 4 m: a quarter is too short, and the mean is the middle's.
+    assert within(sum(t < 1.0 for t in strange), len(strange), 0.98 / 3.98)
+    assert fmean(strange) == pytest.approx(2.01, abs=4.0 * 3.98 / math.sqrt(12.0 * len(strange)))
+
+
+def test_a_strange_sound_is_heard_in_an_empty_room_too() -> None:
+    level = replace(NONE, ultrasonic_crosstalk=0.1)
+    told = pings(sonar(level), 1000, 8.0)
+    assert within(1000 - told.count(None), 1000, 0.1)
+
+
+# Infrared.
+
+
+class Painted(Reflectances):
+    """Every wall of one reflectance."""
+
+    def __init__(self, reflectance: float) -> None:
+        super().__init__(NONE, Draws(np.random.default_rng(0)))
+        self._all = reflectance
+
+    def of(self, edge: int) -> float:
+        del edge
+        return self._all
+
+
+def infrared(reflectance: float = 0.9, level: NoiseLevel = NONE) -> Infrared:
+    draws = Draws(np.random.default_rng(3))
+    return Infrared(MODEL.infrared_left, level, draws, Painted(reflectance))
+
+
+def test_the_voltage_is_the_datasheets() -> None:
+    assert volts(0.30, 0.032) == pytest.approx(0.40)
+    assert volts(0.04, 0.032) - volts(0.30, 0.032) == pytest.approx(2.25)
+    # Non-linear: half way in distance it has fallen by far more than half.
+    assert volts(0.17, 0.032) == pytest.approx(12.25 / (17.0 + 0.622), abs=1e-3)
+
+
+@pytest.mark.parametrize("distance", [0.04, 0.05, 0.1, 0.2, 0.299])
+def test_the_firmware_inverts_the_curve(distance: float) -> None:
+    assert infrared().reading(distance, 0) == pytest.approx(distance)
+    assert metres(volts(distance, 0.032)) == pytest.approx(distance)
+
+
+@pytest.mark.parametrize(
+    ("true_cm", "read_cm"),
+    [
+        (3.6, 4.0),  # past the least range, before the peak: the least
+        (3.2, 4.0),
+        (2.0, 3.822 * 1.6 - 0.622),  # the voltage of the peak times 2.0/3.2
+        (1.0, 3.822 * 3.2 - 0.622),
+        (0.3, None),  # as dark as beyond the range
+    ],
+)
+def test_nearer_than_its_peak_the_reading_folds_back(true_cm: float, read_cm: float | None) -> None:
+    told = infrared().reading(0.01 * true_cm, 0)
+    assert told == (None if read_cm is None else pytest.approx(0.01 * read_cm, abs=1e-5))
+
+
+@pytest.mark.parametrize("distance", [0.05, 0.10, 0.20])
+def test_its_sigma_grows_with_the_square_of_the_distance(distance: float) -> None:
+    device = infrared(level=replace(NONE, infrared_sigma_m=0.0015))
+    told = [device.reading(distance, 0) for _ in range(4000)]
+    expected = 0.0015 * ((distance + 0.00622) / (0.10 + 0.00622)) ** 2
+    assert np.std([t for t in told if t is not None]) == pytest.approx(expected, rel=0.05)
+
+
+def test_a_grey_card_reads_two_per_cent_far_and_is_noisier() -> None:
+    assert infrared(0.18).reading(0.10, 0) == pytest.approx(0.10 * (1.0 + 0.03 * 0.72))
+    level = replace(NONE, infrared_sigma_m=0.0005)
+    spread = {}
+    for reflectance in (0.9, 0.18):
+        device = infrared(reflectance, level)
+        told = [device.reading(0.10, 0) for _ in range(4000)]
+        spread[reflectance] = float(np.std([t for t in told if t is not None]))
+    # √5, and 4 % for the square of the 2 % that it seems farther.
+    assert spread[0.18] / spread[0.9] == pytest.approx(math.sqrt(5.0) * 1.04, rel=0.05)
+
+
+def test_each_wall_keeps_the_reflectance_that_was_drawn_for_it() -> None:
+    level = replace(NONE, infrared_reflectance_spread=0.7)
+    first, second = (Reflectances(level, Draws(np.random.default_rng(5))) for _ in range(2))
+    forwards = [first.of(edge) for edge in range(200)]
+    assert [second.of(edge) for edge in reversed(range(200))] == forwards[::-1]
+    assert min(forwards) >= 0.2
+    assert max(forwards) <= 0.9
+    # Uniform over 0.7: its mean is known from 200 to 0.014.
+    assert fmean(forwards) == pytest.approx(0.55, abs=0.06)
+    assert first.of(-1) == pytest.approx(0.2)
+
+
+def test_the_walker_is_seen_from_the_side() -> None:
+    walked = CENTRE.with_walker(10.05, 10.3, 0.05)
+    device = Rangers(MODEL, NONE, np.random.default_rng(1))
+    told = device.read(59, Pose2(10.0, 10.0, 0.0), walked)
+    assert told.infrared_left_m == pytest.approx(0.15)
+    assert (told.ultrasonic_m, told.infrared_right_m) == (None, None)

@@ -1,0 +1,78 @@
+"""``sweepctl fault``: faults of a running emulator, switched on and off."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+@click.command(
+    "fault",
+    epilog="Example:  sweepctl fault /tmp/sweeper.ctl silence:0.5 wheel-stuck:3:side=left",
+)
+@click.argument("control", type=click.Path(path_type=Path))
+@click.argument("specs", nargs=-1, metavar="[SPEC]...")
+@click.option("--clear", multiple=True, metavar="KIND", help="End the faults of this kind.")
+@click.option("--clear-all", is_flag=True, help="End all faults, those that wait too.")
+@click.option("--list", "list_them", is_flag=True, help="Say which are active and which wait.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout.")
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    control: Path,
+    specs: tuple[str, ...],
+    clear: tuple[str, ...],
+    clear_all: bool,
+    list_them: bool,
+    as_json: bool,
+) -> int:
+    """Begin faults on the emulator whose --control socket is CONTROL, or end them.
+
+    SPEC is kind[@time][:for][:name=value,...] as for emulate --fault; without a time it begins at
+    once, and @+2 is two seconds from now. What is to end is ended first.
+    """
+    from bridge.errors import PortError
+    from sim_device.ports import PortUnavailableError, ask_control
+    from sim_device.ports.control import MAX_LINE
+
+    lines = ["clear"] if clear_all else []
+    lines += [f"clear {_one_line(kind)}" for kind in clear]
+    lines += [f"start {_one_line(spec)}" for spec in specs]
+    if any(len(line.encode()) >= MAX_LINE for line in lines):
+        raise click.UsageError(f"a fault's text is shorter than {MAX_LINE} bytes")
+    if not lines and not list_them:
+        raise click.UsageError("nothing to do: give a SPEC, --clear KIND, --clear-all or --list")
+    begun: list[str] = []
+    cleared = 0
+    found: dict[str, Any] = {}
+    try:
+        for line in lines:
+            reply = ask_control(control, line)
+            if not reply["ok"]:
+                raise click.BadParameter(str(reply.get("error")))
+            begun += [reply["fault"]] if "fault" in reply else []
+            cleared += reply.get("cleared", 0)
+        found = ask_control(control, "list")
+    except PortUnavailableError as error:
+        raise PortError(str(error)) from None
+    answer = {"begun": begun, "cleared": cleared, **{k: found[k] for k in ("active", "waiting")}}
+    if as_json:
+        sys.stdout.write(json.dumps(answer) + "\n")
+        return 0
+    said = [f"begun: {text}" for text in begun]
+    said += [f"ended: {cleared}"] if clear or clear_all else []
+    if list_them:
+        said += [f"active: {text}" for text in found["active"]] or ["active: none"]
+        said += [f"waiting: {text}" for text in found["waiting"]]
+    sys.stdout.write("".join(f"{line}\n" for line in said))
+    return 0
+
+
+def _one_line(text: str) -> str:
+    """The text, which must not smuggle in a second request."""
+    if "\n" in text or "\r" in text:
+        raise click.UsageError("a fault's text is one line")
+    return text

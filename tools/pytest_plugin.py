@@ -1,0 +1,129 @@
+"""Pytest fixtures for users of the virtual sweeper; see docs/ci.md.
+
+Loaded by every pytest where sweepctl is installed, so it imports nothing but pytest until a
+fixture is asked for.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterator
+
+    from tools.virtual_settings import Settings
+    from tools.virtual_sweeper import SimulatedSweeper
+
+MARKER = "sweeper"
+LINKS = ("pty", "tcp", "slcan", "udpcan")
+READY_S = 60.0
+"""From starting the emulator's process to its ``ready``; a machine that is very busy takes long."""
+END_S = 20.0
+_KEYS: dict[str, type] = {
+    "room": str,
+    "noise": str,
+    "seed": int,
+    "faults": list,
+    "node": int,
+    "link": str,
+}
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the marker."""
+    config.addinivalue_line(
+        "markers",
+        f"{MARKER}(room='case-1', noise='typical', seed=0, faults=[...], node=1, link='pty'): "
+        "what the fixtures sweeper and sweeper_port are made with",
+    )
+
+
+@pytest.fixture
+def sweeper(request: pytest.FixtureRequest) -> SimulatedSweeper:
+    """A virtual sweeper with a connected host, in virtual time: run, drive, clean, truth."""
+    settings = _settings(request)
+    from bridge.coverage.floorplan import FloorPlanError
+    from bridge.errors import BridgeError
+    from sim_device.faults.spec import FaultSpecError
+    from sim_device.noise import UnknownNoiseLevelError
+    from tools.virtual_sweeper import SimulatedSweeper
+
+    try:
+        return SimulatedSweeper(settings)
+    except (FloorPlanError, FaultSpecError, UnknownNoiseLevelError, BridgeError) as error:
+        message = f"sweeper: {error}"
+    pytest.fail(message, pytrace=False)
+
+
+@pytest.fixture
+def sweeper_port(request: pytest.FixtureRequest) -> Iterator[str]:
+    """PORT of an emulator in a process of its own and in real time, for as long as the test."""
+    settings = _settings(request)
+    from tools.emulator_process import EmulatorError, EmulatorProcess
+
+    try:
+        emulator = EmulatorProcess(settings, ready_s=READY_S)
+    except EmulatorError as error:
+        message = f"sweeper_port: {error}"
+    else:
+        try:
+            yield emulator.port
+        finally:
+            complaint = emulator.end(END_S)
+        if complaint is None:
+            return
+        message = f"sweeper_port: {complaint}"
+    pytest.fail(message, pytrace=False)
+
+
+def _settings(request: pytest.FixtureRequest) -> Settings:
+    from tools.virtual_settings import Settings
+
+    values: dict[str, Any] = {}
+    for mark in reversed(list(request.node.iter_markers(MARKER))):  # the nearest has the last word
+        if mark.args:
+            pytest.fail(f"@pytest.mark.{MARKER}: write name=value", pytrace=False)
+        values |= mark.kwargs
+    for name, value in values.items():
+        kind = _KEYS.get(name)
+        if kind is None:
+            known = ", ".join(_KEYS)
+            pytest.fail(f"@pytest.mark.{MARKER}: no {name!r}; there are {known}", pytrace=False)
+        if name in {"room", "faults"} and isinstance(value, Path | tuple):
+            continue
+        if not isinstance(value, kind) or isinstance(value, bool):
+            text = f"@pytest.mark.{MARKER}: {name}={value!r} is not {kind.__name__}"
+            pytest.fail(text, pytrace=False)
+    if values.get("link", "pty") not in LINKS:
+        text = f"@pytest.mark.{MARKER}: link {values['link']!r} is not one of {', '.join(LINKS)}"
+        pytest.fail(text, pytrace=False)
+    values["room"] = str(values.get("room", "case-1"))
+    values["faults"] = tuple(values.get("faults", ()))
+    return Settings(**values)
+
+
+# ---- in the project's own tree ----------------------------------------------------------
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_load_initial_conftests(
+    early_config: pytest.Config, args: list[str]
+) -> Generator[None, object, object]:
+    """Let ``pytest --port /dev/ttyUSB0`` mean the same as ``--port=/dev/ttyUSB0``.
+
+    pytest takes an existing path after an option that it does not know yet for the tests to
+    run, and its folder for the project. Only in the project's own tree, whose tests have the
+    option; before the output is captured, as a new process does not inherit what was.
+    """
+    suite = early_config.invocation_params.dir / "tests" / "conformance" / "floor.json"
+    if "--port" in args[:-1] and suite.is_file():
+        at = args.index("--port")
+        joined = [*args[:at], f"--port={args[at + 1]}", *args[at + 2 :]]
+        sys.stdout.flush()
+        os.execv(sys.executable, [sys.executable, "-m", "pytest", *joined])  # noqa: S606 - no shell wanted
+    return (yield)
