@@ -16,6 +16,7 @@ _COMMANDS = {
     "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
     "emulate": "Run a virtual sweeper on a pseudo-terminal, in real time.",
     "simulate": "Run a plan against the virtual sweeper in virtual time.",
+    "experiment": "Run the paper's experiments, or compare planners over rooms and seeds.",
     "view": "Open a log in Rerun.",
     "info": "Say what a log holds.",
     "generate": "Write the wire's messages for C, CAN tools, Wireshark, protobuf or people.",

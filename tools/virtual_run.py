@@ -42,6 +42,8 @@ class VirtualRun:
     host: Host
     truth: list[tuple[float, Pose2]] = field(default_factory=list)
     """Time (s since boot) and true pose, every 20 ms of the drive."""
+    energy: list[tuple[float, float]] = field(default_factory=list)
+    """Time (s since boot) and energy drawn since (Wh), about once a second of the drive."""
     errors_m: list[float] = field(default_factory=list)
     """Distance of estimate and truth at the encoder samples of the drive."""
 
@@ -86,7 +88,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     return run
 
 
-def _loop(
+def _loop(  # noqa: C901 - two ends and the wire between them
     run: VirtualRun,
     sink: Sink,
     progress: Callable[[float, Host], None] | None,
@@ -122,6 +124,8 @@ def _loop(
             to_device.append((now_us + LATENCY_US, data))
         if now_us >= progress_us:
             progress_us = now_us + 1_000_000
+            if _driving(run):
+                run.energy.append((now_us / 1e6, run.device.truth.energy_wh))
             if progress is not None:
                 progress(now_us / 1e6, host)
             ending = ended()

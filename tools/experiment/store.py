@@ -1,0 +1,92 @@
+"""Results on disk: one line a trial, added as each ends, so that nothing done is done again."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from bridge.errors import BridgeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from tools.experiment.trials import Trial
+
+Row = dict[str, Any]
+LINES = "runs.jsonl"
+_PLAIN = (str, int, float, bool, type(None))
+
+
+class ExperimentFolderError(BridgeError):
+    """The folder holds something else, or cannot be written."""
+
+    exit_status = 1
+
+
+class Store:
+    """The folder of one experiment."""
+
+    def __init__(self, folder: Path, version: str) -> None:
+        """Open it, or make it.
+
+        Raises:
+            ExperimentFolderError: it cannot be written, or was made by another version.
+
+        """
+        self.folder = folder
+        self._version = version
+        self._rows: dict[str, Row] = {}
+        try:
+            (folder / "paths").mkdir(parents=True, exist_ok=True)
+            self._read()
+        except OSError as error:
+            raise ExperimentFolderError(f"cannot use {folder}: {error.strerror}") from None
+
+    def _read(self) -> None:
+        path = self.folder / LINES
+        if not path.exists():
+            return
+        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+            try:
+                row = json.loads(line)
+                key, version = row["key"], row["version"]
+            except (ValueError, KeyError, TypeError):
+                continue  # the line that a kill cut short: that trial is run again
+            if version != self._version:
+                raise ExperimentFolderError(
+                    f"{path}:{number} was made by version {version}, this is {self._version}: "
+                    "choose another folder, or --force to begin anew"
+                )
+            self._rows[key] = row
+
+    def missing(self, trials: Iterable[Trial]) -> list[Trial]:
+        """Those not done yet, in their order."""
+        return [trial for trial in trials if trial.key not in self._rows]
+
+    def add(self, trial: Trial, row: Row) -> None:
+        """Keep one result, at once."""
+        row = {"key": trial.key, "version": self._version, **asdict(trial), **row}
+        self._rows[trial.key] = row
+        with (self.folder / LINES).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+    def rows(self, trials: Iterable[Trial]) -> list[Row]:
+        """Results in the trials' order, whatever order they ended in."""
+        return [self._rows[trial.key] for trial in trials if trial.key in self._rows]
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> None:
+    """Plain figures as a table; lists are left to the JSON lines."""
+    names = dict.fromkeys(
+        name
+        for row in rows
+        for name, value in row.items()
+        if isinstance(value, _PLAIN) and name not in {"key", "version"}
+    )
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(names), extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
