@@ -292,6 +292,7 @@ class Host:
             # Its clock and its wheel counts began anew; the robot has not moved for that.
             self.sync.reset()
             self.estimator = PoseEstimator(self.model, self.estimator.pose)
+            self._walls = Relocaliser(self.model, self.estimator)
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
         self._missing = missing_needs(event.differences)
@@ -331,12 +332,17 @@ class Host:
         self.state.take(message, now_ns / 1e9)
         match message:
             case Imu():
-                self.estimator.on_imu(device_us * 1e-6, message.gyro_z_rad_s)
+                self.estimator.on_imu(
+                    device_us * 1e-6,
+                    message.gyro_z_rad_s,
+                    message.accel_x_m_s2,
+                    message.accel_y_m_s2,
+                )
             case Encoders():
                 self.encoders_us = device_us
                 self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
             case Range():
-                self._see_walls(message)
+                self._see_walls(message, device_us * 1e-6)
             case Status():
                 self._status(message, now_ns)
             case LogText():
@@ -345,7 +351,7 @@ class Host:
             case _:
                 pass
 
-    def _see_walls(self, message: Range) -> None:
+    def _see_walls(self, message: Range, device_s: float) -> None:
         """Let walls that are seen again correct the estimate."""
         if self.mission.phase is Phase.DRIVING:
             self._walls.update(
@@ -353,6 +359,7 @@ class Host:
                 message.infrared_left_m,
                 message.infrared_right_m,
                 touching=bool(message.contacts & (Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)),
+                t_s=device_s,
             )
 
     def _status(self, status: Status, now_ns: HostNs) -> None:
@@ -439,7 +446,7 @@ class Host:
                 estimator.yaw_rate_rad_s,
                 (xx, xy, xt, yx, yy, yt, tx, ty, tt),
                 estimator.gyro_bias_rad_s,
-                1.0,
+                estimator.wheel_scale,
             )
         )
 

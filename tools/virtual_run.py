@@ -59,11 +59,12 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     max_time_s: float = 3600.0,
     progress: Callable[[float, Host], None] | None = None,
     ended: Callable[[], Ending | None] = lambda: None,
+    prepare: Callable[[VirtualRun], None] = lambda _: None,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
     ``progress`` is called about once a simulated second; ``ended`` is asked as often whether
-    the run should end early.
+    the run should end early. ``prepare`` may change both ends before the first byte.
 
     Raises:
         FloorPlanError: the robot does not fit at the room's start.
@@ -82,6 +83,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
         lambda: next(ids),
     )
     run = VirtualRun(device, host)
+    prepare(run)
     sink.write(RoomRecord(EPOCH_NS, plan))
     _loop(run, sink, progress, ended)
     host.record_map(HostNs(device.next_deadline_us() * 1000 + HOST_BOOT_NS))

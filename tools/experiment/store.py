@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 from dataclasses import asdict
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from bridge.errors import BridgeError
+from tools.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
+    from importlib.resources.abc import Traversable
     from pathlib import Path
 
     from tools.experiment.trials import Trial
@@ -26,11 +30,30 @@ class ExperimentFolderError(BridgeError):
     exit_status = 1
 
 
+def code_version() -> str:
+    """The release, and a fingerprint of the code: results of other code are not mixed with ours."""
+    digest = hashlib.sha256()
+    for package in ("protocol", "bridge", "sim_device", "tools"):
+        root = resources.files(package)
+        for name, data in sorted(_sources(root)):
+            digest.update(f"{package}/{name}\0".encode())
+            digest.update(data)
+    return f"{VERSION}-{digest.hexdigest()[:8]}"
+
+
+def _sources(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, bytes]]:
+    for entry in folder.iterdir():
+        if entry.is_dir() and entry.name != "__pycache__":
+            yield from _sources(entry, f"{prefix}{entry.name}/")
+        elif entry.name.endswith((".py", ".json")):
+            yield prefix + entry.name, entry.read_bytes()
+
+
 class Store:
     """The folder of one experiment."""
 
-    def __init__(self, folder: Path, version: str) -> None:
-        """Open it, or make it.
+    def __init__(self, folder: Path, version: str, *, force: bool = False) -> None:
+        """Open it, or make it; with ``force`` forget what it holds.
 
         Raises:
             ExperimentFolderError: it cannot be written, or was made by another version.
@@ -40,7 +63,9 @@ class Store:
         self._version = version
         self._rows: dict[str, Row] = {}
         try:
-            (folder / "paths").mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
+            if force:
+                (folder / LINES).unlink(missing_ok=True)
             self._read()
         except OSError as error:
             raise ExperimentFolderError(f"cannot use {folder}: {error.strerror}") from None
@@ -49,7 +74,11 @@ class Store:
         path = self.folder / LINES
         if not path.exists():
             return
-        for number, line in enumerate(path.read_text("utf-8").splitlines(), 1):
+        text = path.read_text("utf-8")
+        if text and not text.endswith("\n"):  # cut short by a kill: what comes starts anew
+            with path.open("a", encoding="utf-8") as file:
+                file.write("\n")
+        for number, line in enumerate(text.splitlines(), 1):
             try:
                 row = json.loads(line)
                 key, version = row["key"], row["version"]
@@ -69,6 +98,8 @@ class Store:
     def add(self, trial: Trial, row: Row) -> None:
         """Keep one result, at once."""
         row = {"key": trial.key, "version": self._version, **asdict(trial), **row}
+        # through JSON, so that a result is the same whether just made or read again
+        row = json.loads(json.dumps(row))
         self._rows[trial.key] = row
         with (self.folder / LINES).open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Any
 
-from tools.experiment.worker import MULTIPLES
+from tools.experiment.curves import MULTIPLES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
     from tools.experiment.store import Row
 
-TABLE_2_M2 = (3.659, 3.588, 3.686, 3.621, 3.607)
-"""Table 2: area covered in the five tests of case 1, of 3.837 m²."""
-TABLE_2_FLOOR_M2 = 3.837
-PAPER_SHARES = {
-    "case-1": (fmean(TABLE_2_M2) / TABLE_2_FLOOR_M2, "Table 2, mean of five by division"),
-    "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
-    "comprehensive": (0.9461, "section 5.3"),
-}
 _FINE_INRADIUS_M = 0.04
 
 
@@ -43,46 +37,6 @@ def group(rows: Iterable[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
     return dict(groups)
 
 
-def paper_table(rows: Sequence[Row]) -> Table:
-    """The paper's three experiments: its figure, and ours by its formula (eq. 9)."""
-    lines = []
-    for (room, planner, noise), runs in group(rows, "room", "planner", "noise").items():
-        if room not in PAPER_SHARES or planner != "paper":
-            continue
-        share, source = PAPER_SHARES[room]
-        bodies = [run["body_free"] for run in runs if run["body_free"] is not None]
-        lines.append(
-            (
-                room,
-                planner,
-                noise,
-                f"{100 * share:.2f}",
-                _percent(bodies, fmean),
-                _spread(bodies),
-                _percent(_values(runs, "mouth_sweepable"), fmean),
-                _outcomes(runs),
-                source,
-            )
-        )
-    return Table(
-        "The paper's experiments",
-        (
-            "room",
-            "planner",
-            "noise",
-            "paper %",
-            "body, mean %",
-            "min to max",
-            "mouth, mean %",
-            "ended",
-            "the paper's figure",
-        ),
-        lines,
-        "Body: eq. (9) over the footprint, as we read the paper's figure. Mouth: of the floor "
-        "that the mouth can reach, which is what is felt underfoot.",
-    )
-
-
 def planner_table(rows: Sequence[Row]) -> Table:
     """Each planner at each level over all rooms."""
     lines = [
@@ -90,15 +44,15 @@ def planner_table(rows: Sequence[Row]) -> Table:
             planner,
             noise,
             str(len(runs)),
-            _percent(_values(runs, "mouth_sweepable"), fmean),
-            _percent(_values(runs, "mouth_sweepable"), min),
-            _number(_values(runs, "path_ratio"), median),
-            _number(_values(runs, "time_ratio"), median),
-            _number(_values(runs, "time_ratio"), max),
-            _number([100 * r for r in _values(runs, "hole_inradius_m")], max, 1),
+            percent(values(runs, "mouth_sweepable"), fmean),
+            percent(values(runs, "mouth_sweepable"), min),
+            number(values(runs, "path_ratio"), median),
+            number(values(runs, "time_ratio"), median),
+            number(values(runs, "time_ratio"), max),
+            number([100 * r for r in values(runs, "hole_inradius_m")], max, 1),
             _fine_share(runs),
-            _number(_per_area(runs), max),
-            _outcomes(runs),
+            number(_per_area(runs), max),
+            outcomes(runs),
         )
         for (planner, noise), runs in group(rows, "planner", "noise").items()
     ]
@@ -134,8 +88,8 @@ def room_table(rows: Sequence[Row], noise: str) -> Table:
         cells = [room, f"{runs[0]['sweepable_m2']:.2f}"]
         for planner in planners:
             mine = [run for run in runs if run["planner"] == planner]
-            share = _percent(_values(mine, "mouth_sweepable"), fmean)
-            ratio = _number(_values(mine, "time_ratio"), fmean)
+            share = percent(values(mine, "mouth_sweepable"), fmean)
+            ratio = number(values(mine, "time_ratio"), fmean)
             cells.append(f"{share} at {ratio}" if mine else "")
         lines.append(tuple(cells))
     return Table(
@@ -150,14 +104,23 @@ def curve_table(rows: Sequence[Row]) -> Table:
     """Coverage at multiples of the lower-bound time, mean over all runs of a planner."""
     lines = []
     for (planner, noise), runs in group(rows, "planner", "noise").items():
-        means = [100 * fmean(run["curve"]["coverage"][k] for run in runs) for k in _COLUMNS]
-        lines.append((planner, noise, *(f"{value:.1f}" for value in means)))
+        lines.append((planner, noise, *at_multiples(runs, "coverage")))
     return Table(
         "Coverage against time",
         ("planner", "noise", *(f"{MULTIPLES[k]:g}x" for k in _COLUMNS)),
         lines,
         "Mouth % of sweepable at multiples of the time to sweep the sweepable area once.",
     )
+
+
+def at_multiples(runs: Sequence[Row], curve: str) -> list[str]:
+    """Mean of a curve (%) at each multiple; a dash where a run was cut short before it."""
+    cells = []
+    for k in _COLUMNS:
+        shares = [run["curve"][curve][k] for run in runs]
+        known = [share for share in shares if share is not None]
+        cells.append(f"{100 * fmean(known):.1f}" if len(known) == len(shares) else "-")
+    return cells
 
 
 _COLUMNS = range(len(MULTIPLES))
@@ -187,6 +150,8 @@ def _energy_to(run: Row, share: float) -> float | None:
     before_share, before_wh = 0.0, 0.0
     curve = run["curve"]
     for now_share, now_wh in zip(curve["coverage"], curve["energy_wh"], strict=True):
+        if now_share is None:
+            return None
         if now_share >= share:
             part = (share - before_share) / max(now_share - before_share, 1e-9)
             drawn_wh = before_wh + part * (now_wh - before_wh)
@@ -195,21 +160,25 @@ def _energy_to(run: Row, share: float) -> float | None:
     return None
 
 
-def _values(runs: Sequence[Row], key: str) -> list[float]:
+def values(runs: Sequence[Row], key: str) -> list[float]:
+    """A column's figures, where there are any."""
     return [run[key] for run in runs if run.get(key) is not None]
 
 
-def _percent(values: Sequence[float], figure: Callable[[Sequence[float]], float]) -> str:
+def percent(values: Sequence[float], figure: Callable[[Sequence[float]], float]) -> str:
+    """A figure of shares, as a percentage; empty without any."""
     return f"{100 * figure(values):.2f}" if values else ""
 
 
-def _number(
+def number(
     values: Sequence[float], figure: Callable[[Sequence[float]], float], digits: int = 2
 ) -> str:
+    """A figure of numbers; empty without any."""
     return f"{figure(values):.{digits}f}" if values else ""
 
 
-def _spread(values: Sequence[float]) -> str:
+def spread(values: Sequence[float]) -> str:
+    """Least and greatest share, %."""
     return f"{100 * min(values):.2f} to {100 * max(values):.2f}" if values else ""
 
 
@@ -222,13 +191,52 @@ def _per_area(runs: Sequence[Row]) -> list[float]:
 
 
 def _fine_share(runs: Sequence[Row]) -> str:
-    depths = _values(runs, "hole_inradius_m")
+    depths = values(runs, "hole_inradius_m")
     fine = sum(depth < _FINE_INRADIUS_M for depth in depths)
     return f"{100 * fine / len(depths):.0f}" if depths else ""
 
 
-def _outcomes(runs: Sequence[Row]) -> str:
+def outcomes(runs: Sequence[Row]) -> str:
+    """How the runs ended, counted."""
     counts: dict[str, int] = defaultdict(int)
     for run in runs:
         counts[run["outcome"]] += 1
     return ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
+
+
+WORST_BY: tuple[tuple[str, bool, str, Callable[[float], str]], ...] = (
+    ("mouth_sweepable", False, "mouth share", "{:.4f}".format),
+    ("largest_hole_cm2", True, "largest hole, cm²", "{:.0f}".format),
+    ("time_ratio", True, "time ratio", "{:.2f}".format),
+)
+"""Column, whether more is worse, its name, its form."""
+
+
+def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Table:
+    """The worst runs by three figures, and the command that repeats each."""
+    lines = []
+    for key, more_is_worse, name, form in WORST_BY:
+        known = [row for row in rows if row.get(key) is not None]
+        known.sort(key=lambda row: row[key], reverse=more_is_worse)
+        lines += [
+            (name, form(row[key]), row["room"], row["planner"], row["noise"], str(row["seed"]),
+             row["outcome"], repeat_command(row, rooms_folder))
+            for row in known[:count]
+        ]  # fmt: skip
+    return Table(
+        "The worst runs",
+        ("by", "figure", "room", "planner", "noise", "seed", "ended", "to see it again"),
+        lines,
+        f"The {count} worst by each figure.",
+    )
+
+
+def repeat_command(row: Row, rooms_folder: str) -> str:
+    """What to type for the same run, recorded."""
+    room = row["room"]
+    if ":" in room:
+        room = f"{rooms_folder}/{room.replace(':', '-')}.json"
+    return (
+        f"sweepctl simulate {shlex.quote(room)} --planner {row['planner']} "
+        f"--noise {row['noise']} --seed {row['seed']} --max-time {row['max_time_s']:g}"
+    )
