@@ -279,6 +279,7 @@ class Host:
             # Its clock and its wheel counts began anew; the robot has not moved for that.
             self.sync.reset()
             self.estimator = PoseEstimator(self.model, self.estimator.pose)
+            self._walls = Relocaliser(self.model, self.estimator)
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
         self._missing = missing_needs(event.differences)
@@ -308,14 +309,16 @@ class Host:
 
     def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
         self.state.take(message, now_ns / 1e9)
-        self.estimator.on_imu(device_us * 1e-6, message.gyro_z_rad_s)
+        self.estimator.on_imu(
+            device_us * 1e-6, message.gyro_z_rad_s, message.accel_x_m_s2, message.accel_y_m_s2
+        )
 
     def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
         self.state.take(message, now_ns / 1e9)
         self.encoders_us = device_us
         self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
 
-    def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+    def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:
         """Let walls that are seen again correct the estimate."""
         self.state.take(message, now_ns / 1e9)
         if self.mission.phase is Phase.DRIVING:
@@ -324,6 +327,7 @@ class Host:
                 message.infrared_left_m,
                 message.infrared_right_m,
                 touching=message.contacts & _BUMPERS != 0,
+                t_s=device_us * 1e-6,
             )
 
     def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener

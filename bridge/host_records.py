@@ -125,7 +125,7 @@ class HostRecords:
                 estimator.yaw_rate_rad_s,
                 (xx, xy, xt, yx, yy, yt, tx, ty, tt),
                 estimator.gyro_bias_rad_s,
-                1.0,
+                estimator.wheel_scale,
             )
         )
 

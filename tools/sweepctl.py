@@ -17,6 +17,7 @@ _COMMANDS = {
     "emulate": "Run a virtual sweeper on a serial line, a socket or a CAN bus, in real time.",
     "simulate": "Run a plan against the virtual sweeper in virtual time.",
     "fault": "Switch faults of a running emulator on and off.",
+    "experiment": "Run the paper's experiments, or compare planners over rooms and seeds.",
     "view": "Open a log in Rerun.",
     "info": "Say what a log holds.",
     "generate": "Write the wire's messages for C, CAN tools, Wireshark, protobuf or people.",

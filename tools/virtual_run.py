@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import random
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bridge.coverage.metrics import CoverageMeter, CoverageTrack
@@ -55,6 +55,8 @@ class VirtualRun:
     """Distance of estimate and truth at the newest encoder sample of the drive."""
     max_error_m: float | None = None
     """The greatest of them."""
+    energy: list[tuple[float, float]] = field(default_factory=list)
+    """Time (s since boot) and energy drawn since (Wh), about once a second of the drive."""
 
 
 def run_virtual(  # noqa: PLR0913 - what a run can be asked for
@@ -70,11 +72,13 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     ended: Callable[[], Ending | None] = lambda: None,
     faults: Sequence[FaultSpec] = (),
     line: LineSettings | None = None,
+    prepare: Callable[[VirtualRun], None] = lambda _: None,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
     ``progress`` is called about once a simulated second; ``ended`` is asked as often whether
-    the run should end early. A ``line`` takes the place of the plain delay of 1 ms each way.
+    the run should end early. A ``line`` takes the place of the plain delay of 1 ms each way;
+    ``prepare`` may change both ends before the first byte.
 
     Raises:
         FaultSpecError: a fault cannot be on this device.
@@ -95,6 +99,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     )
     rig = Rig(device, line or STRAIGHT, faults, seed=seed) if faults or line else None
     run = VirtualRun(device, host, CoverageMeter(plan, model).track(), rig)
+    prepare(run)
     sink.write(RoomRecord(EPOCH_NS, plan))
     _loop(run, sink, progress, ended, LATENCY_US if line is None else 0)
     host.record_map(HostNs(device.next_deadline_us() * 1000 + HOST_BOOT_NS))
@@ -144,6 +149,8 @@ def _loop(  # noqa: C901 - two ends and the wire between them
             to_device.append((now_us + latency_us, data))
         if now_us >= progress_us:
             progress_us = now_us + 1_000_000
+            if _driving(run):
+                run.energy.append((now_us / 1e6, run.device.truth.energy_wh))
             if progress is not None:
                 progress(now_us / 1e6, host)
             ending = ended()

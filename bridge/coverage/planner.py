@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Generator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
 
 from bridge.motion.legs import Leg, LegResult
 
@@ -69,6 +69,15 @@ class Planner(Protocol):
 
     def drain_events(self) -> list[PlannerEvent]:
         """Decisions since the last call, oldest first."""
+        ...
+
+
+@runtime_checkable
+class Watcher(Protocol):
+    """A planner that looks at every observation, not only at the ends of legs."""
+
+    def watch(self, obs: Observation) -> bool:
+        """Take an observation; true: the leg under way is to be cancelled."""
         ...
 
 

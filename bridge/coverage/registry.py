@@ -17,13 +17,24 @@ if TYPE_CHECKING:
     Factory = Callable[[RobotModel, Dice], Planner]
 
 PLANNERS: dict[str, str] = {
+    "recovery": "ours: outlines along the walls, lanes between them, and back for what was hidden",
     "paper": "the paper's algorithm to the letter: lanes, and one slot of memory for an obstacle",
     "u-shape": "the traditional U-shaped trajectory: lanes with no memory",
     "random": "random bounce, for comparison",
 }
 """What each planner is, in one line."""
 
+
+def _recovery(model: RobotModel, _rng: Dice) -> Planner:
+    from bridge.coverage.recovery.planner import (  # noqa: PLC0415 - compiled kernels: 0.3 s
+        RecoveryPlanner,
+    )
+
+    return RecoveryPlanner(model)
+
+
 _FACTORIES: dict[str, Factory] = {
+    "recovery": _recovery,
     "paper": lambda model, _rng: PaperPlanner(model),
     "u-shape": lambda model, _rng: UShapePlanner(model),
     "random": RandomPlanner,

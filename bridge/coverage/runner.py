@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.coverage.planner import Finish, Planner, PlannerEvent, PlannerState
+from bridge.coverage.planner import Finish, Planner, PlannerEvent, PlannerState, Watcher
 from bridge.motion.executor import LegExecutor, MotionTuning
 from bridge.motion.legs import Drive, Turn
 from bridge.motion.observation import HALT, Observation, VelocityCommand
@@ -30,6 +30,7 @@ class PlanRunner:
     ) -> None:
         """The planner must not have been started."""
         self._planner = planner
+        self._watcher = planner if isinstance(planner, Watcher) else None
         self._executor = LegExecutor(model, tuning)
         self._started = False
         self._paused = False
@@ -101,6 +102,8 @@ class PlanRunner:
         if self._paused or self._finish is not None:
             return HALT
         executor = self._executor
+        if self._watcher is not None and self._watcher.watch(obs):
+            executor.cancel(obs)
         if self._started:
             command = executor.step(obs)
             if executor.result is None:

@@ -1,8 +1,16 @@
-"""Pose from encoders and gyro, sans-I/O: samples in, pose and covariance out.
+"""Pose from encoders, gyro and standstill, sans-I/O: samples in, pose and covariance out.
 
-A Kalman filter over (x, y, θ, b): position, heading and gyro bias. The gyro turns the
-heading, the encoders move the position along it (eq. 5), and standing still measures the
-bias. Corrections by walls would be further measurements of the same four states.
+An extended Kalman filter over
+
+    x, y, θ   pose
+    b         gyro bias, as it is at rest
+    m         shift of that bias in motion (vibration), which only walls seen again can show
+    k         gyro scale error
+    s         wheel scale error: a count is worth (1 + s) times its nominal way
+
+and behind them the walls that ``wall_map`` remembers. The gyro turns the heading,
+θ' = (g - b - m)(1 - k); the encoders move the position along the arc (eq. 5); standing still
+measures the bias (zero-velocity update) and moves nothing.
 """
 
 from __future__ import annotations
@@ -10,19 +18,22 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bridge.motion.disturbance import (
+    BumpDetector,
+    Disturbance,
+    DisturbanceKind,
+    InertialBridge,
+    SlipDetector,
+)
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.heading import GyroNoise, Standstill
+from bridge.motion.heading import Standstill
 from bridge.motion.kinematics import encoder_delta
 from bridge.motion.odometry import sinc
+from bridge.motion.pose_filter import BIAS, PoseFilter
 
 if TYPE_CHECKING:
+    from bridge.motion.drift_model import DriftModel
     from bridge.motion.robot_model import RobotModel
-
-Covariance = tuple[
-    tuple[float, float, float],
-    tuple[float, float, float],
-    tuple[float, float, float],
-]
 
 ENCODER_GAP_S = 10.0
 """Beyond this a 16-bit counter may have wrapped by more than half unseen (4.3 m)."""
@@ -30,19 +41,23 @@ IMU_GAP_S = 0.1
 """Beyond this the rate between two gyro samples is not known; the wheels turn the heading."""
 _FIRST_BIAS_SAMPLES = 25
 """Rest samples before the gyro is trusted; until then the wheels turn the heading."""
+_REST_BATCH = 5
+"""Rest samples are averaged by so many before they are taken: an update costs its time."""
 _LARGEST_BIAS_RAD_S = 0.4
 """Above the data sheet's ±20 °/s a first sample is a motion, not a bias."""
-_ALONG_M_SQRT_M = 0.01
-"""Position noise along the way per √m: wheel scale, quantisation, a little slip (our choice)."""
-_ACROSS_M_SQRT_M = 0.003
-_WHEEL_TURN_RAD_SQRT_RAD = 0.03
-"""Heading noise per √rad when the wheels alone must tell it (wheel base, scrub)."""
+_BRIDGE_M, _BRIDGE_CUT_M, _BRIDGE_RAD = 0.0015, 0.006, math.radians(0.1)
+"""What a bump leaves unsure of position and heading, told whole or cut off."""
+_BRIDGE_M_S, _BRIDGE_M_S2 = 0.012, 0.02
+"""Of the velocity by inertia: at once, and growing with time."""
+_SLIP_SHARE = 0.5
+"""Of the way put right when one wheel slips, taken as its sigma."""
+_ONSET_S, _KEPT = 1.0, 64
 _SPEED_LOWPASS = 0.5
 """Share of the newest interval in the speed: one count in 20 ms is already 6.5 mm/s."""
 
 
-class PoseEstimator:
-    """Dead reckoning with a gyro heading.
+class PoseEstimator(PoseFilter):
+    """The filter, fed with samples.
 
     Feed samples in the order of their stamps as far as possible; a stale gyro sample is
     ignored. All times are of one clock, in seconds; only differences matter. The first encoder
@@ -50,58 +65,37 @@ class PoseEstimator:
     25 gyro samples, the heading is taken from the wheels (eq. 4).
     """
 
-    __slots__ = (
-        "_bias",
-        "_counts",
-        "_encoder_s",
-        "_gyro",
-        "_heading_mark",
-        "_imu_s",
-        "_known",
-        "_model",
-        "_noise",
-        "_pbb",
-        "_ptb",
-        "_ptt",
-        "_pxb",
-        "_pxt",
-        "_pxx",
-        "_pxy",
-        "_pyb",
-        "_pyt",
-        "_pyy",
-        "_rest_samples",
-        "_resting",
-        "_speed",
-        "_standstill",
-        "_theta",
-        "_turning_s",
-        "_x",
-        "_y",
-        "_yaw_rate",
-    )
-
-    def __init__(self, model: RobotModel, start: Pose2, noise: GyroNoise | None = None) -> None:
+    def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
         """``start`` is taken as exact: the frame is the one in which it was given."""
+        super().__init__(start, drift)
         self._model = model
-        self._noise = noise or GyroNoise()
         self._standstill = Standstill()
         self._counts: tuple[int, int] | None = None
         self._encoder_s = 0.0
         self._imu_s: float | None = None
-        self._gyro = 0.0
-        self._bias = 0.0
         self._rest_samples = 0
+        self._rest_sum, self._rest_count = 0.0, 0
+        self._rest_mean: float | None = None
         self._resting = True
-        self._pbb = self._noise.bias_prior_rad_s**2
+        self._bumps, self._slips = BumpDetector(), SlipDetector()
+        self._bridge: InertialBridge | None = None
+        self._slipping = 0
+        self._disturbances: list[Disturbance] = []
         self.reset(start)
 
     # -- what is known ---------------------------------------------------------------------
 
-    @property
-    def pose(self) -> Pose2:
-        """Position at the newest encoder sample, heading at the newest gyro sample."""
-        return Pose2(self._x, self._y, wrap_angle(self._theta))
+    def pose_at(self, t_s: float) -> Pose2:
+        """Pose carried on at the present speed to a moment near the newest encoder sample."""
+        ahead_s = t_s - self._encoder_s
+        if self._counts is None or not -IMU_GAP_S <= ahead_s <= IMU_GAP_S:
+            return self.pose
+        way = self._speed * ahead_s
+        turn_s = ahead_s if self._imu_s is None else t_s - self._imu_s
+        theta = self._theta + self._yaw_rate * turn_s
+        mid = theta - 0.5 * self._yaw_rate * ahead_s
+        x, y = self._x + way * math.cos(mid), self._y + way * math.sin(mid)
+        return Pose2(x, y, wrap_angle(theta))
 
     @property
     def v_m_s(self) -> float:
@@ -114,16 +108,6 @@ class PoseEstimator:
         return self._yaw_rate
 
     @property
-    def gyro_bias_rad_s(self) -> float:
-        """Present estimate of the gyro's bias."""
-        return self._bias
-
-    @property
-    def gyro_bias_sigma_rad_s(self) -> float:
-        """Standard deviation of the bias; large until the robot has stood still once."""
-        return math.sqrt(self._pbb)
-
-    @property
     def known(self) -> bool:
         """False after an encoder gap above 10 s, until :meth:`reset`."""
         return self._known
@@ -134,56 +118,83 @@ class PoseEstimator:
         return self._resting
 
     @property
-    def covariance(self) -> Covariance:
-        """Of (x, y, θ): m², m·rad, rad²."""
-        return (
-            (self._pxx, self._pxy, self._pxt),
-            (self._pxy, self._pyy, self._pyt),
-            (self._pxt, self._pyt, self._ptt),
-        )
+    def disturbances(self) -> tuple[Disturbance, ...]:
+        """Slips, bumps and stalls found of late, oldest first."""
+        return tuple(self._disturbances)
+
+    @property
+    def feels(self) -> bool:
+        """Whether an accelerometer is there and calibrated, so that bumps are found."""
+        return self._bumps.ready
+
+    @property
+    def bridging(self) -> bool:
+        """Whether the position is carried by inertia just now, after a bump."""
+        return self._bridge is not None
 
     def reset(self, pose: Pose2) -> None:
-        """Set the pose as exact and known. The bias learnt so far is kept."""
-        self._x, self._y, self._theta = pose
-        self._heading_mark = self._theta
+        """Set the pose as exact and known; walls are forgotten, what the sensors are is kept."""
+        self.restart(pose)
         self._known = True
         self._speed = 0.0
         self._yaw_rate = 0.0
         self._turning_s = 0.0
-        self._pxx = self._pxy = self._pyy = 0.0
-        self._pxt = self._pyt = self._ptt = 0.0
-        self._pxb = self._pyb = self._ptb = 0.0
+        self._bridge = None
 
     # -- samples ---------------------------------------------------------------------------
 
-    def on_imu(self, t_s: float, gyro_z_rad_s: float) -> None:
-        """Take one gyro sample: yaw rate in rad/s, uncorrected, counter-clockwise positive."""
-        previous_s, previous = self._imu_s, self._gyro
+    def on_imu(
+        self,
+        t_s: float,
+        gyro_z_rad_s: float,
+        accel_x_m_s2: float | None = None,
+        accel_y_m_s2: float | None = None,
+    ) -> None:
+        """Take one sample: yaw rate in rad/s, uncorrected, counter-clockwise positive.
+
+        The sample is taken as the mean over the time since the last one, as the chip's low-pass
+        makes it. With the acceleration (ahead, to the left, at the axle's centre; gravity's
+        share on a slanting floor and the bias are learnt at rest) bumps are found and bridged.
+        """
+        previous_s = self._imu_s
         if previous_s is not None and t_s <= previous_s:
             return
         self._imu_s = t_s
-        self._gyro = gyro_z_rad_s
-        rate = gyro_z_rad_s - self._bias
+        offset = self._bias + self._motion_bias
+        rate = (gyro_z_rad_s - offset) * (1.0 - self._gyro_scale)
         trusted = self._rest_samples >= _FIRST_BIAS_SAMPLES
-        least = Standstill.RATE_VETO_RAD_S if trusted else _LARGEST_BIAS_RAD_S
         still = self._standstill.at_rest(t_s)
-        self._resting = still and abs(rate if trusted else gyro_z_rad_s) < least
+        if trusted:
+            self._resting = still and abs(gyro_z_rad_s - self._bias) < Standstill.RATE_VETO_RAD_S
+        else:
+            self._resting = still and abs(gyro_z_rad_s) < _LARGEST_BIAS_RAD_S
         if self._resting:
-            self._measure_bias(gyro_z_rad_s)
             self._yaw_rate = 0.0
+            self._rest_samples += 1
+            self._rest_sum += gyro_z_rad_s
+            self._rest_count += 1
+            if self._rest_count >= _REST_BATCH:
+                self._zero_velocity()
+            if accel_x_m_s2 is not None and accel_y_m_s2 is not None:
+                self._bumps.rest(accel_x_m_s2, accel_y_m_s2)
             return
+        self._bumps.leave_rest()
+        # The last of them may be of the start, which the counts show up to 20 ms late.
+        self._rest_sum, self._rest_count, self._rest_mean = 0.0, 0, None
         if not trusted:
             # set off before the rest was long enough: its few samples may be of the start
             self._rest_samples = 0
             self._bias = 0.0
-            self._pbb = self._noise.bias_prior_rad_s**2
+            self.belief.forget((BIAS,), (self.drift.bias_prior_rad_s**2,))
             return
         self._yaw_rate = rate
         if previous_s is None or t_s - previous_s > IMU_GAP_S:
             return
         dt = t_s - previous_s
-        self._theta += (0.5 * (gyro_z_rad_s + previous) - self._bias) * dt
+        self._theta += rate * dt
         self._turning_s += dt
+        if accel_x_m_s2 is not None and accel_y_m_s2 is not None:
+            self._feel(t_s, dt, *self._bumps.level(accel_x_m_s2, accel_y_m_s2))
 
     def on_encoders(self, t_s: float, left: int, right: int) -> None:
         """Take one encoder sample: absolute 16-bit counts, wrapping."""
@@ -204,139 +215,105 @@ class PoseEstimator:
         right_counts = encoder_delta(counts[1], right)
         moved = left_counts != 0 or right_counts != 0
         self._standstill.on_encoders(t_s, moved=moved)
-        scale = self._model.metres_per_count
-        travel = 0.5 * scale * (left_counts + right_counts)
-        if dt > 0.0:
-            self._speed += _SPEED_LOWPASS * (travel / dt - self._speed)
-            if not moved and abs(self._speed) < 1e-3:  # noqa: PLR2004 - a millimetre a second
-                self._speed = 0.0
-        wheel_turn = scale * (right_counts - left_counts) / self._model.wheel_base_m
-        rotation = self._rotation(t_s, dt, wheel_turn)
-        if dt > 0.0:
-            self._pbb += self._noise.bias_walk_rad_s_sqrt_s**2 * dt
-        if travel or rotation or self._turning_s:
-            self._advance(travel, rotation)
-
-    def correct_yaw(self, error_rad: float, variance: float) -> None:
-        """Take a measurement of the heading's error (estimate less truth, rad²)."""
-        self._correct((0.0, 0.0, 1.0), error_rad, variance)
-
-    def correct_position(
-        self, direction_x: float, direction_y: float, error_m: float, variance: float
-    ) -> None:
-        """Take a measurement of the position's error along a unit vector (m, m²)."""
-        self._correct((direction_x, direction_y, 0.0), error_m, variance)
-
-    def disturb(self, sigma_m: float, sigma_rad: float) -> None:
-        """Grow the doubt: something moved the robot that wheels and gyro do not tell whole."""
-        self._pxx += sigma_m**2
-        self._pyy += sigma_m**2
-        self._ptt += sigma_rad**2
+        scale = self._model.metres_per_count * (1.0 + self._wheel_scale)
+        self._roll(t_s, dt, scale * left_counts, scale * right_counts)
 
     # -- inside ----------------------------------------------------------------------------
 
-    def _correct(self, h: tuple[float, float, float], error: float, variance: float) -> None:
-        """One scalar Kalman update for a measurement of h·(x, y, θ); the bias follows."""
-        hx, hy, ht = h
-        x = self._pxx * hx + self._pxy * hy + self._pxt * ht
-        y = self._pxy * hx + self._pyy * hy + self._pyt * ht
-        t = self._pxt * hx + self._pyt * hy + self._ptt * ht
-        b = self._pxb * hx + self._pyb * hy + self._ptb * ht
-        gain = 1.0 / (hx * x + hy * y + ht * t + variance)
-        step = -error * gain
-        self._x += x * step
-        self._y += y * step
-        self._theta += t * step
-        self._heading_mark += t * step
-        self._bias += b * step
-        self._pxx -= x * x * gain
-        self._pxy -= x * y * gain
-        self._pyy -= y * y * gain
-        self._pxt -= x * t * gain
-        self._pyt -= y * t * gain
-        self._ptt -= t * t * gain
-        self._pxb -= x * b * gain
-        self._pyb -= y * b * gain
-        self._ptb -= t * b * gain
-        self._pbb -= b * b * gain
+    def _roll(self, t_s: float, dt: float, left: float, right: float) -> None:
+        """Move by what both wheels went, metres, in the time since the last sample."""
+        travel = 0.5 * (left + right)
+        if dt > 0.0:
+            self._speed += _SPEED_LOWPASS * (travel / dt - self._speed)
+            if left == right == 0.0 and abs(self._speed) < 1e-3:  # noqa: PLR2004 - a millimetre a second
+                self._speed = 0.0
+        rotation, by_wheels = self._rotation(t_s, dt, (right - left) / self._model.wheel_base_m)
+        if self._bridge is not None:
+            travel = 0.0
+            if self._bridge.over(self._speed, dt):
+                self._end_bridge(self._bridge)
+            elif self._bridge.stalled:
+                self._note(DisturbanceKind.STALL, t_s, self._speed)
+        elif not by_wheels:
+            travel = self._gripping(t_s, dt, left, right, rotation)
+        if travel or rotation or self._turning_s:
+            turning_s, self._turning_s = self._turning_s, 0.0
+            chord = travel * sinc(0.5 * rotation)
+            self.advance(chord, rotation, max(dt, 0.0), turning_s, by_wheels=by_wheels)
+        elif dt > 0.0:
+            self.wait(dt)
 
-    def _rotation(self, t_s: float, dt_s: float, wheel_turn: float) -> float:
-        """Heading change since the last encoder sample; leaves the mark at this one."""
+    def _rotation(self, t_s: float, dt_s: float, wheel_turn: float) -> tuple[float, bool]:
+        """Heading change since the last encoder sample, and whether the wheels told it."""
         mark = self._heading_mark
-        if (
-            self._imu_s is not None
-            and t_s - self._imu_s <= IMU_GAP_S
-            and self._rest_samples >= _FIRST_BIAS_SAMPLES
-        ):
-            now = self._theta + self._yaw_rate * (t_s - self._imu_s)
-        else:
+        by_wheels = (
+            self._imu_s is None
+            or t_s - self._imu_s > IMU_GAP_S
+            or self._rest_samples < _FIRST_BIAS_SAMPLES
+        )
+        if by_wheels:
             now = mark + wheel_turn
             self._theta = now
             self._turning_s = 0.0
-            self._ptt += _WHEEL_TURN_RAD_SQRT_RAD**2 * abs(wheel_turn)
             if dt_s > 0.0:
                 self._yaw_rate = wheel_turn / dt_s
+        else:
+            now = self._theta + self._yaw_rate * (t_s - (self._imu_s or t_s))
         self._heading_mark = now
-        return now - mark
+        return now - mark, by_wheels
 
-    def _advance(self, travel: float, rotation: float) -> None:
-        """Move the position along the arc (eq. 5) and propagate the covariance, F P Fᵀ + Q."""
-        half = 0.5 * rotation
-        mid = self._heading_mark - half
-        chord = travel * sinc(half)
-        c, s = math.cos(mid), math.sin(mid)
-        dx, dy = chord * c, chord * s
-        self._x += dx
-        self._y += dy
-        noise = self._noise
-        turning, self._turning_s = self._turning_s, 0.0
-        ptt, ptb, pbb = self._ptt, self._ptb, self._pbb
-        pxt, pyt, pxb, pyb = self._pxt, self._pyt, self._pxb, self._pyb
-        # F: ∂x/∂θ = -Δy, ∂y/∂θ = Δx, ∂θ/∂b = -(time the gyro was integrated)
-        way = abs(travel)
-        along, across = _ALONG_M_SQRT_M**2 * way, _ACROSS_M_SQRT_M**2 * way
-        self._pxx += -2.0 * dy * pxt + dy * dy * ptt + along * c * c + across * s * s
-        self._pyy += 2.0 * dx * pyt + dx * dx * ptt + along * s * s + across * c * c
-        self._pxy += dx * pxt - dy * pyt - dx * dy * ptt + (along - across) * c * s
-        self._pxb = pxb - dy * ptb
-        self._pyb = pyb + dx * ptb
-        self._pxt = pxt - dy * ptt - turning * self._pxb
-        self._pyt = pyt + dx * ptt - turning * self._pyb
-        self._ptt = (
-            ptt
-            - 2.0 * turning * ptb
-            + turning * turning * pbb
-            + noise.density_rad_sqrt_s**2 * turning
-            + noise.scale_rad_sqrt_rad**2 * abs(rotation)
-        )
-        self._ptb = ptb - turning * pbb
+    def _feel(self, t_s: float, dt: float, ahead: float, aside: float) -> None:
+        """Look for a bump; after one, move by inertia and not by the wheels."""
+        bridge = self._bridge
+        if self._bumps.moving(ahead, aside) and bridge is None:
+            size = math.hypot(ahead, aside) * dt
+            self._note(DisturbanceKind.BUMP, t_s, size)
+            self._bridge = bridge = InertialBridge(self._speed)
+            # up to the bump the wheels were right: their last count is up to 20 ms old
+            before_s = min(max(t_s - 0.5 * dt - self._encoder_s, 0.0), IMU_GAP_S)
+            self.shift(self._speed * before_s, 0.0)
+        self.shake(self._bumps.vibration_m_s2)
+        if bridge is None:
+            return
+        way_ahead, way_aside = bridge.push(ahead, aside, self._yaw_rate, dt)
+        self.shift(way_ahead, way_aside)
+        # a velocity off by σ makes (σt)² of position's variance in t: 2σ²t·dt from step to step
+        sigma = _BRIDGE_M_S + _BRIDGE_M_S2 * bridge.age_s
+        self.disturb(sigma * math.sqrt(2.0 * bridge.age_s * dt), 0.0)
 
-    def _measure_bias(self, gyro: float) -> None:
-        """At rest a gyro sample *is* the bias: one scalar Kalman update.
+    def _end_bridge(self, bridge: InertialBridge) -> None:
+        sigma = _BRIDGE_CUT_M if bridge.cut else _BRIDGE_M
+        self.disturb(sigma, _BRIDGE_RAD)
+        self._bridge = None
 
-        From the wide prior this is the plain mean of the samples; later the assumed walk of
-        the bias sets the time constant (about 4 s at 100 Hz with the default figures). The heading
-        is corrected by what the bias did to it since the last rest.
-        """
-        self._rest_samples += 1
-        noise = self._noise
-        pbb, ptb, pxb, pyb = self._pbb, self._ptb, self._pxb, self._pyb
-        gain = 1.0 / (pbb + noise.sample_rad_s**2)
-        innovation = (gyro - self._bias) * gain
-        self._bias += pbb * innovation
-        turn = ptb * innovation
-        self._theta += turn
-        self._heading_mark += turn
-        self._x += pxb * innovation
-        self._y += pyb * innovation
-        self._pxx -= pxb * pxb * gain
-        self._pxy -= pxb * pyb * gain
-        self._pyy -= pyb * pyb * gain
-        self._pxt -= pxb * ptb * gain
-        self._pyt -= pyb * ptb * gain
-        self._ptt -= ptb * ptb * gain
-        keep = 1.0 - pbb * gain
-        self._pxb = pxb * keep
-        self._pyb = pyb * keep
-        self._ptb = ptb * keep
-        self._pbb = pbb * keep
+    def _gripping(self, t_s: float, dt: float, left: float, right: float, rotation: float) -> float:
+        """Way ahead, by the wheel that grips where one slips."""
+        turn = rotation * self._model.wheel_base_m
+        self.slip_monitor.update(left, right, turn)
+        side = self._slips.update(left, right, turn, dt)
+        if side == 0:
+            self._slipping = 0
+            return 0.5 * (left + right)
+        if side != self._slipping:
+            self._slipping = side
+            kind = DisturbanceKind.SLIP_RIGHT if side > 0 else DisturbanceKind.SLIP_LEFT
+            self._note(kind, t_s, abs(right - left - turn) / dt)
+        way = left + 0.5 * turn if side > 0 else right - 0.5 * turn
+        self.disturb_along(_SLIP_SHARE * abs(0.5 * (left + right) - way))
+        return way
+
+    def _note(self, kind: DisturbanceKind, t_s: float, size: float) -> None:
+        last = self._disturbances[-1] if self._disturbances else None
+        if last is None or last.kind is not kind or t_s - last.t_s > _ONSET_S:
+            self._disturbances.append(Disturbance(kind, t_s, size))
+            del self._disturbances[:-_KEPT]
+
+    def _zero_velocity(self) -> None:
+        """At rest the gyro tells its bias, and by it what the heading lost since the last rest."""
+        ripe, self._rest_mean = self._rest_mean, self._rest_sum / self._rest_count
+        self._rest_sum, self._rest_count = 0.0, 0
+        if ripe is None:
+            return
+        variance = self.drift.gyro_sample_rad_s**2 / _REST_BATCH
+        self.settle()
+        self.apply(self.belief.update_one(BIAS, ripe - self._bias, variance))

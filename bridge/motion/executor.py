@@ -7,16 +7,29 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import wrap_angle
-from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Turn
+from bridge.motion.legs import (
+    Drive,
+    FollowWall,
+    GoTo,
+    Leg,
+    LegResult,
+    Rest,
+    StopReason,
+    Turn,
+)
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.point_to_point import PointToPointController
 from bridge.motion.range_filter import RangeAhead
 from bridge.motion.rotary import RotaryController
 from bridge.motion.smoothing import VelocitySmoother
+from bridge.motion.wall_follow import FollowState, FollowTuning, Side, WallFollower
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
+_FOLLOW = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
+"""Inner corners are gone into: what the robot stops short of them is not swept. A leg too thin
+for the beam is rounded whole."""
 _MAX_STEP_S = 0.1
 """A longer gap between steps (a pause) is not integrated into filters and timeouts."""
 
@@ -122,6 +135,15 @@ class LegExecutor:
         if isinstance(leg, Rest):
             self._timeout_s = math.inf
             return
+        if isinstance(leg, FollowWall):
+            self._timeout_s = leg.timeout_s
+            side = Side.LEFT if leg.left else Side.RIGHT
+            self._follower = WallFollower(
+                self._model, side, leg.gap_m, speed_m_s=leg.speed_m_s, tuning=_FOLLOW
+            )
+            if leg.touching:
+                self._follower.go_round(0.0, self._model.radius_m + leg.gap_m)
+            return
         speed = self._model.cruise_speed_m_s if leg.speed_m_s is None else leg.speed_m_s
         self._speed = min(speed, self._model.max_speed_m_s)
         if isinstance(leg, Drive):
@@ -159,6 +181,13 @@ class LegExecutor:
             return self._advance(leg, obs, dt)
         return self._settle(obs, dt)
 
+    def cancel(self, obs: Observation) -> None:
+        """End the leg under way where the robot is now, without bringing it to rest."""
+        if self._leg is not None and self._result is None:
+            self._stopping = StopReason.CANCELLED
+            self._bumped = (False, False)
+            self._finish(obs)
+
     def halt(self) -> None:
         """Tell that the robot was stopped from outside: the next step ramps up from rest."""
         self._smooth_v.reset()
@@ -173,6 +202,8 @@ class LegExecutor:
             return self._turn(leg, obs, dt)
         if isinstance(leg, GoTo):
             return self._go_to(leg, obs, dt)
+        if isinstance(leg, FollowWall):
+            return self._follow(leg, obs, dt)
         if self._elapsed_s >= leg.duration_s:
             return self._stop(StopReason.DONE, obs, dt)
         return self._send(0.0, 0.0, dt)
@@ -241,6 +272,19 @@ class LegExecutor:
         if self._stalled(self._along_m + obs.pose.theta_rad, tune.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
         return self._send(speed, rate, dt)
+
+    def _follow(self, leg: FollowWall, obs: Observation, dt: float) -> VelocityCommand:
+        self._along_m += abs(obs.v_m_s) * dt
+        if leg.distance_m is not None and self._along_m >= leg.distance_m:
+            return self._stop(StopReason.DISTANCE, obs, dt)
+        step = self._follower.step(obs, dt)
+        if step.state is FollowState.BLOCKED:
+            return self._stop(self._hit(obs) or StopReason.RANGE, obs, dt)
+        if step.state is FollowState.LOST:
+            return self._stop(StopReason.LOST, obs, dt)
+        if self._stalled(self._along_m, self._tuning.stall_m):
+            return self._stop(StopReason.STALLED, obs, dt)
+        return self._send(step.command.v_m_s, step.command.yaw_rate_rad_s, dt)
 
     # -- parts -----------------------------------------------------------------------------
 

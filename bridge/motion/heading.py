@@ -1,25 +1,8 @@
-"""What the gyro and a robot at rest tell about heading: noise figures and standstill."""
+"""Standstill, told by wheels that do not turn."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True, slots=True)
-class GyroNoise:
-    """Error model of the yaw gyro; defaults from the MPU6050 data sheet unless said."""
-
-    sample_rad_s: float = math.radians(0.05)
-    """Standard deviation of one sample (total RMS noise, 92 Hz filter)."""
-    density_rad_sqrt_s: float = math.radians(0.005)
-    """Rate noise spectral density: the angle's random walk per √s."""
-    bias_prior_rad_s: float = math.radians(20.0)
-    """Zero-rate output at power-up: what is believed before the first rest."""
-    bias_walk_rad_s_sqrt_s: float = 2e-5
-    """Random walk of the bias per √s: 0.011 °/s after 100 s (our choice, temperature mostly)."""
-    scale_rad_sqrt_rad: float = 0.003
-    """Scale and alignment error, as a random walk per √rad turned (our choice)."""
 
 
 class Standstill:

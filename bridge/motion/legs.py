@@ -61,7 +61,27 @@ class Rest:
     purpose: str = "rest"
 
 
-Leg = Drive | Turn | GoTo | Rest
+@dataclass(frozen=True, slots=True)
+class FollowWall:
+    """Drive along the wall on one side, by that side's infrared.
+
+    It ends where something stands ahead, where the wall is lost, after ``distance_m``, or when
+    the planner cancels it.
+    """
+
+    left: bool
+    """Whether the wall is on the left."""
+    gap_m: float
+    """Between rim and wall; 0: in light contact."""
+    touching: bool = False
+    """Begin as if something stood abeam at the rim, seen or not: it was touched."""
+    distance_m: float | None = None
+    speed_m_s: float | None = None
+    timeout_s: float = 600.0
+    purpose: str = "outline"
+
+
+Leg = Drive | Turn | GoTo | Rest | FollowWall
 
 
 class StopReason(enum.StrEnum):
@@ -78,6 +98,10 @@ class StopReason(enum.StrEnum):
     STALLED = "stalled"
     """Commanded to move, and the estimate did not."""
     TIMEOUT = "timeout"
+    LOST = "lost"
+    """The wall to follow is not there."""
+    CANCELLED = "cancelled"
+    """The planner wanted something else; the robot may still move."""
 
     @property
     def blocked(self) -> bool:
@@ -85,7 +109,9 @@ class StopReason(enum.StrEnum):
         return self not in _GOALS
 
 
-_GOALS = frozenset({StopReason.DONE, StopReason.DISTANCE})
+_GOALS = frozenset(
+    {StopReason.DONE, StopReason.DISTANCE, StopReason.LOST, StopReason.CANCELLED},
+)
 
 
 @dataclass(frozen=True, slots=True)

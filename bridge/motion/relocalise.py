@@ -1,33 +1,53 @@
-"""Walls seen again correct the estimate: heading first, then position across them."""
+"""Walls seen again correct the estimate: direction and position across them, with their doubt."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.wall_position import WallPosition
-from bridge.motion.wall_yaw import WallYaw
+from bridge.motion.geometry import Pose2
+from bridge.motion.wall_map import WallMap
+from bridge.motion.wall_sight import MAX_SPAN_M, MOVING_M_S, STEADY_RAD_S, FrontSights, SideSight
 
 if TYPE_CHECKING:
     from bridge.motion.estimator import PoseEstimator
     from bridge.motion.robot_model import RobotModel
 
-FAR_M = 2.5
-"""Beyond this the ultrasonic's cone is so wide that it rarely meets one surface alone."""
 BUMP_SIGMA_M = 0.01
 BUMP_SIGMA_RAD = math.radians(0.5)
 """What a touch moves the robot beyond what its wheels tell."""
+FELT_SIGMA_M = 0.0015
+FELT_SIGMA_RAD = math.radians(0.1)
+"""The same where the accelerometer tells of hard touches: what is left are soft ones."""
+TOUCH_SHARE, FELT_SHARE = 0.3, 0.1
+"""Of the way that the wheels tell while the bumper is pressed: they may slip, the body slide."""
+
+
+GRAZE_M = 0.005
+"""A wall abeam that is nearer to the rim than this may be rubbed against, ..."""
+GRAZE_SHARE = 0.15
+"""... which pushes the robot aside by up to this share of its way from reading to reading, ..."""
+GRAZE_RAD = math.radians(1.5)
+"""... and makes the wall look as if it ran along the heading."""
 
 
 class Relocaliser:
     """Feeds an estimator with what the rangers say of walls seen before."""
 
     def __init__(self, model: RobotModel, estimator: PoseEstimator) -> None:
+        """``estimator``: whose walls and pose are corrected."""
         self._estimator = estimator
-        self._yaw = WallYaw(model)
-        mounts = (model.ultrasonic, model.infrared_left, model.infrared_right)
-        self._position = WallPosition(mounts)
+        self._ultrasonic = model.ultrasonic
+        self._graze_m = tuple(
+            model.radius_m - abs(m.y_m) + GRAZE_M
+            for m in (model.infrared_left, model.infrared_right)
+        )
+        self._grazed_m = math.inf
+        self._sides = (SideSight(model.infrared_left), SideSight(model.infrared_right))
+        self._front = FrontSights(model.ultrasonic)
+        self.walls = WallMap(estimator)
         self._touching = False
+        self._last = estimator.odometry
         self.yaw_fixes = 0
         self.position_fixes = 0
 
@@ -38,29 +58,64 @@ class Relocaliser:
         right_m: float | None,
         *,
         touching: bool,
+        t_s: float | None = None,
     ) -> None:
-        """Take one reading of the rangers and the bumper."""
+        """Take one reading of the rangers and the bumper.
+
+        ``t_s`` is the time of the reading on the clock of the estimator's samples; without it
+        the newest encoder sample's is taken, which costs up to 4 mm at cruise speed.
+        """
         estimator = self._estimator
-        if touching and not self._touching:
-            estimator.disturb(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
-        self._touching = touching
-        for fix in self._yaw.update(
-            estimator.pose,
-            estimator.v_m_s,
-            estimator.yaw_rate_rad_s,
-            left_m,
-            right_m,
-            estimator.covariance[2][2],
-        ):
-            estimator.correct_yaw(fix.error_rad, fix.variance)
-            self.yaw_fixes += 1
-        grid_rad = self._yaw.grid_rad
-        if grid_rad is None:
-            return
-        (xx, xy, _), (_, yy, _), _ = estimator.covariance
-        front_m = None if ultrasonic_m is None or ultrasonic_m > FAR_M else ultrasonic_m
-        for seen in self._position.update(
-            estimator.pose, grid_rad, (front_m, left_m, right_m), (xx, xy, yy)
-        ):
-            estimator.correct_position(*seen)
+        grazing = any(
+            r is not None and r < most
+            for r, most in zip((left_m, right_m), self._graze_m, strict=True)
+        )
+        self._doubt_touch(touching=touching, grazing=grazing)
+        seen_from = self._place(t_s)
+        steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
+        moving = steady and abs(estimator.v_m_s) > MOVING_M_S
+        for side, range_m in zip(self._sides, (left_m, right_m), strict=True):
+            line = side.add(seen_from, range_m, steady=moving)
+            if line is not None and self._grazed_m < MAX_SPAN_M:
+                line = line.doubt(GRAZE_RAD)
+            if line is not None and self.walls.see_line(line):
+                self.yaw_fixes += 1
+                self.position_fixes += 1
+        front = self._front.add(seen_from, ultrasonic_m, steady=steady)
+        if front is not None and self.walls.see_front(front, self._ultrasonic):
             self.position_fixes += 1
+
+    def _place(self, t_s: float | None) -> Pose2:
+        """Odometry at the reading's time: carried on as the pose is."""
+        estimator = self._estimator
+        odometry = estimator.odometry
+        if t_s is None:
+            return odometry
+        now, then = estimator.pose, estimator.pose_at(t_s)
+        turn = odometry.theta_rad - now.theta_rad
+        c, s = math.cos(turn), math.sin(turn)
+        dx, dy = then.x_m - now.x_m, then.y_m - now.y_m
+        return Pose2(
+            odometry.x_m + c * dx - s * dy,
+            odometry.y_m + s * dx + c * dy,
+            odometry.theta_rad + math.remainder(then.theta_rad - now.theta_rad, math.tau),
+        )
+
+    def _doubt_touch(self, *, touching: bool, grazing: bool) -> None:
+        estimator = self._estimator
+        felt = estimator.feels
+        if touching and not self._touching:
+            if felt:
+                estimator.disturb(FELT_SIGMA_M, FELT_SIGMA_RAD)
+            else:
+                estimator.disturb(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
+        here = estimator.odometry
+        way = here.distance_m(self._last)
+        if touching and way > 0.0:
+            estimator.disturb((FELT_SHARE if felt else TOUCH_SHARE) * way, 0.0)
+        if grazing and way > 0.0:
+            estimator.disturb_across(GRAZE_SHARE * way)
+            self._grazed_m = 0.0
+        self._grazed_m += way
+        self._last = here
+        self._touching = touching

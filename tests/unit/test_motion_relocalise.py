@@ -15,7 +15,7 @@ from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.relocalise import Relocaliser
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.wall_position import GATE_M
+from bridge.motion.wall_map import GATE_M
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -259,6 +259,7 @@ def test_a_correction_takes_away_part_of_the_error_and_of_the_doubt(
     for step in steps:
         driven.apply(step)
     estimator = driven.estimator
+    estimator.settle()
     before, doubt = estimator.pose, estimator.covariance[2][2]
     estimator.correct_yaw(error, variance)
     moved = math.remainder(estimator.pose.theta_rad - before.theta_rad, math.tau)
@@ -276,6 +277,7 @@ def test_a_position_is_corrected_along_the_walls_normal(
     for step in steps:
         driven.apply(step)
     estimator = driven.estimator
+    estimator.settle()
     c, s = math.cos(direction), math.sin(direction)
     before = estimator.pose
     (xx, xy, _), (_, yy, _), _ = estimator.covariance

@@ -1,0 +1,275 @@
+"""The planner's memory: a map of what was swept and of where the axle cannot be."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bridge.coverage.recovery.evidence_kernels import (
+    MOST,
+    add_wall,
+    beam,
+    bump_lens,
+    clear_body,
+    fresh_ahead,
+    sweep,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bridge.coverage.recovery.options import RecoveryOptions
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.observation import Observation
+    from bridge.motion.robot_model import RangerMount, RobotModel
+
+    Layer = NDArray[np.uint8]
+
+_FIRST_M = 3.0
+_GROW_M = 1.5
+_NEAR_M = 0.6
+"""The map grows when the robot comes this near to its edge."""
+_MOVED_CELLS = 0.25
+_TURNED_RAD = 0.02
+_READING_S = 0.05
+_STRONG_M = 0.12
+"""A reading nearer than this counts double: one such makes a cell occupied."""
+_SPAN_RAD = math.radians(87.0)
+_OVERLAP_RAD = math.radians(10.0)
+_RIM_CELLS = 1.75
+"""Evidence this near to the rim may be what was touched."""
+_LAYERS = ("swept", "wall", "near", "lens", "been", "tried")
+
+
+class EvidenceMap:
+    """Layers of cells in the frame of the estimate; see ``evidence_kernels``.
+
+    ``tried`` counts how often a cell was gone for in vain.
+    """
+
+    def __init__(self, model: RobotModel, options: RecoveryOptions, pose: Pose2) -> None:
+        """Nothing known but that the robot stands at ``pose``."""
+        self._model, self._options = model, options
+        cell = options.cell_m
+        self._per_m = 1.0 / cell
+        self.half = (0.5 * model.cleaning_width_m - options.mouth_margin_m) * self._per_m
+        self._ahead = model.mouth_offset_m * self._per_m
+        self._reach = (model.radius_m - options.body_margin_m) * self._per_m
+        self._inner = (model.radius_m - 0.02) * self._per_m
+        size = round(2.0 * _FIRST_M * self._per_m)
+        self.x0_m = pose.x_m - _FIRST_M
+        self.y0_m = pose.y_m - _FIRST_M
+        self.swept: Layer = np.zeros((size, size), dtype=np.uint8)
+        self.wall, self.near, self.lens, self.been, self.tried = (
+            np.zeros_like(self.swept) for _ in range(5)
+        )
+        x, y = self.to_cells(pose.x_m, pose.y_m)
+        self._last = (x, y, pose.theta_rad)
+        self._been_at = (x, y)
+        self._low, self._high = [x, y], [x, y]
+        self._readings: tuple[float | None, float | None] = (None, None)
+        self._read_s = -1.0
+        self.new_cells = 0
+        clear_body(self.wall, self.near, self.been, x, y, self._inner, self._reach)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.swept.shape
+
+    @property
+    def swept_cells(self) -> int:
+        """How many cells were swept so far."""
+        return self.new_cells
+
+    def to_cells(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Column and row, with fractions, of a point."""
+        return (x_m - self.x0_m) * self._per_m, (y_m - self.y0_m) * self._per_m
+
+    def to_metres(self, column: float, row: float) -> tuple[float, float]:
+        """Point at a column and a row with fractions."""
+        cell = self._options.cell_m
+        return self.x0_m + column * cell, self.y0_m + row * cell
+
+    def box(self, margin_m: float | None = None) -> tuple[int, int, int, int]:
+        """Rows and columns (half open) of the floor believed to exist.
+
+        That is what lies within ``margin_m`` (default: the options') of where the axle was.
+        """
+        if margin_m is None:
+            margin_m = self._options.margin_m + self._model.radius_m
+        margin = margin_m * self._per_m
+        rows, cols = self.shape
+        return (
+            max(int(self._low[1] - margin), 1),
+            min(int(self._high[1] + margin), rows - 1),
+            max(int(self._low[0] - margin), 1),
+            min(int(self._high[0] + margin), cols - 1),
+        )
+
+    # -- evidence ----------------------------------------------------------------------------
+
+    def update(self, obs: Observation) -> None:
+        """Take one observation: the mouth's way, the body's place, the side infrared."""
+        pose = obs.pose
+        x, y = (pose.x_m - self.x0_m) * self._per_m, (pose.y_m - self.y0_m) * self._per_m
+        lx, ly, lth = self._last
+        turned = abs(math.remainder(pose.theta_rad - lth, math.tau))
+        if abs(x - lx) + abs(y - ly) > _MOVED_CELLS or turned > _TURNED_RAD:
+            self.new_cells += sweep(
+                self.swept, lx, ly, lth, x, y, pose.theta_rad, self.half, self._ahead
+            )
+            self._last = (x, y, pose.theta_rad)
+            bx, by = self._been_at
+            if abs(x - bx) + abs(y - by) > 0.5:  # noqa: PLR2004 - half a cell
+                self._move(x, y)
+        readings = (obs.infrared_left_m, obs.infrared_right_m)
+        if readings != self._readings or obs.time_s - self._read_s >= _READING_S:
+            self._readings = readings
+            self._read_s = obs.time_s
+            if abs(obs.yaw_rate_rad_s) < 1.0:
+                self._look(pose, self._model.infrared_left, readings[0])
+                self._look(pose, self._model.infrared_right, readings[1])
+
+    def add_point(self, x_m: float, y_m: float, weight: int = 2) -> None:
+        """Something stands at a point."""
+        x, y = self.to_cells(x_m, y_m)
+        add_wall(self.wall, self.near, int(y), int(x), weight, self._reach)
+
+    def contact_rad(self, pose: Pose2, *, left: bool, right: bool) -> float:
+        """Bearing from the heading at which a pressed bumper most likely touches.
+
+        That of the evidence nearest to the rim on the pressed half; without any, its middle.
+        """
+        low = -_OVERLAP_RAD if left else -_SPAN_RAD
+        high = _OVERLAP_RAD if right else _SPAN_RAD
+        x, y = self.to_cells(pose.x_m, pose.y_m)
+        radius = self._model.radius_m * self._per_m
+        reach = math.ceil(radius + _RIM_CELLS)
+        r0, c0 = max(int(y) - reach, 0), max(int(x) - reach, 0)
+        part = self.wall[r0 : int(y) + reach + 1, c0 : int(x) + reach + 1]
+        best, found = _RIM_CELLS, 0.5 * (low + high) if left != right else 0.0
+        for row, col in np.argwhere(part > 0).tolist():
+            dx, dy = col + c0 + 0.5 - x, row + r0 + 0.5 - y
+            bearing = math.remainder(math.atan2(dy, dx) - pose.theta_rad, math.tau)
+            off = abs(math.hypot(dx, dy) - radius)
+            if off < best and low <= bearing <= high:
+                best, found = off, bearing
+        return found
+
+    def add_bump(self, pose: Pose2, *, left: bool, right: bool) -> None:
+        """A bumper half, or both, is pressed at a pose."""
+        bearing = self.contact_rad(pose, left=left, right=right)
+        rim = self._model.radius_m + 0.25 * self._options.cell_m
+        self.add_point(*pose.transform(rim * math.cos(bearing), rim * math.sin(bearing)))
+        low = -_OVERLAP_RAD if left else -_SPAN_RAD
+        high = _OVERLAP_RAD if right else _SPAN_RAD
+        if left and right:
+            low, high = -_OVERLAP_RAD, _OVERLAP_RAD
+        x, y = self.to_cells(pose.x_m, pose.y_m)
+        theta = pose.theta_rad
+        bump_lens(self.lens, x, y, theta + low, theta + high, self._model.radius_m * self._per_m)
+
+    def give_up(self, x_m: float, y_m: float, radius_m: float) -> None:
+        """A place was gone for in vain: one try less for its unswept cells."""
+        x, y = self.to_cells(x_m, y_m)
+        reach = radius_m * self._per_m
+        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
+        part = self.tried[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
+        np.add(part, 1, out=part, where=part < 250)  # noqa: PLR2004 - a byte
+
+    def forget(self, pose: Pose2, radius_m: float) -> None:
+        """Drop all evidence of obstacles about a pose."""
+        x, y = self.to_cells(pose.x_m, pose.y_m)
+        reach = radius_m * self._per_m
+        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
+        part = np.s_[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
+        self.lens[part] = 0
+        for row, col in np.argwhere(self.wall[part]).tolist():
+            add_wall(self.wall, self.near, row + r0, col + c0, -MOST, self._reach)
+
+    def fresh(
+        self, pose: Pose2, ahead_m: tuple[float, float], aside_m: tuple[float, float]
+    ) -> float:
+        """Share that is not swept of a strip straight ahead, by two distances along and across.
+
+        ``aside_m``: the lower bound first, left positive.
+        """
+        x, y = self.to_cells(pose.x_m, pose.y_m)
+        per = self._per_m
+        return fresh_ahead(
+            self.swept,
+            x,
+            y,
+            pose.theta_rad,
+            ahead_m[0] * per,
+            ahead_m[1] * per,
+            aside_m[0] * per,
+            aside_m[1] * per,
+        )
+
+    def packed(self) -> bytes:
+        """The map as a microcontroller would hold it: 2 bits a cell of the box driven in.
+
+        0 unknown, 1 been or free, 2 occupied, 3 swept (or given up).
+        """
+        r0, r1, c0, c1 = self.box(self._model.radius_m)
+        part = np.s_[r0:r1, c0:c1]
+        state = np.zeros((r1 - r0, c1 - c0), dtype=np.uint8)
+        state[self.been[part] > 0] = 1
+        state[(self.wall[part] > 1) | (self.lens[part] > 0)] = 2
+        state[(self.swept[part] > 0) | (self.tried[part] >= self._options.tries)] = 3
+        flat = state.ravel()
+        four = np.concatenate([flat, np.zeros(-len(flat) % 4, dtype=np.uint8)]).reshape(-1, 4)
+        packed: Layer = four[:, 0] | four[:, 1] << 2 | four[:, 2] << 4 | four[:, 3] << 6
+        return packed.tobytes()
+
+    # -- inside ------------------------------------------------------------------------------
+
+    def _move(self, x: float, y: float) -> None:
+        self._been_at = (x, y)
+        self._low = [min(self._low[0], x), min(self._low[1], y)]
+        self._high = [max(self._high[0], x), max(self._high[1], y)]
+        clear_body(self.wall, self.near, self.been, x, y, self._inner, self._reach)
+        rim = _NEAR_M * self._per_m + self._options.margin_m * self._per_m
+        rows, cols = self.shape
+        if min(x, y) < rim or x > cols - rim or y > rows - rim:
+            self._grow(x, y, rim)
+
+    def _look(self, pose: Pose2, mount: RangerMount, range_m: float | None) -> None:
+        trust_m = self._options.infrared_trust_m
+        x, y = self.to_cells(*pose.transform(mount.x_m, mount.y_m))
+        angle = pose.theta_rad + mount.yaw_rad
+        seen = range_m is not None and range_m <= trust_m
+        far_m = trust_m if range_m is None or range_m > trust_m else range_m
+        weight = 0 if not seen else 2 if far_m < _STRONG_M else 1
+        beam(
+            self.wall,
+            self.near,
+            x,
+            y,
+            math.cos(angle),
+            math.sin(angle),
+            (far_m - 0.03) * self._per_m,
+            far_m * self._per_m,
+            weight,
+            self._reach,
+        )
+
+    def _grow(self, x: float, y: float, rim: float) -> None:
+        """Enlarge on the sides that the robot comes near to."""
+        step = round(_GROW_M * self._per_m)
+        rows, cols = self.shape
+        left, down = step if x < rim else 0, step if y < rim else 0
+        right, up = step if x > cols - rim else 0, step if y > rows - rim else 0
+        for name in _LAYERS:
+            setattr(self, name, np.pad(getattr(self, name), ((down, up), (left, right))))
+        self.x0_m -= left * self._options.cell_m
+        self.y0_m -= down * self._options.cell_m
+        lx, ly, lth = self._last
+        self._last = (lx + left, ly + down, lth)
+        self._been_at = (self._been_at[0] + left, self._been_at[1] + down)
+        self._low = [self._low[0] + left, self._low[1] + down]
+        self._high = [self._high[0] + left, self._high[1] + down]

@@ -1,0 +1,49 @@
+"""The planner's figures, each with its unit and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryOptions:
+    """Lengths in metres, angles in radians, areas in cells of the map where they say so."""
+
+    cell_m: float = 0.02
+    mouth_margin_m: float = 0.01
+    """Each end of the mouth counts this much short: what the pose is unsure of."""
+    body_margin_m: float = 0.006
+    """Evidence forbids the axle a disc of the body's radius less this: passages that the
+    robot just fits through must stay open in a map of 2 cm cells."""
+    infrared_trust_m: float = 0.22
+    """Farther readings are too noisy to map with."""
+    outline_gap_m: float = 0.0015
+    """Between rim and wall on an outline; 5 mm cost 1-2 % of what is sweepable."""
+    stop_range_m: float = 0.048
+    """Ultrasonic reading at which a lane ends: 8 mm between rim and wall."""
+    margin_m: float = 0.5
+    """Floor this far beyond what was driven over is believed to exist."""
+    back_off_m: float = 0.015
+    fresh_share: float = 0.15
+    """An outline ends where less than this of the mouth's next way is unswept."""
+    least_cells: int = 7
+    """A lane must promise this many new cells: 28 cm²."""
+    least_rate: float = 5.0
+    """... and this many per second of all it takes; at full mouth a lane gives 70."""
+    gap_cells: int = 14
+    """A lane goes on over so many cells with nothing new."""
+    frontier: float = 2.0
+    """Cells that a cell's edge of new frontier costs: so that no slivers are left."""
+    outline_cells: float = 500.0
+    """What beginning an outline is taken to promise."""
+    lane_speed_m_s: float = 0.28
+    travel_speed_m_s: float = 0.28
+    turn_s_rad: float = 0.85
+    stop_s: float = 0.9
+    looks: tuple[int, ...] = (1100, 2600, 1 << 24)
+    """Ways up to these costs (1 m is 500) are looked at, one after the other ..."""
+    near_rate: float = 30.0
+    """... and taken without looking farther if they give this many cells per second."""
+    tries: int = 2
+    """A place that so often gave nothing is set aside."""
+    max_decisions: int = 4000

@@ -1,0 +1,401 @@
+"""The ``recovery`` planner: outlines along the walls, lanes between, back for what was hidden.
+
+The paper's idea kept: remember, cheaply, what an obstacle hid, and go back for it. Its one slot
+becomes a map of evidence. A wall that is met is followed until its outline is closed, which
+sweeps the band that only an outline can sweep and draws the map; then, again and again, the
+lane or outline that sweeps most per time is taken, until nothing is worth its time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from bridge.coverage.planner import Script, ScriptedPlanner
+from bridge.coverage.recovery.choice import Choice, Chooser
+from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.motion.geometry import Pose2, wrap_angle
+from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Step
+    from bridge.motion.observation import Observation
+    from bridge.motion.robot_model import RobotModel
+
+    Part = Generator[Leg, Step, LegResult]
+
+_QUARTER = 0.5 * math.pi
+_CHECK_M = 0.05
+_AHEAD_M = (0.03, 0.25)
+_BAND_M = (0.03, 0.065)
+"""The part of the mouth next to the wall, by which an outline is judged swept or not."""
+_AHEAD_BAND_M = (0.02, 0.075)
+_SEEN_M = 0.20
+"""A wall read nearer than this beside a lane takes a part of the lane's own band."""
+_MOSTLY = 0.8
+_CLOSED_M = 0.25
+"""An outline is not judged closed before this: it may begin on floor that a lane has swept."""
+_FUTILE = 10
+"""Decisions in a row that gained nothing, after which the evidence itself is doubted."""
+_MOST_FORGOTTEN = 3
+_FORGET_M = 0.6
+_NO_WAY_M = 0.02
+_MOST_STUCK = 8
+"""Attempts in a row that each gained less than ``_NO_WAY_M`` along a wall."""
+_JUMP_M = 0.008
+"""Beyond the way driven in a control step (6 mm at top speed)."""
+_LEAST_AWAY_RAD = math.radians(12.0)
+_LEAST_TURN_RAD = math.radians(2.0)
+
+
+class RecoveryPlanner(ScriptedPlanner):
+    """See the module."""
+
+    def __init__(self, model: RobotModel, options: RecoveryOptions | None = None) -> None:
+        """Nothing begins before ``start``."""
+        super().__init__(model)
+        self.options = options or RecoveryOptions()
+        self._chooser = Chooser(self.options)
+        self._memory: EvidenceMap | None = None
+        self._reset()
+
+    def _reset(self) -> None:
+        self._obs: Observation | None = None
+        self._following = 0
+        self._looking = False
+        self._aside = 0
+        self._followed_m = 0.0
+        self._checked_m = 0.0
+        self._stale = 0
+        self._grid = 0j
+        self._last_pose: Pose2 | None = None
+
+    @property
+    def memory(self) -> EvidenceMap:
+        """The map.
+
+        Raises:
+            RuntimeError: the plan was not started.
+
+        """
+        if self._memory is None:
+            raise RuntimeError("the plan was not started")
+        return self._memory
+
+    # -- every step ----------------------------------------------------------------------------
+
+    def watch(self, obs: Observation) -> bool:
+        """Take an observation; true where an outline has nothing left to sweep ahead."""
+        memory = self._memory
+        if memory is None:
+            return False
+        self._see_jump(obs)
+        self._obs = obs
+        memory.update(obs)
+        if not self._following:
+            return self._looking and self._look_aside(obs)
+        last = self._last_pose
+        self._last_pose = obs.pose
+        if last is None:
+            return False
+        way = last.distance_m(obs.pose)
+        self._followed_m += way
+        if abs(obs.yaw_rate_rad_s) < 0.1 and obs.v_m_s > 0.05:  # noqa: PLR2004 - straight on
+            angle = 4.0 * obs.pose.theta_rad
+            self._grid += way * complex(math.cos(angle), math.sin(angle))
+        if self._followed_m - self._checked_m < _CHECK_M:
+            return False
+        self._checked_m = self._followed_m
+        if self._fresh_along(obs.pose, self._following) < self.options.fresh_share:
+            self._stale += 1
+        else:
+            self._stale = 0
+        return self._stale > 1 and self._followed_m > _CLOSED_M
+
+    def _see_jump(self, obs: Observation) -> None:
+        """Tell where the estimate was set right: it moved farther than the robot did."""
+        last = self._obs
+        if last is None:
+            return
+        dx, dy = obs.pose.x_m - last.pose.x_m, obs.pose.y_m - last.pose.y_m
+        if abs(dx) + abs(dy) < _JUMP_M:
+            return
+        way_m = max(abs(obs.v_m_s), abs(last.v_m_s)) * max(obs.time_s - last.time_s, 0.0)
+        jump_m = math.hypot(dx, dy) - way_m
+        if jump_m > _JUMP_M:
+            self.decide("re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4))
+
+    def _fresh_along(self, pose: Pose2, side: int) -> float:
+        """Share not swept of the strip next to a wall on the left (1) or right (-1)."""
+        low, high = _BAND_M
+        return self.memory.fresh(pose, _AHEAD_M, (low, high) if side > 0 else (-high, -low))
+
+    def _look_aside(self, obs: Observation) -> bool:
+        """Whether a wall beside the lane has come into view whose outline was not swept."""
+        if abs(obs.yaw_rate_rad_s) > 0.1 or obs.v_m_s < 0.1:  # noqa: PLR2004 - not yet on the lane
+            return False
+        for side, mount, range_m in (
+            (1, self.model.infrared_left, obs.infrared_left_m),
+            (-1, self.model.infrared_right, obs.infrared_right_m),
+        ):
+            if range_m is None or range_m > _SEEN_M:
+                continue
+            off = range_m + abs(mount.y_m) - self.model.radius_m
+            low, high = max(off, 0.0) + 0.015, max(off, 0.0) + 0.065
+            ahead = (0.0, mount.x_m + 0.03)
+            if (
+                self.memory.fresh(obs.pose, ahead, (low, high) if side > 0 else (-high, -low))
+                > _MOSTLY
+            ):
+                self._aside = side
+                return True
+        return False
+
+    @property
+    def grid_rad(self) -> float:
+        """The walls' main direction as followed so far; 0 before any."""
+        if not self._grid:
+            return 0.0
+        return math.atan2(self._grid.imag, self._grid.real) / 4.0
+
+    # -- the plan ------------------------------------------------------------------------------
+
+    def script(self, obs: Observation) -> Script:
+        """The plan from the pose in ``obs``."""
+        self._reset()
+        self._obs = obs
+        self._memory = EvidenceMap(self.model, self.options, obs.pose)
+        memory = self._memory
+        self.decide("start", "looking for a wall to follow")
+        yield from self._first_wall(obs)
+        futile = forgotten = 0
+        for _ in range(self.options.max_decisions):
+            choice = self._chooser.choose(memory, self._pose, self.grid_rad)
+            if futile >= _FUTILE or self._chooser.shut_in:
+                if forgotten >= _MOST_FORGOTTEN:
+                    return "shut in: nothing that was tried led anywhere"
+                memory.forget(self._pose, _FORGET_M)
+                self.decide("forget", "nothing leads anywhere: what is known near here is doubted")
+                futile = 0
+                forgotten += 1
+                continue
+            if choice is None:
+                return "no reachable unswept piece is worth its time"
+            before = memory.new_cells
+            self._tell(choice)
+            part = self._lane if choice.kind == "lane" else self._begin_outline
+            arrived = yield from part(choice)
+            gained = memory.new_cells - before
+            self._judge(choice, gained, arrived=arrived)
+            futile = futile + 1 if gained < self.options.least_cells else 0
+        return f"{self.options.max_decisions} decisions, the limit"
+
+    @property
+    def _pose(self) -> Pose2:
+        if self._obs is None:
+            raise RuntimeError("the plan was not started")
+        return self._obs.pose
+
+    def _tell(self, choice: Choice) -> None:
+        x, y = choice.way[-1]
+        self._state = replace(self._state, state=choice.kind, target=(x, y))
+        reason = (
+            "the lane that sweeps most per time"
+            if choice.kind == "lane"
+            else "a wall whose outline was not followed"
+        )
+        self.decide(
+            choice.kind,
+            reason,
+            x_m=round(x, 3),
+            y_m=round(y, 3),
+            length_m=round(choice.length_m, 2),
+            new_cm2=round(choice.new_m2 * 1e4),
+            rate_cm2_s=round(choice.rate_m2_s * 1e4, 1),
+        )
+
+    def _judge(self, choice: Choice, new_cells: int, *, arrived: bool) -> None:
+        """Set a place aside that gave next to nothing."""
+        promised = choice.new_m2 / self.options.cell_m**2
+        if choice.kind == "outline":
+            promised = 40.0
+        if new_cells > 0.3 * promised:
+            return
+        x, y = choice.way[-1]
+        c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
+        done_m = 0.0
+        if arrived:
+            # only the part that was driven: what lies beyond an obstacle may be had otherwise
+            pose = self._pose
+            done_m = min(max((pose.x_m - x) * c + (pose.y_m - y) * s, 0.0), choice.length_m)
+        way_m = 0.0
+        while way_m <= done_m:
+            self.memory.give_up(x + way_m * c, y + way_m * s, 0.5 * self.model.cleaning_width_m)
+            way_m += self.model.cleaning_width_m
+        reason = "the place gave next to nothing" if arrived else "no way to it was found"
+        self.decide("set-aside", reason, x_m=round(x, 3), y_m=round(y, 3))
+
+    # -- parts ---------------------------------------------------------------------------------
+
+    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
+        near = 0.28
+        left, right = obs.infrared_left_m, obs.infrared_right_m
+        if right is not None and right < near and (left is None or right <= left):
+            yield from self._outline(left=False)
+            return
+        if left is not None and left < near:
+            yield from self._outline(left=True)
+            return
+        result = yield from self._drive(
+            Drive(obs.pose.theta_rad, stop_range_m=self.options.stop_range_m, purpose="lane")
+        )
+        yield from self._meet(result)
+
+    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:
+        arrived = yield from self._travel(choice)
+        if not arrived:
+            return False
+        yield from self._turn(choice.heading_rad)
+        result = yield from self._drive(
+            Drive(
+                choice.heading_rad,
+                choice.length_m + 0.5 * self.options.cell_m,
+                speed_m_s=self.options.lane_speed_m_s,
+                stop_range_m=self.options.stop_range_m,
+                purpose="lane",
+            )
+        )
+        yield from self._meet(result)
+        return True
+
+    def _begin_outline(self, choice: Choice) -> Generator[Leg, Step, bool]:
+        arrived = yield from self._travel(choice)
+        if not arrived:
+            return False
+        wall = choice.heading_rad - _QUARTER
+        pose = self._pose
+        ahead_left = self._fresh_along(Pose2(pose.x_m, pose.y_m, wall + _QUARTER), -1)
+        ahead_right = self._fresh_along(Pose2(pose.x_m, pose.y_m, wall - _QUARTER), 1)
+        left = ahead_right > ahead_left + 0.1
+        yield from self._turn(wall - _QUARTER if left else wall + _QUARTER)
+        yield from self._outline(left=left, touching=True)
+        return True
+
+    def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
+        for x, y in choice.way:
+            pose = self._pose
+            dx, dy = x - pose.x_m, y - pose.y_m
+            way = math.hypot(dx, dy)
+            if way < 0.01:  # noqa: PLR2004 - a centimetre is no way
+                continue
+            heading = math.atan2(dy, dx)
+            yield from self._turn(heading)
+            result = yield from self._drive(
+                Drive(
+                    heading,
+                    way,
+                    speed_m_s=self.options.travel_speed_m_s,
+                    stop_range_m=self.options.stop_range_m,
+                    purpose="travel",
+                )
+            )
+            if result.reason.blocked and way - result.distance_m > 0.03:  # noqa: PLR2004
+                yield from self._meet(result)
+                return False
+        return True
+
+    def _turn(self, heading_rad: float) -> Generator[Leg, Step]:
+        if abs(wrap_angle(heading_rad - self._pose.theta_rad)) > _LEAST_TURN_RAD:
+            yield Turn(wrap_angle(heading_rad))
+
+    def _drive(self, leg: Drive) -> Part:
+        """Drive; what stops it becomes evidence, and a bump is backed off from."""
+        self._looking, self._aside = leg.purpose == "lane", 0
+        step = yield leg
+        self._looking = False
+        result = step.result
+        if result.reason is StopReason.CANCELLED:
+            self.decide("obstacle", "beside the lane, its outline not yet followed")
+            yield from self._outline(left=self._aside > 0)
+            return result
+        yield from self._note(result, leg.heading_rad)
+        return result
+
+    def _note(self, result: LegResult, heading_rad: float) -> Generator[Leg, Step]:
+        if result.reason is StopReason.RANGE:
+            self.memory.add_point(*result.pose.transform(self.model.radius_m + 0.01, 0.0))
+        elif result.reason in {StopReason.BUMPER, StopReason.CLIFF, StopReason.STALLED}:
+            both = not (result.bumper_left or result.bumper_right)
+            self.memory.add_bump(
+                result.pose, left=result.bumper_left or both, right=result.bumper_right or both
+            )
+            self.decide(
+                "obstacle",
+                f"{result.leg.purpose} ended: {result.reason}",
+                x_m=round(result.pose.x_m, 3),
+                y_m=round(result.pose.y_m, 3),
+            )
+            yield Drive(heading_rad, -self.options.back_off_m, speed_m_s=0.05, purpose="back-off")
+
+    def _meet(self, result: LegResult) -> Generator[Leg, Step, bool]:
+        """Follow what ended a drive early, if its outline was not swept yet; whether it was not."""
+        if not result.reason.blocked:
+            return False
+        pose = result.pose
+        bearing = self._contact(result)
+        left = bearing > 0.0
+        towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
+        if self.memory.fresh(towards, _AHEAD_BAND_M, (-0.04, 0.04)) < 0.4:  # noqa: PLR2004
+            return False
+        self.decide("obstacle", f"ahead, not yet followed: {result.reason}")
+        away = bearing + (-_QUARTER if left else _QUARTER)
+        yield from self._turn(pose.theta_rad + away)
+        yield from self._outline(left=left, touching=True)
+        return True
+
+    def _contact(self, result: LegResult) -> float:
+        """Bearing from the heading of what ended a leg."""
+        left, right = result.bumper_left, result.bumper_right
+        if result.reason is not StopReason.BUMPER or left == right:
+            return 0.0
+        return self.memory.contact_rad(result.pose, left=left, right=right)
+
+    def _outline(self, *, left: bool, touching: bool = False) -> Generator[Leg, Step]:
+        """Follow a wall until its outline is closed or lost."""
+        self.decide("outline-begin", f"wall on the {'left' if left else 'right'}")
+        stuck = 0
+        side = 1 if left else -1
+        self._followed_m = self._checked_m = 0.0
+        while True:
+            self._following, self._last_pose, self._stale = side, None, 0
+            begun_m = self._followed_m
+            step = yield FollowWall(left, self.options.outline_gap_m, touching=touching)
+            self._following = 0
+            result = step.result
+            reason = result.reason
+            stuck = stuck + 1 if self._followed_m - begun_m < _NO_WAY_M else 0
+            if not reason.blocked or reason is StopReason.TIMEOUT or stuck > _MOST_STUCK:
+                break
+            yield from self._note(result, result.pose.theta_rad)
+            # turn until what was met is abeam; on the other side, it is an inner corner
+            away = side * self._contact(result)
+            away = max(_QUARTER - away, _LEAST_AWAY_RAD)
+            heading = result.pose.theta_rad - side * away
+            ahead = Pose2(self._pose.x_m, self._pose.y_m, heading)
+            if (
+                self._followed_m > _CLOSED_M
+                and self._fresh_along(ahead, side) < self.options.fresh_share
+            ):
+                reason = StopReason.CANCELLED
+                break
+            yield from self._turn(heading)
+            touching = True
+        why = {
+            StopReason.CANCELLED: "closed: what lies ahead is swept",
+            StopReason.LOST: "the wall is lost",
+        }.get(reason, f"no way along the wall: {reason}")
+        self.decide("outline-end", why, length_m=round(self._followed_m, 2))

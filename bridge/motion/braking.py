@@ -1,0 +1,52 @@
+"""Stop distances that respect the acceleration limit.
+
+A robot told to stop goes on for a latency τ (link, control period, motor) and then slows with
+a constant deceleration a: it needs d = v·τ + v²/2a. Solved for v that is the fastest speed
+from which it still stops within d.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Braking:
+    """How a motion can be stopped; in m, or in rad for turning.
+
+    Raises:
+        ValueError: the deceleration is not positive, or a figure is negative.
+
+    """
+
+    decel: float
+    """m/s² (rad/s²)."""
+    latency_s: float = 0.0
+    creep: float = 0.0
+    """Slowest approach, m/s (rad/s): below it wheels stick, and the last way is never done."""
+
+    def __post_init__(self) -> None:
+        """Refuse figures with no meaning."""
+        if not (self.decel > 0.0 and self.latency_s >= 0.0 and self.creep >= 0.0):
+            raise ValueError(f"braking needs decel > 0, latency_s >= 0, creep >= 0, not {self}")
+
+    def distance(self, speed: float) -> float:
+        """Way made from now to rest at a speed of either sign: |v|·τ + v²/2a."""
+        return abs(speed) * self.latency_s + speed * speed / (2.0 * self.decel)
+
+    def speed(self, distance: float) -> float:
+        """Fastest speed that stops within ``distance``, not below the creep.
+
+        From d = v·τ + v²/2a: v = sqrt((aτ)² + 2ad) - aτ.
+        """
+        push = self.decel * self.latency_s
+        fastest = math.sqrt(push * push + 2.0 * self.decel * max(distance, 0.0)) - push
+        return max(fastest, self.creep)
+
+    def run_out(self, speed: float) -> float:
+        """Way still made after a command of zero at a creeping speed: |v|·τ/2.
+
+        The follower's lag ends such a motion before the ramp matters.
+        """
+        return 0.5 * self.latency_s * abs(speed)

@@ -1,0 +1,73 @@
+"""The paper's estimate, kept as a reference: dead reckoning with a gyro heading, nothing else.
+
+Encoders give the way (eq. 3, 4), the gyro less its mean at the first rest the heading, the
+exact arc the position (eq. 5). No covariance, no walls, no second thoughts: what the filter
+is held against.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.motion.kinematics import body_motion, encoder_delta, wheel_travel_m
+from bridge.motion.odometry import advance_arc
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+
+_HELD = 5
+
+
+class DeadReckoning:
+    """Fed as ``PoseEstimator``: times in s of one clock, gyro in rad/s, absolute 16-bit counts."""
+
+    def __init__(self, model: RobotModel, start: Pose2) -> None:
+        """``start``: where the robot stands, at rest."""
+        self._model = model
+        self._pose = start
+        self._counts: tuple[int, int] | None = None
+        self._imu_s: float | None = None
+        self._bias_sum, self._samples = 0.0, 0
+        self._held: list[tuple[float, float]] = []
+        self._started = False
+        self._turned = 0.0
+
+    @property
+    def pose(self) -> Pose2:
+        """As of the newest encoder sample."""
+        return self._pose
+
+    @property
+    def gyro_bias_rad_s(self) -> float:
+        """Mean of the gyro at the first rest; 0 before its first sample."""
+        return self._bias_sum / self._samples if self._samples else 0.0
+
+    def on_imu(self, t_s: float, gyro_z_rad_s: float) -> None:
+        """Take one gyro sample, the mean rate since the last one."""
+        last_s, self._imu_s = self._imu_s, t_s
+        dt = 0.0 if last_s is None else t_s - last_s
+        if self._started:
+            self._turned += (gyro_z_rad_s - self.gyro_bias_rad_s) * dt
+            return
+        # The newest samples may be of the start, which the counts show a little late.
+        self._held.append((gyro_z_rad_s, dt))
+        if len(self._held) > _HELD:
+            self._bias_sum += self._held.pop(0)[0]
+            self._samples += 1
+
+    def on_encoders(self, t_s: float, left: int, right: int) -> None:  # noqa: ARG002 - as the filter
+        """Take one encoder sample, and move by what was turned and driven since the last."""
+        counts, self._counts = self._counts, (left, right)
+        if counts is None:
+            return
+        ways = [
+            wheel_travel_m(self._model, encoder_delta(old, new))
+            for old, new in zip(counts, (left, right), strict=True)
+        ]
+        if any(ways) and not self._started:
+            self._started = True
+            self._turned += sum((rate - self.gyro_bias_rad_s) * dt for rate, dt in self._held)
+        travel, _ = body_motion(self._model, *ways)
+        turned, self._turned = self._turned, 0.0
+        self._pose = advance_arc(self._pose, travel, turned)

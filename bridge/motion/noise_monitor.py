@@ -1,0 +1,64 @@
+"""How noisy this robot is, measured while it drives: what the filter's noise is scaled by.
+
+- Vibration shifts and shakes a MEMS gyro (vibration rectification), and that grows with the
+  square of the vibration: the accelerometer tells how strong it is.
+- Slip of the wheels shows as disagreement between their difference and the gyro. Its part
+  common to both wheels, which nothing shows, is taken as large as the part that differs.
+"""
+
+from __future__ import annotations
+
+import math
+
+NOMINAL_M_S2 = 0.15
+"""Vibration per axis for which the drift model's figures of the gyro hold: 15 mg."""
+LEAST_SHARE, MOST_SHARE = 0.25, 10.0
+_WINDOW_M = 0.10
+"""Longer than the memory of slip (a third of a second)."""
+_STRAIGHT_SHARE = 0.2
+"""A window that turned by more than this share of its way, at the rims, is passed over."""
+_SHARE = 0.05
+_MEAN_SHARE = 0.02
+
+
+def gyro_share(vibration_m_s2: float) -> float:
+    """Factor on the standard deviations of the gyro's errors in motion."""
+    square = (vibration_m_s2 / NOMINAL_M_S2) ** 2
+    return min(max(square, LEAST_SHARE), MOST_SHARE)
+
+
+class SlipMonitor:
+    """Position noise along the way, from wheels against gyro."""
+
+    __slots__ = ("_excess_m", "_mean", "_power", "_turn_m", "_way_m", "_windows")
+
+    def __init__(self, along_m_sqrt_m: float) -> None:
+        """Believe ``along_m_sqrt_m`` at first, for some 2 m."""
+        self._way_m = self._excess_m = self._turn_m = 0.0
+        self._mean = 0.0
+        self._windows = 0
+        self._power = along_m_sqrt_m**2
+
+    @property
+    def along_m_sqrt_m(self) -> float:
+        """Standard deviation of the way per √m."""
+        return math.sqrt(self._power)
+
+    def update(self, left_m: float, right_m: float, turn_m: float) -> None:
+        """Take an interval: the wheels' ways, and the rotation by the gyro times the base."""
+        self._way_m += 0.5 * abs(left_m + right_m)
+        self._excess_m += right_m - left_m - turn_m
+        self._turn_m += abs(turn_m)
+        if self._way_m < _WINDOW_M:
+            if self._turn_m > _WINDOW_M:
+                self._way_m = self._excess_m = self._turn_m = 0.0
+            return
+        if self._turn_m < _STRAIGHT_SHARE * self._way_m:
+            rate = self._excess_m / self._way_m  # wheels that differ in size give a steady rate
+            self._windows += 1
+            self._mean += max(1.0 / self._windows, _MEAN_SHARE) * (rate - self._mean)
+            if self._windows > 1:
+                # The mean of both wheels has half the difference's standard deviation.
+                off = 0.5 * (rate - self._mean) * self._way_m
+                self._power += _SHARE * (off * off / self._way_m - self._power)
+        self._way_m = self._excess_m = self._turn_m = 0.0

@@ -1,0 +1,169 @@
+"""What the gains of the controllers do: closed-loop step responses, and Fig. 12's smoothing.
+
+The plant of these experiments is the robot as the controllers see it: a velocity commanded
+takes effect after a dead time (link and control period) through a first-order lag (motors and
+wheel control), as the virtual sweeper does. From it the gains are taken:
+
+- rotary (``gain_table``): of the pairs that overshoot a 90° turn by less than 2 %, the one
+  that settles first. Kp 5 1/s and Td 0.03 s settle in 1.38 s; Kp 4 takes 1.60, Kp 6 1.56.
+- point to point: near the point the speed falls as v = Kp·r, a deceleration of Kp·v, which
+  must stay within the share of the acceleration limit kept for braking: Kp = 0.75·0.4/0.2
+  = 1.5 1/s at cruise speed. It does not overshoot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.pid import PidGains
+from bridge.motion.point_to_point import DISTANCE_GAINS, PointToPointController
+from bridge.motion.rotary import ROTARY_GAINS, RotaryController
+from bridge.motion.smoothing import VelocitySmoother
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from bridge.motion.robot_model import RobotModel
+
+STEP_S = 0.02
+BAND_RAD = math.radians(0.25)
+LAG_S, DEAD_S = 0.05, 0.04
+"""Of the velocity loop: motors and wheel control; two control periods."""
+
+
+class StepResponse(NamedTuple):
+    """One closed-loop step, every 20 ms."""
+
+    time_s: list[float]
+    value: list[float]
+    """What is controlled: yaw (rad) or way (m)."""
+    command: list[float]
+    """Velocity sent: rad/s or m/s."""
+    target: float
+
+    @property
+    def overshoot(self) -> float:
+        """Greatest excess over the target, relative to it."""
+        return max(max(v / self.target for v in self.value) - 1.0, 0.0)
+
+    def settled_s(self, band: float) -> float:
+        """When the value came within ``band`` (its unit) of the target for good; inf: never."""
+        outside = [
+            t for t, v in zip(self.time_s, self.value, strict=True) if abs(v - self.target) > band
+        ]
+        if not outside:
+            return 0.0
+        return math.inf if outside[-1] == self.time_s[-1] else outside[-1] + STEP_S
+
+
+class SmoothingSeries(NamedTuple):
+    """Fig. 12: a velocity before and after smoothing."""
+
+    time_s: list[float]
+    before_m_s: list[float]
+    after_m_s: list[float]
+
+    @property
+    def greatest_acceleration(self) -> float:
+        """Of what is sent, m/s²."""
+        after = self.after_m_s
+        return max(abs(b - a) for a, b in pairwise(after)) / STEP_S
+
+
+def _respond(
+    control: Callable[[float], float], smoother: VelocitySmoother, target: float, seconds: float
+) -> StepResponse:
+    """Close the loop over dead time and lag."""
+    pending: deque[float] = deque([0.0] * round(DEAD_S / STEP_S))
+    value, velocity = 0.0, 0.0
+    response = StepResponse([], [], [], target)
+    keep = math.exp(-STEP_S / LAG_S)
+    for i in range(round(seconds / STEP_S)):
+        command = smoother.update(control(value), STEP_S)
+        pending.append(command)
+        wanted = pending.popleft()
+        # exact for a lag towards a constant over the step
+        value += wanted * STEP_S + (velocity - wanted) * LAG_S * (1.0 - keep)
+        velocity = wanted + (velocity - wanted) * keep
+        response.time_s.append((i + 1) * STEP_S)
+        response.value.append(value)
+        response.command.append(command)
+    return response
+
+
+def rotary_step(
+    model: RobotModel,
+    angle_rad: float,
+    gains: PidGains = ROTARY_GAINS,
+    *,
+    seconds: float = 6.0,
+    lowpass: float = 0.6,
+) -> StepResponse:
+    """Turn in place by the rotary PD (section 3.3 eq. 2), with the executor's limits."""
+    rotary = RotaryController(
+        0.75 * model.max_yaw_rate_rad_s, 0.5 * model.max_yaw_accel_rad_s2, gains
+    )
+    smoother = VelocitySmoother(model.max_yaw_accel_rad_s2, lowpass)
+    return _respond(lambda yaw: rotary.update(angle_rad, yaw, STEP_S), smoother, angle_rad, seconds)
+
+
+def point_step(
+    model: RobotModel,
+    distance_m: float,
+    gains: PidGains = DISTANCE_GAINS,
+    *,
+    seconds: float = 12.0,
+    lowpass: float = 0.6,
+) -> StepResponse:
+    """Drive to a point straight ahead by the point-to-point PD (section 3.3, part 4)."""
+    point = PointToPointController(model.cruise_speed_m_s, 1.5, gains)
+    smoother = VelocitySmoother(model.max_accel_m_s2, lowpass)
+    return _respond(
+        lambda x: point.update(distance_m, 0.0, Pose2(x, 0.0, 0.0), STEP_S).vx_m_s,
+        smoother,
+        distance_m,
+        seconds,
+    )
+
+
+class GainRow(NamedTuple):
+    """One row of the table that the gains were chosen from."""
+
+    kp: float
+    td_s: float
+    overshoot: float
+    settled_s: float
+
+
+def gain_table(
+    model: RobotModel,
+    kps: Sequence[float] = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0),
+    tds: Sequence[float] = (0.0, 0.03, 0.06),
+) -> list[GainRow]:
+    """Rotary gains against what a 90° turn makes of them (band: 0.25°)."""
+    rows = []
+    for kp in kps:
+        for td in tds:
+            response = rotary_step(model, 0.5 * math.pi, PidGains(kp=kp, td_s=td))
+            rows.append(GainRow(kp, td, response.overshoot, response.settled_s(BAND_RAD)))
+    return rows
+
+
+def smoothing_series(
+    model: RobotModel, *, lowpass: float = 0.6, stop_s: float = 2.0, seconds: float = 4.0
+) -> SmoothingSeries:
+    """Fig. 12: off at cruise speed, stopped dead by an obstacle, off again and stopped."""
+    smoother = VelocitySmoother(model.max_accel_m_s2, lowpass)
+    series = SmoothingSeries([], [], [])
+    for i in range(round(seconds / STEP_S)):
+        time_s = i * STEP_S
+        driving = 0.2 <= math.fmod(time_s, stop_s) < 0.7 * stop_s  # noqa: PLR2004 - a moment at rest
+        wanted = model.cruise_speed_m_s if driving else 0.0
+        series.time_s.append(time_s)
+        series.before_m_s.append(wanted)
+        series.after_m_s.append(smoother.update(wanted, STEP_S))
+    return series

@@ -1,0 +1,342 @@
+"""Following a wall by one side infrared: set distance, or light contact."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.motion.braking import Braking
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.motion.pid import Pid, PidGains
+from bridge.motion.wall_track import MAX_YAW_RAD, WallTrack
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+
+
+class Side(enum.IntEnum):
+    """Which infrared; the value turns its side into the left one."""
+
+    LEFT = 1
+    RIGHT = -1
+
+
+class FollowState(enum.StrEnum):
+    """How it stands with the wall."""
+
+    FOLLOWING = "following"
+    CORNER = "corner"
+    """The wall has ended abeam (an outer corner): the robot goes round its end."""
+    LOST = "lost"
+    """No wall, nor one found round the corner: it halts."""
+    BLOCKED = "blocked"
+    """Something ahead (an inner corner, a bumper, a cliff): it halts."""
+
+
+class FollowStep(NamedTuple):
+    """One control step's outcome."""
+
+    command: VelocityCommand
+    """Not smoothed: the acceleration limit is the smoothing's, as with every controller."""
+    state: FollowState
+    gap_m: float | None
+    """From the disc's rim to the wall; ``None``: no wall."""
+    yaw_rad: float
+    """Heading less the wall's direction, positive towards the wall."""
+
+
+@dataclass(frozen=True, slots=True)
+class FollowTuning:
+    """Gains and limits; lengths in metres, angles in radians."""
+
+    lookahead_m: float = 0.15
+    """The heading aims at the set line this far ahead."""
+    integral_s: float = 2.5
+    """Integral time of that aim: along a round column it stands off by a few degrees."""
+    yaw_gain_s: float = 4.0
+    """Yaw rate per rad of heading error."""
+    approach_rad: float = math.radians(20.0)
+    """Steepest heading towards or off the wall."""
+    touch_m_s: float = 0.015
+    """Greatest speed across at which contact is sought: half of what counts as a collision."""
+    press_m: float = 0.004
+    """Light contact aims this far into the wall, so that range noise does not lift it off."""
+    stop_gap_m: float = 0.03
+    """Gap ahead of the rim at which it halts before a wall ahead."""
+    jump_m: float = 0.02
+    """A reading this far from what is expected is another surface."""
+    gate_sigmas: float = 4.0
+    round_rad: float = math.radians(200.0)
+    """Turned by this much round a corner without a wall: lost."""
+    nudge_s: float = 0.5
+    """A bumper that the wall beside presses for longer is pressed by something ahead."""
+
+
+_READING_S = 0.05
+"""Readings come at 20 Hz: an equal one is a new one after this long."""
+
+
+class WallFollower:
+    """Drives along the wall on one side.
+
+    Call ``step`` with every observation and send what it returns through the smoothing. The
+    first reading of a wall begins the following; from then on the filter of ``wall_track``
+    tells distance and direction, and the heading aims at the line at the set distance:
+    ψ* is a PI of the distance's error (anti-windup as in ``pid``, and no integral far off the
+    line), ω = K·(ψ* - ψ), less while ψ is poorly known. Near the wall the heading is limited so
+    that the speed across stays below ``touch_m_s``.
+
+    Where the wall ends, the robot drives on until the end is abeam of its axle and circles it
+    at the set distance until the infrared sees a wall again; the corner and the new hit give
+    that wall's direction at once. A round column is simply followed.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        side: Side,
+        distance_m: float,
+        *,
+        speed_m_s: float | None = None,
+        tuning: FollowTuning | None = None,
+    ) -> None:
+        """Follow at ``distance_m`` between rim and wall; 0: in light contact.
+
+        Raises:
+            ValueError: the distance is negative or beyond what the infrared can see, or the
+                speed is not positive.
+
+        """
+        self._side = side
+        mount = model.infrared_left if side is Side.LEFT else model.infrared_right
+        self._mount = mount
+        self._radius_m = model.radius_m
+        most = mount.max_range_m + abs(mount.y_m) - model.radius_m
+        if not 0.0 <= distance_m < most:
+            raise ValueError(f"wall distance must be in [0, {most:g}) m, not {distance_m!r}")
+        speed = model.cruise_speed_m_s if speed_m_s is None else speed_m_s
+        if not speed > 0.0:
+            raise ValueError(f"speed must be positive, not {speed!r}")
+        self._tune = tune = tuning or FollowTuning()
+        self._speed = min(speed, model.max_speed_m_s)
+        self._gap_m = distance_m if distance_m > 0.0 else -tune.press_m
+        self._max_rate = 0.75 * model.max_yaw_rate_rad_s
+        self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
+        self._front_m = model.radius_m - model.ultrasonic.x_m
+        self._track = WallTrack(mount)
+        gains = PidGains(kp=1.0 / tune.lookahead_m, ti_s=tune.integral_s)
+        self._aim = Pid(gains, tune.approach_rad)
+        self._pose: Pose2 | None = None
+        self._last_range_m: float | None = None
+        self._age_s = 0.0
+        self._state = FollowState.LOST
+        self._corner = (0.0, 0.0)
+        self._turned_rad = 0.0
+        self._arcing = False
+        self._silent_s = 0.0
+        self._pressed_s = 0.0
+
+    @property
+    def state(self) -> FollowState:
+        """As of the last step; lost before the first."""
+        return self._state
+
+    @property
+    def track(self) -> WallTrack:
+        """What is known of the wall."""
+        return self._track
+
+    def step(self, observation: Observation, dt_s: float) -> FollowStep:
+        """Velocity for this control step, and how it stands with the wall."""
+        ahead_m, into_rad = self._motion(observation.pose)
+        self._track.move(ahead_m, into_rad)
+        self._see(observation, dt_s, ahead_m, into_rad)
+        command = self._drive(observation, dt_s)
+        distance = self._track.distance_m
+        gap = None if distance is None else distance - self._radius_m
+        return FollowStep(command, self._state, gap, self._track.yaw_rad)
+
+    def go_round(self, ahead_m: float, aside_m: float) -> None:
+        """Begin round a point in the body's frame, ``aside_m`` counted towards the wall's side.
+
+        For what was felt and not seen: a bump, or a leg too thin for the beam.
+        """
+        self._corner = (ahead_m, aside_m)
+        self._turned_rad = 0.0
+        self._arcing = False
+        self._state = FollowState.CORNER
+
+    # -- seeing ----------------------------------------------------------------------------
+
+    def _motion(self, pose: Pose2) -> tuple[float, float]:
+        """Way ahead and turn towards the wall since the last step."""
+        last, self._pose = self._pose, pose
+        if last is None:
+            return 0.0, 0.0
+        turn = math.remainder(pose.theta_rad - last.theta_rad, math.tau)
+        mid = last.theta_rad + 0.5 * turn
+        ahead = (pose.x_m - last.x_m) * math.cos(mid) + (pose.y_m - last.y_m) * math.sin(mid)
+        return ahead, self._side * turn
+
+    def _see(self, obs: Observation, dt_s: float, ahead_m: float, into_rad: float) -> None:
+        range_m = obs.infrared_left_m if self._side is Side.LEFT else obs.infrared_right_m
+        self._age_s += dt_s
+        fresh = range_m != self._last_range_m or self._age_s >= _READING_S
+        self._last_range_m = range_m
+        if self._state is FollowState.CORNER:
+            self._round(ahead_m, into_rad)
+        if not fresh:
+            return
+        self._age_s = 0.0
+        if self._state is FollowState.CORNER:
+            self._find(range_m)
+        elif self._track.distance_m is None:
+            if range_m is not None:
+                self._track.begin(range_m)
+                self._state = FollowState.FOLLOWING
+        elif range_m is None or not self._track.take(
+            range_m, self._tune.gate_sigmas, self._tune.jump_m
+        ):
+            self._miss(range_m, obs.v_m_s)
+        else:
+            self._silent_s = 0.0
+            self._state = FollowState.FOLLOWING
+
+    def _miss(self, range_m: float | None, v_m_s: float) -> None:
+        """Judge a reading that is not of the wall: nearer is another wall, farther an end."""
+        expected = self._track.expected_m()
+        if range_m is not None and expected is not None and range_m < expected:
+            self._track.begin(range_m)
+            self._aim.reset()
+            self._silent_s = 0.0
+            return
+        self._silent_s += _READING_S
+        if self._silent_s < 1.5 * _READING_S:  # one reading that is missing is none
+            return
+        self._silent_s = 0.0
+        if expected is None:
+            self._track.clear()
+            self._state = FollowState.LOST
+            return
+        # The end lies between the last hit and this look: one look and a half behind it.
+        behind = 1.5 * _READING_S * v_m_s
+        self._corner = (self._mount.x_m - behind, abs(self._mount.y_m) + expected)
+        self._turned_rad = 0.0
+        self._arcing = False
+        self._state = FollowState.CORNER
+        self._track.clear()
+        self._aim.reset()
+
+    def _round(self, ahead_m: float, into_rad: float) -> None:
+        """Keep the corner in the body's frame, the wall's side counted positive."""
+        x, y = self._corner
+        x -= ahead_m
+        c, s = math.cos(into_rad), math.sin(into_rad)
+        self._corner = (c * x + s * y, c * y - s * x)
+        self._turned_rad += into_rad
+
+    def _find(self, range_m: float | None) -> None:
+        """Look for the wall beyond the corner."""
+        if self._turned_rad > self._tune.round_rad:
+            self._state = FollowState.LOST
+            return
+        if range_m is None:
+            return
+        corner_x, corner_y = self._corner
+        hit_x, hit_y = self._mount.x_m, abs(self._mount.y_m) + range_m
+        way = math.hypot(hit_x - corner_x, hit_y - corner_y)
+        if way < self._tune.jump_m or hit_y - corner_y > 2.0 * self._radius_m:
+            return
+        yaw = -math.atan2(hit_y - corner_y, hit_x - corner_x)
+        if abs(yaw) > MAX_YAW_RAD - _YAW_MARGIN_RAD:
+            return
+        self._track.begin(range_m, yaw, min(_CORNER_SIGMA_M / way, 0.5))
+        self._state = FollowState.FOLLOWING
+
+    # -- driving ---------------------------------------------------------------------------
+
+    def _drive(self, obs: Observation, dt_s: float) -> VelocityCommand:
+        speed = self._speed
+        if obs.ultrasonic_m is not None:
+            room = obs.ultrasonic_m - self._front_m - self._tune.stop_gap_m
+            if room <= self._brake.run_out(obs.v_m_s):
+                return self._halt()
+            speed = min(speed, self._brake.speed(room))
+        nudge = self._bumped(obs, dt_s)
+        if nudge is None:
+            return self._halt()
+        if self._state is FollowState.CORNER:
+            return self._circle(speed)
+        distance = self._track.distance_m
+        if distance is None:
+            self._state = FollowState.LOST
+            return HALT
+        if self._state is FollowState.BLOCKED:
+            self._state = FollowState.FOLLOWING
+        off = distance - self._radius_m - self._gap_m
+        tune = self._tune
+        gap = max(distance - self._radius_m, 0.0)
+        # Touching is slow across: the steepest heading shrinks with the gap that is left.
+        across = tune.touch_m_s + max(gap - _TOUCH_WAY_M, 0.0)
+        steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
+        if abs(off) > _INTEGRAL_BAND_M:
+            self._aim.reset()
+        aim = -tune.approach_rad / 4.0 if nudge else self._aim.update(off, dt_s)
+        aim = max(min(aim, steepest), -tune.approach_rad)
+        error = aim - self._track.yaw_rad
+        gain = tune.yaw_gain_s * min(1.0, _SURE_RAD / max(self._track.yaw_sigma_rad, 1e-6))
+        rate = max(min(gain * error, self._max_rate), -self._max_rate)
+        slow = max(math.cos(min(2.0 * abs(error), 0.5 * math.pi)), 0.2)
+        return VelocityCommand(speed * slow, self._side * rate)
+
+    def _circle(self, speed: float) -> VelocityCommand:
+        """Drive on until the corner is abeam of the axle, then round it at its distance."""
+        x, y = self._corner
+        radius = self._radius_m + max(self._gap_m, 0.0)
+        slow = min(speed, _CORNER_SHARE * self._speed)
+        if x > 0.0 and not self._arcing:
+            return VelocityCommand(slow, 0.0)
+        self._arcing = True
+        # Round a point: ω = v/R with the corner abeam; its distance and bearing are corrected.
+        far = math.hypot(x, y) - radius
+        bearing = math.atan2(-x, y)
+        turn = slow / radius + self._tune.yaw_gain_s * (
+            bearing + max(min(far / self._tune.lookahead_m, 0.3), -0.3)
+        )
+        return VelocityCommand(slow, self._side * max(min(turn, self._max_rate), -self._max_rate))
+
+    def _bumped(self, obs: Observation, dt_s: float) -> bool | None:
+        """Whether to turn off the wall that presses the bumper; ``None``: blocked."""
+        left = self._side is Side.LEFT
+        near, other = obs.bumper_left, obs.bumper_right
+        if not left:
+            near, other = other, near
+        if other or obs.cliff:
+            return None
+        if not near:
+            self._pressed_s = 0.0
+            return False
+        self._pressed_s += dt_s
+        distance = self._track.distance_m
+        grazing = distance is not None and distance - self._radius_m < self._tune.jump_m
+        return True if grazing and self._pressed_s < self._tune.nudge_s else None
+
+    def _halt(self) -> VelocityCommand:
+        self._state = FollowState.BLOCKED
+        return HALT
+
+
+_TOUCH_WAY_M = 0.01
+"""The last way to a touch, made at the touching speed whatever the ranges say."""
+_INTEGRAL_BAND_M = 0.025
+_SURE_RAD = 0.1
+"""A direction less sure than this is steered by in proportion."""
+_CORNER_SHARE = 0.6
+"""Of the speed: round a corner the wheels turn faster than the robot goes."""
+_CORNER_SIGMA_M = 0.01
+"""Of where a corner is thought to be: two readings' way at a slow speed."""
+_YAW_MARGIN_RAD = math.radians(10.0)
+"""A wall found round a corner must be well within what the track can hold."""

@@ -1,0 +1,311 @@
+"""The walls that the estimate remembers: straight lines, each with its own doubt.
+
+A wall is a line n·(p - a) = ρ with n = (cos α, sin α) pointing into it and a fixed anchor a
+near where it was first seen, so that α turns it about that place. α and ρ are states of the
+estimator's belief: what the first sight of a wall owes to a doubtful pose stays known, and a
+wall seen again takes away only the drift since.
+
+Rooms are mostly rectilinear, boxes in them may stand askew. So squareness is used only where
+the evidence is for it: when the angle between two walls is known to better than
+``SQUARE_SURE_RAD`` and agrees with a multiple of 90°. A box turned by some degrees stays a
+reference of its own and bends nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bridge.motion.pose_filter import STATES, THETA, X, Y
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.pose_filter import PoseFilter
+    from bridge.motion.robot_model import RangerMount
+    from bridge.motion.wall_sight import FrontSight, LineSight
+
+    Floats = NDArray[np.float64]
+
+SAME_CHI2, SAME_CHI1 = 9.2, 6.6
+"""99 % of the sights of a wall surprise by less than this (two numbers, one number)."""
+OTHER_CHI2, OTHER_CHI1 = 30.0, 25.0
+"""A surface that surprises by more than this is another; between the two: passed over."""
+SAME_SHARE, SAME_M, SAME_RAD = 0.7, 0.03, math.radians(2.5)
+"""A stretch that for this share lies before a known wall, this near to it, is that wall."""
+GATE_M = 0.06
+"""Never is a wall seen again that stands further off than this."""
+GATE_RAD = math.radians(5.0)
+NEW_SPAN_M = 0.15
+NEW_SIGMA_RAD = math.radians(1.2)
+APART_M = 0.5
+"""A stretch this far from what was seen of a wall may be another wall in line with it."""
+FRONT_MARGIN_M = 0.2
+FRONT_CONE_RAD = math.radians(7.0)
+FRONT_NEW_RAD = math.radians(4.3)
+"""The direction of a surface that only the ultrasonic saw: uniform over its cone."""
+FRONT_NEW_M = 1.0
+SQUARE_SURE_RAD = math.radians(0.9)
+SQUARE_RAD = math.radians(0.15)
+"""What is left of squareness in a well-built room."""
+SQUARE_SIGMAS = 2.5
+SQUARE_GATE_RAD = math.radians(1.6)
+MAX_WALLS = 24
+_QUARTER = 0.5 * math.pi
+
+
+@dataclass(slots=True)
+class Wall:
+    """What is known of a wall beside its two states."""
+
+    anchor_x_m: float
+    anchor_y_m: float
+    low_m: float
+    """What was seen of it, along (-sin α, cos α) from the anchor."""
+    high_m: float
+    seen_m: float = 0.0
+    sights: int = 0
+    squared: bool = False
+    """Whether its direction has been tied to another wall's; once, or it counts twice."""
+
+
+class WallMap:
+    """Walls, held against sights; corrects the estimator that it was given."""
+
+    def __init__(self, estimator: PoseFilter) -> None:
+        """``estimator``: whose belief the walls join."""
+        self._estimator = estimator
+        self.walls: list[Wall] = []
+
+    # -- what is known ---------------------------------------------------------------------
+
+    def normal_rad(self, wall: int) -> float:
+        """Direction of a wall's normal."""
+        return self._estimator.walls[2 * wall]
+
+    def offset_m(self, wall: int) -> float:
+        """Distance of a wall from its anchor."""
+        return self._estimator.walls[2 * wall + 1]
+
+    # -- sights ----------------------------------------------------------------------------
+
+    def see_line(self, sight: LineSight) -> bool:
+        """Take a stretch of wall seen from the present pose; True: it was known."""
+        self._check()
+        pose = self._estimator.pose
+        noise = np.array(
+            [[sight.var_normal, sight.covar], [sight.covar, sight.var_distance]], dtype=np.float64
+        )
+        best, best_chi2, second_chi2 = -1, math.inf, math.inf
+        best_rows, best_surprise, best_s = None, np.zeros(2), noise
+        normal = pose.theta_rad + sight.normal_rad
+        for i, wall in enumerate(self.walls):
+            off = math.remainder(normal - self.normal_rad(i), math.tau)
+            if abs(off) > 3.0 * GATE_RAD:
+                continue
+            rows, predicted_m = self._line_rows(i, pose)
+            surprise = np.array([off, sight.distance_m - predicted_m])
+            if abs(surprise[1]) > 3.0 * GATE_M or not self._beside(wall, i, sight, pose):
+                continue
+            _, s = self._estimator.belief.project(self._index(i), rows)
+            s += noise
+            chi2 = float(surprise @ np.linalg.solve(s, surprise))
+            if chi2 < best_chi2:
+                best, best_chi2, second_chi2 = i, chi2, best_chi2
+                best_rows, best_surprise, best_s = rows, surprise, s
+            else:
+                second_chi2 = min(second_chi2, chi2)
+        same = best_rows is not None and self._hides(best, sight, pose, best_surprise)
+        if best_rows is None or (best_chi2 > OTHER_CHI2 and not same):
+            self._add_line(sight, pose, noise)
+            return False
+        estimator = self._estimator
+        wide = abs(best_surprise[0]) > GATE_RAD or abs(best_surprise[1]) > GATE_M
+        if second_chi2 < SAME_CHI2 or wide:
+            return False
+        if same or best_chi2 < SAME_CHI2:
+            estimator.yaw_noise.learn(float(best_surprise[0] ** 2 / best_s[0, 0]))
+            estimator.way_noise.learn(float(best_surprise[1] ** 2 / best_s[1, 1]))
+        if best_chi2 > SAME_CHI2:
+            if not same:
+                return False
+            # Nothing else can stand there: it is the estimate that was too sure of itself.
+            estimator.disturb(abs(float(best_surprise[1])), abs(float(best_surprise[0])))
+        estimator.correct(self._index(best), best_rows, best_surprise, noise)
+        self._extend(best, sight, self._estimator.pose)
+        self._square(best)
+        return True
+
+    def see_front(self, sight: FrontSight, mount: RangerMount) -> bool:
+        """Take a distance straight to a surface ahead; True: it was known."""
+        self._check()
+        estimator = self._estimator
+        pose = estimator.pose
+        noise = np.array([[sight.variance]])
+        sensor = pose.transform(mount.x_m, mount.y_m)
+        best, best_chi, second_chi = -1, math.inf, math.inf
+        best_rows, best_surprise = None, None
+        for i, wall in enumerate(self.walls):
+            alpha = self.normal_rad(i)
+            facing = math.remainder(alpha - pose.theta_rad - mount.yaw_rad, math.tau)
+            if abs(facing) > FRONT_CONE_RAD:
+                continue
+            along = _along(wall, alpha, sensor)
+            if not wall.low_m - FRONT_MARGIN_M < along < wall.high_m + FRONT_MARGIN_M:
+                continue
+            rows, predicted_m = self._front_rows(i, pose, mount, sensor)
+            surprise = np.array([sight.range_m - predicted_m])
+            _, s = estimator.belief.project(self._index(i), rows)
+            chi = float(surprise[0] ** 2 / (s[0, 0] + sight.variance))
+            if chi < best_chi:
+                best, best_chi, second_chi = i, chi, best_chi
+                best_rows, best_surprise = rows, surprise
+            else:
+                second_chi = min(second_chi, chi)
+        if best_rows is None or best_surprise is None or best_chi > OTHER_CHI1:
+            self._add_front(sight, pose, mount)
+            return False
+        if best_chi > SAME_CHI1 or second_chi < SAME_CHI1 or abs(best_surprise[0]) > GATE_M:
+            return False
+        estimator.correct(self._index(best), best_rows, best_surprise, noise)
+        wall = self.walls[best]
+        along = _along(wall, self.normal_rad(best), sensor)
+        wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
+        wall.sights += 1
+        self._square(best)
+        return True
+
+    # -- inside ----------------------------------------------------------------------------
+
+    def _check(self) -> None:
+        """After a reset of the estimator its walls are gone, and so are these."""
+        self._estimator.settle()
+        if 2 * len(self.walls) != len(self._estimator.walls):
+            self.walls.clear()
+
+    @staticmethod
+    def _index(wall: int) -> tuple[int, ...]:
+        first = STATES + 2 * wall
+        return (X, Y, THETA, first, first + 1)
+
+    def _line_rows(self, i: int, pose: Pose2) -> tuple[Floats, float]:
+        """Rows for (normal, distance) as a sight tells them, and the distance expected."""
+        wall, alpha = self.walls[i], self.normal_rad(i)
+        c, s = math.cos(alpha), math.sin(alpha)
+        dx, dy = pose.x_m - wall.anchor_x_m, pose.y_m - wall.anchor_y_m
+        rows = np.array([[0.0, 0.0, -1.0, 1.0, 0.0], [-c, -s, 0.0, dx * s - dy * c, 1.0]])
+        return rows, self.offset_m(i) - dx * c - dy * s
+
+    def _front_rows(
+        self, i: int, pose: Pose2, mount: RangerMount, sensor: tuple[float, float]
+    ) -> tuple[Floats, float]:
+        wall, alpha = self.walls[i], self.normal_rad(i)
+        c, s = math.cos(alpha), math.sin(alpha)
+        ct, st = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
+        by_theta = c * (mount.x_m * st + mount.y_m * ct) - s * (mount.x_m * ct - mount.y_m * st)
+        dx, dy = sensor[0] - wall.anchor_x_m, sensor[1] - wall.anchor_y_m
+        rows = np.array([[-c, -s, by_theta, dx * s - dy * c, 1.0]])
+        return rows, self.offset_m(i) - dx * c - dy * s
+
+    def _beside(self, wall: Wall, i: int, sight: LineSight, pose: Pose2) -> bool:
+        at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
+        return at + sight.low_m < wall.high_m + APART_M and at + sight.high_m > wall.low_m - APART_M
+
+    def _hides(self, i: int, sight: LineSight, pose: Pose2, surprise: Floats) -> bool:
+        """Whether this can only be the wall itself: no other is seen where that one stood."""
+        if abs(surprise[0]) > SAME_RAD or abs(surprise[1]) > SAME_M:
+            return False
+        wall = self.walls[i]
+        at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
+        both = min(at + sight.high_m, wall.high_m) - max(at + sight.low_m, wall.low_m)
+        return both > SAME_SHARE * sight.span_m
+
+    def _extend(self, i: int, sight: LineSight, pose: Pose2) -> None:
+        wall = self.walls[i]
+        at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
+        wall.low_m = min(wall.low_m, at + sight.low_m)
+        wall.high_m = max(wall.high_m, at + sight.high_m)
+        wall.seen_m += sight.span_m
+        wall.sights += 1
+
+    def _add_line(self, sight: LineSight, pose: Pose2, noise: Floats) -> None:
+        if sight.span_m < NEW_SPAN_M or sight.var_normal > NEW_SIGMA_RAD**2:
+            return
+        alpha = pose.theta_rad + sight.normal_rad
+        c, s = math.cos(alpha), math.sin(alpha)
+        middle = 0.5 * (sight.low_m + sight.high_m)
+        to_x, to_y = sight.distance_m * c - middle * s, sight.distance_m * s + middle * c
+        half = 0.5 * sight.span_m
+        wall = Wall(pose.x_m + to_x, pose.y_m + to_y, -half, half, sight.span_m, 1)
+        # α = θ + β and ρ = δ + (p - a)·n(α), where t·(p - a) = -middle
+        rows = np.array([[0.0, 0.0, 1.0], [c, s, -middle]])
+        mix = np.array([[1.0, 0.0], [-middle, 1.0]])
+        self._append(wall, alpha, rows, mix @ noise @ mix.T)
+
+    def _add_front(self, sight: FrontSight, pose: Pose2, mount: RangerMount) -> None:
+        if sight.range_m > FRONT_NEW_M:
+            return
+        alpha = pose.theta_rad + mount.yaw_rad
+        c, s = math.cos(alpha), math.sin(alpha)
+        sensor = pose.transform(mount.x_m, mount.y_m)
+        ahead = sight.range_m
+        wall = Wall(sensor[0] + ahead * c, sensor[1] + ahead * s, -0.05, 0.05, 0.0, 1)
+        # The unknown direction turns about the place that was hit: ρ there does not feel it.
+        lever_x, lever_y = sensor[0] - pose.x_m, sensor[1] - pose.y_m
+        by_theta = lever_x * s - lever_y * c  # of the range alone: 0 for a sensor on the axis
+        rows = np.array([[0.0, 0.0, 1.0], [c, s, by_theta]])
+        noise = np.array([[FRONT_NEW_RAD**2, 0.0], [0.0, sight.variance]])
+        self._append(wall, alpha, rows, noise)
+
+    def _append(self, wall: Wall, alpha: float, rows: Floats, noise: Floats) -> None:
+        if len(self.walls) >= MAX_WALLS:
+            self._drop()
+        self._estimator.belief.append((X, Y, THETA), rows, noise)
+        self._estimator.walls += [alpha, 0.0]
+        self.walls.append(wall)
+        self._square(len(self.walls) - 1)
+
+    def _drop(self) -> None:
+        """Forget the wall that has been of least use."""
+        i = min(range(len(self.walls)), key=lambda k: (self.walls[k].sights, self.walls[k].seen_m))
+        del self.walls[i]
+        del self._estimator.walls[2 * i : 2 * i + 2]
+        self._estimator.belief.remove(STATES + 2 * i, 2)
+
+    def _square(self, i: int) -> None:
+        """Tie a wall's direction to that of the longest wall which it is square to."""
+        wall = self.walls[i]
+        if wall.squared:
+            return
+        p = self._estimator.belief.p
+        mine = STATES + 2 * i
+        partner, error, longest = -1, 0.0, -1.0
+        for j, other in enumerate(self.walls):
+            if j == i or other.seen_m <= longest or other.seen_m < NEW_SPAN_M:
+                continue
+            theirs = STATES + 2 * j
+            variance = float(p[mine, mine] + p[theirs, theirs] - 2.0 * p[mine, theirs])
+            if variance > SQUARE_SURE_RAD**2:
+                continue
+            off = self.normal_rad(i) - self.normal_rad(j)
+            off = (off + 0.5 * _QUARTER) % _QUARTER - 0.5 * _QUARTER
+            sigma = math.sqrt(max(variance, 0.0) + SQUARE_RAD**2)
+            if abs(off) < min(SQUARE_SIGMAS * sigma, SQUARE_GATE_RAD):
+                partner, error, longest = j, off, other.seen_m
+        if partner < 0:
+            return
+        wall.squared = True
+        self.walls[partner].squared = True
+        rows = np.array([[1.0, -1.0]])
+        index = (mine, STATES + 2 * partner)
+        self._estimator.correct(index, rows, np.array([-error]), np.array([[SQUARE_RAD**2]]))
+
+
+def _along(wall: Wall, alpha: float, point: tuple[float, float]) -> float:
+    """Place of a point along the wall, from its anchor."""
+    dx, dy = point[0] - wall.anchor_x_m, point[1] - wall.anchor_y_m
+    return dy * math.cos(alpha) - dx * math.sin(alpha)

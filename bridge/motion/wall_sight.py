@@ -1,0 +1,211 @@
+"""Sights of flat walls: straight stretches by the side infrared, distances by the ultrasonic.
+
+A sight is told in the body's frame at the moment it is complete, from hits gathered along the
+odometry, so that corrections of the estimate meanwhile do not bend it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.wall_track import infrared_sigma_m
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RangerMount
+
+MIN_SPAN_M = 0.09
+"""The shortest stretch that is fitted; a side step of one cleaning width gives 0.12 m."""
+MAX_SPAN_M = 0.40
+MIN_HITS = 7
+MAX_CHI2 = 12.0
+"""Of the residuals, per degree of freedom: more is no flat wall. Above 1 the sensor is worse
+than thought, and the sight is worth less."""
+MAX_BOW_M = 0.003
+"""A column of 0.7 m diameter bows 5 mm over 0.12 m."""
+JUMP_M = 0.012
+STEADY_RAD_S = 0.30
+MOVING_M_S = 0.02
+FLAT_M, FLAT_RAD = 0.001, math.radians(0.1)
+"""Walls are not perfectly flat, nor rangers perfectly aimed: what no averaging takes away."""
+FRONT_HITS = 5
+"""Readings of the ultrasonic that make one sight: 0.25 s at 20 Hz."""
+FRONT_SPREAD_M = 0.025
+"""Of the wall's place within one sight: more is an edge, or two surfaces."""
+FRONT_SIGMA_M = 0.003
+_RANGE_SHARE = 0.43
+"""Standard deviation of five normal values over their range, in the mean."""
+CONE_SHARE = 0.005
+"""Of the range: an edge at the cone's rim echoes from up to 0.9 % too far."""
+FRONT_MAX_M = 1.2
+FRONT_STEP_M = 0.03
+"""From one sight to the next the robot must move: standing, its errors repeat."""
+
+
+class LineSight(NamedTuple):
+    """A straight stretch of wall, in the body's frame."""
+
+    normal_rad: float
+    """Direction of the normal, from the robot into the wall."""
+    distance_m: float
+    """From the axle's centre, along it."""
+    var_normal: float
+    covar: float
+    var_distance: float
+    low_m: float
+    """Where the stretch begins and ends, along the wall from the foot of the normal, counter-
+    clockwise seen from the robot."""
+    high_m: float
+
+    @property
+    def span_m(self) -> float:
+        """Length of the stretch."""
+        return self.high_m - self.low_m
+
+    def doubt(self, sigma_rad: float) -> LineSight:
+        """The same, its direction less sure; the middle of the stretch stays as sure as it was."""
+        more = sigma_rad * sigma_rad
+        ahead = 0.5 * (self.low_m + self.high_m)
+        return self._replace(
+            var_normal=self.var_normal + more,
+            covar=self.covar + ahead * more,
+            var_distance=self.var_distance + ahead * ahead * more,
+        )
+
+
+class FrontSight(NamedTuple):
+    """Something flat ahead of the ultrasonic."""
+
+    range_m: float
+    """From its face along the surface's normal, which lies within the cone."""
+    variance: float
+
+
+class _Hit(NamedTuple):
+    x_m: float
+    y_m: float
+    weight: float
+
+
+class SideSight:
+    """One infrared's hits: collects a stretch, fits it when it ends."""
+
+    def __init__(self, mount: RangerMount) -> None:
+        """``mount``: where the sensor sits."""
+        self._mount = mount
+        self._hits: list[_Hit] = []
+        self._last_m = 0.0
+
+    def add(self, odometry: Pose2, range_m: float | None, *, steady: bool) -> LineSight | None:
+        """Take one reading; give the sight that it ends, if any."""
+        if range_m is None or not steady:
+            return self._end(odometry)
+        sigma = infrared_sigma_m(range_m)
+        sight = None
+        if self._hits and abs(range_m - self._last_m) > JUMP_M + 3.0 * sigma:
+            sight = self._end(odometry)
+        mount = self._mount
+        reach = max(mount.min_range_m, range_m)
+        x, y = odometry.transform(
+            mount.x_m + reach * math.cos(mount.yaw_rad),
+            mount.y_m + reach * math.sin(mount.yaw_rad),
+        )
+        self._hits.append(_Hit(x, y, 1.0 / sigma**2))
+        self._last_m = range_m
+        first = self._hits[0]
+        if math.hypot(x - first.x_m, y - first.y_m) >= MAX_SPAN_M:
+            return self._end(odometry)
+        return sight
+
+    def _end(self, odometry: Pose2) -> LineSight | None:
+        hits, self._hits = self._hits, []
+        return fit_line(hits, odometry) if len(hits) >= MIN_HITS else None
+
+
+def fit_line(hits: list[_Hit], odometry: Pose2) -> LineSight | None:
+    """Weighted total least squares; None where the hits are no flat wall."""
+    total = sum(h.weight for h in hits)
+    mean_x = sum(h.weight * h.x_m for h in hits) / total
+    mean_y = sum(h.weight * h.y_m for h in hits) / total
+    sxx = sum(h.weight * (h.x_m - mean_x) ** 2 for h in hits)
+    syy = sum(h.weight * (h.y_m - mean_y) ** 2 for h in hits)
+    sxy = sum(h.weight * (h.x_m - mean_x) * (h.y_m - mean_y) for h in hits)
+    angle = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
+    to_x, to_y = mean_x - odometry.x_m, mean_y - odometry.y_m
+    if to_y * math.cos(angle) - to_x * math.sin(angle) < 0.0:  # the normal, left of it, looks away
+        angle += math.pi
+    c, s = math.cos(angle), math.sin(angle)
+    along = [(h.x_m - mean_x) * c + (h.y_m - mean_y) * s for h in hits]
+    across = [(h.y_m - mean_y) * c - (h.x_m - mean_x) * s for h in hits]
+    low, high = min(along), max(along)
+    moment = sum(h.weight * a * a for h, a in zip(hits, along, strict=True))
+    chi2 = sum(h.weight * e * e for h, e in zip(hits, across, strict=True)) / (len(hits) - 2)
+    if high - low < MIN_SPAN_M or chi2 > MAX_CHI2:
+        return None
+    bow, bow_sigma = _bow(hits, along, across)
+    if abs(bow) > max(MAX_BOW_M, 3.0 * math.sqrt(max(chi2, 1.0)) * bow_sigma):
+        return None
+    # What lies along the wall, as a turn about the hits' mean moves the normal's foot.
+    ahead = to_x * c + to_y * s
+    var_angle = max(chi2, 1.0) / moment + FLAT_RAD**2
+    return LineSight(
+        math.remainder(angle + 0.5 * math.pi - odometry.theta_rad, math.tau),
+        to_y * c - to_x * s,
+        var_angle,
+        -ahead * var_angle,
+        max(chi2, 1.0) / total + FLAT_M**2 + ahead * ahead * var_angle,
+        -ahead - high,
+        -ahead - low,
+    )
+
+
+def _bow(hits: list[_Hit], along: list[float], across: list[float]) -> tuple[float, float]:
+    """How far the middle stands out, and its sigma: the residuals' share that goes as along²."""
+    squares = [h.weight * a * a for h, a in zip(hits, along, strict=True)]
+    mean_square = sum(squares) / sum(h.weight for h in hits)
+    shape = [a * a - mean_square for a in along]
+    power = sum(h.weight * q * q for h, q in zip(hits, shape, strict=True))
+    if power <= 0.0:
+        return 0.0, 0.0
+    share = sum(h.weight * q * e for h, q, e in zip(hits, shape, across, strict=True)) / power
+    quarter = (max(along) - min(along)) ** 2 / 4.0
+    return share * quarter, quarter / math.sqrt(power)
+
+
+class FrontSights:
+    """The ultrasonic's readings: several that agree with the way driven make one sight."""
+
+    def __init__(self, mount: RangerMount) -> None:
+        """``mount``: where the sensor sits; it looks ahead."""
+        self._mount = mount
+        self._places: list[float] = []
+        self._from = Pose2(0.0, 0.0, 0.0)
+        self._last: Pose2 | None = None
+
+    def add(self, odometry: Pose2, range_m: float | None, *, steady: bool) -> FrontSight | None:
+        """Take one reading at this place; give the sight that it completes, if any."""
+        if range_m is None or not steady or not self._mount.min_range_m < range_m < FRONT_MAX_M:
+            self._places.clear()
+            return None
+        if self._last is not None and odometry.distance_m(self._last) < FRONT_STEP_M:
+            return None
+        if not self._places:
+            self._from = odometry
+        base = self._from
+        c, s = math.cos(base.theta_rad), math.sin(base.theta_rad)
+        gone = (odometry.x_m - base.x_m) * c + (odometry.y_m - base.y_m) * s
+        places = self._places
+        places.append(gone + range_m)
+        if max(places) - min(places) > FRONT_SPREAD_M:
+            places.clear()
+            return None
+        if len(places) < FRONT_HITS:
+            return None
+        mean = sum(places) / len(places) - gone
+        spread = max(places) - min(places)
+        noise = max(FRONT_SIGMA_M, _RANGE_SHARE * spread)
+        variance = noise**2 / len(places) + FLAT_M**2 + (CONE_SHARE * mean) ** 2
+        places.clear()
+        self._last = odometry
+        return FrontSight(mean, variance)

@@ -1,0 +1,119 @@
+"""Where a wall runs beside the robot, from one infrared's successive readings.
+
+One beam tells one distance; driving on tells the direction. A Kalman filter over two numbers,
+
+    d: distance from the axle's centre to the wall, along the wall's normal (m)
+    ψ: heading less the wall's direction, positive where the robot points into the wall (rad)
+
+With u the side (+1 left, -1 right), a motion (ds ahead, dθ) gives ψ' = ψ + u·dθ and
+d' = d - ds·sin ψ. The beam leaves abeam from (mx, my); its hit lies on the wall where
+
+    mx·sin ψ + (|my| + r)·cos ψ = d.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RangerMount
+
+_NEAR_SIGMA_M = 0.0012
+"""Of every reading: what calibration leaves, and the wire's step of 1.25 mm."""
+_SIGMA_M = 0.0015
+"""Of a reading at 10 cm, beside it; a triangulating sensor's grows as the range squared."""
+_SIGMA_AT_M = 0.10
+_WAY_SIGMA = 0.02
+"""Of d, relative to the way driven: wheels, and walls that are not flat."""
+_BEND_RAD_SQRT_M = 0.25
+"""Walls bend: of ψ per √m. A column of 0.3 m radius bends 0.4 rad in 12 cm."""
+_FIRST_RAD = 0.3
+"""Of ψ when a wall comes into view."""
+MAX_YAW_RAD = math.radians(60.0)
+"""A beam that meets the wall flatter than this tells next to nothing of it."""
+
+
+def infrared_sigma_m(range_m: float) -> float:
+    """Standard deviation of one reading of a triangulating infrared."""
+    return math.hypot(_NEAR_SIGMA_M, _SIGMA_M * (range_m / _SIGMA_AT_M) ** 2)
+
+
+class WallTrack:
+    """The filter; ``None`` of both numbers until a reading came."""
+
+    __slots__ = ("_arm_m", "_pdd", "_pdy", "_pyy", "_reach_m", "distance_m", "yaw_rad")
+
+    def __init__(self, mount: RangerMount) -> None:
+        """``mount``: a ranger that looks abeam, to either side."""
+        self._reach_m = mount.x_m
+        self._arm_m = abs(mount.y_m)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the wall."""
+        self.distance_m: float | None = None
+        self.yaw_rad = 0.0
+        self._pdd = self._pdy = self._pyy = 0.0
+
+    @property
+    def yaw_sigma_rad(self) -> float:
+        """Standard deviation of ψ."""
+        return math.sqrt(self._pyy)
+
+    @property
+    def distance_sigma_m(self) -> float:
+        """Standard deviation of d."""
+        return math.sqrt(self._pdd)
+
+    def begin(self, range_m: float, yaw_rad: float = 0.0, sigma_rad: float = _FIRST_RAD) -> None:
+        """Take a first reading of a wall whose direction is only roughly known."""
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        self.yaw_rad = yaw_rad
+        self.distance_m = self._reach_m * s + (self._arm_m + range_m) * c
+        slope = self._reach_m * c - (self._arm_m + range_m) * s
+        self._pyy = sigma_rad**2
+        self._pdy = slope * self._pyy
+        self._pdd = slope * self._pdy + infrared_sigma_m(range_m) ** 2
+
+    def move(self, ahead_m: float, into_rad: float) -> None:
+        """The robot drove ``ahead_m`` and turned by ``into_rad`` towards the wall's side."""
+        if self.distance_m is None:
+            return
+        mid = self.yaw_rad + 0.5 * into_rad
+        self.distance_m -= ahead_m * math.sin(mid)
+        self.yaw_rad += into_rad
+        slope = -ahead_m * math.cos(mid)
+        way = abs(ahead_m)
+        self._pdd += slope * (2.0 * self._pdy + slope * self._pyy) + (_WAY_SIGMA * way) ** 2
+        self._pdy += slope * self._pyy
+        self._pyy += _BEND_RAD_SQRT_M**2 * way
+
+    def expected_m(self) -> float | None:
+        """What the infrared should read now; ``None``: no wall, or too flat a beam."""
+        if self.distance_m is None or abs(self.yaw_rad) > MAX_YAW_RAD:
+            return None
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        return (self.distance_m - self._reach_m * s) / c - self._arm_m
+
+    def take(self, range_m: float, gate_sigmas: float, least_gate_m: float) -> bool:
+        """Correct by a reading; False, and nothing done, where it is not of this wall."""
+        expected = self.expected_m()
+        if expected is None or self.distance_m is None:
+            return False
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        by_d = 1.0 / c
+        by_yaw = (self.distance_m * s - self._reach_m) / (c * c)
+        to_d = self._pdd * by_d + self._pdy * by_yaw
+        to_yaw = self._pdy * by_d + self._pyy * by_yaw
+        variance = by_d * to_d + by_yaw * to_yaw + infrared_sigma_m(range_m) ** 2
+        surprise = range_m - expected
+        if abs(surprise) > max(least_gate_m, gate_sigmas * math.sqrt(variance)):
+            return False
+        gain = 1.0 / variance
+        self.distance_m += to_d * gain * surprise
+        self.yaw_rad += to_yaw * gain * surprise
+        self._pdd -= to_d * to_d * gain
+        self._pdy -= to_d * to_yaw * gain
+        self._pyy -= to_yaw * to_yaw * gain
+        return True

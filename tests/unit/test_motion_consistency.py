@@ -1,0 +1,203 @@
+"""Whether the filter's covariance tells the truth about its errors (NEES), and how large they are.
+
+Twice: against a truth made here with the drift model's own figures but by other means (wheels
+on the floor, a millisecond at a time), where the mean must lie within chi-square bounds on both
+sides; and through the virtual sweeper's body and sensors, whose errors are not the model's.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bridge.motion.dead_reckoning import DeadReckoning
+from bridge.motion.drift_model import DriftModel, NoiseScale
+from bridge.motion.estimator import PoseEstimator
+from bridge.motion.geometry import Pose2
+from bridge.motion.noise_monitor import SlipMonitor, gyro_share
+from bridge.motion.robot_model import RobotModel
+from support.sim_body import box, room
+from support.sim_drive import SimDrive
+
+MODEL = RobotModel()
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+DRIFT = DriftModel()
+RUNS = 24
+TICK_S = 0.002
+LEGS = ((3.0, 0.0), (1.2, 1.3), (4.0, 0.0), (1.2, -1.3), (3.0, 0.25))
+"""Seconds and yaw rate of the legs of a drive; after every second one a rest."""
+
+
+class Truth:
+    """Two wheels on a floor, each with its own slip; a gyro with all its faults."""
+
+    def __init__(self, seed: int) -> None:
+        self.rng = rng = np.random.default_rng(seed)
+        self.x = self.y = self.theta = 0.0
+        self.turned = [0.0, 0.0]
+        """What the wheels' encoders see, nominal metres."""
+        self.bias = math.radians(rng.normal(0.0, 1.0))
+        self.shift = rng.normal(0.0, DRIFT.motion_bias_rad_s)
+        self.gyro_gain = 1.0 / (1.0 - rng.normal(0.0, DRIFT.gyro_scale))
+        self.wheel = 1.0 + rng.normal(0.0, DRIFT.wheel_scale)
+        self.tick = 0
+        self.angle = 0.0
+        """Integral of the yaw rate, and of the noise that the gyro adds, since the last sample."""
+
+    def step(self, v: float, w: float) -> None:
+        rng, b = self.rng, MODEL.wheel_base_m
+        gone = []
+        for side, speed in enumerate((v - 0.5 * w * b, v + 0.5 * w * b)):
+            way = speed * TICK_S
+            self.turned[side] += way / self.wheel
+            # Each wheel strays by itself: their mean then has the model's figure.
+            stray = math.sqrt(2.0) * DRIFT.along_m_sqrt_m * math.sqrt(abs(0.5 * v) * 2.0 * TICK_S)
+            gone.append(way + rng.normal(0.0, 1.0) * stray if v else way)
+        turn = (gone[1] - gone[0]) / b
+        ahead = 0.5 * (gone[0] + gone[1])
+        aside = DRIFT.across_m_sqrt_m * math.sqrt(abs(v) * TICK_S) * rng.normal(0.0, 1.0)
+        c, s = math.cos(self.theta + turn / 2), math.sin(self.theta + turn / 2)
+        self.x += ahead * c - aside * s
+        self.y += ahead * s + aside * c
+        self.theta += turn
+        self.tick += 1
+        moving = bool(v or w)
+        noise = DRIFT.gyro_walk_rad_sqrt_s if moving else 0.0
+        self.angle += turn * self.gyro_gain + (self.bias + self.shift * moving) * TICK_S
+        self.angle += noise * math.sqrt(TICK_S) * rng.normal(0.0, 1.0)
+
+    def counts(self) -> tuple[int, int]:
+        left, right = (math.floor(m / MODEL.metres_per_count) & 0xFFFF for m in self.turned)
+        return left, right
+
+    def gyro(self, still: bool) -> float:  # noqa: FBT001 - a gyro has no keywords
+        rate, self.angle = self.angle / 0.01, 0.0
+        return rate + (self.rng.normal(0.0, DRIFT.gyro_sample_rad_s) if still else 0.0)
+
+
+def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
+    """Error and covariance at the end of half a minute's drive."""
+    truth = Truth(seed)
+    estimator = PoseEstimator(MODEL, ORIGIN)
+
+    def go(seconds: float, v: float, w: float) -> None:
+        for _ in range(round(seconds / TICK_S)):
+            truth.step(v, w)
+            if truth.tick % 5 == 0:
+                estimator.on_imu(truth.tick * TICK_S, truth.gyro(still=not v and not w))
+            if truth.tick % 10 == 0:
+                estimator.on_encoders(truth.tick * TICK_S, *truth.counts())
+
+    go(1.5, 0.0, 0.0)
+    for i, (seconds, w) in enumerate(LEGS):
+        go(seconds, 0.2 if abs(w) < 1.0 else 0.0, w)
+        if i % 2:
+            go(0.8, 0.0, 0.0)
+    go(0.1, 0.0, 0.0)
+    estimator.settle()
+    pose = estimator.pose
+    turn = math.remainder(pose.theta_rad - truth.theta, math.tau)
+    error = np.array([pose.x_m - truth.x, pose.y_m - truth.y, turn])
+    return error, np.array(estimator.covariance), estimator
+
+
+def test_nees_lies_within_its_chi_square_bounds() -> None:
+    """Σ of 24 runs' NEES of 3 numbers: chi-square of 72; 99.8 % of it lies in (41, 113)."""
+    runs = [run_model(seed) for seed in range(RUNS)]
+    nees = [float(error @ np.linalg.solve(p, error)) for error, p, _ in runs]
+    assert 41.0 < sum(nees) < 113.0
+    for axis in range(3):  # and each number by itself: chi-square of 24, 99.8 % in (8, 51)
+        alone = sum(float(error[axis] ** 2 / p[axis, axis]) for error, p, _ in runs)
+        assert 8.0 < alone < 51.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_through_the_virtual_body_at_typical(seed: int) -> None:
+    """Round a room near its walls for a minute and a half; its errors are not the model's own.
+
+    The bounds: 1.5 cm and 0.7°, and a NEES that is not above what 3 numbers give.
+    """
+    drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", seed)
+    alone = DeadReckoning(MODEL, drive.estimator.pose)
+    assert alone.pose == drive.body.pose
+    drive.rest(2.0)
+    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 2:
+        drive.turn_to(heading * math.pi)
+        drive.straight(way)
+    errors = drive.errors
+    assert max(errors.position_m) < 0.015
+    assert max(errors.yaw_rad) < math.radians(0.7)
+    # the samples of one run hang together: a wide upper bound for their mean
+    assert 0.1 < sum(errors.nees) / len(errors.nees) < 5.0
+    assert drive.estimator.disturbances == (), "no false alarm"
+
+
+def test_walls_tell_wheel_scale_and_the_bias_of_motion() -> None:
+    drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
+    drive.rest(2.0)
+    before = drive.estimator.wheel_scale_sigma
+    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)):
+        drive.turn_to(heading * math.pi)
+        drive.straight(way)
+    body = drive.body
+    nominal = 0.5 * MODEL.wheel_diameter_m
+    mean = 0.5 * (body.left_radius_m + body.right_radius_m) / nominal
+    assert drive.estimator.wheel_scale_sigma < 0.5 * before
+    assert drive.estimator.wheel_scale == pytest.approx(mean, abs=0.003)
+
+
+# ---- the reference ---------------------------------------------------------------------
+
+
+def test_dead_reckoning_is_the_papers() -> None:
+    """A square of exact quarter turns: 1 m lanes by the encoders, headings by the gyro."""
+    reckoning = DeadReckoning(MODEL, ORIGIN)
+    bias, t, left = 0.02, 0.0, 0.0
+    for _ in range(50):
+        t += 0.01
+        reckoning.on_imu(t, bias)
+        reckoning.on_encoders(t, 0, 0)
+    assert reckoning.gyro_bias_rad_s == pytest.approx(bias)
+    for _ in range(100):
+        t += 0.01
+        left += 0.01
+        count = round(left / MODEL.metres_per_count)
+        reckoning.on_imu(t, bias + 0.5 * math.pi)
+        reckoning.on_encoders(t, count, count)
+    radius = 1.0 / (0.5 * math.pi)
+    assert reckoning.pose.theta_rad == pytest.approx(0.5 * math.pi, abs=1e-9)
+    assert reckoning.pose.x_m == pytest.approx(radius, abs=2e-3)
+    assert reckoning.pose.y_m == pytest.approx(radius, abs=2e-3)
+
+
+# ---- noise that is measured ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sigma", [0.0005, 0.005])
+def test_slip_is_measured_from_wheels_against_gyro(sigma: float) -> None:
+    rng = np.random.default_rng(1)
+    monitor = SlipMonitor(0.0015)
+    for _ in range(5000):  # 4 mm steps; wheels that differ by 0.2 % are no noise
+        stray = rng.normal(0.0, math.sqrt(2.0) * sigma * math.sqrt(0.004), 2)
+        monitor.update(0.004 + stray[0], 0.004008 + stray[1], 0.0)
+    assert monitor.along_m_sqrt_m == pytest.approx(sigma, rel=0.35)
+
+
+def test_vibration_makes_the_gyro_worse_by_its_square() -> None:
+    assert gyro_share(0.15) == pytest.approx(1.0)
+    assert gyro_share(0.30) == pytest.approx(4.0)
+    assert gyro_share(0.0) == 0.25
+    assert gyro_share(5.0) == 10.0
+
+
+def test_surprises_scale_the_noise_both_ways_and_within_bounds() -> None:
+    rng = np.random.default_rng(2)
+    right, poor = NoiseScale(25.0), NoiseScale(25.0)
+    for _ in range(200):
+        z = float(rng.normal()) ** 2
+        right.learn(z)
+        poor.learn(min(9.0 * z / poor.value, 100.0))
+    assert 1.0 <= right.value < 3.0
+    assert 3.0 < poor.value <= 25.0

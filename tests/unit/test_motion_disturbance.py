@@ -1,0 +1,161 @@
+"""Slip and collision: the detectors by themselves, and against the virtual body."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+
+from bridge.motion.disturbance import (
+    BumpDetector,
+    DisturbanceKind,
+    InertialBridge,
+    SlipDetector,
+)
+from support.sim_body import box, room
+from support.sim_drive import SimDrive
+
+# ---- the detectors ---------------------------------------------------------------------
+
+
+def test_a_bump_stands_out_from_vibration() -> None:
+    rng = random.Random(1)
+    bumps = BumpDetector()
+    assert not bumps.moving(50.0, 0.0), "the offset is not known yet"
+    for _ in range(100):
+        bumps.rest(0.3 + rng.gauss(0, 0.03), -0.2 + rng.gauss(0, 0.03))
+    assert bumps.level(0.3, -0.2) == pytest.approx((0.0, 0.0), abs=0.02)
+    alarms = sum(bumps.moving(rng.gauss(0, 0.4), rng.gauss(0, 0.4)) for _ in range(20_000))
+    assert alarms == 0
+    assert bumps.vibration_m_s2 == pytest.approx(0.4, rel=0.15)
+    assert bumps.threshold_m_s2 == pytest.approx(6.0 * 0.4, rel=0.15)
+    assert bumps.moving(-5.0, 0.0)
+    assert bumps.moving(0.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "turn", "side"),
+    [
+        (0.004, 0.006, 0.0, 1),  # straight on, the right counts too much
+        (0.006, 0.004, 0.0, -1),
+        (-0.006, -0.004, 0.0, -1),  # backwards
+        (-0.004, 0.004, 0.008, 0),  # turning in place, as the gyro tells
+        (0.004, 0.00405, 0.0, 0),
+    ],
+)
+def test_the_wheel_that_counts_more_than_the_gyro_allows_slips(
+    left: float, right: float, turn: float, side: int
+) -> None:
+    slips = SlipDetector()
+    found = [slips.update(left, right, turn, 0.02) for _ in range(5)]
+    assert found[0] == 0, "not by one sample"
+    assert found[-1] == side
+
+
+def test_the_bridge_ends_when_the_wheels_tell_the_same_again() -> None:
+    bridge = InertialBridge(0.2)
+    assert bridge.push(-10.0, 0.0, 0.0, 0.01) == pytest.approx((0.001, 0.0))
+    assert not bridge.over(0.2, 0.02)
+    for _ in range(4):
+        bridge.push(0.0, 0.0, 0.0, 0.01)
+    assert not bridge.over(0.11, 0.02)
+    assert not bridge.over(0.1, 0.02)
+    assert bridge.over(0.1, 0.02)
+
+
+def test_a_turning_body_carries_its_velocity_in_the_room() -> None:
+    """Half a turn at constant velocity in the room: what was ahead is behind."""
+    bridge = InertialBridge(0.1)
+    for _ in range(1000):
+        bridge.push(0.0, 0.0, math.pi, 0.001)
+    assert bridge.vx_m_s == pytest.approx(-0.1, abs=2e-3)
+    assert bridge.vy_m_s == pytest.approx(0.0, abs=2e-3)
+
+
+def test_a_bridge_that_never_agrees_is_a_stall_where_the_body_stands() -> None:
+    bridge = InertialBridge(0.2)
+    bridge.push(-19.6, 0.0, 0.0, 0.01)
+    over = False
+    for _ in range(30):
+        bridge.push(0.0, 0.0, 0.0, 0.02)
+        over = over or bridge.over(0.15, 0.02)
+    assert bridge.stalled
+    assert not over
+    assert bridge.push(1.0, 1.0, 0.0, 0.02) == (0.0, 0.0)
+
+
+# ---- against the plant -----------------------------------------------------------------
+
+
+def run_into_wall(degrees: float, seed: int, *, accel: bool, push_s: float = 0.15) -> SimDrive:
+    """A wall 0.5 m ahead, met at an angle from square, at 0.2 m/s; pushed on for ``push_s``."""
+    start = (1.3, 2.0, math.radians(degrees))
+    plan = room(start, walls=box(0.0, 0.0, 2.0, 4.0))
+    drive = SimDrive(plan, "typical", seed, walls=False, accel=accel)
+    drive.rest(2.0)
+    for _ in range(600):
+        drive.step(0.2, 0.0)
+        if drive.body.truth.touch_bearings_rad:
+            break
+    for _ in range(round(100 * push_s)):
+        drive.step(0.2, 0.0)
+    drive.rest(0.6)
+    return drive
+
+
+@pytest.mark.parametrize("degrees", [0.0, 25.0, -40.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_bump_is_told_and_bridged(degrees: float, seed: int) -> None:
+    felt = run_into_wall(degrees, seed, accel=True)
+    blind = run_into_wall(degrees, seed, accel=False)
+    assert [d.kind for d in felt.estimator.disturbances][:1] == [DisturbanceKind.BUMP]
+    assert blind.estimator.disturbances == ()
+    assert not felt.estimator.bridging
+    assert felt.errors.position_m[-1] < 0.008
+    assert blind.errors.position_m[-1] > 0.02
+    felt.estimator.settle()
+    sigma = math.sqrt(sum(felt.estimator.covariance[i][i] for i in range(2)))
+    assert felt.errors.position_m[-1] < 4.0 * sigma
+
+
+def test_a_stall_is_told_and_its_wheels_are_not_believed() -> None:
+    felt = run_into_wall(0.0, 3, accel=True, push_s=1.5)
+    blind = run_into_wall(0.0, 3, accel=False, push_s=1.5)
+    kinds = {d.kind for d in felt.estimator.disturbances}
+    assert {DisturbanceKind.BUMP, DisturbanceKind.STALL} <= kinds
+    assert blind.errors.position_m[-1] > 0.2
+    assert felt.errors.position_m[-1] < 0.02
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_slipping_wheel_is_told_and_the_other_believed(side: int) -> None:
+    drive = SimDrive(room((5.0, 5.0, 0.0)), "typical", 4, walls=False)
+    drive.rest(2.0)
+    for _ in range(200):
+        drive.step(0.2, 0.0)
+    quiet = len(drive.estimator.disturbances)
+    assert quiet == 0
+    before = drive.errors.position_m[-1]
+    gains = [1.0, 1.0]
+    gains[side] = 1.3  # a third more turns than the floor went by
+    drive.encoder_gain = (gains[0], gains[1])
+    for _ in range(200):
+        drive.step(0.2, 0.0)
+    found = list(drive.estimator.disturbances)
+    kinds = [one.kind for one in found]
+    assert kinds[0] is (DisturbanceKind.SLIP_RIGHT if side else DisturbanceKind.SLIP_LEFT)
+    # 0.4 m were driven; half of a third of it would be 6 cm
+    assert drive.errors.position_m[-1] - before < 0.015
+
+
+@pytest.mark.parametrize("level", ["paper", "typical"])
+def test_no_false_alarm_in_a_minute_of_ordinary_driving(level: str) -> None:
+    """Starts, stops, turns and lanes without smoothing; harder than any planner drives."""
+    drive = SimDrive(room((5.0, 5.0, 0.0)), level, 6, walls=False)
+    drive.rest(2.0)
+    for heading in (0.0, 0.5, 1.0, 1.5, 0.0):
+        drive.turn_to(heading * math.pi)
+        drive.straight(1.2)
+    assert drive.tick > 4000
+    assert drive.estimator.disturbances == ()

@@ -1,0 +1,277 @@
+"""Following walls by one infrared: what the filter tells, and where the robot goes."""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass, field
+
+import pytest
+
+from bridge.coverage.floorplan import FloorPlan, Polygon
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.motion.robot_model import RobotModel
+from bridge.motion.smoothing import VelocitySmoother
+from bridge.motion.wall_follow import FollowState, FollowStep, Side, WallFollower
+from bridge.motion.wall_track import WallTrack, infrared_sigma_m
+from support.kinematic_world import IDEAL, STEP_S, TYPICAL, KinematicWorld, WorldNoise
+
+MODEL = RobotModel()
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+RADIUS_M = MODEL.radius_m
+DEGREE = math.radians(1.0)
+
+
+def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
+    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+
+
+def column(x: float, y: float, radius: float) -> Polygon:
+    turn = math.tau / 48
+    return tuple(
+        (x + radius * math.cos(i * turn), y + radius * math.sin(i * turn)) for i in range(48)
+    )
+
+
+HALL = box(0.0, 0.0, 6.0, 6.0)
+
+
+@dataclass
+class Followed:
+    """A run along walls."""
+
+    world: KinematicWorld
+    follower: WallFollower
+    steps: list[FollowStep] = field(default_factory=list)
+    gaps: list[float] = field(default_factory=list)
+    truth: list[Pose2] = field(default_factory=list)
+    touch_s: float = 0.0
+
+    @property
+    def states(self) -> list[str]:
+        """Each state once per visit."""
+        found: list[str] = []
+        for step in self.steps:
+            if not found or found[-1] != step.state:
+                found.append(step.state)
+        return found
+
+
+def follow(  # noqa: PLR0913 - a room, a start and a wish
+    start: tuple[float, float, float],
+    side: Side,
+    distance_m: float,
+    seconds: float,
+    *,
+    obstacles: tuple[Polygon, ...] = (),
+    noise: WorldNoise = IDEAL,
+    seed: int = 0,
+) -> Followed:
+    """Drive in the small world, through the velocity smoothing."""
+    plan = FloorPlan("t", HALL, obstacles, Pose2(*start))
+    world = KinematicWorld(plan, MODEL, random.Random(seed), noise)
+    world.rest(1.0)
+    run = Followed(world, WallFollower(MODEL, side, distance_m))
+    smooth_v = VelocitySmoother(MODEL.max_accel_m_s2, 0.6)
+    smooth_w = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
+    obs = world.observe()
+    for _ in range(round(seconds / STEP_S)):
+        step = run.follower.step(obs, STEP_S)
+        run.steps.append(step)
+        if step.state in {FollowState.BLOCKED, FollowState.LOST}:
+            break
+        v, w = step.command
+        obs = world.step(VelocityCommand(smooth_v.update(v, STEP_S), smooth_w.update(w, STEP_S)))
+        run.truth.append(world.truth)
+        gap, _, _ = world._nearest(world.truth.x_m, world.truth.y_m)  # noqa: SLF001 - the truth
+        run.gaps.append(gap - RADIUS_M)
+        run.touch_s += STEP_S if world.touching is not None else 0.0
+    return run
+
+
+# ---- the filter ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degrees", [-20.0, 0.0, 10.0])
+def test_the_track_learns_the_walls_direction(degrees: float) -> None:
+    """A wall at y = 0.24 - along·tan, driven past on the left with exact readings."""
+    mount, track = MODEL.infrared_left, WallTrack(MODEL.infrared_left)
+    yaw = degrees * DEGREE
+    x = 0.0
+    for i in range(25):
+        # heading 0, the wall turned by -yaw: its points are (s, 0.24 - s·tan yaw)
+        range_m = 0.24 - (x + mount.x_m) * math.tan(yaw) - mount.y_m
+        if i == 0:
+            track.begin(range_m)
+        else:
+            track.move(0.01, 0.0)
+            assert track.take(range_m, 4.0, 0.02)
+        x += 0.01
+    x -= 0.01
+    assert track.yaw_rad == pytest.approx(yaw, abs=2.5 * DEGREE)
+    assert track.distance_m == pytest.approx((0.24 - x * math.tan(yaw)) * math.cos(yaw), abs=0.005)
+    assert track.yaw_sigma_rad < 6.0 * DEGREE
+    assert track.distance_sigma_m < 0.006
+
+
+def test_the_track_turns_with_the_robot() -> None:
+    track = WallTrack(MODEL.infrared_left)
+    track.begin(0.1)
+    before = track.distance_m
+    track.move(0.0, 0.2)
+    assert track.yaw_rad == pytest.approx(0.2)
+    assert track.distance_m == before
+    # the beam leaves 5 cm ahead of the axle: (d - mx sin ψ)/cos ψ - |my|
+    expected = (0.2 - 0.05 * math.sin(0.2)) / math.cos(0.2) - 0.1
+    assert track.expected_m() == pytest.approx(expected)
+
+
+def test_another_surface_is_not_taken() -> None:
+    track = WallTrack(MODEL.infrared_right)
+    track.begin(0.10, 0.0, 0.01)
+    assert not track.take(0.16, 4.0, 0.02)
+    assert track.distance_m == pytest.approx(0.20)
+
+
+def test_infrared_noise_grows_with_the_square_of_the_range() -> None:
+    # calibration's rest of 1.2 mm beside 1.5 mm at 10 cm
+    assert infrared_sigma_m(0.1) == pytest.approx(math.hypot(0.0012, 0.0015))
+    assert infrared_sigma_m(0.2) == pytest.approx(math.hypot(0.0012, 0.006))
+
+
+# ---- along walls -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [IDEAL, TYPICAL])
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+@pytest.mark.parametrize("degrees", [-12.0, 0.0, 12.0])
+def test_it_comes_to_the_set_distance(noise: WorldNoise, side: Side, degrees: float) -> None:
+    y = 6.0 - RADIUS_M - 0.12 if side is Side.LEFT else RADIUS_M + 0.12
+    run = follow((1.0, y, degrees * DEGREE), side, 0.05, 10.0, noise=noise)
+    assert run.states == ["following"]
+    settled = run.gaps[200:]
+    assert min(run.gaps) > 0.02, "never near touching"
+    assert max(abs(gap - 0.05) for gap in settled) < (0.004 if noise is IDEAL else 0.012)
+    assert run.truth[-1].x_m > 2.7, "at cruise speed"
+
+
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_light_contact(side: Side) -> None:
+    """It touches, slowly across, and stays on: at most 1.5 cm/s into the wall."""
+    y = 6.0 - RADIUS_M - 0.05 if side is Side.LEFT else RADIUS_M + 0.05
+    run = follow((0.6, y, 0.0), side, 0.0, 20.0, noise=TYPICAL, seed=3)
+    first = next(i for i, gap in enumerate(run.gaps) if gap < 5e-4)
+    across = [
+        abs(b.y_m - a.y_m) / STEP_S
+        for a, b in zip(run.truth[first - 15 :], run.truth[first - 14 : first + 1], strict=False)
+    ]
+    assert max(across) < 0.03, "a touch, not a collision"
+    assert max(run.gaps[first:]) < 0.006
+    assert sum(gap < 0.002 for gap in run.gaps[first:]) > 0.6 * len(run.gaps[first:])
+
+
+def test_a_wall_ahead_blocks_it_before_it_is_touched() -> None:
+    run = follow((4.0, RADIUS_M + 0.05, 0.0), Side.RIGHT, 0.05, 20.0, noise=TYPICAL)
+    assert run.states == ["following", "blocked"]
+    assert run.steps[-1].command == HALT
+    gap = 6.0 - run.world.truth.x_m - RADIUS_M
+    assert 0.015 < gap < 0.06
+    assert run.touch_s == 0.0
+
+
+@pytest.mark.parametrize("noise", [IDEAL, TYPICAL])
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_it_goes_round_a_box(noise: WorldNoise, side: Side) -> None:
+    """Four outer corners and back to where it began, at the set distance all along."""
+    y = 2.5 - RADIUS_M - 0.05 if side is Side.LEFT else 3.5 + RADIUS_M + 0.05
+    block = box(2.5, 2.5, 3.5, 3.5)
+    run = follow((2.6, y, 0.0), side, 0.05, 40.0, obstacles=(block,), noise=noise)
+    assert run.states[:8] == ["following", "corner"] * 4
+    assert run.touch_s == 0.0
+    assert min(run.gaps) > 0.01
+    assert max(run.gaps) < 0.11
+    on_wall = [g for g, s in zip(run.gaps, run.steps, strict=False) if s.state == "following"]
+    assert sum(abs(gap - 0.05) < 0.015 for gap in on_wall) > 0.8 * len(on_wall)
+
+
+def test_it_follows_a_round_column() -> None:
+    pillar = column(3.0, 3.0, 0.3)
+    start = (3.0, 3.0 - 0.3 - RADIUS_M - 0.06, 0.0)
+    run = follow(start, Side.LEFT, 0.05, 25.0, obstacles=(pillar,), noise=TYPICAL)
+    turned = sum(
+        math.remainder(b.theta_rad - a.theta_rad, math.tau)
+        for a, b in zip(run.truth, run.truth[1:], strict=False)
+    )
+    assert turned > math.tau, "all the way round"
+    assert run.states == ["following"]
+    assert 0.01 < min(run.gaps) <= max(run.gaps) < 0.10
+
+
+def test_a_thin_leg_is_rounded_and_not_lost() -> None:
+    leg = box(2.98, 2.98, 3.02, 3.02)
+    start = (2.95, 2.98 - RADIUS_M - 0.05, 0.0)
+    run = follow(start, Side.LEFT, 0.05, 15.0, obstacles=(leg,))
+    assert run.touch_s == 0.0
+    assert max(run.gaps) < 0.15
+
+
+def test_without_a_wall_it_is_lost_and_halts() -> None:
+    follower = WallFollower(MODEL, Side.LEFT, 0.05)
+    step = follower.step(sees(None), STEP_S)
+    assert step == FollowStep(HALT, FollowState.LOST, None, 0.0)
+
+
+# ---- what stops it ---------------------------------------------------------------------
+
+
+def sees(
+    left_m: float | None,
+    *,
+    front_m: float | None = None,
+    bumper: tuple[bool, bool] = (False, False),
+    cliff: bool = False,
+) -> Observation:
+    return Observation(0.0, ORIGIN, 0.2, 0.0, front_m, left_m, None, *bumper, cliff)
+
+
+@pytest.mark.parametrize(
+    "obs",
+    [
+        sees(0.11, bumper=(False, True)),
+        sees(0.11, bumper=(True, False)),
+        sees(0.11, bumper=(True, True)),
+        sees(0.11, cliff=True),
+        sees(0.11, front_m=0.05),
+    ],
+)
+def test_something_ahead_blocks_at_once(obs: Observation) -> None:
+    step = WallFollower(MODEL, Side.LEFT, 0.05).step(obs, STEP_S)
+    assert step.state is FollowState.BLOCKED
+    assert step.command == HALT
+
+
+def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() -> None:
+    follower = WallFollower(MODEL, Side.LEFT, 0.0)
+    touching = sees(0.06, bumper=(True, False))
+    steps = [follower.step(touching, STEP_S) for _ in range(30)]
+    assert [s.state for s in steps[:24]] == [FollowState.FOLLOWING] * 24
+    assert all(s.command.yaw_rate_rad_s < 0.0 for s in steps[:24])
+    assert steps[-1].state is FollowState.BLOCKED
+
+
+def test_speed_respects_the_way_left_to_a_wall_ahead() -> None:
+    speeds = []
+    for front_m in (2.0, 0.3, 0.15, 0.10):
+        step = WallFollower(MODEL, Side.LEFT, 0.05).step(sees(0.11, front_m=front_m), STEP_S)
+        speeds.append(step.command.v_m_s)
+        room = front_m - (RADIUS_M - MODEL.ultrasonic.x_m) - 0.03
+        assert step.command.v_m_s**2 / (2 * MODEL.max_accel_m_s2) < room
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[0] == pytest.approx(MODEL.cruise_speed_m_s, rel=0.05)
+
+
+@pytest.mark.parametrize(("distance_m", "speed"), [(-0.01, 0.2), (0.25, 0.2), (0.05, 0.0)])
+def test_settings_without_meaning_are_refused(distance_m: float, speed: float) -> None:
+    with pytest.raises(ValueError, match="must be"):
+        WallFollower(MODEL, Side.LEFT, distance_m, speed_m_s=speed)

@@ -1,0 +1,253 @@
+"""Sights of walls, walls remembered, and what the joint covariance makes of both."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from bridge.motion.belief import Belief
+from bridge.motion.geometry import Pose2
+from bridge.motion.pose_filter import STATES, THETA, PoseFilter
+from bridge.motion.robot_model import RobotModel
+from bridge.motion.wall_map import MAX_WALLS, WallMap
+from bridge.motion.wall_sight import FLAT_M, FLAT_RAD, FrontSight, FrontSights, LineSight, SideSight
+
+MODEL = RobotModel()
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+DEGREE = math.radians(1.0)
+SURE = 0.05 * DEGREE
+
+
+# ---- sights ----------------------------------------------------------------------------
+
+
+def drive_by(  # noqa: PLR0913 - a wall and a drive
+    wall_y: float,
+    slope_rad: float,
+    *,
+    way_m: float = 0.3,
+    noise_m: float = 0.0,
+    bow_m: float = 0.0,
+    seed: int = 0,
+) -> LineSight | None:
+    """Past a wall on the left whose place at x = 0 is ``wall_y``; a reading each centimetre."""
+    rng = random.Random(seed)
+    mount = MODEL.infrared_left
+    side = SideSight(mount)
+    pose = ORIGIN
+    for i in range(round(way_m / 0.01) + 1):
+        pose = Pose2(0.01 * i, 0.0, 0.0)
+        x = pose.x_m + mount.x_m
+        bow = bow_m * (1.0 - (2.0 * 0.01 * i / way_m - 1.0) ** 2)
+        range_m = wall_y + x * math.tan(slope_rad) - bow - mount.y_m + rng.gauss(0, noise_m)
+        side.add(pose, range_m, steady=True)
+    return side.add(pose, None, steady=True)
+
+
+@pytest.mark.parametrize("degrees", [-6.0, 0.0, 4.0])
+def test_a_sight_is_the_walls_line_from_the_last_place(degrees: float) -> None:
+    sight = drive_by(0.2, degrees * DEGREE)
+    assert sight is not None
+    assert sight.normal_rad == pytest.approx(math.pi / 2 + degrees * DEGREE, abs=1e-6)
+    # the wall through (0, 0.2) at its slope, seen from (0.3, 0)
+    expected = (0.2 + 0.3 * math.tan(degrees * DEGREE)) * math.cos(degrees * DEGREE)
+    assert sight.distance_m == pytest.approx(expected, abs=1e-6)
+    assert sight.span_m == pytest.approx(0.3 / math.cos(degrees * DEGREE), abs=1e-6)
+    # to the left of the robot the wall's direction runs backwards: the stretch lies behind
+    assert sight.high_m > 0.2
+    assert sight.low_m > -0.1
+
+
+def test_a_sights_variance_is_that_of_its_errors() -> None:
+    """Over many noisy passes at 10 cm, where the sigma is 1.5 and 1.2 mm together."""
+    sights = [drive_by(0.2, 0.0, noise_m=0.0019, seed=seed) for seed in range(300)]
+    seen = [s for s in sights if s is not None]
+    assert len(seen) > 295
+    turn = np.array([s.normal_rad - math.pi / 2 for s in seen])
+    off = np.array([s.distance_m - 0.2 for s in seen])
+    ahead = 0.10  # from the robot's place at the end to the middle of the stretch
+    flat = FLAT_M**2 + (ahead * FLAT_RAD) ** 2  # which no averaging takes away, nor is it here
+    var_turn = float(np.mean([s.var_normal for s in seen])) - FLAT_RAD**2
+    var_off = float(np.mean([s.var_distance for s in seen])) - flat
+    assert 0.7 < float((turn**2).mean()) / var_turn < 1.3
+    assert 0.7 < float((off**2).mean()) / var_off < 1.3
+    assert float((turn * off).mean()) * float(np.mean([s.covar for s in seen])) > 0.0
+
+
+def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
+    assert drive_by(0.2, 0.0, bow_m=0.006) is None
+    assert drive_by(0.2, 0.0, way_m=0.07) is None
+    assert drive_by(0.2, 0.0, noise_m=0.015, seed=3) is None
+    side = SideSight(MODEL.infrared_left)
+    for i in range(12):
+        assert side.add(Pose2(0.01 * i, 0, 0), 0.10, steady=True) is None
+    first = side.add(Pose2(0.12, 0, 0), 0.20, steady=True)
+    assert first is not None
+    assert first.span_m == pytest.approx(0.11)
+
+
+def test_the_front_is_seen_from_where_the_robot_is_now() -> None:
+    front = FrontSights(MODEL.ultrasonic)
+    found = [front.add(Pose2(0.01 * i, 0, 0), 0.8 - 0.01 * i, steady=True) for i in range(5)]
+    assert found[:4] == [None] * 4
+    assert found[4] is not None
+    assert found[4].range_m == pytest.approx(0.76)
+    standing = [front.add(Pose2(0.04, 0, 0), 0.76, steady=True) for _ in range(20)]
+    assert standing == [None] * 20, "standing, its errors would repeat"
+    edge = [0.7, 0.69, 0.9, 0.89, 0.88]
+    moved = [front.add(Pose2(0.1 + 0.01 * i, 0, 0), r, steady=True) for i, r in enumerate(edge)]
+    assert moved == [None] * 5
+
+
+# ---- the belief ------------------------------------------------------------------------
+
+
+def test_a_state_appended_shares_the_doubt_that_it_was_made_of() -> None:
+    belief = Belief((4.0, 1.0))
+    first = belief.append((0,), np.array([[1.0]]), np.array([[0.5]]))
+    assert first == 2
+    assert belief.p[2, 2] == pytest.approx(4.5)
+    assert belief.p[0, 2] == pytest.approx(4.0)
+    # seeing that their difference is as it was tells nothing of either
+    belief.update((0, 2), np.array([[1.0, -1.0]]), np.zeros(1), np.array([[1e-9]]))
+    assert belief.p[0, 0] == pytest.approx(4.0)
+    belief.remove(2, 1)
+    assert belief.size == 2
+
+
+def test_an_update_is_kalmans() -> None:
+    belief = Belief((4.0,))
+    step = belief.update((0,), np.array([[2.0]]), np.array([1.0]), np.array([[9.0]]))
+    assert step[0] == pytest.approx(4.0 * 2.0 / 25.0)
+    assert belief.p[0, 0] == pytest.approx(4.0 - 8.0 * 8.0 / 25.0)
+
+
+# ---- walls -----------------------------------------------------------------------------
+
+
+def line(normal_rad: float, distance_m: float, span_m: float = 0.3) -> LineSight:
+    half = 0.5 * span_m
+    return LineSight(normal_rad, distance_m, SURE**2, 0.0, 0.001**2, -half, half)
+
+
+class Room:
+    """A filter, its walls, and a hand that makes it doubt."""
+
+    def __init__(self) -> None:
+        self.filter = PoseFilter(ORIGIN)
+        self.walls = WallMap(self.filter)
+
+    def doubt(self, sigma_m: float, sigma_rad: float) -> None:
+        self.filter.disturb(sigma_m, sigma_rad)
+
+    def believe(self, x: float, y: float, theta: float) -> None:
+        step = np.zeros(self.filter.belief.size)
+        step[:3] = x, y, theta
+        self.filter.apply(step)
+
+
+def test_a_wall_seen_again_takes_the_drift_away() -> None:
+    room = Room()
+    assert not room.walls.see_line(line(math.pi / 2, 0.5)), "new"
+    room.doubt(0.02, DEGREE)
+    room.believe(0.01, 0.012, 0.6 * DEGREE)  # an error, within the doubt
+    assert room.walls.see_line(line(math.pi / 2, 0.5))
+    pose = room.filter.pose
+    assert pose.y_m == pytest.approx(0.0, abs=0.001)
+    assert pose.theta_rad == pytest.approx(0.0, abs=0.1 * DEGREE)
+    assert pose.x_m == pytest.approx(0.01, abs=0.002), "along the wall nothing is known"
+
+
+def test_a_wall_first_seen_in_doubt_gives_no_more_than_was_known_then() -> None:
+    room = Room()
+    room.doubt(0.03, 2.0 * DEGREE)
+    before = room.filter.covariance
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    for _ in range(50):
+        room.walls.see_line(line(math.pi / 2, 0.5))
+    after = room.filter.covariance
+    assert after[1][1] == pytest.approx(before[1][1], rel=1e-3)
+    assert after[2][2] == pytest.approx(before[2][2], rel=1e-3)
+
+
+def test_squareness_is_used_where_the_evidence_is_for_it() -> None:
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.doubt(0.0, 0.5 * DEGREE)
+    room.believe(0.0, 0.0, 0.4 * DEGREE)
+    room.walls.see_line(line(0.0, 0.8))  # square to the first; the heading is 0.4° off
+    assert abs(room.filter.pose.theta_rad) < 0.15 * DEGREE
+
+
+@pytest.mark.parametrize("degrees", [2.5, 4.0, 12.0])
+def test_an_askew_box_bends_nothing(degrees: float) -> None:
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.doubt(0.0, 0.5 * DEGREE)
+    room.walls.see_line(line(degrees * DEGREE, 0.8))
+    assert room.filter.pose == ORIGIN
+    assert len(room.walls.walls) == 2
+    assert not any(wall.squared for wall in room.walls.walls)
+    # and is a reference of its own
+    room.believe(0.0, 0.0, 0.3 * DEGREE)
+    assert room.walls.see_line(line(degrees * DEGREE, 0.8))
+    assert abs(room.filter.pose.theta_rad) < 0.1 * DEGREE
+
+
+def test_the_ultrasonic_corrects_along_its_view() -> None:
+    room = Room()
+    room.walls.see_line(line(0.0, 0.8))
+    room.doubt(0.02, 0.0)
+    room.believe(0.015, 0.01, 0.0)
+    assert room.walls.see_front(FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.002**2), MODEL.ultrasonic)
+    assert room.filter.pose.x_m == pytest.approx(0.0, abs=0.001)
+    assert room.filter.pose.y_m == pytest.approx(0.01)
+
+
+def test_a_surface_far_off_the_doubt_is_another() -> None:
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.doubt(0.003, 0.0)
+    assert not room.walls.see_line(line(math.pi / 2, 0.54))
+    assert room.filter.pose == ORIGIN
+    assert len(room.walls.walls) == 2
+
+
+def test_the_wall_itself_is_believed_against_too_sure_an_estimate() -> None:
+    """A stretch before the very wall cannot be another one: the estimate had it wrong."""
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.doubt(0.001, 0.02 * DEGREE)
+    room.believe(0.0, 0.02, 0.0)
+    assert room.walls.see_line(line(math.pi / 2, 0.5))
+    assert abs(room.filter.pose.y_m) < 0.005
+    assert room.filter.way_noise.value > 1.0
+
+
+def test_memory_is_bounded_and_a_restart_forgets() -> None:
+    room = Room()
+    for i in range(3 * MAX_WALLS):
+        room.walls.see_line(line(0.03 * i, 0.3 + 0.11 * i))
+    assert len(room.walls.walls) == MAX_WALLS
+    assert room.filter.belief.size == STATES + 2 * MAX_WALLS
+    assert len(room.filter.walls) == 2 * MAX_WALLS
+    room.filter.restart(ORIGIN)
+    assert room.filter.belief.size == STATES
+    room.walls.see_line(line(0.0, 0.5))
+    assert len(room.walls.walls) == 1
+
+
+def test_the_joint_covariance_stays_positive() -> None:
+    rng = random.Random(4)
+    room = Room()
+    for _ in range(300):
+        room.doubt(rng.uniform(0, 0.003), rng.uniform(0, 0.2) * DEGREE)
+        normal = rng.choice((0.0, 0.5, 1.0, 1.5)) * math.pi + rng.gauss(0, 0.3 * DEGREE)
+        room.walls.see_line(line(normal, 0.5 + rng.gauss(0, 0.003)))
+    p = room.filter.belief.p
+    assert np.allclose(p, p.T)
+    assert float(np.linalg.eigvalsh(p).min()) > -1e-12
+    assert p[THETA, THETA] > 0.0

@@ -1,0 +1,163 @@
+"""The recovery planner's map and its kernels on floors small enough to work out by hand."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.evidence_kernels import (
+    add_wall,
+    beam,
+    bump_lens,
+    clear_body,
+    fresh_ahead,
+    sweep,
+)
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import Observation
+from bridge.motion.robot_model import RobotModel
+
+MODEL = RobotModel()
+
+
+def layers(rows: int, cols: int, count: int) -> list[np.ndarray]:
+    return [np.zeros((rows, cols), dtype=np.uint8) for _ in range(count)]
+
+
+def observed(
+    x: float, y: float, theta: float = 0.0, *, time_s: float = 0.0, right_m: float | None = None
+) -> Observation:
+    return Observation(
+        time_s=time_s,
+        pose=Pose2(x, y, theta),
+        v_m_s=0.2,
+        yaw_rate_rad_s=0.0,
+        ultrasonic_m=None,
+        infrared_left_m=None,
+        infrared_right_m=right_m,
+        bumper_left=False,
+        bumper_right=False,
+        cliff=False,
+    )
+
+
+def test_a_straight_sweep_marks_exactly_the_centres_passed() -> None:
+    (swept,) = layers(11, 20, 1)
+    # from column 4.0 to 10.0 along row 5.5, half width 2: centres 4.5 … 9.5, rows 3.5 … 7.5
+    assert sweep(swept, 4.0, 5.5, 0.0, 10.0, 5.5, 0.0, 2.0, 0.0) == 6 * 5
+    assert swept[3:8, 4:10].all()
+    assert swept.sum() == 30
+    assert sweep(swept, 10.0, 5.5, 0.0, 4.0, 5.5, 0.0, 2.0, 0.0) == 0
+
+
+def test_a_turn_in_place_sweeps_a_disc() -> None:
+    (swept,) = layers(21, 21, 1)
+    angles = np.linspace(0.0, math.pi, 90)
+    for a, b in itertools.pairwise(angles):
+        sweep(swept, 10.5, 10.5, a, 10.5, 10.5, b, 6.0, 0.0)
+    row, col = np.indices(swept.shape)
+    distance = np.hypot(row - 10, col - 10)
+    assert swept[distance < 5.9].all()
+    assert not swept[distance > 6.01].any()
+
+
+def test_evidence_is_revocable_and_leaves_no_trace() -> None:
+    wall, near = layers(21, 21, 2)
+    add_wall(wall, near, 10, 10, 1, 3.0)
+    assert near.sum() == 0  # once is not sure
+    add_wall(wall, near, 10, 10, 1, 3.0)
+    assert near.sum() == 29  # lattice points within 3 of a point
+    add_wall(wall, near, 10, 12, 2, 3.0)
+    assert near.max() == 2
+    add_wall(wall, near, 10, 12, -1, 3.0)
+    add_wall(wall, near, 10, 10, -1, 3.0)
+    assert near.sum() == 0
+
+
+def test_a_beam_frees_what_it_passes_and_marks_what_it_meets() -> None:
+    wall, near = layers(9, 30, 2)
+    add_wall(wall, near, 4, 10, 2, 2.0)
+    beam(wall, near, 2.5, 4.5, 1.0, 0.0, 15.0, 18.0, 2, 2.0)
+    assert wall[4, 10] == 1
+    assert wall[4, 20] == 2
+    assert near[4, 10] == 0
+    assert near[4, 20] == 1
+
+
+def test_where_the_body_is_nothing_else_is() -> None:
+    wall, near, been = layers(21, 21, 3)
+    add_wall(wall, near, 10, 13, 6, 3.0)
+    add_wall(wall, near, 10, 18, 6, 3.0)
+    clear_body(wall, near, been, 10.5, 10.5, 5.0, 3.0)
+    assert wall[10, 13] == 0
+    assert wall[10, 18] == 6
+    assert been[10, 10] == 1
+
+
+def test_a_bump_forbids_only_what_every_contact_would() -> None:
+    (lens,) = layers(41, 41, 1)
+    # both halves: a contact within 10° of straight ahead, the body's radius being 8 cells
+    bump_lens(lens, 20.5, 20.5, math.radians(-10), math.radians(10), 8.0)
+    assert lens[20, 22] == 1  # a step ahead the wall is inside the body
+    assert lens[20, 20] == 0  # here it stands
+    assert lens[20, 16] == 0
+    marked = np.argwhere(lens)
+    for row, col in marked:
+        for bearing in (-10.0, 0.0, 10.0):
+            touch = (
+                20.5 + 8.0 * math.sin(math.radians(bearing)),
+                20.5 + 8.0 * math.cos(math.radians(bearing)),
+            )
+            assert math.hypot(row + 0.5 - touch[0], col + 0.5 - touch[1]) < 8.0
+
+
+def test_the_share_not_swept_ahead() -> None:
+    (swept,) = layers(40, 40, 1)
+    assert fresh_ahead(swept, 20.0, 20.0, 0.0, 2.0, 10.0, -3.0, 3.0) == 1.0
+    swept[20:, :] = 1
+    assert fresh_ahead(swept, 20.0, 20.0, 0.0, 2.0, 10.0, 0.5, 3.0) == 0.0
+    assert fresh_ahead(swept, 20.0, 20.0, 0.0, 2.0, 10.0, -3.0, -0.5) == 1.0
+    assert fresh_ahead(swept, 20.0, 20.0, math.pi, 2.0, 10.0, 0.5, 3.0) == 1.0
+
+
+def test_the_infrared_maps_a_wall_where_it_stands() -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
+    # the right infrared sits at (0.05, -0.10) and reads 0.06: a wall at y = -0.16
+    for k in range(20):
+        memory.update(observed(0.02 * k, 0.0, time_s=0.1 * k, right_m=0.06))
+    column, row = memory.to_cells(0.2, -0.16 + 1e-6)
+    assert memory.wall[int(row), int(column)] >= 2
+    assert memory.wall.sum(axis=1).argmax() == int(row)
+    beside = memory.to_cells(0.2, -0.05)
+    assert memory.near[int(beside[1]), int(beside[0])] > 0  # 11 cm from the wall: no place
+    here = memory.to_cells(0.2, 0.0)
+    assert memory.been[int(here[1]), int(here[0])] == 1
+
+
+def test_the_map_grows_without_losing_anything() -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(1.0, 1.0, 0.0))
+    before = memory.shape
+    for k in range(600):
+        memory.update(observed(1.0 - 0.01 * k, 1.01, math.pi, time_s=0.02 * k))
+    assert memory.shape != before
+    for x in (1.0, -2.0, -4.9):
+        column, row = memory.to_cells(x - 0.01, 1.01)
+        assert memory.swept[int(row), int(column)] == 1
+    assert memory.swept.sum() == memory.new_cells
+    # 6 m by the mouth's width less its margins: seven cells about the one that the axle runs in
+    assert memory.new_cells * 4e-4 == pytest.approx(6.0 * 0.14, rel=0.05)
+
+
+def test_the_packed_map_holds_two_bits_a_cell() -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
+    for corner in ((0.0, 0.0), (7.68, 0.0), (7.68, 7.18), (0.0, 7.18), (0.0, 0.0)):
+        memory.update(observed(*corner))
+        memory.update(observed(corner[0] + 0.02, corner[1]))
+    # a 60 m² flat: 8.0 by 7.5 m
+    assert len(memory.packed()) == pytest.approx(60.0 / 4e-4 / 4, rel=0.02)
+    assert len(memory.packed()) < 40_000

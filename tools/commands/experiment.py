@@ -1,0 +1,184 @@
+"""``sweepctl experiment``: the paper's experiments, planners compared, and what limits them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools import options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tools.experiment.trials import Trial
+
+_ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-rooms,studio-flat"
+_TITLES = {
+    "paper": "The paper's experiments",
+    "compare": "Planners compared",
+    "limits": "What limits coverage",
+}
+
+
+def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - click's callback
+    def split(ctx: click.Context, param: click.Parameter, text: str | None) -> list[str] | None:
+        if text is None:
+            return None
+        names = [name.strip() for name in text.split(",") if name.strip()]
+        for name in names:
+            if allowed is not None and name not in allowed:
+                raise click.BadParameter(f"{name!r} is not one of {', '.join(allowed)}", ctx, param)
+        return list(dict.fromkeys(names))
+
+    return split
+
+
+@click.command(
+    "experiment",
+    epilog="Example:  sweepctl experiment compare --rooms case-1,two-rooms --seeds 5 --out cmp",
+)
+@click.argument("what", type=click.Choice(list(_TITLES)), default="paper")
+@click.option(
+    "--rooms",
+    callback=_listed(),
+    default=_ROOMS,
+    help="Names or files, by commas.  [default: all that ship]",
+)
+@click.option(
+    "--generated",
+    type=click.IntRange(0, 10_000),
+    default=0,
+    show_default=True,
+    help="This many generated rooms too.",
+)
+@click.option(
+    "--planners",
+    callback=_listed(options.PLANNERS),
+    help="By commas.  [default: all; for limits: the default planner]",
+)
+@click.option(
+    "--noise",
+    "levels",
+    callback=_listed(options.NOISE_LEVELS),
+    default="typical",
+    show_default=True,
+    help="Levels, by commas; limits adds a perfect one.",
+)
+@click.option("--seeds", type=click.IntRange(1, 10_000), default=3, show_default=True)
+@click.option("--zimablue", is_flag=True, help="Compare with that package's online planners too.")
+@click.option("--jobs", type=click.IntRange(1, 256), help="Processes.  [default: one per core]")
+@click.option(
+    "--max-time",
+    "max_time_s",
+    type=options.Seconds(1.0, 1e6),
+    default=3600.0,
+    show_default=True,
+    help="End a run that takes longer, in simulated seconds.",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("runs/experiment"),
+    show_default=True,
+    help="Folder for results; what it holds already is not run again.",
+)
+@click.option("--force", is_flag=True, help="Begin anew: forget the results in the folder.")
+@options.json_option
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    what: str,
+    rooms: list[str],
+    generated: int,
+    planners: list[str] | None,
+    levels: list[str],
+    seeds: int,
+    zimablue: bool,
+    jobs: int | None,
+    max_time_s: float,
+    out: Path,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Run the PAPER's experiments, COMPARE planners, or find what LIMITS one.
+
+    paper: Table 2, cases 1 and 2, the comprehensive room, path keeping (Fig. 15) and velocity
+    smoothing (Fig. 12); it has rooms, levels and seeds of its own. compare: every room, planner,
+    noise level and seed. limits: the same with a perfect pose and ranges beside it, and the loss
+    split by cause.
+
+    Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C keeps what is done: the same
+    command goes on from there.
+    """
+    from tools.console import complain, say
+    from tools.experiment import figures, output
+    from tools.experiment.runs import ERRORS, run_all
+    from tools.experiment.store import Store, code_version
+    from tools.experiment.trials import generated_rooms, paper_trials, room_of
+
+    figures.check()
+    if zimablue and what != "compare":
+        raise click.UsageError("--zimablue is for compare")
+    if what == "paper":
+        trials = paper_trials(max_time_s)
+    else:
+        names = [*rooms, *generated_rooms(generated)]
+        if not names:
+            raise click.UsageError("no rooms: give --rooms or --generated")
+        trials = _trials(what, names, planners, levels, range(seeds), max_time_s, zimablue=zimablue)
+    for name in dict.fromkeys(trial.room for trial in trials):
+        room_of(name)  # a wrong name is told now, not after an hour
+    store = Store(out, code_version(), force=force)
+    outcome = run_all(store, trials, jobs)
+    rows = store.rows(trials)
+    if rows:
+        made = output.write_results(out, _TITLES[what], _typed(what), rows)
+        if as_json:
+            output.print_json(made, out, rows, outcome.failed)
+        else:
+            output.print_tables(made, out)
+    elif as_json:
+        output.print_json((), out, rows, outcome.failed)
+    if outcome.interrupted:
+        say(f"{len(rows)} of {len(trials)} runs done; the same command goes on from there")
+    for line in outcome.failed:
+        complain(line)
+    if outcome.failed:
+        say(f"in full: {out / ERRORS}")
+    return 1 if outcome.failed else 0
+
+
+def _trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
+    what: str,
+    names: list[str],
+    planners: list[str] | None,
+    levels: list[str],
+    seeds: range,
+    max_time_s: float,
+    *,
+    zimablue: bool,
+) -> list[Trial]:
+    from tools.experiment.trials import PERFECT, Kind, grid_trials
+    from tools.experiment.zimablue_run import check, zimablue_trials
+
+    if what == "limits":
+        mine = planners or [options.DEFAULT_PLANNER]
+        beside = dict.fromkeys([PERFECT, *levels])
+        return grid_trials(names, mine, beside, seeds, max_time_s, Kind.LIMITS)
+    trials = grid_trials(names, planners or options.PLANNERS, levels, seeds, max_time_s)
+    if zimablue:
+        check()
+        trials += zimablue_trials(names, seeds, max_time_s)
+    return trials
+
+
+def _typed(what: str) -> str:
+    """The command as it was typed; in another program, its name."""
+    import shlex
+
+    arguments = sys.argv[1:]
+    if "experiment" not in arguments:
+        return f"sweepctl experiment {what}"
+    return shlex.join(["sweepctl", *arguments])

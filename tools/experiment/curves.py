@@ -1,0 +1,54 @@
+"""Coverage as it grows: at multiples of the lower bounds of time and of path."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bridge.coverage.metrics import CoverageMeter, CoverageReport
+
+    Track = Sequence[tuple[float, float, float, float]]
+
+MULTIPLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
+"""Of the lower bounds: of time, sweepable area / (W · cruise speed); of path, area / W."""
+
+
+def over_time(
+    meter: CoverageMeter, report: CoverageReport, *, cut: bool = False
+) -> list[float | None]:
+    """Main figure at multiples of the lower-bound time.
+
+    After the run's end it stays as it is, as the robot stands; but of a run that was ``cut``
+    short nothing is known beyond: ``None``.
+    """
+    times = [multiple * report.reference_time_s for multiple in MULTIPLES]
+    shares = meter.share_at(report, times)
+    return [
+        None if cut and time > report.duration_s + 1e-6 else round(share, 4)
+        for time, share in zip(times, shares, strict=True)
+    ]
+
+
+def over_path(
+    meter: CoverageMeter, report: CoverageReport, track: Track, *, cut: bool = False
+) -> list[float | None]:
+    """The same at multiples of the lower-bound path, whatever the speed was."""
+    steps = [math.dist(a[1:3], b[1:3]) for a, b in pairwise(track)]
+    ways = np.concatenate([[0.0], np.cumsum(steps)]) if track else np.zeros(1)
+    begun = track[0][0] if track else 0.0
+    unit_m = report.path_m / report.path_ratio if report.path_ratio > 0.0 else math.inf
+    shares: list[float | None] = []
+    for multiple in MULTIPLES:
+        index = int(np.searchsorted(ways, multiple * unit_m, side="right"))
+        if index >= len(track):
+            final = meter.share_at(report, [report.duration_s + 1.0])[0]
+            shares.append(None if cut else round(final, 4))
+        else:
+            shares.append(round(meter.share_at(report, [track[index][0] - begun])[0], 4))
+    return shares

@@ -1,0 +1,221 @@
+"""The report's figures as SVG text: curves, and paths in their rooms (Figs. 14, 16 to 18)."""
+
+from __future__ import annotations
+
+import io
+from importlib.util import find_spec
+from statistics import fmean
+from typing import TYPE_CHECKING
+
+from bridge.view.picture import PlotMissingError
+from tools.experiment.compare_tables import display_name, shared
+from tools.experiment.curves import MULTIPLES
+from tools.experiment.cycles import PAPER_END_MM
+from tools.experiment.limits import CAUSES
+from tools.experiment.paper_tables import cycle_spread
+from tools.experiment.tables import group
+from tools.experiment.trials import Kind, room_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from tools.experiment.store import Row
+
+_COLOURS = {"recovery": "#1f4e79", "paper": "#c0504d", "u-shape": "#6b9e46", "random": "#8a8f98"}
+_OTHER = "#444444"
+_THEIRS = ("#7b4fa3", "#c98a1b", "#2a9d8f", "#b5446e")
+_CAUSE_COLOURS = ("#7b4fa3", "#c0504d", "#1f4e79", "#7fa7cc", "#c98a1b")
+
+
+def check() -> None:
+    """Find out before hours of runs whether figures can be drawn.
+
+    Raises:
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    if find_spec("matplotlib") is None:
+        raise PlotMissingError
+
+
+def coverage_curves(rows: Sequence[Row], noise: str) -> str:
+    """Coverage against time in multiples of the lower bound, and against energy."""
+    figure = _figure(9.6, 4.0)
+    over_time, over_energy = figure.subplots(1, 2, sharey=True)
+    at_level = [row for row in rows if row["noise"] == noise]
+    for (planner,), runs in group(at_level, "planner").items():
+        colour = _COLOURS.get(planner, _OTHER)
+        shares = _mean_curve(runs, "coverage")
+        energy = [
+            1000 * fmean(run["curve"]["energy_wh"][k] / run["sweepable_m2"] for run in runs)
+            for k in range(len(shares))
+        ]
+        over_time.plot(
+            [0, *MULTIPLES[: len(shares)]], [0, *shares], "o-", ms=3, color=colour, label=planner
+        )
+        over_energy.plot([0, *energy], [0, *shares], "o-", ms=3, color=colour, label=planner)
+    over_time.set_xlabel("time / (sweepable area / (W · cruise speed))")
+    over_energy.set_xlabel("energy, mWh per sweepable m²")
+    _finish(over_time, over_energy)
+    return _svg(figure)
+
+
+def zimablue_curves(rows: Sequence[Row]) -> str:
+    """Ours and theirs, each against its own lower bound of time and of path."""
+    figure = _figure(9.6, 4.0)
+    over_time, over_path = figure.subplots(1, 2, sharey=True)
+    theirs = 0
+    for (planner, noise), runs in group(shared(rows), "planner", "noise").items():
+        name, colour, style = f"{planner}, {noise}", _COLOURS.get(planner, _OTHER), "o-"
+        if runs[0]["kind"] == Kind.ZIMABLUE:
+            name, colour, style = display_name(planner), _THEIRS[theirs % len(_THEIRS)], "s--"
+            theirs += 1
+        for axes, curve in ((over_time, "coverage"), (over_path, "by_path")):
+            shares = _mean_curve(runs, curve)
+            xs = [0, *MULTIPLES[: len(shares)]]
+            axes.plot(xs, [0, *shares], style, ms=3, lw=1.3, color=colour, label=name)
+    over_time.set_xlabel("time / own lower bound")
+    over_path.set_xlabel("path / own lower bound")
+    _finish(over_time, over_path)
+    return _svg(figure)
+
+
+def _mean_curve(runs: Sequence[Row], curve: str) -> list[float]:
+    """Mean share (%) at the multiples, as far as all runs went."""
+    shares: list[float] = []
+    for k in range(len(MULTIPLES)):
+        points = [run["curve"][curve][k] for run in runs]
+        known = [point for point in points if point is not None]
+        if len(known) < len(points):
+            break
+        shares.append(100 * fmean(known))
+    return shares
+
+
+def _finish(left: Axes, right: Axes) -> None:
+    left.set_ylabel("mouth, % of sweepable")
+    for axes in (left, right):
+        axes.grid(alpha=0.25)
+        axes.set_ylim(0, 102)
+        axes.set_xlim(left=0)
+        axes.spines[["top", "right"]].set_visible(False)
+    left.legend(frameon=False, loc="lower right", fontsize=8)
+
+
+def cycles_figure(rows: Sequence[Row]) -> str:
+    """Fig. 15: offset after each cycle, every seed, the median and the quartiles."""
+    figure = _figure(7.0, 3.6)
+    axes = figure.add_subplot()
+    for row in rows:
+        points = row["offsets"]
+        axes.plot(
+            [0, *(point["cycle"] for point in points)],
+            [0, *(point["offset_mm"] for point in points)],
+            lw=0.6,
+            color="#b9c2cc",
+        )
+    spread = cycle_spread(rows)
+    cycles = range(len(spread) + 1)
+    low, middle, high = ([0, *(point[k] for point in spread)] for k in range(3))
+    axes.fill_between(cycles, low, high, alpha=0.2, color="#1f4e79", lw=0, label="quartiles")
+    axes.plot(cycles, middle, "o-", ms=4, color="#1f4e79", label=f"median of {len(rows)} seeds")
+    axes.plot([len(spread)], [PAPER_END_MM], "D", ms=7, color="#c0504d", label="the paper: 7 mm")
+    axes.set_xlabel("U-shaped cycles")
+    axes.set_ylabel("offset, mm")
+    axes.set_xlim(0, len(spread) + 0.3)
+    axes.set_ylim(bottom=0)
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, loc="upper left")
+    return _svg(figure)
+
+
+def smoothing_figure(row: Row) -> str:
+    """Fig. 12: the forward speed wanted, and the speed sent after smoothing."""
+    figure = _figure(7.0, 3.2)
+    axes = figure.add_subplot()
+    times, wanted, sent = zip(*row["smoothing"], strict=True)
+    axes.plot(times, wanted, lw=0.9, color="#c0504d", label="before smoothing")
+    axes.plot(times, sent, lw=1.4, color="#1f4e79", label="after: low-pass and acceleration limit")
+    axes.set_xlabel("time, s")
+    axes.set_ylabel("forward speed, m/s")
+    axes.set_ylim(top=1.3 * max(wanted))
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, loc="upper right", ncols=2, fontsize=8)
+    return _svg(figure)
+
+
+def loss_figure(rows: Sequence[Row]) -> str:
+    """The loss by cause, a bar for each planner and level."""
+    groups = group(rows, "planner", "noise")
+    figure = _figure(8.0, 1.2 + 0.45 * len(groups))
+    axes = figure.add_subplot()
+    names = [f"{planner}, {noise}" for planner, noise in groups]
+    base = [0.0] * len(groups)
+    for cause, colour in zip(CAUSES, _CAUSE_COLOURS, strict=True):
+        widths = [100 * fmean(run["loss"][cause] for run in runs) for runs in groups.values()]
+        axes.barh(names, widths, left=base, color=colour, label=cause, height=0.6)
+        base = [a + b for a, b in zip(base, widths, strict=True)]
+    axes.invert_yaxis()
+    axes.set_xlabel("not swept, % of the sweepable floor")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(
+        frameon=False, fontsize=8, ncols=len(CAUSES), loc="lower left", bbox_to_anchor=(0, 1)
+    )
+    return _svg(figure)
+
+
+def path_picture(row: Row) -> str:
+    """One run's path in its room."""
+    figure = _figure(4.2, 4.2)
+    axes = figure.add_subplot()
+    _room(axes, row["room"])
+    xs, ys = zip(*row["path"], strict=True) if row["path"] else ((), ())
+    axes.plot(xs, ys, lw=0.8, color=_COLOURS.get(row["planner"], _OTHER))
+    if xs:
+        axes.plot(xs[0], ys[0], "o", ms=6, color="black")
+        axes.plot(xs[-1], ys[-1], "s", ms=6, color="black")
+    mouth, body = row["mouth_sweepable"], row["body_free"]
+    title = f"{row['room']}, {display_name(row['planner'])}, {row['noise']}, seed {row['seed']}"
+    if mouth is not None:
+        title += f"\nmouth {100 * mouth:.1f} %, body {100 * body:.1f} %, {row['duration_s']:.0f} s"
+    axes.set_title(title, fontsize=8)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    return _svg(figure)
+
+
+def _room(axes: Axes, name: str) -> None:
+    from matplotlib.patches import Polygon
+
+    plan = room_of(name)
+    axes.add_patch(Polygon(plan.walls, closed=True, fill=False, edgecolor="#30343b", lw=2))
+    for obstacle in plan.obstacles:
+        axes.add_patch(Polygon(obstacle, closed=True, facecolor="#c9ced6", edgecolor="#30343b"))
+    xs, ys = zip(*plan.walls, strict=True)
+    axes.set_xlim(min(xs) - 0.1, max(xs) + 0.1)
+    axes.set_ylim(min(ys) - 0.1, max(ys) + 0.1)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasSVG(figure)
+    return figure
+
+
+def _svg(figure: Figure) -> str:
+    """The figure, the same text for the same data."""
+    import matplotlib as mpl
+
+    out = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "sweepctl", "svg.fonttype": "path"}):
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    text = out.getvalue()
+    return text[text.index("<svg") :]

@@ -1,0 +1,124 @@
+"""A run on the whole stack, with the truth and the commands kept as they come by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from bridge.motion.robot_model import RobotModel
+from bridge.record.sink import NullSink
+from bridge.telemetry import CommandRecord, TruthRecord
+from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.coverage.floorplan import FloorPlan
+    from bridge.host import Host
+    from bridge.motion.geometry import Pose2
+    from bridge.telemetry import Record
+    from tools.experiment.trials import Trial
+    from tools.virtual_run import VirtualRun
+
+BOOT_S = HOST_BOOT_NS / 1e9
+"""Host's time less the device's, which all times here are of (s)."""
+
+
+class _Eye(NullSink):
+    """Keeps what figures need, and nothing else."""
+
+    def __init__(self) -> None:
+        self.truth: list[tuple[float, Pose2]] = []
+        self.commands: list[tuple[float, float, float]] = []
+
+    def write(self, record: Record) -> None:
+        """Keep a pose or a command."""
+        if isinstance(record, TruthRecord):
+            self.truth.append(((record.log_ns - EPOCH_NS) / 1e9, record.pose))
+        elif isinstance(record, CommandRecord):
+            sent = (record.target_v_m_s, record.v_m_s)
+            self.commands.append(((record.log_ns - EPOCH_NS) / 1e9, *sent))
+
+
+@dataclass(slots=True)
+class Observed:
+    """A finished run. Times are in seconds since the device's boot."""
+
+    run: VirtualRun
+    plan: FloorPlan
+    model: RobotModel
+    truth: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """Time and true pose (m, rad) every 20 ms of the drive."""
+    estimate: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """The same as the host believed it, at its control steps."""
+    energy: list[tuple[float, float]] = field(default_factory=list)
+    """Time and energy drawn since boot (Wh), about once a second of the drive."""
+    commands: list[tuple[float, float, float]] = field(default_factory=list)
+    """Time, forward speed wanted and forward speed sent (m/s)."""
+
+    def energy_at(self, time_s: float) -> float:
+        """Drawn by a time, Wh."""
+        before = 0.0
+        for sampled_s, energy_wh in self.energy:
+            if sampled_s > time_s:
+                break
+            before = energy_wh
+        return before
+
+
+def observe(
+    trial: Trial,
+    plan: FloorPlan,
+    *,
+    noise: str | None = None,
+    prepare: Callable[[VirtualRun], None] = lambda _: None,
+) -> Observed:
+    """Run a trial.
+
+    Args:
+        trial: what to run.
+        plan: its room.
+        noise: level in place of the trial's.
+        prepare: may change both ends before the first byte.
+
+    Raises:
+        FloorPlanError: the robot does not fit at the room's start.
+
+    """
+    eye, model = _Eye(), RobotModel()
+    begun: list[VirtualRun] = []
+    energy: list[tuple[float, float]] = []
+
+    def ready(run: VirtualRun) -> None:
+        begun.append(run)
+        prepare(run)
+
+    def sample(time_s: float, _host: Host) -> None:
+        energy.append((time_s, begun[0].device.truth.energy_wh))
+
+    run = run_virtual(
+        plan,
+        model,
+        "random" if trial.planner == "u-cycles" else trial.planner,
+        eye,
+        seed=trial.seed,
+        noise=noise or trial.noise,
+        max_time_s=trial.max_time_s,
+        progress=sample,
+        prepare=ready,
+    )
+    mission = run.host.mission
+    first = mission.drive_started_s
+    if first is None:
+        return Observed(run, plan, model)
+    last = mission.drive_ended_s
+    low, high = first - BOOT_S, float("inf") if last is None else last - BOOT_S
+    return Observed(
+        run,
+        plan,
+        model,
+        [(t, *pose) for t, pose in eye.truth if low <= t <= high],
+        [(t - BOOT_S, *pose) for t, pose in run.host.poses],
+        [(t, wh) for t, wh in energy if low <= t <= high],
+        [command for command in eye.commands if low <= command[0] <= high],
+    )

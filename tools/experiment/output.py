@@ -1,0 +1,115 @@
+"""Writes what the runs amount to: CSV, Markdown and HTML into the folder, tables to people."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from tools.experiment import report
+from tools.experiment.curves import MULTIPLES
+from tools.experiment.limits import CAUSES
+from tools.experiment.store import write_csv
+from tools.experiment.trials import Kind, room_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from tools.experiment.store import Row
+    from tools.experiment.tables import Table
+
+_PLAIN_WIDTH = 220
+"""Of tables that go to a file or another program."""
+_NAMES = ("kind", "room", "planner", "noise", "seed")
+
+
+def write_results(out: Path, title: str, command: str, rows: Sequence[Row]) -> list[Table]:
+    """All files; the tables, for whoever wants to print them."""
+    write_csv(out / "runs.csv", rows)
+    swept = [row for row in rows if "curve" in row]
+    if swept:
+        write_csv(out / "curves.csv", _curves(swept))
+    cycles = [row for row in rows if row["kind"] == Kind.CYCLES]
+    if cycles:
+        points = [{"seed": row["seed"], **point} for row in cycles for point in row["offsets"]]
+        write_csv(out / "cycles.csv", points)
+        smoothing: list[list[float]] = next(
+            (row["smoothing"] for row in cycles if row.get("smoothing")), []
+        )
+        names = ("time_s", "before_m_s", "after_m_s")
+        write_csv(out / "smoothing.csv", [dict(zip(names, p, strict=True)) for p in smoothing])
+    limits = [row for row in rows if "loss" in row]
+    if limits:
+        losses = [
+            {**_named(row), **{cause.replace(" ", "_"): row["loss"][cause] for cause in CAUSES}}
+            for row in limits
+        ]
+        write_csv(out / "losses.csv", losses)
+    _write_rooms(out / "rooms", rows)
+    made = report.all_tables(rows, str(out / "rooms"))
+    (out / "tables.md").write_text(report.markdown(made), encoding="utf-8")
+    page = report.render(title, command, rows, made)
+    (out / "report.html").write_text(page, encoding="utf-8")
+    return made
+
+
+def print_tables(made: Sequence[Table], out: Path) -> None:
+    """For people, on stdout."""
+    console = Console(highlight=False, markup=False)
+    if not console.is_terminal:
+        console.width = _PLAIN_WIDTH
+    for table in made:
+        shown = RichTable(title=table.title, title_justify="left", box=None)
+        for name in table.head:
+            shown.add_column(name)
+        for line in table.rows:
+            shown.add_row(*line)
+        console.print(shown)
+        console.print()
+    console.print(f"report: {out / 'report.html'}", soft_wrap=True)
+
+
+def print_json(made: Sequence[Table], out: Path, rows: Sequence[Row], failed: list[str]) -> None:
+    """One object on stdout."""
+    summary: dict[str, Any] = {
+        "runs": len(rows),
+        "failed": failed,
+        "report": str(out / "report.html"),
+        "tables": {
+            table.title: [dict(zip(table.head, line, strict=True)) for line in table.rows]
+            for table in made
+        },
+    }
+    sys.stdout.write(json.dumps(summary) + "\n")
+
+
+def _named(row: Row) -> Row:
+    return {name: row[name] for name in _NAMES}
+
+
+def _curves(rows: Sequence[Row]) -> list[Row]:
+    names = {"coverage": "mouth_by_time", "by_path": "mouth_by_path", "energy_wh": "energy_wh"}
+    return [
+        {
+            **_named(row),
+            "lower_bounds": multiple,
+            **{
+                name: row["curve"][key][k] if key in row["curve"] else None
+                for key, name in names.items()
+            },
+        }
+        for row in rows
+        for k, multiple in enumerate(MULTIPLES)
+    ]
+
+
+def _write_rooms(folder: Path, rows: Sequence[Row]) -> None:
+    """Generated rooms as files, so that any of their runs can be seen again by ``simulate``."""
+    for name in sorted({row["room"] for row in rows if ":" in row["room"]}):
+        folder.mkdir(exist_ok=True)
+        path = folder / f"{name.replace(':', '-')}.json"
+        path.write_text(room_of(name).to_json() + "\n", encoding="utf-8")

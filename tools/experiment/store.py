@@ -1,0 +1,123 @@
+"""Results on disk: one line a trial, added as each ends, so that nothing done is done again."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from dataclasses import asdict
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+from bridge.errors import BridgeError
+from tools.version import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from importlib.resources.abc import Traversable
+    from pathlib import Path
+
+    from tools.experiment.trials import Trial
+
+Row = dict[str, Any]
+LINES = "runs.jsonl"
+_PLAIN = (str, int, float, bool, type(None))
+
+
+class ExperimentFolderError(BridgeError):
+    """The folder holds something else, or cannot be written."""
+
+    exit_status = 1
+
+
+def code_version() -> str:
+    """The release, and a fingerprint of the code: results of other code are not mixed with ours."""
+    digest = hashlib.sha256()
+    for package in ("protocol", "bridge", "sim_device", "tools"):
+        root = resources.files(package)
+        for name, data in sorted(_sources(root)):
+            digest.update(f"{package}/{name}\0".encode())
+            digest.update(data)
+    return f"{VERSION}-{digest.hexdigest()[:8]}"
+
+
+def _sources(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, bytes]]:
+    for entry in folder.iterdir():
+        if entry.is_dir() and entry.name != "__pycache__":
+            yield from _sources(entry, f"{prefix}{entry.name}/")
+        elif entry.name.endswith((".py", ".json")):
+            yield prefix + entry.name, entry.read_bytes()
+
+
+class Store:
+    """The folder of one experiment."""
+
+    def __init__(self, folder: Path, version: str, *, force: bool = False) -> None:
+        """Open it, or make it; with ``force`` forget what it holds.
+
+        Raises:
+            ExperimentFolderError: it cannot be written, or was made by another version.
+
+        """
+        self.folder = folder
+        self._version = version
+        self._rows: dict[str, Row] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if force:
+                (folder / LINES).unlink(missing_ok=True)
+            self._read()
+        except OSError as error:
+            raise ExperimentFolderError(f"cannot use {folder}: {error.strerror}") from None
+
+    def _read(self) -> None:
+        path = self.folder / LINES
+        if not path.exists():
+            return
+        text = path.read_text("utf-8")
+        if text and not text.endswith("\n"):  # cut short by a kill: what comes starts anew
+            with path.open("a", encoding="utf-8") as file:
+                file.write("\n")
+        for number, line in enumerate(text.splitlines(), 1):
+            try:
+                row = json.loads(line)
+                key, version = row["key"], row["version"]
+            except (ValueError, KeyError, TypeError):
+                continue  # the line that a kill cut short: that trial is run again
+            if version != self._version:
+                raise ExperimentFolderError(
+                    f"{path}:{number} was made by version {version}, this is {self._version}: "
+                    "choose another folder, or --force to begin anew"
+                )
+            self._rows[key] = row
+
+    def missing(self, trials: Iterable[Trial]) -> list[Trial]:
+        """Those not done yet, in their order."""
+        return [trial for trial in trials if trial.key not in self._rows]
+
+    def add(self, trial: Trial, row: Row) -> None:
+        """Keep one result, at once."""
+        row = {"key": trial.key, "version": self._version, **asdict(trial), **row}
+        # through JSON, so that a result is the same whether just made or read again
+        row = json.loads(json.dumps(row))
+        self._rows[trial.key] = row
+        with (self.folder / LINES).open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+    def rows(self, trials: Iterable[Trial]) -> list[Row]:
+        """Results in the trials' order, whatever order they ended in."""
+        return [self._rows[trial.key] for trial in trials if trial.key in self._rows]
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> None:
+    """Plain figures as a table; lists are left to the JSON lines."""
+    names = dict.fromkeys(
+        name
+        for row in rows
+        for name, value in row.items()
+        if isinstance(value, _PLAIN) and name not in {"key", "version"}
+    )
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(names), extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)

@@ -1,0 +1,242 @@
+"""What the runs amount to, next to the paper's figures and the aims."""
+
+from __future__ import annotations
+
+import shlex
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import fmean, median
+from typing import TYPE_CHECKING, Any
+
+from tools.experiment.curves import MULTIPLES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from tools.experiment.store import Row
+
+_FINE_INRADIUS_M = 0.04
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A titled table of text."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+    note: str = ""
+
+
+def group(rows: Iterable[Row], *keys: str) -> dict[tuple[Any, ...], list[Row]]:
+    """Rows by the values of some columns, in order of first sight."""
+    groups: dict[tuple[Any, ...], list[Row]] = defaultdict(list)
+    for row in rows:
+        groups[tuple(row[key] for key in keys)].append(row)
+    return dict(groups)
+
+
+def planner_table(rows: Sequence[Row]) -> Table:
+    """Each planner at each level over all rooms."""
+    lines = [
+        (
+            planner,
+            noise,
+            str(len(runs)),
+            percent(values(runs, "mouth_sweepable"), fmean),
+            percent(values(runs, "mouth_sweepable"), min),
+            number(values(runs, "path_ratio"), median),
+            number(values(runs, "time_ratio"), median),
+            number(values(runs, "time_ratio"), max),
+            number([100 * r for r in values(runs, "hole_inradius_m")], max, 1),
+            _fine_share(runs),
+            number(_per_area(runs), max),
+            outcomes(runs),
+        )
+        for (planner, noise), runs in group(rows, "planner", "noise").items()
+    ]
+    return Table(
+        "Planners",
+        (
+            "planner",
+            "noise",
+            "runs",
+            "mouth, mean %",
+            "worst %",
+            "path ratio, median",
+            "time ratio, median",
+            "worst",
+            "deepest hole, cm",
+            "runs with holes < 4 cm, %",
+            "collisions per m², worst",
+            "ended",
+        ),
+        lines,
+        "Path ratio: path over sweepable area / W. Time ratio: time over the time to sweep the "
+        "sweepable area once at cruise speed. A hole's depth is the radius of the largest disc "
+        "that fits into what was left.",
+    )
+
+
+def room_table(rows: Sequence[Row], noise: str) -> Table:
+    """Each room with each planner, mean over seeds: mouth % at time ratio."""
+    planners = list(dict.fromkeys(row["planner"] for row in rows))
+    lines = []
+    at_level = [row for row in rows if row["noise"] == noise]
+    for (room,), runs in group(at_level, "room").items():
+        cells = [room, f"{runs[0]['sweepable_m2']:.2f}"]
+        for planner in planners:
+            mine = [run for run in runs if run["planner"] == planner]
+            share = percent(values(mine, "mouth_sweepable"), fmean)
+            ratio = number(values(mine, "time_ratio"), fmean)
+            cells.append(f"{share} at {ratio}" if mine else "")
+        lines.append(tuple(cells))
+    return Table(
+        f"Rooms, noise {noise}",
+        ("room", "sweepable m²", *planners),
+        lines,
+        "Mean over seeds: mouth % of sweepable, at the run's time ratio.",
+    )
+
+
+def curve_table(rows: Sequence[Row]) -> Table:
+    """Coverage at multiples of the lower-bound time, mean over all runs of a planner."""
+    lines = []
+    for (planner, noise), runs in group(rows, "planner", "noise").items():
+        lines.append((planner, noise, *at_multiples(runs, "coverage")))
+    return Table(
+        "Coverage against time",
+        ("planner", "noise", *(f"{MULTIPLES[k]:g}x" for k in _COLUMNS)),
+        lines,
+        "Mouth % of sweepable at multiples of the time to sweep the sweepable area once.",
+    )
+
+
+def at_multiples(runs: Sequence[Row], curve: str) -> list[str]:
+    """Mean of a curve (%) at each multiple; a dash where a run was cut short before it."""
+    cells = []
+    for k in _COLUMNS:
+        shares = [run["curve"][curve][k] for run in runs]
+        known = [share for share in shares if share is not None]
+        cells.append(f"{100 * fmean(known):.1f}" if len(known) == len(shares) else "-")
+    return cells
+
+
+_COLUMNS = range(len(MULTIPLES))
+
+
+def energy_table(rows: Sequence[Row], shares: Sequence[float] = (0.5, 0.8, 0.9, 0.95)) -> Table:
+    """Energy per sweepable square metre until a share was reached: median, and how many did."""
+    lines = []
+    for (planner, noise), runs in group(rows, "planner", "noise").items():
+        cells = [planner, noise]
+        for share in shares:
+            drawn = [e for run in runs if (e := _energy_to(run, share)) is not None]
+            cells.append(
+                f"{median(drawn):.1f} ({100 * len(drawn) / len(runs):.0f} %)" if drawn else "never"
+            )
+        lines.append(tuple(cells))
+    return Table(
+        "Energy to a share",
+        ("planner", "noise", *(f"{100 * share:.0f} %" for share in shares)),
+        lines,
+        "Median mWh per sweepable square metre, over the runs that reached the share (how many "
+        "did, in brackets); between the curve's points by straight lines.",
+    )
+
+
+def _energy_to(run: Row, share: float) -> float | None:
+    before_share, before_wh = 0.0, 0.0
+    curve = run["curve"]
+    for now_share, now_wh in zip(curve["coverage"], curve["energy_wh"], strict=True):
+        if now_share is None:
+            return None
+        if now_share >= share:
+            part = (share - before_share) / max(now_share - before_share, 1e-9)
+            drawn_wh = before_wh + part * (now_wh - before_wh)
+            return float(1000.0 * drawn_wh / run["sweepable_m2"])
+        before_share, before_wh = now_share, now_wh
+    return None
+
+
+def values(runs: Sequence[Row], key: str) -> list[float]:
+    """A column's figures, where there are any."""
+    return [run[key] for run in runs if run.get(key) is not None]
+
+
+def percent(values: Sequence[float], figure: Callable[[Sequence[float]], float]) -> str:
+    """A figure of shares, as a percentage; empty without any."""
+    return f"{100 * figure(values):.2f}" if values else ""
+
+
+def number(
+    values: Sequence[float], figure: Callable[[Sequence[float]], float], digits: int = 2
+) -> str:
+    """A figure of numbers; empty without any."""
+    return f"{figure(values):.{digits}f}" if values else ""
+
+
+def spread(values: Sequence[float]) -> str:
+    """Least and greatest share, %."""
+    return f"{100 * min(values):.2f} to {100 * max(values):.2f}" if values else ""
+
+
+def _per_area(runs: Sequence[Row]) -> list[float]:
+    return [
+        run["collisions"] / run["sweepable_m2"]
+        for run in runs
+        if run["collisions"] is not None and run["sweepable_m2"]
+    ]
+
+
+def _fine_share(runs: Sequence[Row]) -> str:
+    depths = values(runs, "hole_inradius_m")
+    fine = sum(depth < _FINE_INRADIUS_M for depth in depths)
+    return f"{100 * fine / len(depths):.0f}" if depths else ""
+
+
+def outcomes(runs: Sequence[Row]) -> str:
+    """How the runs ended, counted."""
+    counts: dict[str, int] = defaultdict(int)
+    for run in runs:
+        counts[run["outcome"]] += 1
+    return ", ".join(f"{count} {outcome}" for outcome, count in sorted(counts.items()))
+
+
+WORST_BY: tuple[tuple[str, bool, str, Callable[[float], str]], ...] = (
+    ("mouth_sweepable", False, "mouth share", "{:.4f}".format),
+    ("largest_hole_cm2", True, "largest hole, cm²", "{:.0f}".format),
+    ("time_ratio", True, "time ratio", "{:.2f}".format),
+)
+"""Column, whether more is worse, its name, its form."""
+
+
+def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Table:
+    """The worst runs by three figures, and the command that repeats each."""
+    lines = []
+    for key, more_is_worse, name, form in WORST_BY:
+        known = [row for row in rows if row.get(key) is not None]
+        known.sort(key=lambda row: row[key], reverse=more_is_worse)
+        lines += [
+            (name, form(row[key]), row["room"], row["planner"], row["noise"], str(row["seed"]),
+             row["outcome"], repeat_command(row, rooms_folder))
+            for row in known[:count]
+        ]  # fmt: skip
+    return Table(
+        "The worst runs",
+        ("by", "figure", "room", "planner", "noise", "seed", "ended", "to see it again"),
+        lines,
+        f"The {count} worst by each figure.",
+    )
+
+
+def repeat_command(row: Row, rooms_folder: str) -> str:
+    """What to type for the same run, recorded."""
+    room = row["room"]
+    if ":" in room:
+        room = f"{rooms_folder}/{room.replace(':', '-')}.json"
+    return (
+        f"sweepctl simulate {shlex.quote(room)} --planner {row['planner']} "
+        f"--noise {row['noise']} --seed {row['seed']} --max-time {row['max_time_s']:g}"
+    )

@@ -1,0 +1,161 @@
+"""Online planners of the package ``zimablue``, run there with that package's own robot.
+
+What is fair is a choice, and it is this. Its robot is wider than ours (56.6 cm over the corners,
+head 34 cm; ours 32 and 16), so each floor plan is enlarged by the ratio of the two bodies: every
+door, gap and leg is then as tight for its robot as for ours, and the planner sees the same room
+in units of its own body. Its robot, sensors, noise, estimator, speeds and contact stay its own.
+Coverage is measured by our metrics from its true pose, its head as a segment across the axle:
+of what that head can reach, at multiples of that area / (head · cruise speed). A run goes on
+until the planner ends it, or to six times that bound.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from bridge.coverage.floorplan import FloorPlan
+from bridge.coverage.metrics import CoverageMeter
+from bridge.errors import BridgeError
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from tools.experiment import curves
+from tools.experiment.trials import Kind, Trial, room_of
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import Polygon
+
+PLANNERS = {"ba_star": "BA*", "epsilon_star": "ε*", "bsa": "BSA", "spiral_stc": "STC"}
+"""Its names, and those of the literature."""
+_ROBOT = "tracked"
+_LONGEST = 6.0
+"""Multiples of the lower bound that a run may take."""
+_SAMPLE_STEPS = 5
+"""A pose every 0.1 s."""
+_CENTIMETRE_M = 0.01
+
+
+class CompareMissingError(BridgeError):
+    """zimablue is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__("--zimablue needs that package: pip install 'sweepctl[compare]'")
+
+
+def check() -> None:
+    """Find out before hours of runs whether it is there.
+
+    Raises:
+        CompareMissingError: it is not.
+
+    """
+    if find_spec("zimablue") is None:
+        raise CompareMissingError
+
+
+def zimablue_trials(rooms: list[str], seeds: range, max_time_s: float) -> list[Trial]:
+    """Every room with every of its planners and every seed; its noise is its own."""
+    return [
+        Trial(room, f"zimablue {name}", "its own", seed, max_time_s, Kind.ZIMABLUE)
+        for room in rooms
+        for name in PLANNERS
+        for seed in seeds
+    ]
+
+
+def run_zimablue(trial: Trial) -> dict[str, Any]:
+    """Run one; the same figures as of our own runs, as far as there are such.
+
+    Raises:
+        CompareMissingError: zimablue is not installed.
+        FloorPlanError: the room cannot be used.
+
+    """
+    check()
+    zimablue: Any = import_module("zimablue")
+    robot = import_module("zimablue.robot").make_robot(_ROBOT)
+    scale = robot.radius / RobotModel().radius_m
+    plan = enlarged(room_of(trial.room), scale)
+    controller = zimablue.CONTROLLERS.create(trial.planner.split()[1])
+    model = replace(
+        RobotModel(),
+        robot_diameter_m=2.0 * robot.radius,
+        cleaning_width_m=robot.swath_width,
+        mouth_offset_m=0.0,
+        cruise_speed_m_s=controller.tuning.cruise * robot.locomotion.max_speed,
+        max_speed_m_s=robot.locomotion.max_speed,
+    )
+    meter = CoverageMeter(plan, model, _CENTIMETRE_M)
+    simulation = zimablue.Simulation(
+        pool=_pool(plan),
+        robot=robot,
+        controller=controller,
+        dirt="clean",
+        seed=trial.seed,
+        record=False,
+        start_pose=tuple(plan.start),
+    )
+    longest_s = min(_LONGEST * meter.reference_time_s, trial.max_time_s)
+    track = [_pose(simulation)]
+    while not controller.finished and track[-1][0] < longest_s:
+        for _ in range(_SAMPLE_STEPS):
+            simulation.step()
+        track.append(_pose(simulation))
+    report = meter.measure(track)
+    cut = not controller.finished
+    from tools.experiment.worker import thinned
+
+    return {
+        "outcome": "timeout" if cut else "complete",
+        "reason": f"{_LONGEST:g} lower bounds" if cut else "the planner ended",
+        "duration_s": round(report.duration_s, 2),
+        "path_m": round(report.path_m, 3),
+        **{
+            key: value if value is None else round(value, 4)
+            for key, value in report.coverage.to_dict().items()
+        },
+        "scale": round(scale, 4),
+        "sweepable_m2": round(report.sweepable_m2, 4),
+        "reference_time_s": round(report.reference_time_s, 2),
+        "path_ratio": round(report.path_ratio, 4),
+        "time_ratio": round(report.time_ratio, 4),
+        "curve": {
+            "coverage": curves.over_time(meter, report, cut=cut),
+            "by_path": curves.over_path(meter, report, track, cut=cut),
+        },
+        "path": thinned([(x / scale, y / scale) for _, x, y, _ in track]),
+    }
+
+
+def enlarged(plan: FloorPlan, scale: float) -> FloorPlan:
+    """The same room, larger, its start in the same place."""
+
+    def polygon(corners: Polygon) -> Polygon:
+        return tuple((scale * x, scale * y) for x, y in corners)
+
+    start = Pose2(scale * plan.start.x_m, scale * plan.start.y_m, plan.start.theta_rad)
+    return FloorPlan(
+        plan.name, polygon(plan.walls), tuple(polygon(o) for o in plan.obstacles), start
+    )
+
+
+def _pool(plan: FloorPlan) -> Any:  # noqa: ANN401 - its own type
+    """The room as a pool of even depth with solids in it."""
+    shape: Any = import_module("shapely.geometry").Polygon
+    features: Any = import_module("zimablue.pool.features")
+    solids = [
+        features.Obstacle(name=f"obstacle {index}", polygon=shape(corners))
+        for index, corners in enumerate(plan.obstacles)
+    ]
+    return import_module("zimablue.pool").Pool(
+        shape(plan.walls), 1.5, name=plan.name, features=solids
+    )
+
+
+def _pose(simulation: Any) -> tuple[float, float, float, float]:  # noqa: ANN401 - its own type
+    state = simulation.state
+    heading = math.remainder(float(state.heading), math.tau)
+    return float(state.time), float(state.x), float(state.y), heading
