@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import random
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bridge.coverage.metrics import CoverageMeter, CoverageTrack
@@ -55,8 +55,6 @@ class VirtualRun:
     """Distance of estimate and truth at the newest encoder sample of the drive."""
     max_error_m: float | None = None
     """The greatest of them."""
-    energy: list[tuple[float, float]] = field(default_factory=list)
-    """Time (s since boot) and energy drawn since (Wh), about once a second of the drive."""
 
 
 def run_virtual(  # noqa: PLR0913 - what a run can be asked for
@@ -149,8 +147,6 @@ def _loop(  # noqa: C901 - two ends and the wire between them
             to_device.append((now_us + latency_us, data))
         if now_us >= progress_us:
             progress_us = now_us + 1_000_000
-            if _driving(run):
-                run.energy.append((now_us / 1e6, run.device.truth.energy_wh))
             if progress is not None:
                 progress(now_us / 1e6, host)
             ending = ended()

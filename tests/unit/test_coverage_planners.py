@@ -59,6 +59,7 @@ class Corridor:
             self.log.append(("goto", leg.x_m, leg.y_m))
             self.pose = Pose2(leg.x_m, leg.y_m, self.pose.theta_rad)
             return LegResult(leg, StopReason.DONE, 1.0, 1.0, self.pose)
+        assert isinstance(leg, Drive)
         if leg.distance_m is None:
             distance, reason = self.lanes.pop(0), StopReason.RANGE
             self.log.append(("lane", round(self.pose.y_m, 6), distance))

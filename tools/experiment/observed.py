@@ -88,9 +88,11 @@ def observe(
     eye, model = _Eye(), RobotModel()
     begun: list[VirtualRun] = []
     energy: list[tuple[float, float]] = []
+    believed: list[tuple[float, Pose2]] = []
 
     def ready(run: VirtualRun) -> None:
         begun.append(run)
+        run.host.on_drive_pose = lambda time_s, pose: believed.append((time_s, pose))
         prepare(run)
 
     def sample(time_s: float, _host: Host) -> None:
@@ -118,7 +120,7 @@ def observe(
         plan,
         model,
         [(t, *pose) for t, pose in eye.truth if low <= t <= high],
-        [(t - BOOT_S, *pose) for t, pose in run.host.poses],
+        [(t - BOOT_S, *pose) for t, pose in believed],
         [(t, wh) for t, wh in energy if low <= t <= high],
         [command for command in eye.commands if low <= command[0] <= high],
     )
