@@ -27,11 +27,11 @@ def main() -> int:
 
 
 def simulated() -> int:
-    """Case 1 with the paper's planner, whole stack in virtual time."""
+    """Case 1 with the default planner, whole stack in virtual time."""
     log = RUNS / "demo-simulated.mcap"
     _OUT.rule("[bold]1  simulate: the paper's case 1, whole stack in virtual time")
     done = _sweepctl(
-        "simulate", "case-1", "--planner", "paper", "--seed", "1", "--json",
+        "simulate", "case-1", "--planner", "recovery", "--seed", "1", "--json",
         "--out", str(log), "--force",
     )  # fmt: skip
     if done.returncode:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from sim_device.rig import Rig
 
 NOISE_LEVELS = ("none", "paper", "typical", "harsh")
-PLANNERS = ("paper", "u-shape", "random")
-DEFAULT_PLANNER = "paper"
+PLANNERS = ("recovery", "paper", "u-shape", "random")
+DEFAULT_PLANNER = "recovery"
 
 
 class Seconds(click.FloatRange):
