@@ -13,9 +13,12 @@ from tools import options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from tools.experiment.runs import Outcome
     from tools.experiment.trials import Trial
 
 _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-rooms,studio-flat"
+_DEFAULT = "recovery"
+_PLANNERS = tuple(dict.fromkeys((_DEFAULT, *options.PLANNERS)))
 _TITLES = {
     "paper": "The paper's experiments",
     "compare": "Planners compared",
@@ -56,8 +59,8 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
 )
 @click.option(
     "--planners",
-    callback=_listed(options.PLANNERS),
-    help="By commas.  [default: all; for limits: the default planner]",
+    callback=_listed(_PLANNERS),
+    help="By commas.  [default: all; for limits: recovery]",
 )
 @click.option(
     "--noise",
@@ -112,9 +115,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C keeps what is done: the same
     command goes on from there.
     """
-    from tools.console import complain, say
     from tools.experiment import figures, output
-    from tools.experiment.runs import ERRORS, run_all
+    from tools.experiment.runs import run_all
     from tools.experiment.store import Store, code_version
     from tools.experiment.trials import generated_rooms, paper_trials, room_of
 
@@ -133,16 +135,22 @@ def command(  # noqa: PLR0913 - one parameter per option
     store = Store(out, code_version(), force=force)
     outcome = run_all(store, trials, jobs)
     rows = store.rows(trials)
-    if rows:
+    if rows or as_json:
         made = output.write_results(out, _TITLES[what], _typed(what), rows)
         if as_json:
             output.print_json(made, out, rows, outcome.failed)
         else:
             output.print_tables(made, out)
-    elif as_json:
-        output.print_json((), out, rows, outcome.failed)
+    return _close(outcome, f"{len(rows)} of {len(trials)} runs done", out)
+
+
+def _close(outcome: Outcome, done: str, out: Path) -> int:
+    """Say what went wrong; the exit status."""
+    from tools.console import complain, say
+    from tools.experiment.runs import ERRORS
+
     if outcome.interrupted:
-        say(f"{len(rows)} of {len(trials)} runs done; the same command goes on from there")
+        say(f"{done}; the same command goes on from there")
     for line in outcome.failed:
         complain(line)
     if outcome.failed:
@@ -164,10 +172,10 @@ def _trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
     from tools.experiment.zimablue_run import check, zimablue_trials
 
     if what == "limits":
-        mine = planners or [options.DEFAULT_PLANNER]
+        mine = planners or [_DEFAULT]
         beside = dict.fromkeys([PERFECT, *levels])
         return grid_trials(names, mine, beside, seeds, max_time_s, Kind.LIMITS)
-    trials = grid_trials(names, planners or options.PLANNERS, levels, seeds, max_time_s)
+    trials = grid_trials(names, planners or _PLANNERS, levels, seeds, max_time_s)
     if zimablue:
         check()
         trials += zimablue_trials(names, seeds, max_time_s)

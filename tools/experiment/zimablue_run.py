@@ -36,6 +36,7 @@ _LONGEST = 6.0
 _SAMPLE_STEPS = 5
 """A pose every 0.1 s."""
 _CENTIMETRE_M = 0.01
+"""Cell of the metrics, in the room as it is for our robot."""
 
 
 class CompareMissingError(BridgeError):
@@ -88,7 +89,7 @@ def run_zimablue(trial: Trial) -> dict[str, Any]:
         cruise_speed_m_s=controller.tuning.cruise * robot.locomotion.max_speed,
         max_speed_m_s=robot.locomotion.max_speed,
     )
-    meter = CoverageMeter(plan, model, _CENTIMETRE_M)
+    meter = CoverageMeter(plan, model, scale * _CENTIMETRE_M)
     simulation = zimablue.Simulation(
         pool=_pool(plan),
         robot=robot,

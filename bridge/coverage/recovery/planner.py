@@ -12,155 +12,39 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bridge.coverage.planner import Script, ScriptedPlanner
-from bridge.coverage.recovery.choice import Choice, Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
-from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.watch import WatchfulPlanner
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from bridge.coverage.planner import Step
+    from bridge.coverage.planner import Script, Step
+    from bridge.coverage.recovery.choice import Choice
     from bridge.motion.observation import Observation
-    from bridge.motion.robot_model import RobotModel
 
     Part = Generator[Leg, Step, LegResult]
 
 _QUARTER = 0.5 * math.pi
-_CHECK_M = 0.05
-_AHEAD_M = (0.03, 0.25)
-_BAND_M = (0.03, 0.065)
-"""The part of the mouth next to the wall, by which an outline is judged swept or not."""
 _AHEAD_BAND_M = (0.02, 0.075)
-_SEEN_M = 0.20
-"""A wall read nearer than this beside a lane takes a part of the lane's own band."""
-_MOSTLY = 0.8
 _CLOSED_M = 0.25
 """An outline is not judged closed before this: it may begin on floor that a lane has swept."""
-_FUTILE = 10
+_SAME_PLACE_M = 0.15
+_REFUSAL_M = 0.03
+_FUTILE = 20
 """Decisions in a row that gained nothing, after which the evidence itself is doubted."""
 _MOST_FORGOTTEN = 3
 _FORGET_M = 0.6
 _NO_WAY_M = 0.02
 _MOST_STUCK = 8
 """Attempts in a row that each gained less than ``_NO_WAY_M`` along a wall."""
-_JUMP_M = 0.008
-"""Beyond the way driven in a control step (6 mm at top speed)."""
 _LEAST_AWAY_RAD = math.radians(12.0)
 _LEAST_TURN_RAD = math.radians(2.0)
 
 
-class RecoveryPlanner(ScriptedPlanner):
+class RecoveryPlanner(WatchfulPlanner):
     """See the module."""
-
-    def __init__(self, model: RobotModel, options: RecoveryOptions | None = None) -> None:
-        """Nothing begins before ``start``."""
-        super().__init__(model)
-        self.options = options or RecoveryOptions()
-        self._chooser = Chooser(self.options)
-        self._memory: EvidenceMap | None = None
-        self._reset()
-
-    def _reset(self) -> None:
-        self._obs: Observation | None = None
-        self._following = 0
-        self._looking = False
-        self._aside = 0
-        self._followed_m = 0.0
-        self._checked_m = 0.0
-        self._stale = 0
-        self._grid = 0j
-        self._last_pose: Pose2 | None = None
-
-    @property
-    def memory(self) -> EvidenceMap:
-        """The map.
-
-        Raises:
-            RuntimeError: the plan was not started.
-
-        """
-        if self._memory is None:
-            raise RuntimeError("the plan was not started")
-        return self._memory
-
-    # -- every step ----------------------------------------------------------------------------
-
-    def watch(self, obs: Observation) -> bool:
-        """Take an observation; true where an outline has nothing left to sweep ahead."""
-        memory = self._memory
-        if memory is None:
-            return False
-        self._see_jump(obs)
-        self._obs = obs
-        memory.update(obs)
-        if not self._following:
-            return self._looking and self._look_aside(obs)
-        last = self._last_pose
-        self._last_pose = obs.pose
-        if last is None:
-            return False
-        way = last.distance_m(obs.pose)
-        self._followed_m += way
-        if abs(obs.yaw_rate_rad_s) < 0.1 and obs.v_m_s > 0.05:  # noqa: PLR2004 - straight on
-            angle = 4.0 * obs.pose.theta_rad
-            self._grid += way * complex(math.cos(angle), math.sin(angle))
-        if self._followed_m - self._checked_m < _CHECK_M:
-            return False
-        self._checked_m = self._followed_m
-        if self._fresh_along(obs.pose, self._following) < self.options.fresh_share:
-            self._stale += 1
-        else:
-            self._stale = 0
-        return self._stale > 1 and self._followed_m > _CLOSED_M
-
-    def _see_jump(self, obs: Observation) -> None:
-        """Tell where the estimate was set right: it moved farther than the robot did."""
-        last = self._obs
-        if last is None:
-            return
-        dx, dy = obs.pose.x_m - last.pose.x_m, obs.pose.y_m - last.pose.y_m
-        if abs(dx) + abs(dy) < _JUMP_M:
-            return
-        way_m = max(abs(obs.v_m_s), abs(last.v_m_s)) * max(obs.time_s - last.time_s, 0.0)
-        jump_m = math.hypot(dx, dy) - way_m
-        if jump_m > _JUMP_M:
-            self.decide("re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4))
-
-    def _fresh_along(self, pose: Pose2, side: int) -> float:
-        """Share not swept of the strip next to a wall on the left (1) or right (-1)."""
-        low, high = _BAND_M
-        return self.memory.fresh(pose, _AHEAD_M, (low, high) if side > 0 else (-high, -low))
-
-    def _look_aside(self, obs: Observation) -> bool:
-        """Whether a wall beside the lane has come into view whose outline was not swept."""
-        if abs(obs.yaw_rate_rad_s) > 0.1 or obs.v_m_s < 0.1:  # noqa: PLR2004 - not yet on the lane
-            return False
-        for side, mount, range_m in (
-            (1, self.model.infrared_left, obs.infrared_left_m),
-            (-1, self.model.infrared_right, obs.infrared_right_m),
-        ):
-            if range_m is None or range_m > _SEEN_M:
-                continue
-            off = range_m + abs(mount.y_m) - self.model.radius_m
-            low, high = max(off, 0.0) + 0.015, max(off, 0.0) + 0.065
-            ahead = (0.0, mount.x_m + 0.03)
-            if (
-                self.memory.fresh(obs.pose, ahead, (low, high) if side > 0 else (-high, -low))
-                > _MOSTLY
-            ):
-                self._aside = side
-                return True
-        return False
-
-    @property
-    def grid_rad(self) -> float:
-        """The walls' main direction as followed so far; 0 before any."""
-        if not self._grid:
-            return 0.0
-        return math.atan2(self._grid.imag, self._grid.real) / 4.0
 
     # -- the plan ------------------------------------------------------------------------------
 
@@ -193,12 +77,6 @@ class RecoveryPlanner(ScriptedPlanner):
             self._judge(choice, gained, arrived=arrived)
             futile = futile + 1 if gained < self.options.least_cells else 0
         return f"{self.options.max_decisions} decisions, the limit"
-
-    @property
-    def _pose(self) -> Pose2:
-        if self._obs is None:
-            raise RuntimeError("the plan was not started")
-        return self._obs.pose
 
     def _tell(self, choice: Choice) -> None:
         x, y = choice.way[-1]
@@ -304,9 +182,29 @@ class RecoveryPlanner(ScriptedPlanner):
                 )
             )
             if result.reason.blocked and way - result.distance_m > 0.03:  # noqa: PLR2004
-                yield from self._meet(result)
+                if not (yield from self._meet(result)):
+                    self._refused(result, heading)
                 return False
         return True
+
+    def _refused(self, result: LegResult, heading_rad: float) -> None:
+        """Shut a passage that refused the robot again, a little wider each time."""
+        pose, last = result.pose, self._refused_at
+        again = last is not None and pose.distance_m(last) < _SAME_PLACE_M
+        self._refusals = self._refusals + 1 if again else 1
+        self._refused_at = pose
+        if self._refusals > 1:
+            radius_m = min(_REFUSAL_M * self._refusals, self.model.radius_m)
+            c, s = math.cos(heading_rad), math.sin(heading_rad)
+            way_m = radius_m + self.options.cell_m
+            self.memory.block(pose.x_m + way_m * c, pose.y_m + way_m * s, radius_m)
+            self.decide(
+                "passage-shut",
+                "it refused the robot again and again",
+                x_m=round(pose.x_m, 3),
+                y_m=round(pose.y_m, 3),
+                times=self._refusals,
+            )
 
     def _turn(self, heading_rad: float) -> Generator[Leg, Step]:
         if abs(wrap_angle(heading_rad - self._pose.theta_rad)) > _LEAST_TURN_RAD:

@@ -1,0 +1,112 @@
+"""``sweepctl experiment`` as it is typed."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from support.cli import end, start, sweepctl
+from tools.experiment import runs, zimablue_run
+from tools.experiment.store import LINES, Store
+from tools.experiment.trials import Trial
+
+if TYPE_CHECKING:
+    import subprocess
+    from pathlib import Path
+
+SHORT = ("--rooms", "case-1", "--planners", "paper,u-shape", "--max-time", "6", "--seeds", "1")
+
+
+@pytest.fixture(scope="module")
+def two_jobs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Short runs in two processes."""
+    out = tmp_path_factory.mktemp("two")
+    done = sweepctl("experiment", "compare", *SHORT, "--jobs", "2", "--out", out, "--json")
+    assert done.status == 0
+    assert done.json["runs"] == 2
+    # off a terminal a line for every run that ended, with the time left
+    lines = done.err.strip().splitlines()
+    assert [line.split()[0] for line in lines] == ["1/2", "2/2"]
+    assert all("seed 0: mouth" in line for line in lines)
+    return out
+
+
+def rows(out: Path) -> list[dict[str, Any]]:
+    lines = (out / LINES).read_text().splitlines()
+    return sorted(map(json.loads, lines), key=lambda row: str(row["key"]))
+
+
+def test_the_same_to_the_digit_in_one_process_and_in_two(two_jobs: Path, tmp_path: Path) -> None:
+    assert sweepctl("experiment", "compare", *SHORT, "--jobs", "1", "--out", tmp_path).status == 0
+    assert rows(tmp_path) == rows(two_jobs)
+    for name in ("runs.csv", "curves.csv"):
+        assert (tmp_path / name).read_bytes() == (two_jobs / name).read_bytes()
+
+
+def test_what_is_done_is_not_run_again(two_jobs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("ran again")
+
+    monkeypatch.setattr(runs, "ProcessPoolExecutor", never)
+    before = (two_jobs / LINES).read_bytes()
+    done = sweepctl("experiment", "compare", *SHORT, "--out", two_jobs)
+    assert (done.status, done.err) == (0, "")
+    assert "Planners" in done.out
+    assert (two_jobs / LINES).read_bytes() == before
+    page = (two_jobs / "report.html").read_text()
+    assert page.count("<svg") == 3
+    assert "The worst runs" in (two_jobs / "tables.md").read_text()
+
+
+def wait_for_a_line(path: Path, process: subprocess.Popen[str]) -> None:
+    while not (path.exists() and path.read_text().endswith("\n")):
+        assert process.poll() is None
+        time.sleep(0.05)
+
+
+def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
+    process = start(
+        *("experiment", "compare", "--rooms", "case-1", "--planners", "u-shape", "--seeds", "200"),
+        *("--max-time", "3", "--jobs", "1", "--out", tmp_path),
+        cwd=tmp_path,
+    )
+    wait_for_a_line(tmp_path / LINES, process)
+    done = end(process, signal.SIGINT)
+    assert done.status == 0
+    assert "Traceback" not in done.err
+    kept = len(rows(tmp_path))
+    assert 0 < kept < 200
+    assert f"{kept} of 200 runs done; the same command goes on from there" in done.err
+    assert (tmp_path / "report.html").exists()
+
+
+def test_a_run_that_fails_is_named_and_the_others_go_on(tmp_path: Path) -> None:
+    good = Trial("case-1", "u-shape", "none", 0, 1.0)
+    bad = Trial("case-1", "no-such-planner", "none", 0, 1.0)
+    outcome = runs.run_all(Store(tmp_path, "1"), [bad, good], 1)
+    assert not outcome.interrupted
+    assert len(outcome.failed) == 1
+    assert outcome.failed[0].startswith("case-1 no-such-planner none seed 0 failed: Unknown")
+    assert "Traceback" in (tmp_path / runs.ERRORS).read_text()
+    assert Store(tmp_path, "1").missing([bad, good]) == [bad]
+
+
+def test_a_users_mistakes_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for arguments, text in (
+        (("compare", "--rooms", "nowhere"), "no room 'nowhere'"),
+        (("compare", "--planners", "x"), "'x' is not one of recovery"),
+        (("compare", "--rooms", ","), "no rooms: give --rooms or --generated"),
+        (("limits", "--zimablue"), "--zimablue is for compare"),
+    ):
+        done = sweepctl("experiment", *arguments, "--out", tmp_path)
+        assert done.status == 2
+        assert text in done.line
+    monkeypatch.setattr(zimablue_run, "find_spec", lambda _: None)
+    done = sweepctl("experiment", "compare", *SHORT, "--zimablue", "--out", tmp_path)
+    assert done.status == 1
+    assert "pip install 'sweepctl[compare]'" in done.line
+    assert not (tmp_path / LINES).exists()

@@ -1,0 +1,128 @@
+"""Every unswept cell gets one cause, and the right one where it can be told by hand."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from bridge.coverage.floorplan import FloorPlan
+from bridge.coverage.regions import find_regions
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from tools.experiment.limits import CAUSES, classify, forbidden_axle
+
+if TYPE_CHECKING:
+    from bridge.coverage.raster import Mask
+
+MODEL = RobotModel()
+SIDE_M = 2.0
+PLAN = FloorPlan(
+    "square",
+    ((0.0, 0.0), (SIDE_M, 0.0), (SIDE_M, SIDE_M), (0.0, SIDE_M)),
+    (),
+    Pose2(1.0, 1.0, 0.0),
+)
+REGIONS = find_regions(PLAN, MODEL, 0.01)
+RASTER = REGIONS.raster
+ALL = REGIONS.sweepable
+NOTHING = RASTER.empty()
+END = (1.0, 1.0)
+
+
+def losses(
+    swept: Mask, believed: Mask | None = None, forbidden: Mask | None = None
+) -> dict[str, float]:
+    found = classify(
+        REGIONS,
+        MODEL.cleaning_width_m,
+        swept,
+        swept if believed is None else believed,
+        forbidden,
+        END,
+    )
+    missing = np.count_nonzero(ALL & ~swept) / np.count_nonzero(ALL)
+    assert sum(found.values()) == pytest.approx(missing, abs=1e-12)
+    return found
+
+
+def share(area_m2: float) -> float:
+    return area_m2 / RASTER.area_m2(ALL)
+
+
+def strip(x0: float, x1: float) -> Mask:
+    mask: Mask = (RASTER.x >= x0) & (RASTER.x < x1) & ALL
+    return mask
+
+
+def test_nothing_is_lost_where_all_is_swept() -> None:
+    assert losses(ALL) == dict.fromkeys(CAUSES, 0.0)
+
+
+def test_a_strip_along_the_wall_is_a_wall_gap() -> None:
+    # the mouth reaches to 8 cm from the wall; its outermost 1.5 cm is swept only in contact
+    found = losses(ALL & ~strip(0.08, 0.095))
+    height_m = SIDE_M - 2 * 0.08
+    assert found["wall gap"] == pytest.approx(share(0.015 * height_m), rel=0.1)
+    assert found["lane gap"] == pytest.approx(0.0, abs=1e-3)
+    assert found["early end"] == found["pose"] == found["false evidence"] == 0.0
+
+
+def test_a_sliver_inside_is_a_lane_gap_and_a_wide_piece_an_early_end() -> None:
+    sliver, piece = strip(0.80, 0.83), strip(1.2, 1.5)
+    found = losses(ALL & ~sliver & ~piece)
+    # at both ends the strips run into the two walls' bands of 2 cm
+    inner_m = SIDE_M - 2 * 0.10
+    assert found["lane gap"] == pytest.approx(share(0.03 * inner_m), rel=0.05)
+    assert found["early end"] == pytest.approx(share(0.30 * inner_m), rel=0.05)
+    assert found["wall gap"] == pytest.approx(share(0.33 * 2 * 0.02), rel=0.3)
+
+
+def test_what_the_estimate_takes_for_swept_is_lost_to_the_pose() -> None:
+    piece = strip(1.2, 1.5)
+    found = losses(ALL & ~piece, believed=ALL)
+    assert found["pose"] == pytest.approx(np.count_nonzero(piece) / np.count_nonzero(ALL))
+
+
+def test_a_false_wall_takes_all_behind_it() -> None:
+    # a believed wall across the room: forbidden to the axle from x = 1.2 to 1.5
+    forbidden = (RASTER.x >= 1.2) & (RASTER.x < 1.5)
+    behind = RASTER.x >= 1.2 + 0.08 + 0.025
+    found = losses(ALL & (RASTER.x < 1.28), forbidden=forbidden)
+    expected = np.count_nonzero(behind & ALL) / np.count_nonzero(ALL)
+    assert found["false evidence"] == pytest.approx(expected, rel=0.02)
+    assert found["early end"] == 0.0
+
+
+def test_a_true_map_is_no_false_evidence() -> None:
+    # the map forbids what the walls forbid and 2 cm more, as a map of 2 cm cells may
+    margin = MODEL.radius_m + 0.02
+    inside = (
+        (margin <= RASTER.x)
+        & (SIDE_M - margin >= RASTER.x)
+        & (margin <= RASTER.y)
+        & (SIDE_M - margin >= RASTER.y)
+    )
+    found = losses(NOTHING, forbidden=~inside)
+    corner = (MODEL.cleaning_width_m / 2) ** 2 * (4 - math.pi)
+    assert found["false evidence"] <= share(corner)
+    assert found["early end"] > 0.8
+
+
+def test_a_planners_map_is_read_in_its_own_frame() -> None:
+    blocked = np.zeros((100, 100), dtype=np.uint8)
+    blocked[25, 10] = 1  # cells of 2 cm from (-0.1, 0.2): x from 0.10, y from 0.70
+    memory = SimpleNamespace(
+        near=blocked,
+        lens=np.zeros_like(blocked),
+        been=np.zeros_like(blocked),
+        to_metres=lambda column, row: (-0.1 + 0.02 * column, 0.2 + 0.02 * row),
+    )
+    mask = forbidden_axle(SimpleNamespace(memory=memory), RASTER)
+    assert mask is not None
+    expected = (RASTER.x >= 0.1) & (RASTER.x < 0.12) & (RASTER.y >= 0.7) & (RASTER.y < 0.72)
+    assert np.array_equal(mask, expected)
+    assert forbidden_axle(object(), RASTER) is None

@@ -1,0 +1,58 @@
+"""Short trials of each kind, against what must hold of any."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from bridge.motion.robot_model import RobotModel
+from tools.experiment.limits import CAUSES
+from tools.experiment.trials import OPEN_FLOOR, PERFECT, Kind, Trial, room_of
+from tools.experiment.worker import run_trial
+
+MODEL = RobotModel()
+
+
+def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
+    row = run_trial(Trial(OPEN_FLOOR, "u-cycles", "paper", 0, 33.0, Kind.CYCLES))
+    (first,) = row["offsets"]
+    assert first["cycle"] == 1
+    # two lanes of 1.77 m and two steps of 0.16 m at no more than cruise speed, and four turns
+    assert 2 * (1.77 + 0.16) / MODEL.cruise_speed_m_s < first["time_s"] < 33.0
+    assert first["offset_mm"] ** 2 == pytest.approx(
+        first["along_mm"] ** 2 + first["across_mm"] ** 2, abs=0.05
+    )
+    assert first["offset_mm"] < 3.0
+    sent = [after for _, _, after in row["smoothing"]]
+    wanted = [before for _, before, _ in row["smoothing"]]
+    # every 20 ms, rounded to 0.1 mm/s; setting off is what jumps without smoothing
+    most = MODEL.max_accel_m_s2 * 0.02 + 2e-4
+    assert max(b - a for a, b in pairwise(sent)) <= most
+    assert max(b - a for a, b in pairwise(wanted)) > 5 * most
+
+
+def test_a_perfect_pose_is_the_truth_and_the_loss_is_all_that_is_missing() -> None:
+    row = run_trial(Trial("case-1", "u-shape", PERFECT, 3, 6.0, Kind.LIMITS))
+    # what is left of an error is the 21 ms between an encoder sample and now
+    assert row["pose_error_max_m"] <= 0.021 * MODEL.max_speed_m_s
+    assert list(row["loss"]) == list(CAUSES)
+    assert row["loss"]["pose"] == pytest.approx(0.0, abs=1e-3)
+    assert row["loss"]["false evidence"] == 0.0  # it has no map
+    assert sum(row["loss"].values()) == pytest.approx(1.0 - row["mouth_sweepable"], abs=1e-3)
+
+
+def test_a_run_of_zimablue_repeats_and_keeps_to_what_its_head_can_sweep() -> None:
+    trial = Trial("empty", "zimablue bsa", "its own", 1, 3.0, Kind.ZIMABLUE)
+    row = run_trial(trial)
+    assert run_trial(trial) == row
+    assert row["outcome"] == "timeout"
+    robot_radius_m, head_m, speed_m_s = 0.2832, 0.34, 0.9 * 0.32
+    assert row["scale"] == pytest.approx(robot_radius_m / MODEL.radius_m, rel=1e-3)
+    bound_s = row["sweepable_m2"] / (head_m * speed_m_s)
+    assert row["reference_time_s"] == pytest.approx(bound_s, rel=1e-3)
+    # its head sweeps no more than its width times its way, and the disc it turns about in
+    most_m2 = head_m * row["path_m"] + 3.15 * (head_m / 2) ** 2
+    assert 0.0 < row["mouth_sweepable"] * row["sweepable_m2"] <= most_m2
+    start = room_of("empty").start
+    assert row["path"][0] == pytest.approx([start.x_m, start.y_m], abs=1e-3)

@@ -1,0 +1,180 @@
+"""Tables, curves and the folder: by figures worked out by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from bridge.coverage.floorplan import FloorPlan
+from bridge.coverage.metrics import CoverageMeter
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from tools.experiment import curves, report
+from tools.experiment.compare_tables import shared, zimablue_table
+from tools.experiment.cycles import PAPER_END_MM
+from tools.experiment.paper_tables import PAPER_SHARES, cycle_spread, cycle_table
+from tools.experiment.store import LINES, ExperimentFolderError, Store, code_version
+from tools.experiment.tables import at_multiples, worst_table
+from tools.experiment.trials import Kind, Trial, generated_rooms, paper_trials, room_of
+from tools.experiment.zimablue_run import enlarged
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def row(planner: str = "paper", seed: int = 0, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - any column
+    shares = [0.1 * k for k in range(len(curves.MULTIPLES))]
+    return {
+        "kind": Kind.RUN,
+        "room": "case-1",
+        "planner": planner,
+        "noise": "typical",
+        "seed": seed,
+        "max_time_s": 3600.0,
+        "outcome": "complete",
+        "mouth_sweepable": 0.9,
+        "time_ratio": 2.0,
+        "largest_hole_cm2": 20.0,
+        "curve": {"coverage": shares, "by_path": shares},
+    } | more
+
+
+# ---- the paper ------------------------------------------------------------------------------
+
+
+def test_the_papers_table_2_by_division() -> None:
+    assert round(100 * PAPER_SHARES["case-1"][0], 2) == 94.66
+    assert PAPER_END_MM == 7.0
+
+
+def test_the_papers_own_trials() -> None:
+    trials = paper_trials(3600.0)
+    case_1 = [t for t in trials if (t.room, t.noise) == ("case-1", "paper")]
+    assert [t.seed for t in case_1] == [0, 1, 2, 3, 4]
+    assert sum(t.kind is Kind.CYCLES for t in trials) == 20
+
+
+def test_quartiles_of_the_cycles() -> None:
+    columns = ("offset_mm", "along_mm", "across_mm")
+    runs = [
+        {"path_m": 27.0, "offsets": [{"cycle": 1} | dict.fromkeys(columns, mm)]}
+        for mm in (1.0, 2.0, 3.0, 4.0, 5.0)
+    ]
+    assert cycle_spread(runs) == [(2.0, 3.0, 4.0)]
+    assert cycle_table(runs).rows == [("1", "3.0", "2.0 to 4.0", "+3.0", "+3.0", "7")]
+
+
+# ---- curves ---------------------------------------------------------------------------------
+
+
+def test_a_straight_lane_by_time_and_by_path() -> None:
+    side, model = 2.0, RobotModel()
+    plan = FloorPlan("s", ((0, 0), (side, 0), (side, side), (0, side)), (), Pose2(0.5, 1.0, 0.0))
+    meter = CoverageMeter(plan, model, 0.01)
+    speed, way = 0.1, 1.0
+    track = [(0.1 * k, 0.5 + 0.1 * k * speed, 1.0, 0.0) for k in range(round(10 * way / speed) + 1)]
+    measured = meter.measure(track)
+    area = (side - 0.16) ** 2 - (4 - math.pi) * 0.08**2
+    share = way * model.cleaning_width_m / area
+    by_path = curves.over_path(meter, measured, track)
+    assert by_path[-1] == pytest.approx(share, rel=0.02)
+    # after so much path nothing more comes: the lane is 0.047 of the lower bound
+    assert by_path == [by_path[-1]] * len(by_path)
+    assert curves.over_path(meter, measured, track, cut=True) == [None] * len(by_path)
+    # at cruise speed half the lower bound is 53 s; the run took 10 s
+    assert curves.over_time(meter, measured)[0] == pytest.approx(share, rel=0.02)
+    assert curves.over_time(meter, measured, cut=True) == [None] * len(by_path)
+
+
+def test_a_mean_is_not_told_where_a_run_was_cut() -> None:
+    whole, cut = row(), row(seed=1)
+    cut["curve"] = {"coverage": [0.3, *[None] * (len(curves.MULTIPLES) - 1)]}
+    cells = at_multiples([whole, cut], "coverage")
+    assert cells[0] == "15.0"
+    assert set(cells[1:]) == {"-"}
+
+
+# ---- comparisons ----------------------------------------------------------------------------
+
+
+def test_side_by_side_only_where_both_ran() -> None:
+    theirs = row("zimablue bsa", kind=Kind.ZIMABLUE, noise="its own", scale=1.77)
+    rows = [row(), row(seed=1), theirs]
+    assert shared(rows) == [rows[0], theirs]
+    table = zimablue_table(rows, "coverage")
+    assert [line[0] for line in table.rows] == ["paper", "BSA (zimablue)"]
+    assert "1.77 times" in table.note
+
+
+def test_an_enlarged_room_has_the_same_shape() -> None:
+    plan = room_of("case-1")
+    larger = enlarged(plan, 1.5)
+    assert larger.bounds() == pytest.approx([1.5 * side for side in plan.bounds()])
+    assert larger.start.theta_rad == plan.start.theta_rad
+    assert (larger.start.x_m, larger.start.y_m) == pytest.approx(
+        (1.5 * plan.start.x_m, 1.5 * plan.start.y_m)
+    )
+
+
+def test_the_worst_run_comes_first_with_the_command_that_repeats_it() -> None:
+    rows = [row(seed=seed, mouth_sweepable=0.9 + 0.01 * seed, time_ratio=seed) for seed in range(3)]
+    rows.append(row(seed=7, room="generated:box:8", mouth_sweepable=0.5))
+    lines = worst_table(rows, "out/rooms", count=2).rows
+    assert [line[5] for line in lines if line[0] == "mouth share"] == ["7", "0"]
+    assert [line[5] for line in lines if line[0] == "time ratio"] == ["2", "7"]
+    assert lines[0][-1] == (
+        "sweepctl simulate out/rooms/generated-box-8.json --planner paper --noise typical "
+        "--seed 7 --max-time 3600"
+    )
+
+
+def test_a_generated_room_is_the_same_each_time_and_a_wrong_name_is_told() -> None:
+    names = generated_rooms(9)
+    assert names[0].split(":")[1] == names[8].split(":")[1]
+    assert room_of(names[8]) == room_of(names[8]) != room_of(names[0])
+    for wrong in ("generated:box:x", "generated:nothing:1", "generated:"):
+        with pytest.raises(ValueError, match="no room"):
+            room_of(wrong)
+
+
+# ---- the folder -----------------------------------------------------------------------------
+
+
+def test_a_line_cut_short_costs_only_its_own_trial(tmp_path: Path) -> None:
+    trials = [Trial("case-1", "paper", "none", seed) for seed in range(3)]
+    store = Store(tmp_path, "1")
+    for trial in trials[:2]:
+        store.add(trial, {"x": trial.seed})
+    lines = tmp_path / LINES
+    lines.write_bytes(lines.read_bytes()[:-9])
+    again = Store(tmp_path, "1")
+    assert again.missing(trials) == trials[1:]
+    again.add(trials[2], {"x": 2})
+    third = Store(tmp_path, "1")
+    assert third.missing(trials) == [trials[1]]
+    assert [found["x"] for found in third.rows(trials)] == [0, 2]
+
+
+def test_results_of_other_code_or_another_time_limit_are_not_mixed(tmp_path: Path) -> None:
+    trial = Trial("case-1", "paper", "none", 0, 60.0)
+    Store(tmp_path, "1").add(trial, {})
+    assert Store(tmp_path, "1").missing([Trial("case-1", "paper", "none", 0, 90.0)])
+    with pytest.raises(ExperimentFolderError, match="choose another folder, or --force"):
+        Store(tmp_path, "2")
+    assert Store(tmp_path, "2", force=True).missing([trial]) == [trial]
+    assert code_version() == code_version()
+
+
+def test_a_page_holds_no_text_as_markup_and_markdown_every_cell() -> None:
+    made = report.all_tables([row("zimablue bsa", kind=Kind.ZIMABLUE)], "rooms")
+    assert made == []
+    page = report.render("a < b", "sweepctl 'x<y>'", [], made)
+    assert "a &lt; b" in page
+    assert "x<y>" not in page
+    table = worst_table([row()], "rooms")
+    text = report.markdown([table])
+    assert len([line for line in text.splitlines() if line.startswith("|")]) == 2 + len(table.rows)
+    json.dumps(table.rows)
