@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from tools.rooms import load_room
@@ -20,7 +19,7 @@ def test_a_room_is_swept_and_the_run_ends_by_itself(room: str, noise: str) -> No
     ending = run.host.mission.ending
     assert ending is not None
     assert ending.outcome == "complete"
-    report = CoverageMeter(plan, MODEL, 0.01).measure((t, *pose) for t, pose in run.truth)
+    report = run.track.report(None)
     assert report.coverage.mouth_sweepable > (0.975 if noise == "none" else 0.95)
     assert report.hole_inradius_m < 0.04
     assert report.path_ratio < 1.9
