@@ -104,4 +104,5 @@ $(LOCKED): $(LOCKS)
 $(INSTALLED): $(LOCKED) pyproject.toml
 	@echo '== installing sweepctl itself'
 	@$(call pip_install,--no-deps --no-build-isolation -e .)
+	@$(BIN)/python -m tools.warm
 	@touch $@

@@ -6,14 +6,12 @@ against the emulated device, over a pseudo-terminal, and on a robot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.swept_map import SweptMap
 from bridge.host_records import HostRecords
 from bridge.mission import Ending, Mission, Phase, Request
 from bridge.motion.estimator import PoseEstimator
-from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT
 from bridge.motion.relocalise import Relocaliser
 from bridge.robot_state import STALE_S, RobotState, missing_needs, understood
@@ -31,7 +29,7 @@ from bridge.session_events import (
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
 from protocol.clock import HostNs
-from protocol.link import Link, LinkBase, Medium, Received, Rejected
+from protocol.link import Medium, Rejected
 from protocol.messages import Encoders, Imu, LogText, Power, Range, Status
 from protocol.uart import DamagedFrame
 from protocol.values import Contact, StopCause, flag_labels, label
@@ -40,6 +38,8 @@ from protocol.values import Fault as DeviceFault
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bridge.host_options import HostOptions
+    from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
     from protocol.clock import DeviceUs
@@ -57,22 +57,7 @@ MAP_PERIOD_NS = 2_000_000_000
 CLOCK_PERIOD_NS = 1_000_000_000
 _DOUBT_NS = round(STALE_S * 1e9)
 _BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
-_ORIGIN = Pose2(0.0, 0.0, 0.0)
 _EXIT = {"disagreement": 4, "version": 4, "several": 2}
-
-
-@dataclass(frozen=True, slots=True)
-class HostOptions:
-    """What a run may be told beforehand."""
-
-    unix_offset_ns: int
-    """Unix time less the host's monotonic clock."""
-    planner: str = ""
-    start: Pose2 = _ORIGIN
-    """Where the robot stands at first, in the frame of the map."""
-    node: int | None = None
-    link: type[LinkBase] = Link
-    """What the device is connected by."""
 
 
 class Host:
@@ -147,7 +132,7 @@ class Host:
         events = self.session.poll(now_ns)
         if events:
             self._digest(events, now_ns)
-        else:
+        elif self.mission.pending:
             self._serve(now_ns)
         if now_ns >= self._control_ns:
             late_ns = now_ns - self._control_ns
@@ -166,7 +151,7 @@ class Host:
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
         """Bytes for the port; the caller writes them at once."""
-        data = self.session.data_to_send()
+        data = self.session.link.data_to_send()
         if data:
             self._tap(data, now_ns, outgoing=True)
         return data
@@ -197,37 +182,41 @@ class Host:
     # ---- events of the session ------------------------------------------------------------
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
+        observe, note = self.sync.observe, self._records.message
+        listeners = self._listeners
         for event in events:
             if event.__class__ is Data:  # nearly all of them
-                self._data(event[0], now_ns)
-                continue
-            match event:
-                case Ping():
-                    self._ping(event, now_ns)
-                case StateChanged():
-                    self._changed(event, now_ns)
-                case Agreed():
-                    self._agreed(event, now_ns)
-                case CommandEnded():
-                    self.mission.on_command(event.outcome, now_ns / 1e9)
-                case Failed():
-                    self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
-                    status = _EXIT.get(event.kind, 3)
-                    self.mission.on_failed(event.text, status, now_ns / 1e9)
-                case DamagedFrame():
-                    self.event(
-                        now_ns,
-                        Severity.DEBUG,
-                        "link",
-                        "damaged",
-                        f"{event.length} bytes that are no frame ({event.damage.value})",
-                        offset=event.offset,
-                    )
-                case Rejected():
-                    self._note_other_host(event, now_ns)
-                    text = f"frame of type {event.frame.type_id:#04x} not used: {event.reason}"
-                    self.event(now_ns, Severity.DEBUG, "link", "rejected", text)
-        self._serve(now_ns)
+                received = event[0]
+                message, frame, _ = received
+                device_us, mapped = observe(frame[4], now_ns)
+                note(received, mapped, now_ns)
+                listener = listeners.get(message.__class__)
+                if listener is not None and (not self._partial or understood(message)):
+                    listener(message, device_us, now_ns)
+            else:
+                self._happened(event, now_ns)
+        if self.mission.pending:
+            self._serve(now_ns)
+
+    def _happened(self, event: SessionEvent, now_ns: HostNs) -> None:
+        match event:
+            case Ping():
+                self._ping(event, now_ns)
+            case StateChanged():
+                self._changed(event, now_ns)
+            case Agreed():
+                self._agreed(event, now_ns)
+            case CommandEnded():
+                self.mission.on_command(event.outcome, now_ns / 1e9)
+            case Failed():
+                self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
+                status = _EXIT.get(event.kind, 3)
+                self.mission.on_failed(event.text, status, now_ns / 1e9)
+            case DamagedFrame():
+                self._records.damaged(event, now_ns)
+            case Rejected():
+                self._note_other_host(event, now_ns)
+                self._records.rejected(event, now_ns)
 
     def _note_other_host(self, event: Rejected, now_ns: HostNs) -> None:
         bus = self.session.link.medium is Medium.CAN
@@ -296,25 +285,19 @@ class Host:
         if not self.sync.exchange(event.sent_ns, received, replied, event.arrived_ns):
             self.event(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
 
-    def _data(self, received: Received, now_ns: HostNs) -> None:
-        message = received[0]
-        device_us, mapped = self.sync.observe(received[1].t_us, now_ns)
-        self._records.message(received, mapped, now_ns)
-        listener = self._listeners.get(message.__class__)
-        if listener is not None and (not self._partial or understood(message)):
-            listener(message, device_us, now_ns)
-
     def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
         self.state.take(message, now_ns / 1e9)
 
     def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
-        self.state.take(message, now_ns / 1e9)
+        self.state.imu = message
+        self.state.arrived_s[Imu] = now_ns / 1e9
         self.estimator.on_imu(
             device_us * 1e-6, message.gyro_z_rad_s, message.accel_x_m_s2, message.accel_y_m_s2
         )
 
     def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
-        self.state.take(message, now_ns / 1e9)
+        self.state.encoders = message
+        self.state.arrived_s[Encoders] = now_ns / 1e9
         self.encoders_us = device_us
         self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
 
@@ -369,11 +352,7 @@ class Host:
         if obs is not None:
             self._records.pose(pose, estimator, now_ns)
         if was is Phase.DRIVING:
-            if self.drive_pose is not None:
-                self.path_m += self.drive_pose.distance_m(pose)
-            self.drive_pose = pose
-            self.on_drive_pose(now_s, pose)
-            self.swept.update(pose)
+            self._driven(pose, now_s)
         if mission.runner is not None:
             self._records.plan(mission.runner, now_ns)
         if now_ns >= self._map_ns and self.drive_pose is not None:
@@ -381,7 +360,15 @@ class Host:
             self.record_map(now_ns)
         if mission.phase is not was:
             self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
-        self._serve(now_ns)
+        if mission.pending:
+            self._serve(now_ns)
+
+    def _driven(self, pose: Pose2, now_s: float) -> None:
+        if self.drive_pose is not None:
+            self.path_m += self.drive_pose.distance_m(pose)
+        self.drive_pose = pose
+        self.on_drive_pose(now_s, pose)
+        self.swept.update(pose)
 
     def _in_doubt(self, now_ns: HostNs) -> bool:
         """Whether the wire is silent, or was until now, so that old data accuse no sensor.

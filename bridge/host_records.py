@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     from bridge.record.sink import Sink
     from bridge.session_events import Agreed
     from bridge.timesync import Mapped, TimeSync
-    from protocol.link import Received
+    from protocol.link import Received, Rejected
     from protocol.messages import Hello, LogText
+    from protocol.uart import DamagedFrame
 
 _LEVELS = {
     LogLevel.DEBUG: Severity.DEBUG,
@@ -64,6 +65,16 @@ class HostRecords:
         """Something worth finding again."""
         log_ns = now_ns + self._unix_offset_ns
         self._write(EventRecord(log_ns, severity, source, kind, text, data))
+
+    def damaged(self, event: DamagedFrame, now_ns: int) -> None:
+        """Bytes that are no frame."""
+        text = f"{event.length} bytes that are no frame ({event.damage.value})"
+        self.event(now_ns, Severity.DEBUG, "link", "damaged", text, offset=event.offset)
+
+    def rejected(self, event: Rejected, now_ns: int) -> None:
+        """An intact frame that was of no use."""
+        text = f"frame of type {event.frame.type_id:#04x} not used: {event.reason}"
+        self.event(now_ns, Severity.DEBUG, "link", "rejected", text)
 
     def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
         """What a serial port gave or took."""
@@ -118,14 +129,17 @@ class HostRecords:
         """The estimate of a control step."""
         (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = estimator.covariance
         self._write(
-            PoseRecord(
-                now_ns + self._unix_offset_ns,
-                pose,
-                estimator.v_m_s,
-                estimator.yaw_rate_rad_s,
-                (xx, xy, xt, yx, yy, yt, tx, ty, tt),
-                estimator.gyro_bias_rad_s,
-                estimator.wheel_scale,
+            _new(
+                PoseRecord,
+                (
+                    now_ns + self._unix_offset_ns,
+                    pose,
+                    estimator.v_m_s,
+                    estimator.yaw_rate_rad_s,
+                    (xx, xy, xt, yx, yy, yt, tx, ty, tt),
+                    estimator.gyro_bias_rad_s,
+                    estimator.wheel_scale,
+                ),
             )
         )
 

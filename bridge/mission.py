@@ -121,7 +121,8 @@ class Mission:
         """Since when there is a plan that waits for the device's status."""
         self._ready = False
         self._was_ready = False
-        self._requests: list[Request] = []
+        self.pending: list[Request] = []
+        """What :meth:`requests` would give: asked at every turn of a loop."""
 
     @property
     def done(self) -> bool:
@@ -136,9 +137,9 @@ class Mission:
 
     def requests(self) -> list[Request]:
         """Fetch and forget what the session should do."""
-        requests = self._requests
+        requests = self.pending
         if requests:
-            self._requests = []
+            self.pending = []
             return requests
         return []
 
@@ -293,7 +294,7 @@ class Mission:
         if cause == StopCause.NONE:
             self._enable(now_s)
         elif cause == StopCause.SESSION_END or self._clear_any:
-            self._requests.append(Request("clear", cause))
+            self.pending.append(Request("clear", cause))
             self._go(Phase.CLEARING, now_s)
         else:
             name = label(StopCause, cause)
@@ -308,7 +309,7 @@ class Mission:
             )
 
     def _enable(self, now_s: float) -> None:
-        self._requests.append(Request("mode", Mode.VELOCITY))
+        self.pending.append(Request("mode", Mode.VELOCITY))
         self._go(Phase.ENABLING, now_s)
 
     def _end(self, now_s: float, ending: Ending) -> None:
@@ -318,7 +319,7 @@ class Mission:
         if not self._ready:
             self._finish(now_s)
             return
-        self._requests.append(Request("stop", ending.cause))
+        self.pending.append(Request("stop", ending.cause))
         self._go(Phase.ENDING, now_s)
 
     def _unconfirmed(self) -> None:

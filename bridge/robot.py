@@ -27,7 +27,8 @@ from bridge.errors import (
     NoDeviceError,
     StoppedForSafetyError,
 )
-from bridge.host import Host, HostOptions
+from bridge.host import Host
+from bridge.host_options import HostOptions
 from bridge.io import clock
 from bridge.io.ports import DEFAULT_BAUD, link_of, open_port
 from bridge.io.pump import Pump

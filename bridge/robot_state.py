@@ -77,6 +77,11 @@ class RobotState:
     power: Power | None = None
     status: Status | None = None
     arrived_s: dict[type[Message], float] = field(default_factory=dict)
+    _seen: Range | None = field(default=None, init=False, compare=False)
+    """The reading that ``_sight`` tells in SI units: several control steps see the same."""
+    _sight: tuple[float | None, float | None, float | None, bool, bool, bool] = field(
+        default=(None, None, None, False, False, False), init=False, compare=False
+    )
 
     def take(self, message: Message, now_s: float) -> None:
         """Keep a message if it is one of those kept."""
@@ -101,19 +106,18 @@ class RobotState:
         reading = self.range
         if reading is None:
             return None
-        contacts = reading.contacts
-        return Observation(
-            now_s,
-            pose,
-            v_m_s,
-            yaw_rate_rad_s,
-            reading.ultrasonic_m,
-            reading.infrared_left_m,
-            reading.infrared_right_m,
-            contacts & _LEFT != 0,
-            contacts & _RIGHT != 0,
-            contacts & _CLIFF != 0,
-        )
+        if reading is not self._seen:
+            self._seen = reading
+            contacts = reading.contacts
+            self._sight = (
+                reading.ultrasonic_m,
+                reading.infrared_left_m,
+                reading.infrared_right_m,
+                contacts & _LEFT != 0,
+                contacts & _RIGHT != 0,
+                contacts & _CLIFF != 0,
+            )
+        return Observation(now_s, pose, v_m_s, yaw_rate_rad_s, *self._sight)
 
     def forget(self) -> None:
         """Drop everything: another boot or session."""

@@ -22,7 +22,7 @@ from bridge.session_events import (
     StateChanged,
 )
 from bridge.session_evidence import Evidence
-from bridge.session_outbox import Outbox
+from bridge.session_requests import SessionRequests
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.clock import HostNs
 from protocol.codec import Codec
@@ -31,12 +31,10 @@ from protocol.link import Link, LinkBase, Medium, Received, Rejected
 from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
-    ClearStop,
     DescribeReply,
     Hello,
     HostHello,
     Nack,
-    SetMode,
     Stop,
     TimeReply,
 )
@@ -55,10 +53,11 @@ FAST_PING_NS = 100_000_000
 FAST_PINGS = 50
 SLOW_PING_NS = 250_000_000
 """Four a second: the device holds us lost after 1 s, and one or two lost pings are normal."""
+_new = tuple.__new__
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 
 
-class Session:
+class Session(SessionRequests):
     """The host's end of a conversation with one device."""
 
     def __init__(
@@ -73,18 +72,15 @@ class Session:
         """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids."""
         self.state = State.CLOSED
         self.link = link(Direction.HOST, codec=Codec(catalogue))
+        super().__init__(self.link, node, catalogue)
         self.hello: Hello | None = None
-        self._outbox = Outbox(self.link, node)
         self.session_id = 0
         self._wanted_node = node
         self._new_session_id = new_session_id
         self._name = name
-        self._catalogue = catalogue
         self._agreement = Agreement(catalogue, self.link)
         self._joined = False
         """The device has said that it is in our session."""
-        self._open_stop: int | None = None
-        """Cause of a stop that no device has confirmed yet; it outlives a lost link."""
         self._evidence = Evidence()
         self._answers = Answers()
         self._opened_ns = 0
@@ -127,12 +123,19 @@ class Session:
 
     def receive(self, data: bytes, now_ns: HostNs) -> list[SessionEvent]:
         """Take bytes from the port."""
-        self._evidence.hear(data)
+        ready = State.READY
+        if self.state is not ready:
+            self._evidence.hear(data)
+        events, handlers = self._events, self._handlers
         for event in self.link.receive(data, now_ns // 1000):
             if type(event) is Received:
-                if self.node is None or event.frame.node == self.node:
+                node = self._outbox.node
+                if node is None or event[1][1] == node:
                     self._heard_ns = now_ns
-                    self._handle(event, now_ns)
+                    if self.state is ready and event[0].__class__ not in handlers:
+                        events.append(_new(Data, (event, now_ns)))  # nearly all of them
+                    else:
+                        self._handle(event, now_ns)
             elif not isinstance(event, Received):
                 if isinstance(event, Rejected):
                     self._evidence.note(event)
@@ -146,7 +149,7 @@ class Session:
             state is State.READY
             and now_ns < self._next_ns
             and now_ns - self._heard_ns <= LOST_AFTER_NS
-            and self.commands.idle
+            and self._outbox.commands.idle
         ):
             return self._drain()
         self._notice(now_ns)
@@ -193,61 +196,15 @@ class Session:
         if settled_ns is not None and settled_ns < deadline_ns:
             deadline_ns = settled_ns
         if state is State.READY:
-            due_us = self.commands.next_deadline_us()
+            due_us = self._outbox.commands.next_deadline_us()
             if due_us is not None and (due_us + 1) * 1000 < deadline_ns:
                 deadline_ns = (due_us + 1) * 1000
         return HostNs(deadline_ns)
 
     @property
-    def node(self) -> int | None:
-        """The device's node; None until one has answered, or while any will do."""
-        return self._outbox.node
-
-    @property
-    def commands(self) -> CommandSender:
-        """Commands on their way."""
-        return self._outbox.commands
-
-    @property
     def heard_ns(self) -> HostNs:
         """When the device's last intact frame came; 0: never."""
         return self._heard_ns
-
-    # ---- what a user of the session asks for ----------------------------------------------
-
-    def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send a velocity; it replaces one that still waits to be written.
-
-        What is faster than the wire can say is sent as the fastest that it can.
-        """
-        self._outbox.setpoint(v_m_s, yaw_rate_rad_s, ttl_ms, now_ns)
-
-    def stop(self, cause: int, now_ns: HostNs) -> int:
-        """Latch a stop, repeated until the device has said yes, in a later session if need be.
-
-        It is sent at once in any state: a device obeys a stop outside a session too.
-        """
-        self._open_stop = cause
-        return self._command(Stop, cause, now_ns, forever=True)
-
-    def clear_stop(self, cause: int, now_ns: HostNs) -> int:
-        """Release a latched stop of this cause."""
-        return self._command(ClearStop, cause, now_ns)
-
-    def set_mode(self, mode: int, now_ns: HostNs) -> int:
-        """Choose what moves the wheels."""
-        return self._command(SetMode, mode, now_ns)
-
-    def _command(
-        self,
-        message: Callable[[int, int], Message],
-        value: int,
-        now_ns: HostNs,
-        *,
-        forever: bool = False,
-    ) -> int:
-        type_id = self._catalogue.by_class[message].type_id  # type: ignore[index]  # a class
-        return self._outbox.command(lambda i: message(i, value), type_id, now_ns, forever=forever)
 
     # ---- inside ---------------------------------------------------------------------------
 

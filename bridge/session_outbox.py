@@ -44,7 +44,9 @@ class Outbox:
         """Send a velocity, or the fastest that the wire can say."""
         self._setpoint_counter = counter = (self._setpoint_counter + 1) & 0xFF
         v, yaw_rate = _raw(v_m_s / 0.0001), _raw(yaw_rate_rad_s / 0.0002)
-        self.send(VelocitySetpoint(v, yaw_rate, ttl_ms, counter), now_ns, latest=True)
+        node = NODE_ALL if self.node is None else self.node
+        message = VelocitySetpoint(v, yaw_rate, ttl_ms, counter)
+        self._link.send(message, now_ns // 1000, node=node, latest=True)
 
     def ping(self, now_ns: HostNs) -> None:
         """Ask for the device's time."""

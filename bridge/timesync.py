@@ -22,6 +22,8 @@ MAX_DRIFT_PPM = 300.0
 BUCKET_US = 500_000
 BUCKETS = 60
 """Half a minute of history: longer and a crystal's own drift with temperature shows."""
+_SPAN, _HALF = 1 << 32, 1 << 31
+"""Of a device's 32-bit stamps, as :func:`extend_us` has them."""
 STAMP_NS = 1_000
 """A device's stamp is up to this much before the moment that it names."""
 STEP_NS = 1_000_000
@@ -60,6 +62,9 @@ class TimeSync:
         self._last: DeviceUs | None = None
         self._upper: dict[int, tuple[int, int]] = {}
         self._lower: dict[int, tuple[int, int]] = {}
+        self._upper_corners: list[tuple[int, int]] | None = None
+        self._lower_corners: list[tuple[int, int]] | None = None
+        """Of the fences, until one changes."""
         self._contradictions = 0
 
     def reset(self) -> None:
@@ -68,6 +73,7 @@ class TimeSync:
         self._last = None
         self._upper.clear()
         self._lower.clear()
+        self._upper_corners = self._lower_corners = None
         self._contradictions = 0
 
     def extend(self, low32: int) -> DeviceUs:
@@ -81,7 +87,10 @@ class TimeSync:
         :meth:`extend`, :meth:`arrival` and :meth:`map` in one: every message passes here.
         """
         last = self._last
-        device_us = DeviceUs(low32) if last is None else extend_us(last, low32)
+        if last is None:
+            device_us = DeviceUs(low32)
+        else:
+            device_us = DeviceUs(last + (low32 - last + _HALF) % _SPAN - _HALF)
         self._last = device_us
         known = self._upper.get(device_us // BUCKET_US)
         if known is None or arrived_ns - device_us * 1000 < known[1] - known[0] * 1000:
@@ -89,11 +98,15 @@ class TimeSync:
         fit = self.fit
         if fit is None or self._contradictions:
             return device_us, None
-        return device_us, self._at(fit, device_us)
+        elapsed_ns = (device_us - fit.device_us) * 1000.0
+        host_ns = round(fit.host_ns + elapsed_ns * (1.0 + fit.drift))
+        bound_ns = round(fit.bound_ns + abs(elapsed_ns) * fit.drift_bound) + STAMP_NS
+        return device_us, _new(Mapped, (host_ns, bound_ns))
 
     def arrival(self, device_us: DeviceUs, host_ns: HostNs) -> None:
         """A frame stamped ``device_us`` was here at ``host_ns``."""
-        self._fence(self._upper, device_us, host_ns, keep_smaller=True)
+        if self._fence(self._upper, device_us, host_ns, keep_smaller=True):
+            self._upper_corners = None
 
     def exchange(
         self, sent_ns: HostNs, received_us: DeviceUs, replied_us: DeviceUs, arrived_ns: HostNs
@@ -112,8 +125,9 @@ class TimeSync:
         # The stamp is cut, so the moment that it names may be just before our sending. Without
         # room for that, two fences close together bend the slope by thousands of ppm.
         floor_ns = HostNs(sent_ns - STAMP_NS - 1)
-        self._fence(self._lower, received_us, floor_ns, keep_smaller=False)
-        self._fence(self._upper, replied_us, arrived_ns, keep_smaller=True)
+        if self._fence(self._lower, received_us, floor_ns, keep_smaller=False):
+            self._lower_corners = None
+        self.arrival(replied_us, arrived_ns)
         self._refit(replied_us)
         return True
 
@@ -139,17 +153,18 @@ class TimeSync:
     @staticmethod
     def _fence(
         side: dict[int, tuple[int, int]], device_us: int, host_ns: int, *, keep_smaller: bool
-    ) -> None:
-        """Keep, per bucket of device time, the tightest fence."""
+    ) -> bool:
+        """Keep, per bucket of device time, the tightest fence; whether that is this one."""
         bucket = device_us // BUCKET_US
         known = side.get(bucket)
         if known is not None:
             slack, slack_known = host_ns - device_us * 1000, known[1] - known[0] * 1000
             if (slack < slack_known) is not keep_smaller:
-                return
+                return False
         elif len(side) >= BUCKETS:
             del side[min(side)]
         side[bucket] = (device_us, host_ns)
+        return True
 
     def _contradicts(self, sent_ns: int, received_us: int, replied_us: int, arrived: int) -> bool:
         fit = self.fit
@@ -164,8 +179,12 @@ class TimeSync:
         if not self._upper or not self._lower:
             return
         base_ns = next(iter(self._upper.values()))[1]
-        upper = _corners(self._upper, at_us, base_ns, side=1)
-        lower = _corners(self._lower, at_us, base_ns, side=-1)
+        if self._upper_corners is None:
+            self._upper_corners = _corners(self._upper, side=1)
+        if self._lower_corners is None:
+            self._lower_corners = _corners(self._lower, side=-1)
+        upper = _around(self._upper_corners, at_us, base_ns)
+        lower = _around(self._lower_corners, at_us, base_ns)
         slow, fast = _slopes(upper, lower)
         # Each fence carried to the moment of the fit along whichever slope is the laxer.
         high_ns = min(ns - min(at * (1 + slow), at * (1 + fast)) for at, ns in upper)
@@ -175,25 +194,30 @@ class TimeSync:
         self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
 
 
-def _corners(
-    fences: dict[int, tuple[int, int]], at_us: int, base_ns: int, *, side: int
-) -> list[tuple[float, float]]:
+def _corners(fences: dict[int, tuple[int, int]], *, side: int) -> list[tuple[int, int]]:
     """The fences that a line can touch: the corners of their convex hull on its side.
 
     A handful of the 60, which is what makes the fit cheap. ``side`` is 1 for fences above the
-    line and -1 below it. Device and host nanoseconds, from the moment of the fit.
+    line and -1 below it.
     """
     corners: list[tuple[int, int]] = []
-    for device_us, host_ns in sorted(fences.values()):
-        x = (device_us - at_us) * 1000
-        y = side * (host_ns - base_ns - x)  # less the slope of 1: the hull is of small numbers
+    ordered = sorted(fences.values())
+    first_us, first_ns = ordered[0]
+    for device_us, host_ns in ordered:
+        x = (device_us - first_us) * 1000
+        y = side * (host_ns - first_ns - x)  # less the slope of 1: the hull is of small numbers
         while len(corners) > 1:
             (x1, y1), (x2, y2) = corners[-2:]
             if (x2 - x1) * (y - y1) > (y2 - y1) * (x - x1):
                 break
             corners.pop()
         corners.append((x, y))
-    return [(float(x), float(side * y + x)) for x, y in corners]
+    return [(first_us + x // 1000, first_ns + side * y + x) for x, y in corners]
+
+
+def _around(corners: list[tuple[int, int]], at_us: int, base_ns: int) -> list[tuple[float, float]]:
+    """Corners in device and host nanoseconds, from the moment of the fit."""
+    return [(float((us - at_us) * 1000), float(ns - base_ns)) for us, ns in corners]
 
 
 def _slopes(

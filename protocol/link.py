@@ -22,6 +22,8 @@ from protocol.message import Direction, Message
 from protocol.uart import (
     MAX_NODE,
     MAX_PAYLOAD,
+    OWN_VERSION,
+    PACK_BODY,
     RESIDUE,
     UNPACK_BODY,
     Damage,
@@ -29,7 +31,7 @@ from protocol.uart import (
     Frame,
     UartParser,
     check_frame,
-    encode_checked,
+    pack_crc,
 )
 
 if TYPE_CHECKING:
@@ -154,7 +156,7 @@ class LinkBase(ABC):
         if flags or not 0 <= node <= MAX_NODE or len(payload) > MAX_PAYLOAD:
             check_frame(node, type_id, payload, flags)
         statistics = self.statistics
-        if latest:
+        if latest and self._queue:
             kept = [w for w in self._queue if w[1] != type_id or w[0] != node]
             replaced = len(self._queue) - len(kept)
             statistics.superseded += replaced
@@ -294,9 +296,12 @@ class Link(LinkBase):
         data = b"\0"
         seq = self._seq
         for node, type_id, t_us, payload, flags in self._queue:  # hardly ever more than one
-            data += encode_checked(node, type_id, seq, t_us, payload, flags)
-            seq += 1
-        self._seq = seq & 0xFF
+            # As encode_frame does it, in the same breath.
+            pack = PACK_BODY[len(payload)]
+            body = pack(OWN_VERSION | flags, node, type_id, seq, t_us & 0xFFFF_FFFF, payload)
+            data += cobs.encode(body + pack_crc(crc32(body))) + b"\0"
+            seq = (seq + 1) & 0xFF
+        self._seq = seq
         self._queue.clear()
         self.statistics.bytes_out += len(data)
         return data

@@ -36,9 +36,11 @@ UNPACK_BODY = {
 """By the length of a decoded frame: header and payload in one call, the CRC passed over."""
 RESIDUE = 0x2144DF1C
 """zlib.crc32(m + crc32(m) little-endian) for every m: a body is intact where it gives this."""
-_VERSION = PROTOCOL_VERSION << 4
-_pack_head = HEADER.pack
-_pack_crc = CRC.pack
+PACK_BODY = [struct.Struct(f"<BBBBI{size}s").pack for size in range(MAX_PAYLOAD + 1)]
+"""By the length of a payload: header and payload in one call."""
+OWN_VERSION = PROTOCOL_VERSION << 4
+"""The first byte of a frame without flags."""
+pack_crc = CRC.pack
 _new = tuple.__new__
 
 
@@ -106,15 +108,9 @@ def encode_frame(  # noqa: PLR0913, PLR0917 - the header's fields
 
     """
     check_frame(node, type_id, payload, flags)
-    return encode_checked(node, type_id, seq, t_us, payload, flags)
-
-
-def encode_checked(  # noqa: PLR0913, PLR0917 - the header's fields
-    node: int, type_id: int, seq: int, t_us: int, payload: bytes, flags: int
-) -> bytes:
-    """Like :func:`encode_frame`, for what :func:`check_frame` has passed."""
-    body = _pack_head(_VERSION | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF) + payload
-    encoded: bytes = cobs.encode(body + _pack_crc(crc32(body)))
+    pack = PACK_BODY[len(payload)]
+    body = pack(OWN_VERSION | flags, node, type_id, seq & 0xFF, t_us & 0xFFFF_FFFF, payload)
+    encoded: bytes = cobs.encode(body + pack_crc(crc32(body)))
     return encoded + _DELIMITER
 
 

@@ -57,6 +57,10 @@ class DeviceClock:
             return int(self._own_us) + true_us - self._true_us
         return int(self._own_us + (true_us - self._true_us) * self._rate)
 
+    def stamp_us(self, true_us: int) -> int:
+        """What a sample of that moment is marked with, as things are; changes nothing."""
+        return int(self._own_us + (true_us - self._true_us) * self._rate) + self.offset_us
+
     def true_us(self, uptime_us: int) -> int:
         """First whole true microsecond at which the uptime has reached a value."""
         return self._true_us - int((self._own_us - uptime_us) / self._rate // 1)

@@ -169,35 +169,39 @@ class Control:
     ) -> tuple[float, float]:
         """One control period: left and right duty."""
         self._now_us = now_us
-        watchdog: Watchdog = self.duties if self.modes.state is State.BRINGUP else self.setpoints
-        if watchdog.expired(now_us):
+        modes, health, wheels = self.modes, self.health, self.wheels
+        counts = sampler.counts
+        watchdog: Watchdog = self.duties if modes.state is State.BRINGUP else self.setpoints
+        if watchdog.until_us <= now_us and watchdog.expired(now_us):
             self._expired = _EXPIRED
         elif self._expired and watchdog.left_us(now_us):
             self._expired = 0
-        duties = self._drive(tick, now_us, sampler, around)
-        health = self.health
-        health.tick(sampler.imu, sampler.counts, self.wheels)
+        if modes.state is State.VELOCITY and not self.latch.cause:
+            v, yaw = self.setpoints.wanted
+            duties = wheels.step(v, yaw, counts, self.power.battery_v)
+        else:
+            duties = self._drive(tick, now_us, sampler, around)
+        health.tick(sampler.imu, counts, wheels)
         if around is not None:
             health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
         if health.bits != self._told_bits:
             self._tell_faults(health.bits)
-        if (health.bits or health.battery_empty) and self.modes.state is not State.STOPPED:
+        if (health.bits or health.battery_empty) and modes.state is not State.STOPPED:
             self._judge()
         return duties
 
     def _drive(
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> tuple[float, float]:
-        state, counts, supply_v = self.modes.state, sampler.counts, self.power.battery_v
+        """Duties of any state but a host's velocity, or while something is latched."""
+        counts, supply_v = sampler.counts, self.power.battery_v
         v = yaw = 0.0
         if self.latch.cause:
             return self.wheels.step(0.0, 0.0, counts, supply_v)
-        if state is State.VELOCITY:
-            v, yaw = self.setpoints.v_m_s, self.setpoints.yaw_rate_rad_s
-        elif state is State.BRINGUP:
+        if self.modes.state is State.BRINGUP:
             self.wheels.coast(counts)
             return self.duties.duties
-        elif self.modes.planning and self.onboard is not None:
+        if self.modes.planning and self.onboard is not None:
             v, yaw = self._run(self.onboard, tick, now_us, sampler, around)
         return self.wheels.step(v, yaw, counts, supply_v)
 

@@ -35,6 +35,7 @@ BROWN_OUT_V = 4.0
 3.6 V in RM0090, section 5.2.3), and the chip holds itself in reset."""
 SUPPLY_GOOD_V = 4.3
 """Where it lets go of it again."""
+_HALF_TICK_US = TICK_US // 2
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 
 
@@ -153,21 +154,23 @@ class VirtualSweeper:
 
     def _period(self) -> None:
         """One control period: the firmware's tick, if it lives, and the body until the next."""
-        now_us = self._next_tick_us
-        next_us = now_us + TICK_US if self._modes.awake else self._wait(now_us)
-        if self._modes.awake:
+        now_us, modes, plant = self._next_tick_us, self._modes, self.plant
+        next_us = now_us + TICK_US if modes.awake else self._wait(now_us)
+        if modes.awake:
             if self._hung:
                 if now_us - self._fed_us >= WATCHDOG_US:
                     self.reset(ResetCause.WATCHDOG)
             else:
                 self._fed_us = now_us
-                uptime_us = self.clock.uptime_us(now_us)
-                self.plant.set_duty(*self.firmware.tick(uptime_us))
-                ticks = (uptime_us + TICK_US // 2) // TICK_US
-                next_us = self.clock.true_us((ticks + 1) * TICK_US)
+                clock = self.clock
+                uptime_us = clock.uptime_us(now_us)
+                left, right = self.firmware.tick(uptime_us)
+                plant.set_duty(left, right)
+                ticks = (uptime_us + _HALF_TICK_US) // TICK_US
+                next_us = clock.true_us((ticks + 1) * TICK_US)
         self._next_tick_us = next_us
-        self.plant.advance_ms(next_us // 1000 - now_us // 1000)
-        if self.plant.rail_5v_v < BROWN_OUT_V and self._modes.state is not State.OFF:
+        plant.advance_ms(next_us // 1000 - now_us // 1000)
+        if plant.rail_5v_v < BROWN_OUT_V and modes.state is not State.OFF:
             self.reset(ResetCause.BROWN_OUT)
 
     def _wait(self, now_us: int) -> int:

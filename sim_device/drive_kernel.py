@@ -160,8 +160,7 @@ def _settle(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
         distance = sqrt(dx * dx + dy * dy)
         gap = distance - radius
         if gap < TOUCH_M and distance > 0.0:
-            dx /= distance
-            dy /= distance
+            dx, dy = dx / distance, dy / distance
             if count < MAX_TOUCHES:
                 touch[count, 0], touch[count, 1], touch[count, 2] = edge, dx, dy
                 count += 1
@@ -308,7 +307,8 @@ def _pose_tick(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     c0, d0 = cos(s[THETA]), sin(s[THETA])
     vx, vy = v * c0, v * d0
     if before > 0:
-        known[:before] = touch[:before]
+        for k in range(before):  # a slice would compile an error's whole text with it: seconds
+            known[k, 0] = touch[k, 0]
         vx = s[SLIDE_V] * c0 - s[SLIDE_LATERAL] * d0
         vy = s[SLIDE_V] * d0 + s[SLIDE_LATERAL] * c0
     at[0], at[1] = s[X], s[Y]

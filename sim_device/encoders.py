@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from math import floor, pi
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sim_device.plant import Plant
 
 _MASK = 0xFFFF
-_TAU = 2.0 * math.pi
+_TAU = 2.0 * pi
 
 
 class Encoders:
@@ -30,8 +30,6 @@ class Encoders:
     def read(self) -> tuple[int, int]:
         """Left and right counter, 0..65535."""
         left_rad, right_rad = self._plant.wheel_angles_rad
-        return self._count(left_rad), self._count(right_rad)
-
-    def _count(self, angle_rad: float) -> int:
+        per_rad = self._counts_per_rad
         # An edge lies between two counts: the counter holds the whole counts passed.
-        return math.floor(angle_rad * self._counts_per_rad) & _MASK
+        return floor(left_rad * per_rad) & _MASK, floor(right_rad * per_rad) & _MASK

@@ -353,10 +353,10 @@ class Firmware:
 
     def _tell(self, due: tuple[str, ...], now_us: int) -> None:
         """Send the streams that are due."""
-        read, declared, send = self._telemetry.read, self._declared, self.link.send
+        readers, declared, send = self._telemetry.readers, self._declared, self.link.send
         stamp_us, node = now_us + self._clock.offset_us, self.identity.node
         for name in due:
-            message = read(name, now_us)
+            message = readers[name](now_us)
             if message.__class__ in declared:
                 send(message, stamp_us, node=node)
             else:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 GRAVITY_M_S2 = 9.80665
 SLOW_S = 0.01
 """Period of ``renew``."""
+_FADE = SLOW_S / SLIP_TIME_S
+_TRAVEL_L, _TRAVEL_R, _YAW_L, _YAW_R = k.TRAVEL_L, k.TRAVEL_R, k.YAW_L, k.YAW_R
 _FASTEST_M_TICK = 0.005
 """Nothing moves the robot faster than this in a millisecond, a walker who pushes it included."""
 
@@ -55,8 +57,9 @@ class Footing:
         self.pitch_rad = self.roll_rad = self.climb_m_s = 0.0
         self.fallen = False
         """Whether a wheel hangs over a cliff: the body lies on its belly."""
-        self._mean, self._sigma = noise.slip_mean, noise.slip_sigma
-        self._draws = slip
+        self._mean = noise.slip_mean
+        self._normal = slip.normal
+        self._kick = noise.slip_sigma * (2.0 * _FADE) ** 0.5
         self._slip_left = self._slip_right = 0.0
         self._carpet = (0.0, 0.0)
         self._extra = (0.0, 0.0)
@@ -90,12 +93,10 @@ class Footing:
             Whether the robot fell, or has floor under its wheels again: ``fallen`` changed.
 
         """
-        if self._sigma > 0.0:
-            fade = SLOW_S / SLIP_TIME_S
-            kick = self._sigma * (2.0 * fade) ** 0.5
-            self._slip_left += kick * self._draws.normal() - fade * self._slip_left
-            self._slip_right += kick * self._draws.normal() - fade * self._slip_right
-        carpets = world.carpets
+        kick, normal, carpets = self._kick, self._normal, world.carpets
+        if kick > 0.0:
+            self._slip_left += kick * normal() - _FADE * self._slip_left
+            self._slip_right += kick * normal() - _FADE * self._slip_right
         if len(carpets):
             half = 0.5 * self.wheel_base_m
             dx, dy = -half * sin(theta_rad), half * cos(theta_rad)
@@ -103,12 +104,13 @@ class Footing:
             right_n, right = carpet_under(x_m - dx, y_m - dy, carpets)
             self._carpet = left, right
             self._p[k.CARPET_N_L], self._p[k.CARPET_N_R] = left_n, right_n
-        if self._sigma > 0.0 or len(carpets):
+            self._set_step()
+        elif kick > 0.0:
             self._set_step()
         was, cliffs = self.fallen, world.plan.cliffs
-        if cliffs or was:
-            pose = Pose2(float(x_m), float(y_m), float(theta_rad))
-            self.fallen = wheel_over(pose, 0.5 * self.wheel_base_m, cliffs)
+        if not (cliffs or was):
+            return False
+        self.fallen = wheel_over(Pose2(x_m, y_m, theta_rad), 0.5 * self.wheel_base_m, cliffs)
         return self.fallen != was
 
     def on_thresholds(self, thresholds: Floats, state: Floats) -> int:
@@ -137,11 +139,14 @@ class Footing:
         self._p[k.TILT_Y] = GRAVITY_M_S2 * sin(roll_rad)
 
     def _set_step(self) -> None:
-        left = 1.0 - self._mean - self._slip_left - self._carpet[0] - self._extra[0]
-        right = 1.0 - self._mean - self._slip_right - self._carpet[1] - self._extra[1]
-        left_m = self.left_radius_m * max(0.0, left)
-        right_m = self.right_radius_m * max(0.0, right)
-        self.left_m, self.right_m = 0.5 * left_m, 0.5 * right_m
+        whole = 1.0 - self._mean
+        (carpet_left, carpet_right), (extra_left, extra_right) = self._carpet, self._extra
+        left = whole - self._slip_left - carpet_left - extra_left
+        right = whole - self._slip_right - carpet_right - extra_right
+        left_m = self.left_radius_m * left if left > 0.0 else 0.0
+        right_m = self.right_radius_m * right if right > 0.0 else 0.0
         base, p = self.wheel_base_m, self._p
-        p[k.TRAVEL_L], p[k.TRAVEL_R] = self.left_m, self.right_m
-        p[k.YAW_L], p[k.YAW_R] = left_m / base, right_m / base
+        p[_TRAVEL_L] = self.left_m = 0.5 * left_m
+        p[_TRAVEL_R] = self.right_m = 0.5 * right_m
+        p[_YAW_L] = left_m / base
+        p[_YAW_R] = right_m / base

@@ -52,6 +52,7 @@ _MOVING_RAD_S = 0.05
 """Mean wheel speed above which motion's own errors are present; 1.6 mm/s."""
 _BLOCK = 512 * k.DRAWS
 _DEG = 180.0 / math.pi
+_new = tuple.__new__
 _EIGHTHS = 8
 """Of a millisecond: the period of the unfiltered gyro's 8 kHz."""
 
@@ -152,7 +153,7 @@ class Imu:
         self._before = plant.inertial
         self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
         self._set_interval(max(1, round(config.sample_period_ms)))
-        self._last = self._told = self._sample(_AT_REST, moving=False)
+        self._last = self._told = self._sample(_AT_REST, False)  # noqa: FBT003 - at rest
 
     def read(self) -> ImuCounts:
         """Read the registers as they stand at this tick."""
@@ -169,24 +170,26 @@ class Imu:
     def _take(self, plant: Plant) -> None:
         now, before = plant.inertial, self._before
         self._before = now
-        elapsed_ms = now.tick_ms - before.tick_ms
-        if elapsed_ms != self._interval_ms:
-            self._set_interval(elapsed_ms)
-        rate = self._per_s
-        turned_rad = abs(now.left_rad - before.left_rad) + abs(now.right_rad - before.right_rad)
-        per_g, per_deg = rate / GRAVITY_M_S2, rate * _DEG
+        tick_ms, heading, impulse_x, impulse_y, left, right, pitch, roll, climb = now
+        was_ms, heading_0, impulse_x_0, impulse_y_0, left_0, right_0, pitch_0, roll_0, climb_0 = (
+            before
+        )
+        if tick_ms - was_ms != self._interval_ms:
+            self._set_interval(tick_ms - was_ms)
+        rate, per_g, per_deg = self._per_s, self._per_g, self._per_deg
         # The plant's pitch is nose up, which is backwards about y.
         felt = (
-            (now.impulse_x_m_s - before.impulse_x_m_s) * per_g,
-            (now.impulse_y_m_s - before.impulse_y_m_s) * per_g,
-            1.0 + (now.climb_m_s - before.climb_m_s) * per_g,
-            (now.roll_rad - before.roll_rad) * per_deg,
-            (before.pitch_rad - now.pitch_rad) * per_deg,
-            (now.heading_rad - before.heading_rad) * per_deg,
+            (impulse_x - impulse_x_0) * per_g,
+            (impulse_y - impulse_y_0) * per_g,
+            1.0 + (climb - climb_0) * per_g,
+            (roll - roll_0) * per_deg,
+            (pitch_0 - pitch) * per_deg,
+            (heading - heading_0) * per_deg,
         )
-        self._last = self._sample(felt, moving=turned_rad * rate > 2.0 * _MOVING_RAD_S)
+        turned_rad_s = (abs(left - left_0) + abs(right - right_0)) * rate
+        self._last = self._sample(felt, turned_rad_s > 2.0 * _MOVING_RAD_S)
 
-    def _sample(self, felt: Felt, *, moving: bool) -> ImuCounts:
+    def _sample(self, felt: Felt, moving: bool) -> ImuCounts:  # noqa: FBT001 - as the kernel
         at = self._at
         if at >= _BLOCK:
             self._rng.standard_normal(out=self._normals)
@@ -195,10 +198,12 @@ class Imu:
         faults, tick_ms = self._faults, self._before.tick_ms
         if faults.lifted or self._lift.active:
             self._feel_lift(tick_ms)
-        if (faults.gyro_bias_deg_s, faults.accel_bias_g) != self._told_bias:
+        gyro, accel = self._told_bias
+        if faults.gyro_bias_deg_s != gyro or faults.accel_bias_g != accel:
             self._obey_bias()
-        return ImuCounts(
-            *k.sample(
+        return _new(
+            ImuCounts,
+            k.sample(
                 self._chip,
                 self._rows,
                 self._mean,
@@ -208,7 +213,7 @@ class Imu:
                 float(tick_ms),
                 *felt,
                 moving,
-            )
+            ),
         )
 
     def _feel_lift(self, tick_ms: int) -> None:
@@ -227,7 +232,8 @@ class Imu:
         noise, chip = self._noise, self._chip
         interval_s = 0.001 * interval_ms
         self._interval_ms = interval_ms
-        self._per_s = 1.0 / interval_s
+        self._per_s = rate = 1.0 / interval_s
+        self._per_g, self._per_deg = rate / GRAVITY_M_S2, rate * _DEG
         white = self._alias / math.sqrt(2.0 * interval_s)
         gyro = noise.gyro_density_deg_s_sqrt_hz * white
         rest_g = 1e-6 * noise.accel_density_ug_sqrt_hz * white

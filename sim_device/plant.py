@@ -35,7 +35,8 @@ from sim_device.footing import Footing
 from sim_device.motors import MotorParameters
 from sim_device.noise import Draws
 from sim_device.placing import pushed_free
-from sim_device.power import rail_5v_v
+from sim_device.plant_errors import DutyError, WalkerError
+from sim_device.power import RAIL_V, RAIL_WHOLE_V, rail_5v_v
 from sim_device.supply import Supply
 from sim_device.truth import Inertial, Truth
 
@@ -57,26 +58,10 @@ _WALKER_GAP_MS = 250
 _WALKER_M_S = 3.0
 """A walker set again after longer, or farther off, is just there; else he walked there."""
 _CHASSIS, _MOTOR = Chassis(), MotorParameters()
-
-
-class DutyError(ValueError):
-    """A duty that is not a finite number: a fault of the caller, not of the robot."""
-
-    def __init__(self, left: float, right: float) -> None:
-        """Keep both duties."""
-        self.left, self.right = left, right
-        super().__init__(f"duty must be finite, not ({left}, {right})")
-
-
-class WalkerError(ValueError):
-    """A walker without a place or a size."""
-
-    def __init__(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Keep what was given."""
-        self.x_m, self.y_m, self.radius_m = x_m, y_m, radius_m
-        super().__init__(
-            f"walker must be finite with a radius above 0, not ({x_m}, {y_m}), {radius_m} m",
-        )
+_X, _Y, _THETA, _ANGLE_L, _ANGLE_R = k.X, k.Y, k.THETA, k.ANGLE_L, k.ANGLE_R
+_GRIP_L, _GRIP_R, _TOUCHES, _DRAWN_C = k.GRIP_L, k.GRIP_R, k.TOUCHES, k.DRAWN_C
+_SWAY, _SLIDE_SWAY, _GRAVITY_X, _GRAVITY_Y = k.SWAY, k.SLIDE_SWAY, k.GRAVITY_X, k.GRAVITY_Y
+_inertial = tuple.__new__
 
 
 class Plant:
@@ -127,34 +112,39 @@ class Plant:
             DutyError: a duty is not finite.
 
         """
-        if not (isfinite(left) and isfinite(right)):
-            raise DutyError(left, right)
-        left = min(1.0, max(-1.0, left))
-        right = min(1.0, max(-1.0, right))
+        if not (-1.0 <= left <= 1.0 and -1.0 <= right <= 1.0):
+            if not (isfinite(left) and isfinite(right)):
+                raise DutyError(left, right)
+            left = min(1.0, max(-1.0, left))
+            right = min(1.0, max(-1.0, right))
         self._supply.set_duty(left, right)
 
     def advance_ms(self, n: int) -> None:
         """Let ``n`` milliseconds pass."""
-        f = self.faults
-        footing = self._footing
+        f, s = self.faults, self._s
+        footing, supply, world = self._footing, self._supply, self._world
         up = f.lifted or footing.fallen
         faults = (f.stuck_left, f.stuck_right, f.slip_left, f.slip_right, up)
         if faults != self._applied:
             self._apply(faults)
-        edges, thresholds = self._world.edges, self._world.thresholds
+        thresholds = world.thresholds
         uneven = len(thresholds) > 0 and not f.lifted
         while n > 0:
-            ticks = min(n, SLOW_MS - self.tick_ms % SLOW_MS)
+            ticks = SLOW_MS - self.tick_ms % SLOW_MS
+            if n < ticks:  # noqa: PLR1730 - each period: no call
+                ticks = n
             if uneven and not footing.fallen:
-                ticks = min(ticks, footing.on_thresholds(thresholds, self._s))
-            advance(ticks, self._s, self._p, edges, self._near, self._touch)
-            self.tick_ms += ticks
+                ticks = min(ticks, footing.on_thresholds(thresholds, s))
+            if supply.stale:
+                supply.renew()
+            advance(ticks, s, self._p, world.edges, self._near, self._touch)
+            self.tick_ms = tick_ms = self.tick_ms + ticks
             self._read = None
             n -= ticks
-            if self.tick_ms % SLOW_MS == 0:
-                s = self._now()
-                self._supply.settle(self.tick_ms, s[k.DRAWN_C])
-                if not f.lifted and footing.renew(self._world, s[k.X], s[k.Y], s[k.THETA]):
+            if tick_ms % SLOW_MS == 0:
+                self._read = now = s.tolist()
+                supply.settle(tick_ms, now[_DRAWN_C])
+                if not f.lifted and footing.renew(world, now[_X], now[_Y], now[_THETA]):
                     self._apply((*self._applied[:4], footing.fallen))
 
     # What may happen to it.
@@ -242,36 +232,42 @@ class Plant:
     @property
     def wheel_angles_rad(self) -> tuple[float, float]:
         """Left and right wheel angle, continuous."""
-        s = self._now()
-        return s[k.ANGLE_L], s[k.ANGLE_R]
+        s = self._read or self._now()
+        return s[_ANGLE_L], s[_ANGLE_R]
 
     @property
     def inertial(self) -> Inertial:
         """What the inertial sensor feels, as sums since power-on."""
-        s, footing = self._now(), self._footing
-        v, lateral = self._velocity(s)
-        return Inertial(
-            self.tick_ms,
-            s[k.THETA],
-            v - s[k.SLIDE_SWAY] / TICK_S + s[k.GRAVITY_X],
-            lateral + s[k.SWAY] / TICK_S + s[k.GRAVITY_Y],
-            s[k.ANGLE_L],
-            s[k.ANGLE_R],
-            footing.pitch_rad,
-            footing.roll_rad,
-            footing.climb_m_s,
+        s, footing = self._read or self._now(), self._footing
+        if s[_TOUCHES]:
+            v, lateral = s[k.SLIDE_V], s[k.SLIDE_LATERAL]
+        else:
+            v, lateral = footing.left_m * s[_GRIP_L] + footing.right_m * s[_GRIP_R], 0.0
+        return _inertial(
+            Inertial,
+            (
+                self.tick_ms,
+                s[_THETA],
+                v - s[_SLIDE_SWAY] / TICK_S + s[_GRAVITY_X],
+                lateral + s[_SWAY] / TICK_S + s[_GRAVITY_Y],
+                s[_ANGLE_L],
+                s[_ANGLE_R],
+                footing.pitch_rad,
+                footing.roll_rad,
+                footing.climb_m_s,
+            ),
         )
 
     @property
     def motor_currents_a(self) -> tuple[float, float]:
         """Left and right motor current at this tick."""
-        s, supply, current_a = self._now(), self._supply, self._motor.current_a
-        return current_a(supply.left_v, s[k.SPEED_L]), current_a(supply.right_v, s[k.SPEED_R])
+        s, (left_v, right_v), current_a = self._now(), self._supply.bridges_v, self._motor.current_a
+        return current_a(left_v, s[k.SPEED_L]), current_a(right_v, s[k.SPEED_R])
 
     @property
     def motor_voltages_v(self) -> tuple[float, float]:
         """Left and right voltage behind the bridge."""
-        return self._supply.left_v, self._supply.right_v
+        return self._supply.bridges_v
 
     @property
     def left_radius_m(self) -> float:
@@ -296,7 +292,8 @@ class Plant:
     @property
     def rail_5v_v(self) -> float:
         """The logic rail; it falls with the battery where that is below 6.5 V."""
-        return rail_5v_v(self.supply_v)
+        supply_v = self._supply.battery.terminal_v
+        return rail_5v_v(supply_v) if supply_v < RAIL_WHOLE_V else RAIL_V
 
     @property
     def state_of_charge(self) -> float:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 _SECONDS_PER_HOUR = 3600.0
 RAIL_V, RAIL_DROPOUT_V = 5.0, 1.5
 """Of the logic rail: below 6.5 V at the battery it falls with it."""
+RAIL_WHOLE_V = RAIL_V + RAIL_DROPOUT_V
+"""At the battery: from here on the logic rail has all its voltage."""
 BRIDGE_LOGIC_V = 4.5
 """L298 datasheet, electrical characteristics: least logic supply; below it the bridges are off."""
 
@@ -45,11 +47,21 @@ class Battery:
     left. At 0 the pack's protection opens: no voltage at all, until it is charged.
     """
 
-    __slots__ = ("_p", "charge_ah", "current_a", "drawn_j", "internal_j", "open_v", "terminal_v")
+    __slots__ = (
+        "_p",
+        "_slope_v",
+        "charge_ah",
+        "current_a",
+        "drawn_j",
+        "internal_j",
+        "open_v",
+        "terminal_v",
+    )
 
     def __init__(self, parameters: BatteryParameters) -> None:
         """Start at the parameters' state of charge, with no current."""
         self._p = parameters
+        self._slope_v = 1.0 - parameters.empty_ratio
         self.current_a = 0.0
         self.drawn_j = 0.0
         """Energy given at the terminals since power-on."""
@@ -72,24 +84,29 @@ class Battery:
 
         Over each such period the voltage is constant: it follows the current of the one before.
         """
-        self.drawn_j += charge_c * self.terminal_v
-        self.internal_j += charge_c * (self.open_v - self.terminal_v)
+        terminal_v = self.terminal_v
+        self.drawn_j += charge_c * terminal_v
+        self.internal_j += charge_c * (self.open_v - terminal_v)
         self.current_a = charge_c / duration_s
-        self.charge_ah = max(0.0, self.charge_ah - charge_c / _SECONDS_PER_HOUR)
+        left_ah = self.charge_ah - charge_c / _SECONDS_PER_HOUR
+        self.charge_ah = left_ah if left_ah > 0.0 else 0.0  # noqa: FURB136 - each period: no call
         self._settle()
 
     def _settle(self) -> None:
         p = self._p
         charge = self.charge_ah / p.capacity_ah
         ohm = p.resistance_ohm
-        self.open_v = p.full_v * (p.empty_ratio + (1.0 - p.empty_ratio) * charge)
-        """Open-circuit voltage."""
+        open_v = p.full_v * (p.empty_ratio + self._slope_v * charge)
         if charge < p.knee:
             depth = 1.0 - charge / p.knee
-            self.open_v *= 1.0 - p.knee_fall * depth
+            open_v *= 1.0 - p.knee_fall * depth
             ohm *= 1.0 + p.knee_resistance * depth
-        empty = self.charge_ah == 0.0
-        self.terminal_v = 0.0 if empty else max(0.0, self.open_v - self.current_a * ohm)
+        self.open_v = open_v
+        """Open-circuit voltage."""
+        terminal_v = open_v - self.current_a * ohm
+        if terminal_v < 0.0 or charge == 0.0:
+            terminal_v = 0.0
+        self.terminal_v = terminal_v
         """Voltage under the present current."""
 
 

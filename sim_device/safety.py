@@ -90,7 +90,8 @@ class Watchdog:
     def __init__(self) -> None:
         self._first = self._second = 0.0
         self._counter: int | None = None
-        self._until_us = 0
+        self.until_us = 0
+        """When the values held run out, microseconds of uptime; 0: none are held."""
         self._was_live = False
 
     def reset(self) -> None:
@@ -101,7 +102,7 @@ class Watchdog:
     def halt(self) -> None:
         """Let go of the values; later ones of the session are taken again."""
         self._first = self._second = 0.0
-        self._until_us = 0
+        self.until_us = 0
         self._was_live = False
 
     def take(  # noqa: PLR0913, PLR0917 - two values and what judges them
@@ -123,17 +124,17 @@ class Watchdog:
             return False
         self._counter = counter
         self._first, self._second = first, second
-        self._until_us = now_us + int(live_us)
+        self.until_us = now_us + int(live_us)
         self._was_live = True
         return True
 
     def left_us(self, now_us: int) -> int:
         """Time to live that is left."""
-        return max(0, self._until_us - now_us)
+        return max(0, self.until_us - now_us)
 
     def expired(self, now_us: int) -> bool:
         """True once, when values that held have run out."""
-        if self._was_live and now_us >= self._until_us:
+        if self._was_live and now_us >= self.until_us:
             self.halt()
             return True
         return False
@@ -141,6 +142,11 @@ class Watchdog:
 
 class SetpointWatchdog(Watchdog):
     """Holds the body velocity that the host wants."""
+
+    @property
+    def wanted(self) -> tuple[float, float]:
+        """Forward speed and counter-clockwise rate."""
+        return self._first, self._second
 
     @property
     def v_m_s(self) -> float:

@@ -62,14 +62,13 @@ class Sampler:
 
     def begin(self) -> None:
         """Start a period: counts and IMU are read in each."""
-        counts = self._sensors.encoders()
-        if self._zero is None:
-            self._zero = counts
-        zero_left, zero_right = self._zero
-        if zero_left or zero_right:
+        sensors = self._sensors
+        counts = sensors.encoders()
+        if self._zero != (0, 0):
+            zero_left, zero_right = self._zero = self._zero or counts
             counts = counts[0] - zero_left & _MASK, counts[1] - zero_right & _MASK
         self.counts = counts
-        self.imu = self._sensors.imu()
+        self.imu = sensors.imu()
         self._around = None
 
     def around(self) -> Around:

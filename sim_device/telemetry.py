@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING
 
 from protocol.messages import Encoders, Imu, LinkCounters, Status, Sync
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.link import LinkBase
-    from protocol.message import Message
+    from protocol.message import Message, MessageSpec
     from sim_device.control import Control
     from sim_device.sampling import Sampler
 
@@ -33,7 +34,7 @@ class Telemetry:
         self._link, self._sampler, self._control = link, sampler, control
         self._load_percent = 0
         self._frames_before = 0
-        self._readers: dict[str, Callable[[int], Message]] = {
+        self.readers: dict[str, Callable[[int], Message]] = {
             "imu": lambda _now_us: Imu(*sampler.imu),
             "encoders": lambda _now_us: Encoders(*sampler.counts),
             "range": lambda _now_us: range_message(sampler.around()),
@@ -43,13 +44,10 @@ class Telemetry:
             "status": self._status,
             "planner_state": lambda _now_us: control.planner_state(),
         }
-
-    def read(self, name: str, now_us: int) -> Message:
-        """The stream's message now; zeros for one of another version of the project."""
-        reader = self._readers.get(name)
-        if reader is None:
-            return blank(self._link.codec.catalogue.by_name[name])
-        return reader(now_us)
+        """By the stream's name: gives its message at a moment, microseconds of uptime."""
+        for spec in link.codec.catalogue:
+            if spec.name not in self.readers:  # of another version of the project: zeros
+                self.readers[spec.name] = functools.partial(_blank, spec)
 
     def measure_load(self) -> None:
         """Work out the busy share of the last ten periods."""
@@ -76,3 +74,7 @@ class Telemetry:
             min(_TIME_TO_LIVE_MS_MAX, control.watchdog.left_us(now_us) // 1000),
             self._load_percent,
         )
+
+
+def _blank(spec: MessageSpec, _now_us: int) -> Message:
+    return blank(spec)

@@ -73,12 +73,18 @@ class Wheel:
         """Forget what was wanted and what came of it."""
         self._integral = self.stalled_s = 0.0
 
-    def duty(self, target_m_s: float, scale: float) -> float:
+    def duty(self, count: int, target_m_s: float, scale: float) -> float:
         """Duty for the next period; exactly 0 where the wheel should rest and does.
 
-        ``scale`` is the nominal supply over the present one.
+        ``count`` is as for ``measure``, which this does first; ``scale`` is the nominal supply
+        over the present one.
         """
-        speed = self.speed_m_s
+        before, speed = self._count, self.speed_m_s
+        if before is not None:  # as measure: each period, twice, and a call costs as much
+            delta = (count - before + _HALF_WRAP & _MASK) - _HALF_WRAP
+            speed += 0.5 * (delta * self._speed_per_count - speed)
+            self.speed_m_s = speed
+        self._count = count
         if target_m_s > 0.0:
             base, far = self._feed_forward * target_m_s + self._friction, target_m_s
         elif target_m_s < 0.0:
@@ -139,9 +145,7 @@ class WheelControl:
         self, v_m_s: float, yaw_rate_rad_s: float, counts: tuple[int, int], supply_v: float
     ) -> tuple[float, float]:
         """One 10 ms period: counts in, left and right duty out."""
-        left, right = self.left, self.right
-        left.measure(counts[0])
-        right.measure(counts[1])
+        left_count, right_count = counts
         v, yaw = self._v, self._yaw
         if v_m_s != v or yaw_rate_rad_s != yaw or self._limited:
             v = self._v = _towards(v, _clamp(v_m_s, self._v_max), self._v_step)
@@ -150,7 +154,10 @@ class WheelControl:
             self._limited = False
         turn = self._half_base_m * yaw
         scale = NOMINAL_V / (supply_v if supply_v > LEAST_V else LEAST_V)  # noqa: FURB136 - no call
-        return left.duty(v - turn, scale), right.duty(v + turn, scale)
+        return (
+            self.left.duty(left_count, v - turn, scale),
+            self.right.duty(right_count, v + turn, scale),
+        )
 
     @property
     def yaw_rate_rad_s(self) -> float:

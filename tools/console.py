@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import Any
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
-from rich.table import Table
 
-ERR = Console(stderr=True, highlight=False)
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
 _OUTCOME_STYLE = {"complete": "green", "stopped": "yellow", "timeout": "red", "fault": "red"}
+
+
+@cache
+def err() -> Console:
+    """Where people read; made, and its library imported, when there is something to read."""
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)
 
 
 def say(text: str) -> None:
     """A line for people, on stderr."""
-    ERR.print(text, soft_wrap=True, markup=False)
+    err().print(text, soft_wrap=True, markup=False)
 
 
 def complain(text: str) -> None:
@@ -30,11 +40,15 @@ def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
         sys.stdout.write(json.dumps(summary) + "\n")
         sys.stdout.flush()
         return
+    from rich.console import Console
+
     Console(highlight=False).print(summary_table(summary))
 
 
 def summary_table(summary: dict[str, Any]) -> Table:
     """The figures that people ask for first."""
+    from rich.table import Table
+
     coverage, wire = summary["coverage"], summary["wire"]
     style = _OUTCOME_STYLE.get(summary["outcome"], "")
     table = Table(show_header=False, box=None, pad_edge=False)

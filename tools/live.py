@@ -16,7 +16,7 @@ from rich.text import Text
 
 from bridge.telemetry import EventRecord, LogRecord, Severity
 from protocol.values import Fault, Mode, StopCause, flag_labels, label
-from tools.console import ERR
+from tools.console import err
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
@@ -58,7 +58,7 @@ class Teller:
     def _tell(self, severity: Severity, text: str) -> None:
         if self._plain:
             with contextlib.suppress(OSError):  # whoever read us has left; the run goes on
-                ERR.print(Text(text, style=_STYLES[severity]), soft_wrap=True)
+                err().print(Text(text, style=_STYLES[severity]), soft_wrap=True)
         else:
             self.lines.append((severity, text))
 
@@ -70,7 +70,7 @@ class LivePicture:
         """Draws nothing before :meth:`start`."""
         self._host = host
         self._teller = teller
-        self._live = Live(self, console=ERR, refresh_per_second=4, transient=True)
+        self._live = Live(self, console=err(), refresh_per_second=4, transient=True)
 
     def start(self) -> None:
         """Begin to draw."""

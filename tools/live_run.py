@@ -14,7 +14,8 @@ import numpy as np
 
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
-from bridge.host import Host, HostOptions
+from bridge.host import Host
+from bridge.host_options import HostOptions
 from bridge.io import clock
 from bridge.io.ports import link_of, open_port
 from bridge.io.pump import Pump
@@ -25,7 +26,7 @@ from bridge.record.writer import RunWriter
 from bridge.summary import run_summary
 from bridge.telemetry import RoomRecord, RunInfo
 from protocol.values import StopCause
-from tools.console import ERR
+from tools.console import err
 from tools.keys import on_key
 from tools.live import LivePicture, Teller
 from tools.version import VERSION
@@ -99,7 +100,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     except BaseException:
         opened.close()
         raise
-    teller = Teller(recorder, plain=not ERR.is_terminal)
+    teller = Teller(recorder, plain=not err().is_terminal)
     host = Host(
         asked.model,
         teller,
@@ -203,7 +204,7 @@ def _endings(pump: Pump) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _picture(host: Host, teller: Teller) -> Iterator[None]:
-    if not ERR.is_terminal:
+    if not err().is_terminal:
         yield
         return
     picture = LivePicture(host, teller)

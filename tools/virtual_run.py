@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from bridge.coverage.metrics import CoverageMeter, CoverageTrack
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
-from bridge.host import Host, HostOptions
+from bridge.host import Host
+from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission
 from bridge.telemetry import RoomRecord, TruthRecord
 from protocol.clock import HostNs
@@ -104,7 +105,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     return run
 
 
-def _loop(  # noqa: C901 - two ends and the wire between them
+def _loop(  # noqa: C901, PLR0912 - two ends and the wire between them
     run: VirtualRun,
     sink: Sink,
     progress: Callable[[float, Host], None] | None,
@@ -113,15 +114,16 @@ def _loop(  # noqa: C901 - two ends and the wire between them
 ) -> None:
     rig, host = run.rig, run.host
     device = rig or run.device
+    plant, mission = run.device.plant, host.mission
     to_device: deque[tuple[int, bytes]] = deque()
     to_host: deque[tuple[int, bytes]] = deque()
     poses: dict[int, Pose2] = {}
     host.open(HostNs(HOST_BOOT_NS))
-    progress_us = 0
-    while not host.mission.done:
-        device_us = now_us = device.next_deadline_us()
-        host_us = -((HOST_BOOT_NS - host.next_deadline()) // 1000)
-        now_us = min(now_us, host_us)
+    # Neither end is asked, nor its next moment, before there is something for it to do.
+    device_us, host_us = device.next_deadline_us(), 0
+    tick_ms = progress_us = 0
+    while not mission.done:
+        now_us = min(device_us, host_us)
         if to_device and to_device[0][0] < now_us:
             now_us = to_device[0][0]
         if to_host and to_host[0][0] < now_us:
@@ -129,22 +131,27 @@ def _loop(  # noqa: C901 - two ends and the wire between them
         arrived = b""
         while to_device and to_device[0][0] <= now_us:
             arrived += to_device.popleft()[1]
-        # Neither end is asked while it has nothing to do: half of all turns are the other's.
-        out = device.step(arrived, now_us) if arrived or now_us >= device_us else b""
-        if out:
-            to_host.append((now_us + latency_us, out))
-        if rig is not None:
-            _record_faults(rig, sink)
-        tick_ms = device.plant.tick_ms
-        if tick_ms not in poses:
-            _remember(run, poses, tick_ms, device.plant.pose, sink)
+        if arrived or now_us >= device_us:
+            out = device.step(arrived, now_us)
+            device_us = device.next_deadline_us()
+            if out:
+                to_host.append((now_us + latency_us, out))
+            if rig is not None:
+                _record_faults(rig, sink)
+            if plant.tick_ms != tick_ms:
+                _remember(run, poses, tick_ms, sink)
+                tick_ms = plant.tick_ms
         now_ns = HostNs(now_us * 1000 + HOST_BOOT_NS)
+        heard = False
         while to_host and to_host[0][0] <= now_us:
+            heard = True
             _receive(run, poses, to_host.popleft()[1], now_ns)
-        host.poll(now_ns)
-        data = host.data_to_send(now_ns)
-        if data:
-            to_device.append((now_us + latency_us, data))
+        if heard or now_us >= host_us:
+            host.poll(now_ns)
+            data = host.data_to_send(now_ns)
+            if data:
+                to_device.append((now_us + latency_us, data))
+            host_us = -((HOST_BOOT_NS - host.next_deadline()) // 1000)
         if now_us >= progress_us:
             progress_us = now_us + 1_000_000
             if progress is not None:
@@ -152,6 +159,7 @@ def _loop(  # noqa: C901 - two ends and the wire between them
             ending = ended()
             if ending is not None:
                 host.end(ending, now_ns)
+                host_us = now_us
 
 
 def _record_faults(rig: Rig, sink: Sink) -> None:
@@ -159,16 +167,25 @@ def _record_faults(rig: Rig, sink: Sink) -> None:
         sink.write(fault_record(event, EPOCH_NS + event.t_us * 1000))
 
 
-def _remember(
-    run: VirtualRun, poses: dict[int, Pose2], tick_ms: int, pose: Pose2, sink: Sink
-) -> None:
-    poses[tick_ms] = pose
+def _remember(run: VirtualRun, poses: dict[int, Pose2], last_ms: int, sink: Sink) -> None:
+    """Keep the true pose by the stamp that the device puts on it; log it every 20 ms.
+
+    A device whose clock drifts or jumps has control periods at other milliseconds than ours.
+    """
+    plant = run.device.plant
+    tick_ms, pose = plant.tick_ms, plant.pose
+    poses[own_ms(run.device)] = pose
     if len(poses) > _TICKS_KEPT:
         del poses[next(iter(poses))]
-    if tick_ms % _TRUTH_PERIOD_MS == 0:
+    if tick_ms // _TRUTH_PERIOD_MS != last_ms // _TRUTH_PERIOD_MS:
         sink.write(TruthRecord(EPOCH_NS + tick_ms * 1_000_000, pose))
         if _driving(run):
             run.track.add(tick_ms / 1000.0, *pose)
+
+
+def own_ms(device: VirtualSweeper) -> int:
+    """What the device's clock will stamp on the samples of its next control period, in ms."""
+    return device.clock.stamp_us(device.next_deadline_us()) // 1000
 
 
 def _receive(run: VirtualRun, poses: dict[int, Pose2], data: bytes, now_ns: HostNs) -> None:

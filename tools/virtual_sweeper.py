@@ -17,7 +17,8 @@ from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import StoppedForSafetyError
-from bridge.host import Host, HostOptions
+from bridge.host import Host
+from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission, Phase
 from bridge.motion.observation import VelocityCommand
 from bridge.record.sink import NullSink
@@ -34,7 +35,7 @@ from sim_device.faults.kinds import parse_fault
 from sim_device.line import STRAIGHT
 from sim_device.rig import Rig
 from tools.rooms import load_room
-from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, LATENCY_US
+from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, LATENCY_US, own_ms
 from tools.virtual_settings import Settings
 
 if TYPE_CHECKING:
@@ -200,7 +201,7 @@ class SimulatedSweeper:
         if out:
             self._to_host.append((now_us + LATENCY_US, out))
         truth = rig.truth
-        self._poses[truth.tick_ms] = truth.pose
+        self._poses[own_ms(self.device)] = truth.pose
         if len(self._poses) > _TICKS_KEPT:
             del self._poses[next(iter(self._poses))]
         if now_us >= self._next_truth_us:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bridge.coverage.raster import Floats, Mask, Raster
     from bridge.motion.robot_model import RobotModel
 
+_new = tuple.__new__
 _CHUNK_S = 0.25
 """Poses are merged into straight pieces up to this long: the resolution of the times."""
 _TOLERANCE_M = 2e-4
@@ -163,7 +164,7 @@ class CoverageTrack:
 
     def add(self, time_s: float, x_m: float, y_m: float, theta_rad: float) -> None:
         """Take the next pose, of the axle's centre, in the order of time."""
-        pose = TimedPose(time_s, x_m, y_m, theta_rad)
+        pose = _new(TimedPose, (time_s, x_m, y_m, theta_rad))
         newest, self._newest = self._newest, pose
         if newest is None:
             self._first = pose

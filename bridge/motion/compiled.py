@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
 
-from numba import njit
-
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+
+
+@contextlib.contextmanager
+def _left_out(*names: str) -> Iterator[None]:
+    """Let nobody import these packages meanwhile, unless somebody has before."""
+    hidden = [name for name in names if name not in sys.modules]
+    for name in hidden:
+        sys.modules[name] = None  # type: ignore[assignment]  # what says "do not look for it"
+    try:
+        yield
+    finally:
+        for name in hidden:
+            del sys.modules[name]
+
+
+# Numba tries for all three as it starts, a quarter of a whole start-up: for the coverage of its
+# own compiler, for products of matrices, of which the kernels have none, and for a file of
+# settings, which its environment variables replace.
+with _left_out("coverage", "scipy", "yaml"):
+    import numba.np.arraymath  # noqa: F401 - what the first kernel would bring in
+    from numba import njit
 
 _Args = ParamSpec("_Args")
 _Result = TypeVar("_Result")

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import struct
 import zlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -34,14 +34,16 @@ from mcap.records import (
 )
 
 from bridge.record.errors import LogExistsError, LogWriteError
-from bridge.record.packer import Packer, Part
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
     from io import FileIO
     from pathlib import Path
 
-_OP_MESSAGE, _OP_MESSAGE_INDEX = int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)
+OP_MESSAGE, _OP_MESSAGE_INDEX = int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)
+
+Places = tuple[tuple[int, int], ...]
+"""Of records that come together: each one's channel, and where it begins from the first."""
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -52,10 +54,9 @@ CHUNK_NS = 250_000_000
 _ZSTD_LEVEL = 1  # level 3 makes 20 % less of our data, for a fifth more time
 
 _MESSAGE = struct.Struct("<BQHIQQ")
-_RECORD_HEAD = 9
+RECORD_HEAD = 9
 """Opcode and length, which the length does not count."""
-_MESSAGE_FIXED = _MESSAGE.size - _RECORD_HEAD
-_MESSAGE_HEAD = struct.Struct("<BQH")
+MESSAGE_FIXED = _MESSAGE.size - RECORD_HEAD
 _INDEX = struct.Struct("<BQHI")
 
 
@@ -126,6 +127,8 @@ class ChunkedFile:
         self._earliest_ns = self._deadline_ns = 0
         self._indexes: list[list[int]] = []
         """By channel: log time and place of each of its messages in the chunk in progress."""
+        self._joint: list[tuple[Places, list[int]]] = []
+        """The same, of records that come together: where each of them lies from the first."""
         self._schemas: dict[int, Schema] = {}
         self._schema_ids: dict[str, int] = {}
         self._channels: dict[int, Channel] = {}
@@ -200,22 +203,23 @@ class ChunkedFile:
             pending = self._pending
         self._indexes[channel_id - 1] += (log_ns, len(pending))
         pending += _MESSAGE.pack(
-            _OP_MESSAGE, _MESSAGE_FIXED + len(data), channel_id, sequence, log_ns, publish_ns
+            OP_MESSAGE, MESSAGE_FIXED + len(data), channel_id, sequence, log_ns, publish_ns
         )
         pending += data
 
-    def add_records(self, log_ns: int, data: bytes, places: Iterable[tuple[int, int]]) -> None:
-        """Add whole Message records of one log time.
+    def join(self, places: Places) -> list[int]:
+        """Declare records that always come together; what to give :meth:`add_records`."""
+        entries: list[int] = []
+        self._joint.append((places, entries))
+        return entries
 
-        ``places`` says of each its channel's id and where in ``data`` it begins.
-        """
+    def add_records(self, log_ns: int, data: bytes, entries: list[int]) -> None:
+        """Add whole Message records of one log time, in the places that were declared."""
         pending = self._pending
         if not self._earliest_ns <= log_ns < self._deadline_ns or len(pending) >= CHUNK_BYTES:
             self._next_chunk(log_ns)
             pending = self._pending
-        start, indexes = len(pending), self._indexes
-        for channel_id, offset in places:
-            indexes[channel_id - 1] += (log_ns, start + offset)
+        entries += (log_ns, len(pending))
         pending += data
 
     def _next_chunk(self, log_ns: int) -> None:
@@ -235,7 +239,7 @@ class ChunkedFile:
         """
         if self.failure is not None:
             raise self.failure
-        used = {c: entries for c, entries in enumerate(self._indexes, 1) if entries}
+        used = self._take_index()
         if not used:
             return
         self._earliest_ns = self._deadline_ns = 0
@@ -273,13 +277,30 @@ class ChunkedFile:
             uncompressed_size=len(content),
         )
         self._pending = bytearray()
-        self._indexes = [[] for _ in self._indexes]
         self._write(chunk + bytes(indexes))
         self._chunks.append(_bytes_of(described))
         earliest_ns, latest_ns = self._span_ns or (first_ns, last_ns)
         self._span_ns = min(first_ns, earliest_ns), max(last_ns, latest_ns)
         for channel_id, entries in used.items():
             self._counts[channel_id - 1] += len(entries) // 2
+
+    def _take_index(self) -> dict[int, list[int]]:
+        """Log times and places of the chunk in progress, by channel; they are forgotten."""
+        for places, entries in self._joint:
+            if entries:
+                starts = entries[1::2]
+                for channel_id, offset in places:
+                    entries[1::2] = [start + offset for start in starts]
+                    known = self._indexes[channel_id - 1]
+                    mixed = bool(known)
+                    known += entries
+                    if mixed:  # of several forms: in order again
+                        by_place = sorted(zip(known[1::2], known[::2], strict=True))
+                        known[:] = [n for place, log_ns in by_place for n in (log_ns, place)]
+                entries.clear()
+        used = {c: entries for c, entries in enumerate(self._indexes, 1) if entries}
+        self._indexes = [[] for _ in self._indexes]
+        return used
 
     def finish(self) -> None:
         """Close the last chunk, write the summary and close the file; again is no error.
@@ -360,34 +381,3 @@ class ChunkedFile:
             self.failure = LogWriteError(self.path, error.strerror or str(error))
             raise self.failure from None
         self.offset += len(data)
-
-
-class Bundle:
-    """Messages of fixed length that always come together, packed in one go.
-
-    Of every message the values are: sequence, log time and publish time (ns), then those of
-    its own form.
-    """
-
-    def __init__(self, file: ChunkedFile, messages: Iterable[tuple[int, Sequence[Part]]]) -> None:
-        """Take a channel's id and a form for each message."""
-        parts: list[Part] = []
-        places: list[tuple[int, int]] = []
-        offset = 0
-        for channel_id, form in messages:
-            size = _MESSAGE_FIXED + Packer(form).size
-            parts += (_MESSAGE_HEAD.pack(_OP_MESSAGE, size, channel_id), "I", "Q", "Q", *form)
-            places.append((channel_id, offset))
-            offset += _RECORD_HEAD + size
-        self._add = file.add_records
-        self._pack = Packer(parts).pack
-        self._places = tuple(places)
-
-    def add(self, log_ns: int, values: Iterable[Any]) -> None:
-        """Write the messages; ``log_ns`` must be the log time that the values name.
-
-        Raises:
-            LogWriteError: the file cannot be written.
-
-        """
-        self._add(log_ns, self._pack(values), self._places)

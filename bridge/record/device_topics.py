@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.record.chunked import Bundle
+from bridge.record.bundle import Bundle
 from bridge.record.schemas import DeviceEncoder
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class DeviceTopics:
         values: list[Any] = [seq, log_ns, time_ns]
         values += fields if whole else [value for value in fields if value is not None]
         if ros is not None:
-            head = (seq, log_ns, time_ns, *divmod(time_ns, _NANOSECONDS))
+            head = (seq, log_ns, time_ns, time_ns // _NANOSECONDS, time_ns % _NANOSECONDS)
             for of_topic in ros.values(record):
                 values += head
                 values += of_topic

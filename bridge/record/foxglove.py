@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from bridge.record.descriptors import (
@@ -106,6 +107,7 @@ _STAMP = struct.Struct("<BIBBIB")
 STAMP_CODE = f"{_STAMP.size}s"
 
 
+@lru_cache(maxsize=8)  # truth, pose and transform of one moment
 def timestamp(time_ns: int) -> bytes:
     """A ``google.protobuf.Timestamp`` of Unix nanoseconds, always twelve bytes long."""
     s, n = divmod(time_ns, _NANOSECONDS)

@@ -27,12 +27,13 @@ class Packer:
                 codes.append(part)
                 constants.append(b"")
         layout = f"<{len(constants[0])}s"
-        self._template: list[Any] = [constants[0]]
+        self.template: list[Any] = [constants[0]]
+        """What ``form`` packs, values to be put in at odd places."""
         for code, constant in zip(codes, constants[1:], strict=True):
             layout += f"{code}{len(constant)}s"
-            self._template += (0, constant)
+            self.template += (0, constant)
         form = struct.Struct(layout)
-        self._pack = form.pack
+        self.form = form.pack
         self.size = form.size
         """Bytes of the whole."""
 
@@ -43,6 +44,6 @@ class Packer:
             ValueError: there are more or fewer of them than the form has places.
 
         """
-        parts = self._template.copy()
+        parts = self.template.copy()
         parts[1::2] = values
-        return self._pack(*parts)
+        return self.form(*parts)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from bridge.record.descriptors import varint
 from bridge.record.layout import FlatField, FlatMessage, Kind
 from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
         EventRecord,
         PlannerRecord,
         PoseRecord,
-        RawBytes,
         RawCan,
     )
     from protocol.catalogue import Catalogue
@@ -74,12 +74,13 @@ class DeviceEncoder:
 
     def values(self, record: DeviceMessage) -> list[Any]:
         """One value for each field of the layout, None where it is absent."""
-        raw = tuple(record.message)
+        _, _, bound_ns, node, _, t_us, _, message = record
+        raw: tuple[Any, ...] = message  # type: ignore[assignment]  # what it is at run time
         if self._sentinels or None in raw:
             si = [self._si_or_none(raw[i], i, gain, offset) for i, gain, offset in self._gains]
         else:
             si = [raw[i] * gain + offset for i, gain, offset in self._gains]
-        return [record.t_us, record.node, record.bound_ns, *raw, *si]
+        return [t_us, node, bound_ns, *raw, *si]
 
     def _si_or_none(self, raw: int | None, index: int, gain: float, offset: float) -> float | None:
         if raw is None or raw == self._sentinels.get(index):
@@ -205,9 +206,16 @@ CLOCK_SYNC = _flat(
 """``/clock/sync``: Unix time less device time, and how well it is known."""
 
 
-def encode_raw(record: RawBytes) -> bytes:
+_RAW_KEY = RAW_BYTES.fields[0].tag
+_RAW_HEADS = [_RAW_KEY + varint(size) for size in range(1024)]
+
+
+def encode_raw(data: bytes) -> bytes:
     """``RawBytes``."""
-    return RAW_BYTES.encode([bytes(record.data)])
+    try:
+        return _RAW_HEADS[len(data)] + data
+    except IndexError:
+        return _RAW_KEY + varint(len(data)) + data
 
 
 def encode_raw_can(record: RawCan) -> bytes:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.config import parse_robot
 from bridge.record import foxglove, ros, schemas
-from bridge.record.chunked import Bundle, ChunkedFile
+from bridge.record.bundle import Bundle
+from bridge.record.chunked import ChunkedFile
 from bridge.record.device_topics import DeviceTopics
 from bridge.record.errors import LogWriteError
 from bridge.record.room import rasterise
@@ -109,8 +110,13 @@ class RunWriter:
         """
         if self._file.failure is not None:
             raise self._file.failure
-        self._last_ns = record.log_ns
-        self._handlers[type(record)](record)
+        self._last_ns = record[0]
+        if record.__class__ is DeviceMessage:  # two of five, and the dearest
+            topics = self._device.get(record[6])
+            if topics is not None:
+                topics.write(record)
+                return
+        self._handlers[record.__class__](record)
 
     def flush(self) -> None:
         """Hand everything so far to the operating system: for when nothing more may come soon.
@@ -168,21 +174,23 @@ class RunWriter:
     # ---- one for each kind of record
 
     def _raw(self, record: RawBytes) -> None:
-        topic = "/raw/uart/tx" if record.outgoing else "/raw/uart/rx"
-        data = schemas.encode_raw(record)
-        self._add_flat(topic, schemas.RAW_BYTES, record.log_ns, data)
+        log_ns, outgoing, data = record
+        topic = "/raw/uart/tx" if outgoing else "/raw/uart/rx"
+        channel = self._flat_channels.get(topic)
+        if channel is None:
+            channel = self._flat_channel(topic, schemas.RAW_BYTES)
+        self._file.add_message(channel, log_ns, log_ns, 0, schemas.encode_raw(data))
 
     def _raw_can(self, record: RawCan) -> None:
         data = schemas.encode_raw_can(record)
         self._add_flat("/raw/can", schemas.RAW_CAN, record.log_ns, data)
 
     def _device_message(self, record: DeviceMessage) -> None:
-        topics = self._device.get(record.name)
-        if topics is None:
-            cls = type(record.message)
-            topics = self._device[record.name] = DeviceTopics(
-                self._file, CATALOGUE.spec(cls), self._ros.form(cls), self._ros_topic
-            )
+        """The first of its type; those that follow go straight to its topics."""
+        cls = type(record.message)
+        topics = self._device[record.name] = DeviceTopics(
+            self._file, CATALOGUE.spec(cls), self._ros.form(cls), self._ros_topic
+        )
         topics.write(record)
 
     def _pose(self, record: PoseRecord) -> None:

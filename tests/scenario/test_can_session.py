@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.host import Host, HostOptions
+from bridge.host import Host
+from bridge.host_options import HostOptions
 from bridge.mission import Mission
 from bridge.motion.robot_model import RobotModel
 from bridge.session_events import Agreed, CommandEnded, Data, Failed, Ping, State

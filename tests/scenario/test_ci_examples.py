@@ -74,9 +74,7 @@ def test_a_script_whose_emulator_cannot_start_fails(tmp_path: Path) -> None:
 def test_the_users_test_passes(tmp_path: Path) -> None:
     file = tmp_path / "test_my_controller.py"
     file.write_text((EXAMPLES / file.name).read_text())
-    plugin = (
-        [] if entry_points(group="pytest11", name="sweepctl") else ["-p", "tools.pytest_plugin"]
-    )
+    plugin = [] if entry_points(group="pytest11", name="sweepctl") else ["-p", "sweepctl_pytest"]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", *plugin, "-p", "no:cacheprovider", file.name],
         cwd=tmp_path,

@@ -163,7 +163,7 @@ def test_a_port_that_cannot_be_opened_is_one_line(tmp_path: Path, port: str, lin
 def test_a_port_where_nobody_answers_is_one_line(tmp_path: Path) -> None:
     """Given as people type it: a path that exists, in a word of its own."""
     master, slave = os.openpty()
-    plugin = [] if INSTALLED else ["-p", "tools.pytest_plugin"]
+    plugin = [] if INSTALLED else ["-p", "sweepctl_pytest"]
     try:
         outcome = conformance(tmp_path, *plugin, "--port", os.ttyname(slave))
     finally:

@@ -21,11 +21,14 @@ INSTALLED = bool(entry_points(group="pytest11", name="sweepctl"))
 
 
 def users_pytest(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, *arguments: str
+    pytester: pytest.Pytester,
+    monkeypatch: pytest.MonkeyPatch,
+    *arguments: str,
+    python_path: str = str(ROOT),
 ) -> pytest.RunResult:
     """Run pytest in the user's folder, with the plugin and nothing of this project's settings."""
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    plugin = () if INSTALLED else ("-p", "tools.pytest_plugin")
+    monkeypatch.setenv("PYTHONPATH", python_path)
+    plugin = () if INSTALLED else ("-p", "sweepctl_pytest")
     return pytester.runpytest_subprocess(*plugin, "-p", "no:cacheprovider", *arguments)
 
 
@@ -160,6 +163,9 @@ WRONG = {
     "key": ('rooom="empty"', "no 'rooom'; there are room, noise, seed, faults, node, link"),
     "kind": ('seed="one"', "seed='one' is not int"),
     "link": ('link="wifi"', "link 'wifi' is not one of pty, tcp, slcan, udpcan"),
+    "node": ("node=99", "node=99 is not in 1 to 15"),
+    "seed": ("seed=-1", "seed=-1 is not in 0 to 9223372036854775807"),
+    "number": ("faults=[5]", "faults=[5] is no list of str"),
     "word": ('"empty"', "write name=value"),
 }
 
@@ -192,7 +198,7 @@ def _setups(out: str, test: str) -> Sequence[str]:
 
 def test_pytest_starts_as_quickly_as_without(tmp_path: Path) -> None:
     program = (
-        "import sys, tools.pytest_plugin\n"
+        "import sys, sweepctl_pytest\n"
         "heavy = {'numpy', 'numba', 'scipy', 'serial', 'can', 'click', 'protocol', 'bridge', "
         "'sim_device'}\n"
         "print(sorted(heavy & set(sys.modules)))"
@@ -206,6 +212,24 @@ def test_pytest_starts_as_quickly_as_without(tmp_path: Path) -> None:
         check=True,
     )
     assert done.stdout == "[]\n"
+
+
+def test_a_package_of_the_users_own_may_be_called_tools(
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their tests run; a fixture, which needs ours, says in one line why it cannot."""
+    folder = pytester.mkpydir("tools")
+    (folder / "mine.py").write_text("ANSWER = 42\n")
+    pytester.makepyfile(
+        test_mine="from tools.mine import ANSWER\n\ndef test_mine():\n    assert ANSWER == 42\n"
+        "\ndef test_needs_ours(sweeper):\n    pass\n"
+    )
+    pytester.syspathinsert()
+    users_path = os.pathsep.join([str(pytester.path), str(ROOT)])
+    result = users_pytest(pytester, monkeypatch, python_path=users_path)
+    result.assert_outcomes(passed=1, errors=1)
+    assert "Traceback" not in result.stdout.str()
+    result.stdout.fnmatch_lines(["sweepctl's package 'tools' is hidden by another of that name: *"])
 
 
 def test_a_user_without_the_fixtures_sees_nothing_of_it(

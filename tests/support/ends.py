@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from bridge.coverage.planner import PlannerState, ScriptedPlanner
 from bridge.coverage.runner import PlanRunner
-from bridge.host import Host, HostOptions
+from bridge.host import Host
+from bridge.host_options import HostOptions
 from bridge.mission import Mission
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import Turn

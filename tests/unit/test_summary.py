@@ -7,7 +7,8 @@ from typing import Any
 
 from bridge.coverage.floorplan import parse_floorplan
 from bridge.coverage.metrics import CoverageMeter
-from bridge.host import Host, HostOptions
+from bridge.host import Host
+from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel

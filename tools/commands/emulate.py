@@ -166,6 +166,8 @@ def command(  # noqa: PLR0913 - one parameter per option
             _sum_up(rig, report, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
+    for number in _signals():  # a second one, as `timeout` sends, must not spoil the status
+        signal.signal(number, signal.SIG_IGN)
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -171,12 +172,15 @@ def _interruptible() -> Iterator[Callable[[], Ending | None]]:
 @contextlib.contextmanager
 def _progress(max_time_s: float) -> Iterator[Callable[[float, Host], None]]:
     """A bar on a terminal, nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield lambda _time_s, _host: None
+        return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from tools.console import ERR
+    from tools.console import err
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
+    with Progress(*columns, console=err(), transient=True) as bar:
         task = bar.add_task("starting", total=max_time_s)
 
         def show(time_s: float, host: Host) -> None:

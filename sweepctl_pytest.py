@@ -1,13 +1,15 @@
 """Pytest fixtures for users of the virtual sweeper; see docs/ci.md.
 
 Loaded by every pytest where sweepctl is installed, so it imports nothing but pytest until a
-fixture is asked for.
+fixture is asked for. A module of its own, beside the packages: a project that has a package
+``tools`` must still be able to run its tests.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +34,9 @@ _KEYS: dict[str, type] = {
     "node": int,
     "link": str,
 }
+_LIMITS = {"seed": range(1 << 63), "node": range(1, 16)}
+_OURS = ("protocol.uart", "bridge.session", "sim_device.rig", "tools.virtual_sweeper")
+"""One module of each of our packages, to be told from a package of the same name."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -81,7 +86,22 @@ def sweeper_port(request: pytest.FixtureRequest) -> Iterator[str]:
     pytest.fail(message, pytrace=False)
 
 
+def _check_names() -> None:
+    """Fail in one line where a package of the project's own hides one of ours."""
+    for module in _OURS:
+        package = module.partition(".")[0]
+        try:
+            found = find_spec(module) is not None
+        except ModuleNotFoundError:  # a file `tools.py`, which has no modules in it
+            found = False
+        if not found:
+            where = getattr(sys.modules.get(package), "__file__", None) or "this project"
+            text = f"sweepctl's package {package!r} is hidden by another of that name: {where}"
+            pytest.fail(text, pytrace=False)
+
+
 def _settings(request: pytest.FixtureRequest) -> Settings:
+    _check_names()
     from tools.virtual_settings import Settings
 
     values: dict[str, Any] = {}
@@ -94,11 +114,17 @@ def _settings(request: pytest.FixtureRequest) -> Settings:
         if kind is None:
             known = ", ".join(_KEYS)
             pytest.fail(f"@pytest.mark.{MARKER}: no {name!r}; there are {known}", pytrace=False)
-        if name in {"room", "faults"} and isinstance(value, Path | tuple):
-            continue
-        if not isinstance(value, kind) or isinstance(value, bool):
+        other = {"room": Path, "faults": tuple}.get(name, kind)
+        if not isinstance(value, kind | other) or isinstance(value, bool):
             text = f"@pytest.mark.{MARKER}: {name}={value!r} is not {kind.__name__}"
             pytest.fail(text, pytrace=False)
+        if name in _LIMITS and value not in _LIMITS[name]:
+            low, high = _LIMITS[name][0], _LIMITS[name][-1]
+            text = f"@pytest.mark.{MARKER}: {name}={value} is not in {low} to {high}"
+            pytest.fail(text, pytrace=False)
+    faults = values.get("faults", [])
+    if not all(isinstance(fault, str) for fault in faults):
+        pytest.fail(f"@pytest.mark.{MARKER}: faults={faults!r} is no list of str", pytrace=False)
     if values.get("link", "pty") not in LINKS:
         text = f"@pytest.mark.{MARKER}: link {values['link']!r} is not one of {', '.join(LINKS)}"
         pytest.fail(text, pytrace=False)

@@ -1,0 +1,24 @@
+"""What a host may be told before its run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bridge.motion.geometry import Pose2
+from protocol.link import Link, LinkBase
+
+_ORIGIN = Pose2(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class HostOptions:
+    """What a run may be told beforehand."""
+
+    unix_offset_ns: int
+    """Unix time less the host's monotonic clock."""
+    planner: str = ""
+    start: Pose2 = _ORIGIN
+    """Where the robot stands at first, in the frame of the map."""
+    node: int | None = None
+    link: type[LinkBase] = Link
+    """What the device is connected by."""

@@ -1,0 +1,76 @@
+"""Compile what is compiled, once: ``python -m tools.warm``, as installation does.
+
+The kernels are compiled at their first call and kept beside their modules. A short simulated
+run over every kind of floor calls each of them, so that nobody's first run waits for it.
+"""
+
+from __future__ import annotations
+
+import sys
+import time  # noqa: TID251 - says how long it took
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import FloorPlan
+
+_SIMULATED_S = 20.0
+"""The robot stands for the gyro's sake at first; then it drives for some seconds."""
+
+
+def room() -> FloorPlan:
+    """A room with one of everything that a kernel deals with, within the first metre."""
+    from bridge.coverage.floorplan import Carpet, FloorPlan, Threshold
+    from bridge.motion.geometry import Pose2
+
+    def box(low: float, high: float) -> tuple[tuple[float, float], ...]:
+        return (low, low), (high, low), (high, high), (low, high)
+
+    return FloorPlan(
+        "warm",
+        box(0.0, 1.5),
+        (box(1.3, 1.4),),
+        Pose2(0.3, 0.3, 0.0),
+        (Carpet(box(0.0, 0.6)),),
+        (Threshold((0.7, 0.0), (0.7, 1.5), 0.003),),
+    )
+
+
+def warm() -> None:
+    """Call every kernel."""
+    from bridge.config import load_robot
+    from bridge.record.sink import NullSink
+    from tools.virtual_run import run_virtual
+    from tools.virtual_summary import summarise
+
+    plan, (model, _) = room(), load_robot(None)
+    run = run_virtual(plan, model, "paper", NullSink(), max_time_s=_SIMULATED_S)
+    summarise(run, plan, "paper", 0, "")
+
+
+def kernels() -> list[Any]:
+    """All compiled functions of the modules that are loaded, numba's own objects."""
+    from numba.core.dispatcher import Dispatcher
+
+    ours = [
+        module
+        for name, module in sorted(sys.modules.items())
+        if name.partition(".")[0] in {"bridge", "sim_device"}
+    ]
+    return [
+        value
+        for module in ours
+        for value in vars(module).values()
+        if isinstance(value, Dispatcher) and value.__module__ == module.__name__
+    ]
+
+
+def main() -> None:
+    """Warm up, and say what was done."""
+    print("compiling the simulator's kernels, once: up to a minute ...", end=" ", flush=True)
+    begun_s = time.perf_counter()
+    warm()
+    print(f"{len(kernels())} ready, {time.perf_counter() - begun_s:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
