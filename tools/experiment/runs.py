@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from tools.console import ERR, say
+from tools.console import err, say
 from tools.experiment.trials import room_of, work
 from tools.experiment.worker import run_trial
 
@@ -67,8 +67,8 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
     with (
         Progress(
             *columns,
-            console=ERR,
-            disable=not ERR.is_terminal,
+            console=err(),
+            disable=not err().is_terminal,
             speed_estimate_period=_SPEED_OVER_S,
         ) as bar,
         ProcessPoolExecutor(workers, context, initializer=_leave_ctrl_c_to_parent) as pool,
@@ -86,7 +86,7 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
                     text = _keep(store, trial, future, outcome)
                     done += 1
                     bar.update(task, advance=costs[trial], description=text, done=done)
-                    if not ERR.is_terminal:
+                    if not err().is_terminal:
                         _tell(bar, task, text)
         except (KeyboardInterrupt, BrokenProcessPool) as error:
             outcome.interrupted = True
