@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
 
-_SIMULATED_S = 20.0
-"""The robot stands for the gyro's sake at first; then it drives for some seconds."""
+_SIMULATED_S = {"paper": 20.0, "recovery": 120.0}
+"""The robot stands for the gyro's sake at first; the recovery planner then needs some decisions."""
 
 
 def room() -> FloorPlan:
@@ -43,8 +43,9 @@ def warm() -> None:
     from tools.virtual_summary import summarise
 
     plan, (model, _) = room(), load_robot(None)
-    run = run_virtual(plan, model, "paper", NullSink(), max_time_s=_SIMULATED_S)
-    summarise(run, plan, "paper", 0, "")
+    for planner, time_s in _SIMULATED_S.items():
+        run = run_virtual(plan, model, planner, NullSink(), max_time_s=time_s)
+        summarise(run, plan, planner, 0, "")
 
 
 def kernels() -> list[Any]:

@@ -23,6 +23,9 @@ TOUCH_SHARE, FELT_SHARE = 0.3, 0.1
 """Of the way that the wheels tell while the bumper is pressed: they may slip, the body slide."""
 
 
+ECHO_AGE_S = 0.03
+"""Of an ultrasonic reading that differs from the last: it pings every 60 ms, and is asked when
+the stream is due. One that repeats is older still, and fixes nothing."""
 GRAZE_M = 0.005
 """A wall abeam that is nearer to the rim than this may be rubbed against, ..."""
 GRAZE_SHARE = 0.15
@@ -46,6 +49,7 @@ class Relocaliser:
         self._sides = (SideSight(model.infrared_left), SideSight(model.infrared_right))
         self._front = FrontSights(model.ultrasonic)
         self.walls = WallMap(estimator)
+        self._echo_m: float | None = None
         self._touching = False
         self._last = estimator.odometry
         self.yaw_fixes = 0
@@ -81,7 +85,11 @@ class Relocaliser:
             if line is not None and self.walls.see_line(line):
                 self.yaw_fixes += 1
                 self.position_fixes += 1
-        front = self._front.add(seen_from, ultrasonic_m, steady=steady)
+        fresh = ultrasonic_m != self._echo_m
+        self._echo_m = ultrasonic_m
+        if t_s is not None and fresh:
+            seen_from = self._place(t_s - ECHO_AGE_S)
+        front = self._front.add(seen_from, ultrasonic_m, steady=steady and fresh)
         if front is not None and self.walls.see_front(front, self._ultrasonic):
             self.position_fixes += 1
 

@@ -145,7 +145,19 @@ def _short_runs(base: Path) -> tuple[Recorded, Recorded, Recorded]:
     logs = [folder / f"{name}.mcap" for name in ("first", "again", "other")]
     processes = [
         start(
-            *("simulate", "case-1", "--seed", seed, "--max-time", "12", "--json", "--out", log),
+            *(
+                "simulate",
+                "case-1",
+                "--planner",
+                "paper",
+                "--seed",
+                seed,
+                "--max-time",
+                "12",
+                "--json",
+                "--out",
+                log,
+            ),
             cwd=folder,
             env={"PYTHONHASHSEED": str(index)},
         )

@@ -14,8 +14,11 @@ RECKONING = {
     "bridge.motion.kinematics",
     "bridge.motion.odometry",
     "bridge.motion.relocalise",
-    "bridge.motion.wall_position",
-    "bridge.motion.wall_yaw",
+    "bridge.motion.belief",
+    "bridge.motion.dead_reckoning",
+    "bridge.motion.pose_filter",
+    "bridge.motion.wall_map",
+    "bridge.motion.wall_sight",
 }
 
 

@@ -11,7 +11,7 @@ from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.lane_kernels import scan_lanes
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.travel_kernels import clear_line, passable, travel, way_back
+from bridge.coverage.recovery.travel_kernels import _clear_line, passable, travel, way_back
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 
@@ -78,7 +78,7 @@ def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
     for a, b in itertools.pairwise(corners[:count]):
         (r0, c0), (r1, c1) = a.tolist(), b.tolist()
         beside = max(abs(r1 - r0), abs(c1 - c0)) == 1
-        assert beside or clear_line(open_, r0, c0, r1, c1, 1)
+        assert beside or _clear_line(open_, r0, c0, r1, c1, 1)
     assert way_back(open_, np.full_like(dist, -1), 35, 35, corners) == 0
 
 

@@ -107,7 +107,7 @@ def travel(open_: Layer, row: int, col: int, most: int, dist: Ints, queue: Ints)
 
 
 @compiled
-def clear_line(open_: Layer, r0: int, c0: int, r1: int, c1: int, least: int) -> bool:
+def _clear_line(open_: Layer, r0: int, c0: int, r1: int, c1: int, least: int) -> bool:
     """Whether every cell on a straight line is at least ``least`` (1 passable, 2 free)."""
     steps = max(abs(r1 - r0), abs(c1 - c0)) * 2
     if steps == 0:
@@ -164,7 +164,7 @@ def way_back(open_: Layer, dist: Ints, row: int, col: int, out: Ints) -> int:
             m = k - 1
             reach = k - 1
             while m >= 0:
-                if clear_line(
+                if _clear_line(
                     open_,
                     cells[k] // cols,
                     cells[k] % cols,
