@@ -24,7 +24,7 @@ from sim_device.modes import SET_EVENT, Event
 
 if TYPE_CHECKING:
     from protocol.message import Message
-    from sim_device.firmware import Firmware
+    from sim_device.virtual_firmware import Firmware
 
 RATE_MAX = 10_000
 """Tenths of a hertz, as declared; what is above the tick's rate is sent at each tick."""

@@ -12,12 +12,12 @@ from protocol.catalogue import CATALOGUE
 from protocol.link import Link
 from protocol.values import RebootKind, ResetCause
 from sim_device.clock import DeviceClock
-from sim_device.firmware import TICK_US, Firmware, Identity
 from sim_device.flash import Flash
 from sim_device.modes import Event, ModeMachine, State
 from sim_device.noise import noise_level
 from sim_device.plant import Plant, Truth
 from sim_device.sensors import SensorSuite
+from sim_device.virtual_firmware import TICK_US, Firmware, Identity
 from sim_device.world import World
 
 if TYPE_CHECKING:

@@ -15,7 +15,6 @@ from protocol.values import StopCause
 from sim_device import commands as device_commands
 from sim_device import (
     device,
-    firmware,
     health,
     log_lines,
     modes,
@@ -23,6 +22,7 @@ from sim_device import (
     parameters,
     safety,
     streams,
+    virtual_firmware,
 )
 
 if TYPE_CHECKING:
@@ -107,14 +107,14 @@ def _rules() -> Iterator[Rule]:
     yield Rule(
         "device",
         "control period; no stream is quicker",
-        _us(firmware.TICK_US),
-        "sim_device.firmware.TICK_US",
+        _us(virtual_firmware.TICK_US),
+        "sim_device.virtual_firmware.TICK_US",
     )
     yield Rule(
         "device",
         "hello, until agreed, every",
-        _us(firmware.HELLO_TICKS * firmware.TICK_US),
-        "sim_device.firmware.HELLO_TICKS",
+        _us(virtual_firmware.HELLO_TICKS * virtual_firmware.TICK_US),
+        "sim_device.virtual_firmware.HELLO_TICKS",
     )
     yield Rule(
         "device",

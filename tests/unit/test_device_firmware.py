@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sim_device.device import VirtualSweeper
-    from sim_device.firmware import Firmware
+    from sim_device.virtual_firmware import Firmware
 
 SESSION = 0xABCD
 
