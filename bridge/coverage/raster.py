@@ -122,8 +122,8 @@ class Raster:
         )
         if r0 >= r1 or c0 >= c1:
             return
-        window = (r0, r1, c0, c1)
-        kernel.capsule(mask, self.x, self.y, window, ax, ay, bx - ax, by - ay, radius_m)
+        ex, ey = bx - ax, by - ay
+        kernel.capsule(mask, self.x, self.y, r0, r1, c0, c1, ax, ay, ex, ey, radius_m)
 
     def stamp_path(self, mask: Mask, path: list[tuple[float, float]], radius_m: float) -> None:
         """Set the points within ``radius_m`` of a polyline."""
@@ -160,7 +160,8 @@ class Raster:
             corners = ((lx0, ly0, rx0, ry0, rx1, ry1), (lx0, ly0, rx1, ry1, lx1, ly1))
         else:
             corners = ((*pivot, lx0, ly0, lx1, ly1), (*pivot, rx0, ry0, rx1, ry1))
-        kernel.sweep(times, self.x, self.y, (r0, r1, c0, c1), np.array(corners), time_s)
+        triangles, edges = np.array(corners), np.empty((2, 3, 4))
+        kernel.sweep(times, self.x, self.y, r0, r1, c0, c1, triangles, edges, time_s)
 
 
 def _crossing(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Mask = NDArray[np.bool_]
     Labels = NDArray[np.int32]
+    Wide = NDArray[np.int64]
 
 _EDGE = -1e-12
 """A point on a triangle's edge is in it, to rounding."""
@@ -24,7 +26,10 @@ def capsule(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
     mask: Mask,
     xs: Floats,
     ys: Floats,
-    window: tuple[int, int, int, int],
+    row0: int,
+    row1: int,
+    col0: int,
+    col1: int,
     ax: float,
     ay: float,
     ex: float,
@@ -33,10 +38,8 @@ def capsule(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
 ) -> None:
     """Set the points within ``radius`` of the segment from (ax, ay) on by (ex, ey).
 
-    ``window`` holds all that can be: rows and columns, half open. (Whole arrays, not slices:
-    another layout in memory would be compiled anew.)
+    Rows and columns from 0 up to 1, half open, hold all that can be.
     """
-    row0, row1, col0, col1 = window
     square = ex * ex + ey * ey
     for row in range(row0, row1):
         for col in range(col0, col1):
@@ -54,16 +57,19 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
     times: Floats,
     xs: Floats,
     ys: Floats,
-    window: tuple[int, int, int, int],
+    row0: int,
+    row1: int,
+    col0: int,
+    col1: int,
     corners: Floats,
+    edges: Floats,
     time_s: float,
 ) -> None:
     """Note a time for the points in either of two triangles that have a later one or none.
 
-    ``window`` is as in :func:`capsule`; ``corners`` has a row for each triangle: x, y of its
-    three corners, in either orientation.
+    Rows and columns are as in :func:`capsule`; ``corners`` has a row for each triangle: x, y of
+    its three corners, in either orientation; ``edges``, (2, 3, 4), is room.
     """
-    edges = np.empty((2, 3, 4))
     for t in range(2):
         a = corners[t]
         area = (a[2] - a[0]) * (a[5] - a[1]) - (a[3] - a[1]) * (a[4] - a[0])
@@ -72,7 +78,6 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
             px, py, qx, qy = a[2 * k], a[2 * k + 1], a[(2 * k + 2) % 6], a[(2 * k + 3) % 6]
             edges[t, k, 0], edges[t, k, 1] = px, py
             edges[t, k, 2], edges[t, k, 3] = sign * (qx - px), sign * (qy - py)
-    row0, row1, col0, col1 = window
     for row in range(row0, row1):
         for col in range(col0, col1):
             if times[row, col] <= time_s:
@@ -89,15 +94,20 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
                     break
 
 
-@compiled
 def pieces(mask: Mask, reach: int) -> tuple[Labels, int]:
     """Number the connected pieces of a mask from 1, in the order of their first cells.
 
     ``reach`` 1: cells that share a side are connected; 2: those that share a corner as well.
     """
+    labels = np.zeros(mask.shape, dtype=np.int32)
+    stack = np.empty((mask.size, 2), dtype=np.int32)
+    return labels, number_pieces(np.ascontiguousarray(mask), reach, labels, stack)
+
+
+@compiled
+def number_pieces(mask: Mask, reach: int, labels: Labels, stack: Labels) -> int:
+    """Do what :func:`pieces` says; ``labels`` begins with zeros, ``stack`` is room."""
     rows, columns = mask.shape
-    labels = np.zeros((rows, columns), dtype=np.int32)
-    stack = np.empty((rows * columns, 2), dtype=np.int32)
     count = 0
     for row0 in range(rows):
         for col0 in range(columns):
@@ -123,10 +133,9 @@ def pieces(mask: Mask, reach: int) -> tuple[Labels, int]:
                             labels[r, c] = count
                             stack[top, 0], stack[top, 1] = r, c
                             top += 1
-    return labels, count
+    return count
 
 
-@compiled
 def deepest(mask: Mask) -> float:
     """Greatest distance (cells) of a cell of the mask from the nearest outside it.
 
@@ -135,6 +144,13 @@ def deepest(mask: Mask) -> float:
     """
     rows, columns = mask.shape
     down = np.zeros((rows + 2, columns + 2), dtype=np.int64)
+    return math.sqrt(deepest_square(np.ascontiguousarray(mask), down))
+
+
+@compiled
+def deepest_square(mask: Mask, down: Wide) -> int:
+    """Do what :func:`deepest` says, squared; ``down`` has a rim of zeros around the mask's size."""
+    rows, columns = mask.shape
     for col in range(1, columns + 1):
         for row in range(1, rows + 1):
             down[row, col] = down[row - 1, col] + 1 if mask[row - 1, col - 1] else 0
@@ -155,4 +171,4 @@ def deepest(mask: Mask) -> float:
                         square = min(square, d * d + step * step)
                 step += 1
             most = max(most, square)
-    return float(np.sqrt(most))
+    return most

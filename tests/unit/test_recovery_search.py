@@ -17,6 +17,7 @@ from bridge.motion.robot_model import RobotModel
 
 QUEUE = np.zeros((64, 4096), dtype=np.int32)
 FAR = 1 << 24
+CELLS = np.zeros(1024, dtype=np.int32)
 
 
 def floor(rows: int, cols: int) -> np.ndarray:
@@ -71,7 +72,7 @@ def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
     open_[10:, 20] = 0
     dist = reach(open_, 35, 5)
     corners = np.zeros((50, 2), dtype=np.int32)
-    count = way_back(open_, dist, 35, 35, corners)
+    count = way_back(open_, dist, 35, 35, corners, CELLS)
     assert 3 <= count <= 6
     assert corners[0].tolist() == [35, 5]
     assert corners[count - 1].tolist() == [35, 35]
@@ -79,7 +80,7 @@ def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
         (r0, c0), (r1, c1) = a.tolist(), b.tolist()
         beside = max(abs(r1 - r0), abs(c1 - c0)) == 1
         assert beside or _clear_line(open_, r0, c0, r1, c1, 1)
-    assert way_back(open_, np.full_like(dist, -1), 35, 35, corners) == 0
+    assert way_back(open_, np.full_like(dist, -1), 35, 35, corners, CELLS) == 0
 
 
 def best_lane(target: np.ndarray, here: tuple[float, float]) -> list[float]:
@@ -89,7 +90,7 @@ def best_lane(target: np.ndarray, here: tuple[float, float]) -> list[float]:
     best = np.zeros(8)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading
     prices = np.array([20.0, 1.0, 1.0, 2.0, 0.0])
-    scan_lanes(target, ways, 7, 10, 3, here[0], here[1], 0.0, prices, best)
+    scan_lanes(target, ways, 7, 10, 3, here[0], here[1], 0.0, prices, best, np.zeros(target.shape[1], dtype=np.int32))
     return best.tolist()
 
 

@@ -29,6 +29,8 @@ _ENOUGH = 60
 """Cost per cell of a box's half girth beyond which nothing in it is farther."""
 _RING, _ROOM = 64, 16384
 _CORNERS = 400
+_WAY = 8192
+"""Cells of the longest way: five times across the largest room."""
 _SNAP_CELLS = 6
 
 
@@ -92,6 +94,7 @@ class Chooser:
         self._options = options
         self._queue = np.zeros((_RING, _ROOM), dtype=np.int32)
         self._corners = np.zeros((_CORNERS, 2), dtype=np.int32)
+        self._cells = np.zeros(_WAY, dtype=np.int32)
         self.shut_in = False
         """Whether at the last choice the evidence left the robot no place to be."""
 
@@ -155,8 +158,10 @@ class Chooser:
             prices = np.array(
                 [speed, options.turn_s_rad, options.stop_s, options.frontier, across * _QUARTER]
             )
+            target, ways = image.rows(across=across)
             scan_lanes(
-                *image.rows(across=across),
+                target,
+                ways,
                 options.least_cells,
                 options.gap_cells,
                 half,
@@ -164,6 +169,7 @@ class Chooser:
                 pose.theta_rad - grid_rad,
                 prices,
                 best[across],
+                np.zeros(target.shape[1], dtype=np.int32),
             )
         score = max(best[0, 0], best[1, 0], outline[0])
         if score < options.least_rate:
@@ -206,7 +212,7 @@ class Chooser:
         )
 
     def _way(self, memory: EvidenceMap, view: _View, row: int, col: int) -> tuple[Point, ...]:
-        count = way_back(view.open, view.dist, row, col, self._corners)
+        count = way_back(view.open, view.dist, row, col, self._corners, self._cells)
         cells = self._corners[1:count].tolist() or [[row, col]]
         return tuple(memory.to_metres(c + view.col0 + 0.5, r + view.row0 + 0.5) for r, c in cells)
 

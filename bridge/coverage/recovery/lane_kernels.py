@@ -147,6 +147,7 @@ def scan_lanes(
     heading: float,
     prices: Floats,
     best: Floats,
+    sums: Ints,
 ) -> None:
     """The best straight lane along the rows, judged by new cells per time.
 
@@ -154,7 +155,8 @@ def scan_lanes(
     frontier, heading of the rows (in the frame of ``heading``).
     """
     rows, cols = target.shape
-    sums = np.zeros(cols, dtype=np.int32)
+    for k in range(cols):
+        sums[k] = 0
     for r in range(min(2 * half, rows)):
         for k in range(cols):
             sums[k] += target[r, k]

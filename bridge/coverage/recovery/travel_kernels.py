@@ -49,25 +49,29 @@ def passable(near: Layer, lens: Layer, been: Layer, open_: Layer) -> None:
 def travel(open_: Layer, row: int, col: int, most: int, dist: Ints, queue: Ints) -> int:
     """Shortest ways from a cell, up to ``most``; -1 where not reached.
 
-    Dial's buckets in a ring: steps cost at most 42. ``queue`` has a row per bucket.
+    Dial's buckets in a ring: steps cost at most 42. ``queue`` has a row per bucket, its first
+    column how many are in it.
     Returns the number of cells reached.
     """
     rows, cols = open_.shape
     ring, room = queue.shape
-    dist[:, :] = -1
-    counts = np.zeros(ring, dtype=np.int64)
+    for r in range(rows):
+        for c in range(cols):
+            dist[r, c] = -1
+    for slot in range(ring):
+        queue[slot, 0] = 0
     dist[row, col] = 0
-    queue[0, 0] = row * cols + col
-    counts[0] = 1
+    queue[0, 1] = row * cols + col
+    queue[0, 0] = 1
     waiting = 1
     reached = 0
     level = 0
     while waiting > 0 and level <= most:
         slot = level % ring
         k = 0
-        while k < counts[slot]:
-            cell = queue[slot, k]
+        while k < queue[slot, 0]:
             k += 1
+            cell = queue[slot, k]
             waiting -= 1
             r, c = cell // cols, cell % cols
             if dist[r, c] != level:
@@ -90,13 +94,13 @@ def travel(open_: Layer, row: int, col: int, most: int, dist: Ints, queue: Ints)
                     old = dist[rr, cc]
                     if old < 0 or total < old:
                         spot = total % ring
-                        if counts[spot] >= room:
+                        if queue[spot, 0] + 1 >= room:
                             continue
                         dist[rr, cc] = total
-                        queue[spot, counts[spot]] = rr * cols + cc
-                        counts[spot] += 1
+                        queue[spot, 0] += 1
+                        queue[spot, queue[spot, 0]] = rr * cols + cc
                         waiting += 1
-        counts[slot] = 0
+        queue[slot, 0] = 0
         level += 1
     # what is beyond ``most`` was only touched: take it back
     for r in range(rows):
@@ -121,16 +125,18 @@ def _clear_line(open_: Layer, r0: int, c0: int, r1: int, c1: int, least: int) ->
 
 
 @compiled
-def way_back(open_: Layer, dist: Ints, row: int, col: int, out: Ints) -> int:
+def way_back(  # noqa: PLR0913, PLR0917 - layers, a cell and room
+    open_: Layer, dist: Ints, row: int, col: int, out: Ints, cells: Ints
+) -> int:
     """Corners of the way from where ``dist`` begins to a cell, ends included.
 
     Returns their number, 0 if the cell was not reached or the way has too many corners.
+    ``cells`` is room for the way's cells; a longer way counts as one not reached.
     """
     rows, cols = open_.shape
     if dist[row, col] < 0:
         return 0
     room = out.shape[0]
-    cells = np.zeros((rows + cols) * 6, dtype=np.int32)
     n = 0
     r, c = row, col
     while n < cells.shape[0]:
