@@ -11,11 +11,10 @@ from __future__ import annotations
 from math import cos, hypot, sin, sqrt
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bridge.motion.compiled import compiled
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -343,10 +342,11 @@ def advance(  # noqa: PLR0913, PLR0915, PLR0917 - positional: a compiled call of
         p: The parameters, ``PARAMETERS`` long.
         edges: Of the room, as in ``ray_kernel``.
         near: Room for as many indices as there are edges; the kernel's own, changed.
-        touch: What is touched: edge, unit vector to the disc's centre; ``(MAX_TOUCHES, 3)``.
+        touch: What is touched: edge, unit vector to the disc's centre; below is room for as many
+            from before and a place: ``(2 * MAX_TOUCHES + 1, 3)``.
 
     """
-    known, at = np.empty_like(touch), np.empty(2)
+    known, at = touch[MAX_TOUCHES : 2 * MAX_TOUCHES], touch[2 * MAX_TOUCHES]
     if ticks == 0:
         _measure_gap(s, p, edges, near)
         _move(0.0, 0.0, at, s, p, edges, near, touch)

@@ -95,7 +95,7 @@ class Plant:
         """The faults as the parameters hold them."""
         self._walker_ms = 0
         self._s = np.zeros(k.STATE)
-        self._touch = np.zeros((k.MAX_TOUCHES, 3))
+        self._touch = np.zeros((2 * k.MAX_TOUCHES + 1, 3))
         self._s[[k.X, k.Y, k.THETA]] = world.plan.start
         self._s[[k.NEAR_X, k.ARMED, k.LAST_MS]] = np.inf, 1.0, -k.REARM_MS
         self._read: list[float] | None = None

@@ -6,12 +6,12 @@ run over every kind of floor calls each of them, so that nobody's first run wait
 
 from __future__ import annotations
 
-import sys
 import time  # noqa: TID251 - says how long it took
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
+    from bridge.motion.compiled import Kernel
 
 _SIMULATED_S = {"paper": 20.0, "recovery": 120.0}
 """The robot stands for the gyro's sake at first; the recovery planner then needs some decisions."""
@@ -48,21 +48,11 @@ def warm() -> None:
         summarise(run, plan, planner, 0, "")
 
 
-def kernels() -> list[Any]:
-    """All compiled functions of the modules that are loaded, numba's own objects."""
-    from numba.core.dispatcher import Dispatcher
+def kernels() -> dict[str, Kernel]:
+    """All kernels of the modules that are loaded, by name; those with an underscore stay inside."""
+    from bridge.motion.compiled import KERNELS
 
-    ours = [
-        module
-        for name, module in sorted(sys.modules.items())
-        if name.partition(".")[0] in {"bridge", "sim_device"}
-    ]
-    return [
-        value
-        for module in ours
-        for value in vars(module).values()
-        if isinstance(value, Dispatcher) and value.__module__ == module.__name__
-    ]
+    return {kernel.name: kernel for kernel in KERNELS.values()}
 
 
 def main() -> None:
@@ -70,7 +60,8 @@ def main() -> None:
     print("compiling the simulator's kernels, once: up to a minute ...", end=" ", flush=True)
     begun_s = time.perf_counter()
     warm()
-    print(f"{len(kernels())} ready, {time.perf_counter() - begun_s:.0f} s")
+    ready = sum(kernel.kinds is not None for kernel in kernels().values())
+    print(f"{ready} ready, {time.perf_counter() - begun_s:.0f} s")
 
 
 if __name__ == "__main__":

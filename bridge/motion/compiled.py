@@ -1,37 +1,51 @@
-"""Compiled kernels: loops over floats and grids, as machine code that is kept between runs."""
+"""Compiled kernels: loops over floats and grids, as machine code that is kept between runs.
+
+``kernel_build`` compiles a kernel once, with numba; what it made is kept as an object file and
+later loaded by LLVM alone. Importing numba and letting it load its own cache takes a second,
+several times as long as everything else that a short command does.
+
+A kernel takes ints, floats, bools and C-contiguous arrays, and gives nothing, a number or a
+tuple of numbers. Of its scalars the annotations say what they are, of its arrays the first call
+does; later calls must agree. It cannot allocate, raise, or divide by zero and be told: what it
+needs room for is passed in. Callees stand in the same file or are kernels themselves.
+"""
 
 from __future__ import annotations
 
-import contextlib
+import hashlib
+import inspect
+import os
 import sys
-from typing import TYPE_CHECKING, ParamSpec, TypeVar, cast
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TypeVar, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-
-@contextlib.contextmanager
-def _left_out(*names: str) -> Iterator[None]:
-    """Let nobody import these packages meanwhile, unless somebody has before."""
-    hidden = [name for name in names if name not in sys.modules]
-    for name in hidden:
-        sys.modules[name] = None  # type: ignore[assignment]  # what says "do not look for it"
-    try:
-        yield
-    finally:
-        for name in hidden:
-            del sys.modules[name]
-
-
-# Numba tries for all three as it starts, a quarter of a whole start-up: for the coverage of its
-# own compiler, for products of matrices, of which the kernels have none, and for a file of
-# settings, which its environment variables replace.
-with _left_out("coverage", "scipy", "yaml"):
-    import numba.np.arraymath  # noqa: F401 - what the first kernel would bring in
-    from numba import njit
+    from collections.abc import Callable
 
 _Args = ParamSpec("_Args")
 _Result = TypeVar("_Result")
+
+_SCALARS = {"int": "i", "float": "d", "bool": "b"}
+_FORMAT = 1
+"""Of the kept files; raised when what ``kernel_build`` makes changes."""
+
+KERNELS: dict[Any, Kernel] = {}
+"""By the function that stands for it."""
+_engines: list[Any] = []
+"""What holds the loaded code."""
+
+
+class KernelArgumentError(TypeError):
+    """A kernel was called with what it was not compiled for."""
+
+    def __init__(self, kernel: str, wanted: tuple[str, ...], got: tuple[str, ...]) -> None:
+        """Say both as dtype and dimensions."""
+        self.kernel, self.wanted, self.got = kernel, wanted, got
+        super().__init__(
+            f"kernel {kernel} is compiled for ({', '.join(wanted)}), "
+            f"and was called with ({', '.join(got)})"
+        )
 
 
 def compiled(kernel: Callable[_Args, _Result]) -> Callable[_Args, _Result]:
@@ -41,4 +55,129 @@ def compiled(kernel: Callable[_Args, _Result]) -> Callable[_Args, _Result]:
     cache), so only the first run ever pays for it; ``make`` pays at installation. Without
     ``fastmath``: equal input gives equal floats.
     """
-    return cast("Callable[_Args, _Result]", njit(cache=True)(kernel))
+    return cast("Callable[_Args, _Result]", Kernel(kernel).stub)
+
+
+class Kernel:
+    """One kernel: its Python text, and its machine code once it was called."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        """Nothing is compiled yet."""
+        self.function = function
+        self.name = f"{function.__module__}.{function.__name__}"
+        self.kinds: tuple[str, ...] | None = None
+        """What it was compiled for, once it is compiled or loaded."""
+        self.was_built = False
+        """Whether it had to be compiled, because no kept code was found."""
+        self._parameters = list(inspect.signature(function).parameters.values())
+        names = ", ".join(parameter.name for parameter in self._parameters)
+        self._scope: dict[str, Any] = {"_call": self._first}
+        # The function that others import: it stays the same one when the code is there.
+        text = f"def {function.__name__}({names}):\n    return _call({names})\n"
+        exec(text, self._scope)  # noqa: S102 - our own text
+        self.stub = self._scope[function.__name__]
+        self.stub.__doc__, self.stub.__module__ = function.__doc__, function.__module__
+        KERNELS[self.stub] = self
+
+    def _first(self, *args: object) -> object:
+        """Load or compile, and let this and later calls go to the code."""
+        self._scope["_call"] = self._ready_for(self._kinds(args))
+        call: Callable[..., object] = self._scope["_call"]
+        return call(*args)
+
+    def _ready_for(self, kinds: tuple[str, ...]) -> Callable[..., Any]:
+        from bridge.motion.kernel_call import layout_is_known, make_function  # noqa: PLC0415
+
+        self.kinds = kinds
+        if not layout_is_known():
+            from bridge.motion.kernel_build import dispatcher  # noqa: PLC0415 - as below
+
+            self.was_built = True
+            numbas: Callable[..., Any] = dispatcher(self)
+            return numbas
+        name = self._file(kinds)
+        path = next((place / name for place in self._places() if (place / name).is_file()), None)
+        if path is None:
+            from bridge.motion.kernel_build import build  # noqa: PLC0415 - numba takes long
+
+            path = keep(build(self, kinds), [place / name for place in self._places()])
+            self.was_built = True
+        code, types = _load(path.read_bytes(), self.name)
+        return make_function(self.function.__name__, code, types, kinds, self._wrong)
+
+    def _wrong(self, *args: object) -> NoReturn:
+        raise KernelArgumentError(self.name, self.kinds or (), self._kinds(args))
+
+    def _kinds(self, args: tuple[Any, ...]) -> tuple[str, ...]:
+        """Say what each argument is: i, d or b, or an array's dtype and dimensions."""
+        if len(args) != len(self._parameters):
+            raise KernelArgumentError(self.name, self.kinds or (), (f"{len(args)} arguments",))
+        kinds = []
+        for parameter, value in zip(self._parameters, args, strict=True):
+            annotation = parameter.annotation
+            kind = _SCALARS.get(getattr(annotation, "__name__", annotation))
+            if kind is None:
+                kind = f"{value.dtype.str[1:]}:{value.ndim}"
+                if not value.flags.c_contiguous:
+                    kind += " not contiguous"
+            kinds.append(kind)
+        return tuple(kinds)
+
+    # ---- what is kept ---------------------------------------------------------------------
+
+    def _file(self, kinds: tuple[str, ...]) -> str:
+        """Give a name that changes with all that the code depends on."""
+        import llvmlite  # noqa: PLC0415 - only where there are kernels
+        import llvmlite.binding as llvm  # noqa: PLC0415
+
+        source = Path(self.function.__code__.co_filename).read_bytes()
+        features = sorted(n for n, there in llvm.get_host_cpu_features().items() if there)
+        # Each numba belongs to one llvmlite.
+        version = _FORMAT, llvmlite.__version__, sys.implementation.cache_tag
+        on = repr((version, llvm.get_host_cpu_name(), features, kinds))
+        digest = hashlib.sha256(source + on.encode()).hexdigest()[:20]
+        return f"{self.name}.{digest}.kernel"
+
+    def _places(self) -> list[Path]:
+        """Where code may be kept: beside the module, else in the user's cache."""
+        beside = Path(self.function.__code__.co_filename).parent / "__pycache__"
+        cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        return [beside, Path(cache) / "sweepctl"]
+
+
+def keep(code: bytes, paths: list[Path]) -> Path:
+    """Write machine code to the first of the paths that can be written, whole or not at all.
+
+    Raises:
+        OSError: it can be written at none of them.
+
+    """
+    for at, path in enumerate(paths):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+                file.write(code)
+            Path(file.name).replace(path)
+        except OSError:
+            if at + 1 == len(paths):
+                raise
+        else:
+            return path
+    raise AssertionError  # pragma: no cover - there is a path
+
+
+def _load(code: bytes, name: str) -> tuple[int, int]:
+    """Bring machine code into the process: addresses of its entry and of its types."""
+    import llvmlite.binding as llvm  # noqa: PLC0415 - only where there are kernels
+
+    if not _engines:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        # For when a count of references falls to 0, which those of a caller's arrays never do.
+        llvm.add_symbol("NRT_MemInfo_call_dtor", 1)
+    machine = llvm.Target.from_default_triple().create_target_machine()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)
+    return engine.get_function_address(name), engine.get_global_value_address(f"{name}.types")

@@ -11,22 +11,48 @@ from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.lane_kernels import scan_lanes
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.travel_kernels import _clear_line, passable, travel, way_back
+from bridge.coverage.recovery.travel_kernels import (
+    COUNTS,
+    RING,
+    WAITING,
+    _clear_line,
+    travel,
+    way_back,
+)
+from bridge.coverage.recovery.window_kernels import (
+    GIVEN_UP,
+    OCCUPIED,
+    SWEPT,
+    copy_window,
+    mark_targets,
+    scan_outlines,
+)
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 
-QUEUE = np.zeros((64, 4096), dtype=np.int32)
+QUEUE = np.zeros((RING, 4096), dtype=np.int32)
 FAR = 1 << 24
 CELLS = np.zeros(1024, dtype=np.int32)
 
 
 def floor(rows: int, cols: int) -> np.ndarray:
-    return np.full((rows, cols), 2, dtype=np.uint8)
+    """All free, the rim shut, as a window of the map is."""
+    open_ = np.zeros((rows, cols), dtype=np.uint8)
+    open_[1:-1, 1:-1] = 2
+    return open_
 
 
-def reach(open_: np.ndarray, row: int, col: int, most: int = FAR) -> np.ndarray:
-    dist = np.zeros(open_.shape, dtype=np.int32)
-    travel(open_, row, col, most, dist, QUEUE)
+def reach(
+    open_: np.ndarray, row: int, col: int, most: int = FAR, budget: int = 1 << 30
+) -> np.ndarray:
+    dist = np.full(open_.shape, -1, dtype=np.int32)
+    state = np.zeros(COUNTS + RING, dtype=np.int32)
+    dist[row, col] = 0
+    QUEUE[0, 0] = row * open_.shape[1] + col
+    state[WAITING] = state[COUNTS] = 1
+    while not travel(open_.ravel(), open_.shape[1], most, budget, dist.ravel(), QUEUE, state)[1]:
+        pass
+    dist[dist > most] = -1
     return dist
 
 
@@ -39,13 +65,13 @@ def test_travel_counts_straight_and_diagonal_steps() -> None:
 
 
 def test_travel_goes_round_a_wall_and_not_through() -> None:
-    open_ = floor(21, 21)
-    open_[:, 10] = 0
-    assert (reach(open_, 10, 5)[:, 11:] == -1).all()
-    open_[0, 10] = 2
-    dist = reach(open_, 10, 5)
+    open_ = floor(23, 23)
+    open_[:, 11] = 0
+    assert (reach(open_, 11, 6)[:, 12:] == -1).all()
+    open_[1, 11] = 2
+    dist = reach(open_, 11, 6)
     # up to the gap, through it, and down again: 10 rows each way, 10 columns
-    assert dist[10, 15] == 10 * 14 + 10 * 10
+    assert dist[11, 16] == 10 * 14 + 10 * 10
 
 
 def test_travel_stops_at_its_bound() -> None:
@@ -54,21 +80,83 @@ def test_travel_stops_at_its_bound() -> None:
     assert dist[15, 21] == -1
 
 
+def test_travel_in_slices_finds_the_same() -> None:
+    open_ = floor(40, 40)
+    open_[10:30, 20] = 0
+    open_[5:10, 5:20] = 1
+    assert (reach(open_, 20, 10, budget=7) == reach(open_, 20, 10)).all()
+
+
+def window(**layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``open_`` and ``done`` of the inner 9 by 9 cells of a map of 11 by 11."""
+    empty = np.zeros((11, 11), dtype=np.uint8)
+    near, lens, been, swept, wall, tried = (
+        layers.get(name, empty) for name in ("near", "lens", "been", "swept", "wall", "tried")
+    )
+    open_, done = np.zeros((9, 9), dtype=np.uint8), np.zeros((9, 9), dtype=np.uint8)
+    copy_window(near, lens, been, swept, wall, tried, 2, 1, 1, open_, done)
+    return open_, done
+
+
+def at(row: int, col: int, value: int = 1) -> np.ndarray:
+    """A map of 11 by 11 with one mark, at a cell of the inner 9 by 9."""
+    layer = np.zeros((11, 11), dtype=np.uint8)
+    layer[row + 1, col + 1] = value
+    return layer
+
+
 def test_beside_a_wall_is_dear_and_the_wall_shut() -> None:
-    near, lens, been = (np.zeros((9, 9), dtype=np.uint8) for _ in range(3))
-    open_ = np.zeros((9, 9), dtype=np.uint8)
-    near[4, 4] = 1
-    passable(near, lens, been, open_)
+    open_, _ = window(near=at(4, 4))
     assert open_[4, 4] == 0
     assert open_[4, 5] == open_[3, 4] == 1
     assert open_[4, 6] == open_[3, 5] == 2
-    been[4, 4] = 1
-    passable(near, lens, been, open_)
+    assert not open_[0].any()
+    assert not open_[:, 8].any()
+    open_, _ = window(near=at(4, 4), been=at(4, 4))
     assert open_[4, 4] == 2  # the robot was there, whatever the evidence says
 
 
-def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
+def test_what_is_done_is_known_by_its_reason() -> None:
+    _, done = window(swept=at(2, 2), tried=at(3, 3, 2), wall=at(4, 4, 2))
+    assert (done[2, 2], done[3, 3], done[4, 4]) == (SWEPT, GIVEN_UP, OCCUPIED)
+    _, done = window(tried=at(3, 3), wall=at(4, 4))
+    assert not done.any()  # once in vain, once seen: not yet
+
+
+def test_targets_are_what_the_mouth_reaches_from_where_the_axle_can_be() -> None:
+    dist = np.full((30, 30), -1, dtype=np.int32)
+    dist[10:20, 10:20] = 50
+    dist[12, 12] = 200
+    done = np.zeros((30, 30), dtype=np.uint8)
+    done[15, 15] = SWEPT
+    target, ways = np.zeros((30, 30), dtype=np.uint8), np.zeros((30, 30), dtype=np.int32)
+    count = mark_targets(dist, 100, done, target, ways)
+    row, col = np.indices(dist.shape)
+    off_row, off_col = np.clip(row, 10, 19) - row, np.clip(col, 10, 19) - col
+    expected = (off_row**2 + off_col**2 <= 12) & (done == 0)
+    assert (target.astype(bool) == expected).all()  # the cell too far lies within its neighbours'
+    assert count == expected.sum()
+    assert (ways[12, 12], ways[10, 10], ways[9, 9]) == (-1, 50, -1)
+
+
+def test_the_outline_begins_beside_the_wall_that_is_not_swept() -> None:
     open_ = floor(40, 40)
+    open_[:8] = 0
+    open_[8, 1:-1] = 1
+    done = np.zeros((40, 40), dtype=np.uint8)
+    done[:, :20] = SWEPT
+    ways = np.where(open_ > 0, 10, -1).astype(np.int32)
+    best = np.zeros(4)
+    scan_outlines(open_, ways, done, 20.0, 20.0, 0.0, np.array([28.0, 0.85, 0.9, 500.0]), best)
+    score, row, col, bearing = best.tolist()
+    assert score > 0.0
+    assert row == 8
+    assert col >= 20
+    assert abs(bearing + 0.5 * math.pi) < 0.2
+
+
+def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
+    open_ = floor(42, 42)
     open_[10:, 20] = 0
     dist = reach(open_, 35, 5)
     corners = np.zeros((50, 2), dtype=np.int32)
@@ -88,9 +176,10 @@ def best_lane(target: np.ndarray, here: tuple[float, float]) -> list[float]:
     row, col = np.indices(target.shape)
     ways[:] = 10 * np.hypot(row - here[0], col - here[1])
     best = np.zeros(8)
+    sums = np.zeros(target.shape[1], dtype=np.int32)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading
     prices = np.array([20.0, 1.0, 1.0, 2.0, 0.0])
-    scan_lanes(target, ways, 7, 10, 3, here[0], here[1], 0.0, prices, best, np.zeros(target.shape[1], dtype=np.int32))
+    scan_lanes(target, ways, 7, 10, 3, here[0], here[1], 0.0, prices, best, sums)
     return best.tolist()
 
 

@@ -1,4 +1,4 @@
-"""The lanes and outlines that are left, priced by what they sweep per time, compiled.
+"""The lanes that are left, priced by what they sweep per time, compiled.
 
 Lanes are looked for in images of the map turned to the lanes' direction, row by row.
 """
@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bridge.motion.compiled import compiled
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     Layer = NDArray[np.uint8]
@@ -26,69 +25,29 @@ if TYPE_CHECKING:
 
 @compiled
 def turn_images(
-    swept: Layer,
-    wall: Layer,
-    tried: Layer,
-    tries: int,
-    dist: Ints,
+    target_in: Layer,
+    ways_in: Ints,
     angle: float,
     origin_x: float,
     origin_y: float,
     target: Layer,
     ways: Ints,
-    reach: Ints,
-) -> int:
-    """Images turned by ``angle`` about an origin in cells: travel, and what is worth sweeping.
-
-    A cell is a target if it is not swept, not occupied, and within the mouth's half width of
-    where the axle can be. Returns the number of targets.
-    """
+) -> None:
+    """Images turned by ``angle`` about an origin in cells."""
     rows, cols = target.shape
-    map_rows, map_cols = swept.shape
+    map_rows, map_cols = target_in.shape
     c, s = math.cos(angle), math.sin(angle)
-    far = 1000
     for r in range(rows):
         for k in range(cols):
             x = origin_x + (k + 0.5) * c - (r + 0.5) * s
             y = origin_y + (k + 0.5) * s + (r + 0.5) * c
             i, j = int(y), int(x)
             if y >= 0.0 and x >= 0.0 and i < map_rows and j < map_cols:
-                ways[r, k] = dist[i, j]
-                done = swept[i, j] or wall[i, j] > 1 or tried[i, j] >= tries
-                target[r, k] = 0 if done else 1
+                ways[r, k] = ways_in[i, j]
+                target[r, k] = target_in[i, j]
             else:
                 ways[r, k] = -1
                 target[r, k] = 0
-            reach[r, k] = 0 if ways[r, k] >= 0 else far
-    for r in range(rows):
-        for k in range(cols):
-            best = reach[r, k]
-            if r > 0:
-                best = min(best, reach[r - 1, k] + 10)
-                if k > 0:
-                    best = min(best, reach[r - 1, k - 1] + 14)
-                if k < cols - 1:
-                    best = min(best, reach[r - 1, k + 1] + 14)
-            if k > 0:
-                best = min(best, reach[r, k - 1] + 10)
-            reach[r, k] = best
-    count = 0
-    for r in range(rows - 1, -1, -1):
-        for k in range(cols - 1, -1, -1):
-            best = reach[r, k]
-            if r < rows - 1:
-                best = min(best, reach[r + 1, k] + 10)
-                if k > 0:
-                    best = min(best, reach[r + 1, k - 1] + 14)
-                if k < cols - 1:
-                    best = min(best, reach[r + 1, k + 1] + 14)
-            if k < cols - 1:
-                best = min(best, reach[r, k + 1] + 10)
-            reach[r, k] = best
-            if best > 35:  # noqa: PLR2004 - three and a half cells: the mouth's half width
-                target[r, k] = 0
-            count += target[r, k]
-    return count
 
 
 @compiled
@@ -153,6 +112,7 @@ def scan_lanes(
 
     ``best`` holds the best so far. ``prices``: cm/s, s/rad, s per stop, cells per edge of
     frontier, heading of the rows (in the frame of ``heading``).
+    ``sums`` is room for a number a column.
     """
     rows, cols = target.shape
     for k in range(cols):
@@ -202,56 +162,3 @@ def scan_lanes(
                     prices,
                     heading,
                 )
-
-
-@compiled
-def scan_outlines(
-    open_: Layer,
-    near: Layer,
-    lens: Layer,
-    dist: Ints,
-    swept: Layer,
-    tried: Layer,
-    tries: int,
-    here_row: float,
-    here_col: float,
-    heading: float,
-    prices: Floats,
-    best: Floats,
-) -> None:
-    """The best place beside a wall whose band was not swept, to begin following it.
-
-    ``best``: score, row, column, bearing of the wall. ``prices``: cm/s, s/rad, s per stop, the
-    cells that an outline promises.
-    """
-    rows, cols = open_.shape
-    for r in range(5, rows - 5):
-        for c in range(5, cols - 5):
-            if open_[r, c] != 1 or dist[r, c] < 0 or swept[r, c]:
-                continue
-            fresh = seen = 0
-            wall_x = wall_y = 0.0
-            for i in range(-4, 5):
-                for j in range(-4, 5):
-                    if i * i + j * j > 16:  # noqa: PLR2004 - the mouth's half width in cells
-                        continue
-                    if open_[r + i, c + j] == 0 and (near[r + i, c + j] or lens[r + i, c + j]):
-                        wall_x += j
-                        wall_y += i
-                    seen += 1
-                    if not swept[r + i, c + j] and tried[r + i, c + j] < tries:
-                        fresh += 1
-            if fresh * 10 < seen * 7 or (wall_x == 0.0 and wall_y == 0.0):
-                continue
-            way = float(dist[r, c])
-            time = way * 0.2 / prices[0] + 2.0 * prices[2] + prices[3] / 70.0
-            bearing = math.atan2(r + 0.5 - here_row, c + 0.5 - here_col)
-            if way > 40.0:  # noqa: PLR2004 - 8 cm
-                off = abs((bearing - heading + math.pi) % (2.0 * math.pi) - math.pi)
-                time += off * prices[1]
-            score = prices[3] / time
-            if score > best[0]:
-                best[0] = score
-                best[1] = r
-                best[2] = c
-                best[3] = math.atan2(wall_y, wall_x)

@@ -44,6 +44,9 @@ class RecoveryOptions:
     """Ways up to these costs (1 m is 500) are looked at, one after the other ..."""
     near_rate: float = 30.0
     """... and taken without looking farther if they give this many cells per second."""
+    slice_cells: int = 50_000
+    """Work of a search in one control step, in cells: about 2 ms. On a larger floor the robot
+    stands for some steps."""
     tries: int = 2
     """A place that so often gave nothing is set aside."""
     max_decisions: int = 4000

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.watch import WatchfulPlanner
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
+from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, Rest, StopReason, Turn
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -58,7 +58,7 @@ class RecoveryPlanner(WatchfulPlanner):
         yield from self._first_wall(obs)
         futile = forgotten = 0
         for _ in range(self.options.max_decisions):
-            choice = self._chooser.choose(memory, self._pose, self.grid_rad)
+            choice = yield from self._think()
             if futile >= _FUTILE or self._chooser.shut_in:
                 if forgotten >= _MOST_FORGOTTEN:
                     return "shut in: nothing that was tried led anywhere"
@@ -116,6 +116,17 @@ class RecoveryPlanner(WatchfulPlanner):
             way_m += self.model.cleaning_width_m
         reason = "the place gave next to nothing" if arrived else "no way to it was found"
         self.decide("set-aside", reason, x_m=round(x, 3), y_m=round(y, 3))
+
+    def _think(self) -> Generator[Leg, Step, Choice | None]:
+        """Choose what to do next; on a large floor over some control steps, standing."""
+        search = self._chooser.search(self.memory, self._pose, self.grid_rad)
+        while True:
+            try:
+                next(search)
+            except StopIteration as stop:
+                choice: Choice | None = stop.value
+                return choice
+            yield Rest(0.0, purpose="think")
 
     # -- parts ---------------------------------------------------------------------------------
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bridge.motion.compiled import compiled
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     Layer = NDArray[np.uint8]
@@ -22,92 +21,74 @@ STRAIGHT, DIAGONAL = 10, 14
 """Cost of a step between cells; a cell is 2 cm."""
 TIGHT = 3
 """A step next to where the axle cannot be costs this many times more."""
+RING = 64
+"""Buckets of the search: more than the dearest step costs."""
+LEVEL, WAITING, TAKEN, COUNTS = 0, 1, 2, 3
+"""Places in the search's state; from ``COUNTS`` on, the cells in each bucket."""
 
 
 @compiled
-def passable(near: Layer, lens: Layer, been: Layer, open_: Layer) -> None:
-    """0: the axle cannot be there, 1: beside such a place, 2: free."""
-    rows, cols = near.shape
-    for r in range(rows):
-        for c in range(cols):
-            free = been[r, c] or not (near[r, c] or lens[r, c])
-            open_[r, c] = 2 if free else 0
-    for r in range(1, rows - 1):
-        for c in range(1, cols - 1):
-            if open_[r, c] != 2:  # noqa: PLR2004 - free
-                continue
-            if (
-                open_[r - 1, c] == 0
-                or open_[r + 1, c] == 0
-                or open_[r, c - 1] == 0
-                or open_[r, c + 1] == 0
-            ):
-                open_[r, c] = 1
+def travel(
+    ground: Layer, cols: int, most: int, budget: int, dist: Ints, queue: Ints, state: Ints
+) -> tuple[int, bool]:
+    """Go on with the search for shortest ways, up to a cost: cells settled, whether it is done.
 
+    Dial's buckets in a ring. It settles at most ``budget`` cells before it returns, and goes on
+    from ``state`` at the next call. Cells with a ``dist`` of more than ``most`` were only
+    touched; -1: not even that. The rim must be shut.
 
-@compiled
-def travel(open_: Layer, row: int, col: int, most: int, dist: Ints, queue: Ints) -> int:
-    """Shortest ways from a cell, up to ``most``; -1 where not reached.
+    Args:
+        ground: ``open_`` as of ``copy_window``, row after row.
+        cols: in a row.
+        most: cost up to which ways are wanted.
+        budget: cells.
+        dist: costs so far, row after row; -1 but for a 0 where it begins.
+        queue: ``(RING, room)``: the cells of each bucket, flat.
+        state: ``(COUNTS + RING,)``; zeros but for one cell waiting in bucket 0.
 
-    Dial's buckets in a ring: steps cost at most 42. ``queue`` has a row per bucket, its first
-    column how many are in it.
-    Returns the number of cells reached.
     """
-    rows, cols = open_.shape
-    ring, room = queue.shape
-    for r in range(rows):
-        for c in range(cols):
-            dist[r, c] = -1
-    for slot in range(ring):
-        queue[slot, 0] = 0
-    dist[row, col] = 0
-    queue[0, 1] = row * cols + col
-    queue[0, 0] = 1
-    waiting = 1
-    reached = 0
-    level = 0
+    room = queue.shape[1]
+    level = state[LEVEL]
+    k = state[TAKEN]
+    waiting = state[WAITING]
+    settled = 0
     while waiting > 0 and level <= most:
-        slot = level % ring
-        k = 0
-        while k < queue[slot, 0]:
-            k += 1
+        slot = level % RING
+        while k < state[COUNTS + slot]:
+            if settled >= budget:
+                state[LEVEL], state[TAKEN], state[WAITING] = level, k, waiting
+                return settled, False
             cell = queue[slot, k]
+            k += 1
             waiting -= 1
-            r, c = cell // cols, cell % cols
-            if dist[r, c] != level:
+            if dist[cell] != level:
                 continue
-            reached += 1
-            for i in range(-1, 2):
-                for j in range(-1, 2):
-                    if i == 0 and j == 0:
-                        continue
-                    rr, cc = r + i, c + j
-                    if rr < 0 or rr >= rows or cc < 0 or cc >= cols:
-                        continue
-                    kind = open_[rr, cc]
-                    if kind == 0:
-                        continue
-                    cost = STRAIGHT if i == 0 or j == 0 else DIAGONAL
-                    if kind == 1:
-                        cost *= TIGHT
-                    total = level + cost
-                    old = dist[rr, cc]
-                    if old < 0 or total < old:
-                        spot = total % ring
-                        if queue[spot, 0] + 1 >= room:
-                            continue
-                        dist[rr, cc] = total
-                        queue[spot, 0] += 1
-                        queue[spot, queue[spot, 0]] = rr * cols + cc
-                        waiting += 1
-        queue[slot, 0] = 0
+            settled += 1
+            for n in range(9):
+                i, j = n // 3 - 1, n % 3 - 1
+                there = cell + i * cols + j
+                kind = ground[there]
+                if kind == 0 or n == 4:  # noqa: PLR2004 - itself
+                    continue
+                cost = DIAGONAL if i != 0 and j != 0 else STRAIGHT
+                if kind == 1:
+                    cost *= TIGHT
+                total = level + cost
+                old = dist[there]
+                if old >= 0 and total >= old:
+                    continue
+                spot = total % RING
+                count = state[COUNTS + spot]
+                if count < room:
+                    dist[there] = total
+                    queue[spot, count] = there
+                    state[COUNTS + spot] = count + 1
+                    waiting += 1
+        state[COUNTS + slot] = 0
+        k = 0
         level += 1
-    # what is beyond ``most`` was only touched: take it back
-    for r in range(rows):
-        for c in range(cols):
-            if dist[r, c] > most:
-                dist[r, c] = -1
-    return reached
+    state[LEVEL], state[TAKEN], state[WAITING] = level, k, waiting
+    return settled, True
 
 
 @compiled
@@ -125,9 +106,7 @@ def _clear_line(open_: Layer, r0: int, c0: int, r1: int, c1: int, least: int) ->
 
 
 @compiled
-def way_back(  # noqa: PLR0913, PLR0917 - layers, a cell and room
-    open_: Layer, dist: Ints, row: int, col: int, out: Ints, cells: Ints
-) -> int:
+def way_back(open_: Layer, dist: Ints, row: int, col: int, out: Ints, cells: Ints) -> int:
     """Corners of the way from where ``dist`` begins to a cell, ends included.
 
     Returns their number, 0 if the cell was not reached or the way has too many corners.
