@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bridge.record.bundle import Bundle
+from bridge.record.rows import Head, RowMessage, real, ros_stamp, scaled
 from bridge.record.schemas import DeviceEncoder
 
 if TYPE_CHECKING:
@@ -12,10 +12,19 @@ if TYPE_CHECKING:
 
     from bridge.record.chunked import ChunkedFile
     from bridge.record.ros import RosForm, RosTopic
+    from bridge.record.rows import Rows
     from bridge.telemetry import DeviceMessage
     from protocol.message import MessageSpec
 
-_NANOSECONDS = 1_000_000_000
+_LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(7)
+"""Columns of a row; the message's own fields are the last."""
+
+
+class _Form(NamedTuple):
+    """Messages of which the same values are there."""
+
+    rows: Rows
+    ros_values: Callable[[DeviceMessage], tuple[float, ...]] | None
 
 
 class DeviceTopics:
@@ -23,7 +32,7 @@ class DeviceTopics:
 
     Which fields are absent (a sentinel's SI value, what an older device does not know, the
     bound while there is no clock mapping) decides the form, and there are few of them: each
-    is packed in one go, with every message's header.
+    is a kind of row of its own.
     """
 
     def __init__(
@@ -40,7 +49,11 @@ class DeviceTopics:
         schema = (layout.full_name, "protobuf", layout.descriptor_set())
         self._channel = file.add_channel(f"/device/{spec.name}", "protobuf", schema)
         self._ros, self._ros_channel = ros, ros_channel
-        self._bundles: dict[tuple[bool, ...] | None, Bundle] = {}
+        self._raw = len(spec.fields)
+        self._fixed = layout.is_fixed
+        self._sentinels = any(field.none is not None for field in spec.fields)
+        self._whole: _Form | None = None
+        self._forms: dict[tuple[bool, ...], _Form] = {}
 
     def write(self, record: DeviceMessage) -> None:
         """Write one message to all its topics.
@@ -49,33 +62,62 @@ class DeviceTopics:
             LogWriteError: the file cannot be written.
 
         """
-        log_ns, publish_ns, _, _, seq, _, _, message = record
-        time_ns = log_ns if publish_ns is None else publish_ns
-        fields = self._encoder.values(record)
-        if not self._layout.is_fixed:  # rare messages with a text in them
-            data = self._layout.encode(fields)
+        log_ns, publish_ns, bound_ns, node, seq, t_us, _, message = record
+        raw: tuple[Any, ...] = message  # type: ignore[assignment]  # what it is at run time
+        if not self._fixed:  # rare messages with a text in them
+            time_ns = log_ns if publish_ns is None else publish_ns
+            data = self._layout.encode(self._encoder.values(record))
             self._file.add_message(self._channel, log_ns, time_ns, seq, data)
             return
-        whole = None not in fields
-        shown = None if whole else tuple([value is not None for value in fields])
-        ros = self._ros
-        if ros is not None and not whole and None in tuple(message)[: ros.needs]:
-            ros = None
-        bundle = self._bundles.get(shown)
-        if bundle is None:
-            bundle = self._bundles[shown] = self._bundle(fields, ros)
-        values: list[Any] = [seq, log_ns, time_ns]
-        values += fields if whole else [value for value in fields if value is not None]
-        if ros is not None:
-            head = (seq, log_ns, time_ns, time_ns // _NANOSECONDS, time_ns % _NANOSECONDS)
-            for of_topic in ros.values(record):
-                values += head
-                values += of_topic
-        bundle.add(log_ns, values)
+        values = (log_ns, publish_ns, bound_ns, node, seq, t_us, *raw)
+        if None in values or self._sentinels:
+            form = self._some(record, values)
+            values = tuple([value or 0 for value in values])
+        else:
+            form = self._whole or self._form(None)
+        rows, ros_values = form
+        self._file.begin_row(log_ns, rows.size)
+        rows.ints.extend(values)
+        if ros_values is not None:
+            rows.floats.extend(ros_values(record))
 
-    def _bundle(self, fields: list[Any], ros: RosForm | None) -> Bundle:
-        present = [i for i, value in enumerate(fields) if value is not None]
-        messages = [(self._channel, self._layout.parts(present))]
+    def _some(self, record: DeviceMessage, values: tuple[Any, ...]) -> _Form:
+        """The form of a message of which something may be absent."""
+        shown = (
+            values[_PUBLISH] is not None,
+            *(value is not None for value in self._encoder.values(record)),
+        )
+        return self._forms.get(shown) or self._form(shown)
+
+    def _form(self, shown: tuple[bool, ...] | None) -> _Form:
+        """Make the form of messages with these values, publish time first; None: with all."""
+        encoder, layout, ros = self._encoder, self._layout, self._ros
+        present = [i for i in range(len(layout.fields)) if shown is None or shown[1 + i]]
+        published = shown is None or shown[0]
+        head = Head(_LOG, _PUBLISH if published else _LOG, _SEQUENCE)
+        sources = encoder.sources((_T_US, _NODE, _BOUND), _RAW)
+        messages = [
+            RowMessage(self._channel, head, layout.parts(present), [sources[i] for i in present])
+        ]
+        # The fields of a message come third in a layout, as on the wire.
+        if ros is not None and shown is not None and not all(shown[4 : 4 + ros.needs]):
+            ros = None
+        floats = 0
         if ros is not None:
-            messages += [(self._ros_channel(t), t.layout.parts) for t in ros.topics]
-        return Bundle(self._file, messages)
+            stamp = ros_stamp(head.publish)
+            for topic in ros.topics:
+                count = sum(isinstance(part, str) for part in topic.layout.parts) - len(stamp)
+                if ros.values is None:
+                    own = [scaled(_RAW + i, gain) for i, gain in ros.raw]
+                else:
+                    own = [real(floats + i) for i in range(count)]
+                    floats += count
+                channel = self._ros_channel(topic)
+                messages.append(RowMessage(channel, head, topic.layout.parts, [*stamp, *own]))
+        rows = self._file.rows(_RAW + self._raw, floats, messages)
+        form = _Form(rows, None if ros is None else ros.values)
+        if shown is None:
+            self._whole = form
+        else:
+            self._forms[shown] = form
+        return form

@@ -96,10 +96,12 @@ class RosForm(NamedTuple):
     """What messages of one type become in ROS."""
 
     topics: tuple[RosTopic, ...]
-    values: Callable[[DeviceMessage], tuple[tuple[float, ...], ...]]
-    """For each topic its values but the time stamp's."""
     needs: int
     """Leading fields of the device's message that must be there."""
+    raw: tuple[tuple[int, float], ...] = ()
+    """Where all values are fields with a gain: which field, and what it is multiplied with."""
+    values: Callable[[DeviceMessage], tuple[float, ...]] | None = None
+    """Else: every topic's values but the time stamps', one after the other."""
 
 
 _NO_COVARIANCE = [("d", 0.0)] * 9
@@ -118,6 +120,9 @@ _IMU = CdrLayout(
 _ACCEL_GAIN, _GYRO_GAIN = (
     field.si_gain for field in CATALOGUE.spec(Imu).fields if field.name in {"accel_x", "gyro_x"}
 )
+_IMU_VALUES = (*((i, _GYRO_GAIN) for i in (4, 5, 6)), *((i, _ACCEL_GAIN) for i in (0, 1, 2)))
+"""Rates, then accelerations, from the registers' order."""
+_BATTERY_GAIN = CATALOGUE.spec(Power).fields[0].si_gain
 _JOINT_STATE = CdrLayout(
     "2I",
     ("text", BODY_FRAME),
@@ -178,40 +183,31 @@ class RosTranslator:
             _ranger("right", model.infrared_right, _INFRARED),
         )
         self._forms: dict[type, RosForm] = {
-            Imu: RosForm((RosTopic("/ros/imu", IMU, _IMU),), self._imu, 7),
-            Encoders: RosForm((joints,), self._encoders, 2),
-            Range: RosForm(ranges, self._range, 3),
-            Power: RosForm((RosTopic("/ros/battery", BATTERY_STATE, battery),), self._power, 1),
+            Imu: RosForm((RosTopic("/ros/imu", IMU, _IMU),), 7, _IMU_VALUES),
+            Encoders: RosForm((joints,), 2, values=self._encoders),
+            Range: RosForm(ranges, 3, values=self._range),
+            Power: RosForm(
+                (RosTopic("/ros/battery", BATTERY_STATE, battery),), 1, ((0, _BATTERY_GAIN),)
+            ),
         }
 
     def form(self, message: type) -> RosForm | None:
         """What ROS has for messages of this type, if anything."""
         return self._forms.get(message)
 
-    @staticmethod
-    def _imu(record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
-        # By position and gain: a third of the time of the message's own properties.
-        ax, ay, az, _, gx, gy, gz, *_ = record.message
-        a, g = _ACCEL_GAIN, _GYRO_GAIN
-        return ((gx * g, gy * g, gz * g, ax * a, ay * a, az * a),)
-
-    def _encoders(self, record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
+    def _encoders(self, record: DeviceMessage) -> tuple[float, ...]:
         left, right, *_ = record.message
         wheels = self._wheels.get(record.node)
         if wheels is None:
             wheels = self._wheels[record.node] = WheelAngles(self._rad_per_count)
-        return (wheels.advance((left, right), record.t_us),)
+        return wheels.advance((left, right), record.t_us)
 
     @staticmethod
-    def _range(record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
+    def _range(record: DeviceMessage) -> tuple[float, ...]:
         """No echo is +infinity, as ROS has it (REP 117)."""
         message = cast("Range", record.message)
         ranges = (message.ultrasonic_m, message.infrared_left_m, message.infrared_right_m)
-        return tuple((math.inf if m is None else m,) for m in ranges)
-
-    @staticmethod
-    def _power(record: DeviceMessage) -> tuple[tuple[float, ...], ...]:
-        return ((cast("Power", record.message).battery_v,),)
+        return tuple(math.inf if m is None else m for m in ranges)
 
 
 def occupancy_grid(record: CoverageRecord) -> bytes:

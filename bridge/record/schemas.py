@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.record.descriptors import varint
 from bridge.record.layout import FlatField, FlatMessage, Kind
+from bridge.record.rows import scaled, whole
 from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
 
 if TYPE_CHECKING:
+    from bridge.record.rows import Source
     from bridge.telemetry import (
         ClockRecord,
         DeviceMessage,
@@ -81,6 +83,20 @@ class DeviceEncoder:
         else:
             si = [raw[i] * gain + offset for i, gain, offset in self._gains]
         return [t_us, node, bound_ns, *raw, *si]
+
+    def sources(self, head: tuple[int, int, int], raw: int) -> list[Source]:
+        """Where each field's value is in a row.
+
+        Args:
+            head: Columns of ``t_us``, ``node`` and ``bound_ns``.
+            raw: Column of the first of the wire's fields.
+
+        """
+        return [
+            *(whole(column) for column in head),
+            *(whole(raw + i) for i in range(len(self.layout.fields) - 3 - len(self._gains))),
+            *(scaled(raw + i, gain, offset) for i, gain, offset in self._gains),
+        ]
 
     def _si_or_none(self, raw: int | None, index: int, gain: float, offset: float) -> float | None:
         if raw is None or raw == self._sentinels.get(index):

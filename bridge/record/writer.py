@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.config import parse_robot
 from bridge.record import foxglove, ros, schemas
-from bridge.record.bundle import Bundle
 from bridge.record.chunked import ChunkedFile
 from bridge.record.device_topics import DeviceTopics
 from bridge.record.errors import LogWriteError
 from bridge.record.room import rasterise
+from bridge.record.rows import Head, RowMessage, half_angle, proto_stamp, real
 from bridge.telemetry import (
     ClockRecord,
     CommandRecord,
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from bridge.record.descriptors import MessageType
     from bridge.record.layout import FlatMessage
     from bridge.record.ros import RosTopic
+    from bridge.record.rows import Rows
     from bridge.telemetry import Record, RunInfo
 
 METADATA = "sweepctl"
@@ -45,6 +46,11 @@ DEVICE_METADATA = "device"
 """Of each session's device, as soon as it is known: boot id, uid, firmware."""
 ROBOT_ATTACHMENT, ROOM_ATTACHMENT = "robot.toml", "room.json"
 CATALOGUE_ATTACHMENT, SUMMARY_ATTACHMENT = "catalogue.json", "summary.json"
+
+_LOGGED = Head(0, 0)
+"""Log and publish time in a row's only integer."""
+_PLANAR = (proto_stamp(0), real(0), real(1), *half_angle(2))
+"""A pose whose x, y and yaw are a row's first floats."""
 
 
 class RunWriter:
@@ -69,7 +75,7 @@ class RunWriter:
         self._ros = ros.RosTranslator(model)
         self._ros_channels: dict[str, int] = {}
         self._device: dict[str, DeviceTopics] = {}
-        self._bundles: dict[type, Bundle] = {}
+        self._rows: dict[type, Rows] = {}
         self._flat_channels: dict[str, int] = {}
         self._foxglove_channels: dict[str, int] = {}
         self._last_ns = info.opened_unix_ns
@@ -194,41 +200,48 @@ class RunWriter:
         topics.write(record)
 
     def _pose(self, record: PoseRecord) -> None:
-        log_ns = record.log_ns
-        bundle = self._bundles.get(PoseRecord)
-        if bundle is None:
+        rows = self._rows.get(PoseRecord)
+        if rows is None:
             pose = self._foxglove_channel("/pose", foxglove.POSE_IN_FRAME)
             estimate = self._flat_channel("/pose/estimate", schemas.POSE_ESTIMATE)
             transform = self._foxglove_channel("/tf", foxglove.FRAME_TRANSFORM)
-            bundle = self._bundles[PoseRecord] = Bundle(
-                self._file,
+            values = [real(column) for column in range(len(schemas.POSE_ESTIMATE.fields))]
+            rows = self._rows[PoseRecord] = self._file.rows(
+                1,
+                len(values),
                 (
-                    (pose, foxglove.POSE_PARTS),
-                    (estimate, schemas.POSE_ESTIMATE.all_parts),
-                    (transform, foxglove.TRANSFORM_PARTS),
+                    RowMessage(pose, _LOGGED, foxglove.POSE_PARTS, _PLANAR),
+                    RowMessage(estimate, _LOGGED, schemas.POSE_ESTIMATE.all_parts, values),
+                    RowMessage(transform, _LOGGED, foxglove.TRANSFORM_PARTS, _PLANAR),
                 ),
             )
-        head, planar = (0, log_ns, log_ns), foxglove.planar(log_ns, record.pose)
-        estimate_values = schemas.estimate_values(record)
-        bundle.add(log_ns, (*head, *planar, *head, *estimate_values, *head, *planar))
+        log_ns = record[0]
+        self._file.begin_row(log_ns, rows.size)
+        rows.ints.append(log_ns)
+        rows.floats.extend(schemas.estimate_values(record))
 
     def _truth(self, record: TruthRecord) -> None:
-        log_ns = record.log_ns
-        bundle = self._bundles.get(TruthRecord)
-        if bundle is None:
+        rows = self._rows.get(TruthRecord)
+        if rows is None:
             channel = self._foxglove_channel("/truth/pose", foxglove.POSE_IN_FRAME)
-            bundle = Bundle(self._file, ((channel, foxglove.POSE_PARTS),))
-            self._bundles[TruthRecord] = bundle
-        bundle.add(log_ns, (0, log_ns, log_ns, *foxglove.planar(log_ns, record.pose)))
+            message = RowMessage(channel, _LOGGED, foxglove.POSE_PARTS, _PLANAR)
+            rows = self._rows[TruthRecord] = self._file.rows(1, 3, (message,))
+        log_ns, pose = record
+        self._file.begin_row(log_ns, rows.size)
+        rows.ints.append(log_ns)
+        rows.floats.extend(pose)
 
     def _command(self, record: CommandRecord) -> None:
-        log_ns, *velocities = record
-        bundle = self._bundles.get(CommandRecord)
-        if bundle is None:
+        rows = self._rows.get(CommandRecord)
+        if rows is None:
             channel = self._flat_channel("/cmd", schemas.COMMAND)
-            bundle = Bundle(self._file, ((channel, schemas.COMMAND.all_parts),))
-            self._bundles[CommandRecord] = bundle
-        bundle.add(log_ns, (0, log_ns, log_ns, *velocities))
+            values = [real(column) for column in range(len(schemas.COMMAND.fields))]
+            message = RowMessage(channel, _LOGGED, schemas.COMMAND.all_parts, values)
+            rows = self._rows[CommandRecord] = self._file.rows(1, len(values), (message,))
+        log_ns = record[0]
+        self._file.begin_row(log_ns, rows.size)
+        rows.ints.append(log_ns)
+        rows.floats.extend(record[1:])
 
     def _planner(self, record: PlannerRecord) -> None:
         data = schemas.encode_planner(record)

@@ -70,7 +70,7 @@ def read_all(path: Path) -> list[tuple[str, Any, Any]]:
         )
         return [
             (d.channel.topic, d.message, d.decoded_message)
-            for d in reader.iter_decoded_messages(log_time_order=False)
+            for d in reader.iter_decoded_messages()
             if d.channel.topic != "/tf_static"
         ]
 
@@ -183,12 +183,12 @@ def test_planner_command_event_log_and_clock(tmp_path: Path) -> None:
         d
         for _, _, d in written(
             tmp_path / "run.mcap",
-            PlannerRecord(NOW, "paper", state),
-            PlannerRecord(NOW, "paper", PlannerState("idle", 0, 0.0, 0.0, 0.0, 0, None)),
-            CommandRecord(NOW, 0.2, 0.1, 0.25, 0.3),
-            EventRecord(NOW, Severity.WARNING, "safety", "stop", "étage", {"cause": "link"}),
-            LogRecord(NOW, Severity.ERROR, "device", "broken \ud800 text"),
-            ClockRecord(NOW, -5, -12.5, 100, 2000, 42, 0xFFFF_FFFF),
+            PlannerRecord(NOW + 1, "paper", state),
+            PlannerRecord(NOW + 2, "paper", PlannerState("idle", 0, 0.0, 0.0, 0.0, 0, None)),
+            CommandRecord(NOW + 3, 0.2, 0.1, 0.25, 0.3),
+            EventRecord(NOW + 4, Severity.WARNING, "safety", "stop", "étage", {"cause": "link"}),
+            LogRecord(NOW + 5, Severity.ERROR, "device", "broken \ud800 text"),
+            ClockRecord(NOW + 6, -5, -12.5, 100, 2000, 42, 0xFFFF_FFFF),
         )
     )
     assert (planner.state, planner.turn_count, planner.case) == ("lane", 3, 3)

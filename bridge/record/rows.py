@@ -1,0 +1,146 @@
+"""Messages of fixed length that always come together: kept as numbers, packed a chunk at a time.
+
+A message costs what it takes to append its numbers to an array; a compiled kernel makes the
+records, headers included, when the chunk closes.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from bridge.record import rows_kernel as kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from bridge.record.packer import Part
+
+OP_MESSAGE = 0x05
+"""MCAP's opcode of a message."""
+RECORD_HEAD = 9
+"""Opcode and length, which the length does not count."""
+_HEAD = struct.Struct("<BQH")
+_FIXED = 22
+"""Bytes of a message before its data."""
+
+
+class Source(NamedTuple):
+    """Where a value comes from."""
+
+    kind: int
+    """Of ``rows_kernel``."""
+    column: int = 0
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+def whole(column: int) -> Source:
+    """Give an integer as it is, of the width that the form has for it."""
+    return Source(kernel.WHOLE, column)
+
+
+def scaled(column: int, gain: float, offset: float = 0.0) -> Source:
+    """Give an integer in SI units."""
+    return Source(kernel.SCALED, column, gain, offset)
+
+
+def real(column: int) -> Source:
+    """Give a float as it is."""
+    return Source(kernel.FLOAT, column)
+
+
+def ros_stamp(column: int) -> tuple[Source, Source]:
+    """Give a time in nanoseconds as seconds and the rest of them."""
+    return Source(kernel.SECONDS, column), Source(kernel.NANOSECONDS, column)
+
+
+def proto_stamp(column: int) -> Source:
+    """Give a time in nanoseconds as a ``google.protobuf.Timestamp`` of twelve bytes."""
+    return Source(kernel.STAMP, column)
+
+
+def half_angle(column: int) -> tuple[Source, Source]:
+    """Give sine and cosine of half an angle: z and w of a turn about z."""
+    return Source(kernel.SIN_HALF, column), Source(kernel.COS_HALF, column)
+
+
+class Head(NamedTuple):
+    """Where a message's header comes from: log and publish time, and the sequence if it has one."""
+
+    log: int
+    publish: int
+    sequence: int | None = None
+
+
+class RowMessage(NamedTuple):
+    """One of the messages of a row."""
+
+    channel_id: int
+    head: Head
+    form: Sequence[Part]
+    sources: Sequence[Source]
+    """One for each value of the form, in their order."""
+
+
+class Rows:
+    """What waits of messages that always come together; ``ChunkedFile.rows`` makes it."""
+
+    def __init__(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> None:
+        """Declare how many integers and floats a row has, and the messages that it makes."""
+        self._columns = ints, floats
+        self.ints = array("q")
+        """Of the rows that wait, one after the other."""
+        self.floats = array("d")
+        self.places: list[tuple[int, int]] = []
+        """Each message's channel, and where it begins from the first."""
+        template = b""
+        ops: list[tuple[int, int, int, int]] = []
+        scales: list[tuple[float, float]] = []
+        for channel_id, head, form, sources in messages:
+            self.log_column = head.log
+            self.places.append((channel_id, len(template)))
+            size = _FIXED + sum(_size(part) for part in form)
+            parts = [_HEAD.pack(OP_MESSAGE, size, channel_id), "I", "Q", "Q", *form]
+            sequence = Source(-1) if head.sequence is None else whole(head.sequence)
+            wanted = iter((sequence, whole(head.log), whole(head.publish), *sources))
+            for part in parts:
+                if isinstance(part, str):
+                    kind, column, gain, offset = next(wanted)
+                    if kind >= 0:
+                        ops.append((len(template), kind, column, _size(part)))
+                        scales.append((gain, offset))
+                template += part if isinstance(part, bytes) else bytes(_size(part))
+        self.size = len(template)
+        """Bytes of a row's records."""
+        self._template = np.frombuffer(template, dtype=np.uint8).copy()
+        self._ops = np.array(ops, dtype=np.int64)
+        self._scales = np.array(scales, dtype=np.float64)
+
+    def take(self) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """The records of all rows, and the rows' log times; they are forgotten."""
+        ints, floats = self._columns
+        table = np.frombuffer(self.ints, dtype=np.int64).reshape(-1, ints)
+        reals = np.frombuffer(self.floats, dtype=np.float64) if floats else np.zeros(len(table))
+        out = np.empty(len(table) * self.size, dtype=np.uint8)
+        kernel.pack_rows(
+            table,
+            reals.reshape(len(table), -1),
+            self._template,
+            self._ops,
+            self._scales,
+            out,
+        )
+        times = table[:, self.log_column].copy()
+        # Arrays that are looked at cannot be emptied.
+        self.ints, self.floats = array("q"), array("d")
+        return out, times
+
+
+def _size(part: Part) -> int:
+    return len(part) if isinstance(part, bytes) else struct.calcsize(f"<{part}")
