@@ -13,7 +13,6 @@ import struct
 import zlib
 from typing import TYPE_CHECKING
 
-import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -21,8 +20,6 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    Chunk,
-    ChunkIndex,
     DataEnd,
     Footer,
     Header,
@@ -34,31 +31,17 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from bridge.record.chunk import ZSTD_LEVEL, OpenChunk
 from bridge.record.errors import LogExistsError, LogWriteError
-from bridge.record.rows import OP_MESSAGE, RECORD_HEAD, Rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from io import FileIO
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from bridge.record.rows import RowMessage
-
-_OP_MESSAGE_INDEX = int(Opcode.MESSAGE_INDEX)
+    from bridge.record.rows import RowMessage, Rows
 
 MAGIC = b"\x89MCAP0\r\n"
-
-CHUNK_BYTES = 256 * 1024
-CHUNK_NS = 250_000_000
-"""Half of what a kill may lose; the other half is the recorder's patience with an idle line."""
-
-_ZSTD_LEVEL = 1  # level 3 makes 20 % less of our data, for a fifth more time
-
-_MESSAGE = struct.Struct("<BQHIQQ")
-MESSAGE_FIXED = _MESSAGE.size - RECORD_HEAD
-_INDEX = struct.Struct("<BQHI")
 
 
 def _bytes_of(record: McapRecord) -> bytes:
@@ -123,20 +106,12 @@ class ChunkedFile:
         """Bytes written so far, all of them whole records."""
         self.failure: LogWriteError | None = None
         self._file = _open(path, force=force)
-        self._zstd = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
-        self._pending = bytearray()
-        self._earliest_ns = self._deadline_ns = 0
-        self._indexes: list[list[int]] = []
-        """By channel: log time and place of each of its messages in the chunk in progress."""
-        self._rows: list[Rows] = []
-        """What comes together, each kind by itself."""
-        self._waiting = 0
-        """Bytes that the rows will be."""
+        self._chunk = OpenChunk()
         self._schemas: dict[int, Schema] = {}
         self._schema_ids: dict[str, int] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: list[int] = []
-        self._chunks = _Packed(self._zstd)
+        self._chunks = _Packed(zstandard.ZstdCompressor(level=ZSTD_LEVEL))
         """The chunks' index records."""
         self._span_ns: tuple[int, int] | None = None
         """Log times of the first and the last message."""
@@ -182,7 +157,7 @@ class ChunkedFile:
         if schema_id is None:
             schema_id = self._schema_ids[name] = len(self._schemas) + 1
             self._schemas[schema_id] = Schema(id=schema_id, data=data, encoding=encoding, name=name)
-            self._pending += _bytes_of(self._schemas[schema_id])
+            self._chunk.declare(_bytes_of(self._schemas[schema_id]))
         channel_id = len(self._channels) + 1
         self._channels[channel_id] = Channel(
             id=channel_id,
@@ -192,30 +167,27 @@ class ChunkedFile:
             schema_id=schema_id,
         )
         self._counts.append(0)
-        self._indexes.append([])
-        self._pending += _bytes_of(self._channels[channel_id])
+        self._chunk.add_channel(_bytes_of(self._channels[channel_id]))
         return channel_id
 
     def add_message(
         self, channel_id: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
     ) -> None:
-        """Add one message; closes the chunk in progress where it is full or old enough."""
-        pending = self._pending
-        full = self._waiting + len(pending) >= CHUNK_BYTES
-        if full or not self._earliest_ns <= log_ns < self._deadline_ns:
-            self._next_chunk(log_ns)
-            pending = self._pending
-        self._indexes[channel_id - 1] += (log_ns, len(pending))
-        pending += _MESSAGE.pack(
-            OP_MESSAGE, MESSAGE_FIXED + len(data), channel_id, sequence, log_ns, publish_ns
-        )
-        pending += data
+        """Add one message; closes the chunk in progress where it is full or old enough.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        chunk = self._chunk
+        if not chunk.takes(log_ns):
+            self.flush()
+            chunk.begin(log_ns)
+        chunk.add(channel_id, log_ns, publish_ns, sequence, data)
 
     def rows(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> Rows:
         """Declare messages that always come together; see :class:`Rows`."""
-        made = Rows(ints, floats, messages)
-        self._rows.append(made)
-        return made
+        return self._chunk.rows(ints, floats, messages)
 
     def begin_row(self, log_ns: int, size: int) -> None:
         """Make room for a row of this log time, before it is appended.
@@ -224,16 +196,11 @@ class ChunkedFile:
             LogWriteError: the file cannot be written.
 
         """
-        full = self._waiting + len(self._pending) >= CHUNK_BYTES
-        if full or not self._earliest_ns <= log_ns < self._deadline_ns:
-            self._next_chunk(log_ns)
-        self._waiting += size
-
-    def _next_chunk(self, log_ns: int) -> None:
-        """Close the chunk in progress, if any, and begin one with a message of this time."""
-        self.flush()
-        # Also closed by a clock that was set back, or the chunk would stay open until it is full.
-        self._earliest_ns, self._deadline_ns = log_ns - CHUNK_NS, log_ns + CHUNK_NS
+        chunk = self._chunk
+        if not chunk.takes(log_ns):
+            self.flush()
+            chunk.begin(log_ns)
+        chunk.expect(size)
 
     # ---- what comes out
 
@@ -246,77 +213,16 @@ class ChunkedFile:
         """
         if self.failure is not None:
             raise self.failure
-        used = self._take_index()
-        if not used:
+        closed = self._chunk.close(self.offset)
+        if closed is None:
             return
-        self._earliest_ns = self._deadline_ns = 0
-        first_ns = min(int(entries[:, 0].min()) for entries in used.values())
-        last_ns = max(int(entries[:, 0].max()) for entries in used.values())
-        content = bytes(self._pending)
-        compressed = self._zstd.compress(content)
-        chunk = _bytes_of(
-            Chunk(
-                compression="zstd",
-                data=compressed,
-                message_start_time=first_ns,
-                message_end_time=last_ns,
-                uncompressed_crc=zlib.crc32(content),
-                uncompressed_size=len(content),
-            )
-        )
-        start = self.offset
-        indexes = bytearray()
-        index_offsets: dict[int, int] = {}
-        for channel_id, entries in used.items():
-            index_offsets[channel_id] = start + len(chunk) + len(indexes)
-            size = entries.nbytes
-            indexes += _INDEX.pack(_OP_MESSAGE_INDEX, 6 + size, channel_id, size)
-            indexes += entries.data
-        described = ChunkIndex(
-            chunk_length=len(chunk),
-            chunk_start_offset=start,
-            compression="zstd",
-            compressed_size=len(compressed),
-            message_end_time=last_ns,
-            message_index_length=len(indexes),
-            message_index_offsets=index_offsets,
-            message_start_time=first_ns,
-            uncompressed_size=len(content),
-        )
-        self._pending = bytearray()
-        self._write(chunk + bytes(indexes))
-        self._chunks.append(_bytes_of(described))
+        self._write(closed.data)
+        self._chunks.append(closed.described)
+        first_ns, last_ns = closed.first_ns, closed.last_ns
         earliest_ns, latest_ns = self._span_ns or (first_ns, last_ns)
         self._span_ns = min(first_ns, earliest_ns), max(last_ns, latest_ns)
-        for channel_id, entries in used.items():
-            self._counts[channel_id - 1] += len(entries)
-
-    def _take_index(self) -> dict[int, NDArray[np.int64]]:
-        """Log times and places of the chunk in progress, by channel; they are forgotten.
-
-        What waits in rows is packed first, behind the messages that came one by one.
-        """
-        used: dict[int, list[NDArray[np.int64]]] = {}
-        for index, entries in enumerate(self._indexes):
-            if entries:
-                used[index + 1] = [np.array(entries, dtype=np.int64).reshape(-1, 2)]
-                entries.clear()
-        for rows in self._rows:
-            if not rows.ints:
-                continue
-            records, times = rows.take()
-            starts = len(self._pending) + np.arange(len(times), dtype=np.int64) * rows.size
-            self._pending += records.data
-            for channel_id, offset in rows.places:
-                index_of = np.empty((len(times), 2), dtype=np.int64)
-                index_of[:, 0] = times
-                index_of[:, 1] = starts + offset
-                used.setdefault(channel_id, []).append(index_of)
-        self._waiting = 0
-        return {
-            channel_id: parts[0] if len(parts) == 1 else _merged(parts)
-            for channel_id, parts in sorted(used.items())
-        }
+        for channel_id, count in closed.counts.items():
+            self._counts[channel_id - 1] += count
 
     def finish(self) -> None:
         """Close the last chunk, write the summary and close the file; again is no error.
@@ -397,9 +303,3 @@ class ChunkedFile:
             self.failure = LogWriteError(self.path, error.strerror or str(error))
             raise self.failure from None
         self.offset += len(data)
-
-
-def _merged(parts: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Of several forms of one channel: in order again, by time and then by place."""
-    entries = np.concatenate(parts)
-    return np.ascontiguousarray(entries[np.lexsort((entries[:, 1], entries[:, 0]))])

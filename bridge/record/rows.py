@@ -88,6 +88,16 @@ class RowMessage(NamedTuple):
     """One for each value of the form, in their order."""
 
 
+class Packed(NamedTuple):
+    """What rows became."""
+
+    records: NDArray[np.uint8]
+    entries: NDArray[np.int64]
+    """For each message its log times and places in the chunk, ``(messages, rows, 2)``."""
+    first_ns: int
+    last_ns: int
+
+
 class Rows:
     """What waits of messages that always come together; ``ChunkedFile.rows`` makes it."""
 
@@ -97,14 +107,16 @@ class Rows:
         self.ints = array("q")
         """Of the rows that wait, one after the other."""
         self.floats = array("d")
-        self.places: list[tuple[int, int]] = []
-        """Each message's channel, and where it begins from the first."""
+        self.channels: list[int] = []
+        """Of each message."""
+        places: list[int] = []
         template = b""
         ops: list[tuple[int, int, int, int]] = []
         scales: list[tuple[float, float]] = []
         for channel_id, head, form, sources in messages:
-            self.log_column = head.log
-            self.places.append((channel_id, len(template)))
+            self._log_column = head.log
+            self.channels.append(channel_id)
+            places.append(len(template))
             size = _FIXED + sum(_size(part) for part in form)
             parts = [_HEAD.pack(OP_MESSAGE, size, channel_id), "I", "Q", "Q", *form]
             sequence = Source(-1) if head.sequence is None else whole(head.sequence)
@@ -119,27 +131,36 @@ class Rows:
         self.size = len(template)
         """Bytes of a row's records."""
         self._template = np.frombuffer(template, dtype=np.uint8).copy()
+        self._places = np.array(places, dtype=np.int64)
         self._ops = np.array(ops, dtype=np.int64)
         self._scales = np.array(scales, dtype=np.float64)
 
-    def take(self) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """The records of all rows, and the rows' log times; they are forgotten."""
+    def take(self, start: int) -> Packed:
+        """The records of all rows, for ``start`` in a chunk; they are forgotten."""
         ints, floats = self._columns
         table = np.frombuffer(self.ints, dtype=np.int64).reshape(-1, ints)
-        reals = np.frombuffer(self.floats, dtype=np.float64) if floats else np.zeros(len(table))
-        out = np.empty(len(table) * self.size, dtype=np.uint8)
-        kernel.pack_rows(
+        count = len(table)
+        if floats:
+            reals = np.frombuffer(self.floats, dtype=np.float64).reshape(-1, floats)
+        else:
+            reals = np.zeros((count, 1))
+        out = np.empty(count * self.size, dtype=np.uint8)
+        index = np.empty((len(self.channels), count, 2), dtype=np.int64)
+        first_ns, last_ns = kernel.pack_rows(
             table,
-            reals.reshape(len(table), -1),
+            reals,
             self._template,
             self._ops,
             self._scales,
             out,
+            start,
+            self._log_column,
+            self._places,
+            index,
         )
-        times = table[:, self.log_column].copy()
         # Arrays that are looked at cannot be emptied.
         self.ints, self.floats = array("q"), array("d")
-        return out, times
+        return Packed(out, index, first_ns, last_ns)
 
 
 def _size(part: Part) -> int:

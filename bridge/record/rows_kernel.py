@@ -93,8 +93,12 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     ops: Ints,
     scales: Floats,
     out: Bytes,
-) -> None:
-    """Write a record for each row.
+    start: int,
+    log_column: int,
+    places: Ints,
+    index: Ints,
+) -> tuple[int, int]:
+    """Write a record for each row, and the index of where its messages are.
 
     Args:
         ints: Rows of integers, ``(n, columns)``.
@@ -103,12 +107,26 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
         ops: For each value: place in the record, kind, column, width in bytes.
         scales: For each value: gain and offset.
         out: Room for ``n`` records.
+        start: Where the first will be in its chunk.
+        log_column: Column of the log time.
+        places: Where each message begins in a record, ``(messages,)``.
+        index: Room for each message's log times and places, ``(messages, n, 2)``.
+
+    Returns:
+        The least and the greatest log time.
 
     """
+    first = last = ints[0, log_column]
     size = template.shape[0]
     for row in range(ints.shape[0]):
-        start = row * size
+        begin = row * size
+        time = ints[row, log_column]
+        first, last = min(first, time), max(last, time)
+        for message in range(places.shape[0]):
+            index[message, row, 0] = time
+            index[message, row, 1] = start + begin + places[message]
         for k in range(size):
-            out[start + k] = template[k]
+            out[begin + k] = template[k]
         for op in range(ops.shape[0]):
-            _put_value(ints[row], floats[row], ops[op], scales[op], start, out)
+            _put_value(ints[row], floats[row], ops[op], scales[op], begin, out)
+    return first, last

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bridge.record.chunked import CHUNK_NS
+from bridge.record.chunk import CHUNK_NS
 from bridge.record.reader import LogReader
 
 ROOT = Path(__file__).parents[2]

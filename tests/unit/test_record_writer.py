@@ -22,7 +22,8 @@ from bridge.coverage.floorplan import parse_floorplan
 from bridge.coverage.planner import PlannerState
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.record.chunked import CHUNK_BYTES, ChunkedFile
+from bridge.record.chunk import CHUNK_BYTES
+from bridge.record.chunked import ChunkedFile
 from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.record.ros import OCCUPANCY_GRID, occupancy_grid, parse_occupancy_grid, schema_text
 from bridge.record.writer import RunWriter
