@@ -1,0 +1,89 @@
+/* The Cortex-M4's own registers, as far as the boards use them.
+ * Source: ST PM0214, STM32 Cortex-M4 programming manual; its section is named at each block. */
+#ifndef CORTEX_M4_H
+#define CORTEX_M4_H
+
+#include <stdint.h>
+
+/* 4.5 SysTick timer. */
+typedef struct {
+    volatile uint32_t ctrl;
+    volatile uint32_t load;
+    volatile uint32_t val;
+    volatile uint32_t calib;
+} systick_regs_t;
+#define SYSTICK ((systick_regs_t *)0xE000E010u)
+#define SYSTICK_ENABLE (1u << 0)
+#define SYSTICK_TICKINT (1u << 1)
+#define SYSTICK_CLKSOURCE (1u << 2)
+
+/* 4.3 Nested vectored interrupt controller. */
+typedef struct {
+    volatile uint32_t iser[8];
+    uint32_t reserved_0[24];
+    volatile uint32_t icer[8];
+    uint32_t reserved_1[24];
+    volatile uint32_t ispr[8];
+    uint32_t reserved_2[24];
+    volatile uint32_t icpr[8];
+    uint32_t reserved_3[24];
+    volatile uint32_t iabr[8];
+    uint32_t reserved_4[56];
+    volatile uint8_t ip[240];
+} nvic_regs_t;
+#define NVIC ((nvic_regs_t *)0xE000E100u)
+
+/* 4.4 System control block. */
+typedef struct {
+    volatile uint32_t cpuid;
+    volatile uint32_t icsr;
+    volatile uint32_t vtor;
+    volatile uint32_t aircr;
+    volatile uint32_t scr;
+    volatile uint32_t ccr;
+    volatile uint8_t shpr[12];
+    volatile uint32_t shcsr;
+    volatile uint32_t cfsr;
+    volatile uint32_t hfsr;
+} scb_regs_t;
+#define SCB ((scb_regs_t *)0xE000ED00u)
+#define SCB_AIRCR_VECTKEY (0x05FAu << 16)
+#define SCB_AIRCR_SYSRESETREQ (1u << 2)
+#define SCB_SHPR_SYSTICK 11 /* byte of SHPR3 that holds exception 15's priority */
+
+/* 4.6 Floating point unit: coprocessor access control. */
+#define SCB_CPACR (*(volatile uint32_t *)0xE000ED88u)
+#define SCB_CPACR_FPU_FULL (0xFu << 20)
+
+/* Sixteen levels on the STM32F4 (4.3.7: bits 7:4 count); a lower number interrupts a higher. */
+#define PRIORITY(level) ((uint8_t)((level) << 4))
+
+static inline void nvic_enable(unsigned irq, unsigned level) {
+    NVIC->ip[irq] = PRIORITY(level);
+    NVIC->iser[irq / 32u] = 1u << (irq % 32u);
+}
+
+static inline uint32_t irq_save(void) {
+    uint32_t primask;
+    __asm volatile("mrs %0, primask\n\tcpsid i" : "=r"(primask)::"memory");
+    return primask;
+}
+
+static inline void irq_restore(uint32_t primask) {
+    __asm volatile("msr primask, %0" ::"r"(primask) : "memory");
+}
+
+static inline void wait_for_interrupt(void) { __asm volatile("wfi" ::: "memory"); }
+
+static inline void barrier(void) { __asm volatile("dsb\n\tisb" ::: "memory"); }
+
+/* Does not return. */
+static inline void system_reset(void) {
+    barrier();
+    SCB->aircr = SCB_AIRCR_VECTKEY | SCB_AIRCR_SYSRESETREQ;
+    for (;;) {
+        barrier();
+    }
+}
+
+#endif

@@ -1,0 +1,240 @@
+/* The STM32F405 that QEMU 7.2 emulates (machine netduinoplus2). Its registers are a chip's where
+ * QEMU has them: USART1 is the robot's line, USART2 the link to the plant, TIM2 counts
+ * microseconds, SysTick milliseconds. What it has not (unique id, random numbers, reset causes,
+ * watchdog, flash, DMA, CAN) comes over the link to the plant or is made here. */
+#include <string.h>
+
+#include "board.h"
+#include "cortex_m4.h"
+#include "firmware.h"
+#include "plant_link.h"
+#include "startup.h"
+#include "stm32f4.h"
+
+#define CORE_HZ 168000000u
+#define PERIOD_US 10000u
+/* How long before a control period its readings are asked for: two milliseconds after the one
+ * before, which has set the duties. As those stay, the plant may go on to the next period's begin
+ * at once, so the readings are of that very moment, and a busy computer has 8 ms to give them. */
+#define LEAD_US 8000u
+#define WATCHDOG_MS 100u
+#define BOOT_AGAIN_US 50000u
+/* STM32F42x data sheet, flash programming, 32 bits at a time: typical. */
+#define ERASE_US 250000u
+#define WRITE_WORD_US 16u
+
+static volatile uint32_t unfed_ms; /* milliseconds in which the program ran but did not feed */
+static uint32_t asked_for_us;      /* the control period whose readings were asked for last */
+static int16_t duty_left, duty_right;
+static uint32_t slept_us;
+static uint32_t flash_began_us, flash_takes_us;
+
+void usart1_handler(void);
+void usart2_handler(void);
+void systick_handler(void);
+
+/* ---- time ---------------------------------------------------------------------------------- */
+
+uint32_t board_now_us(void) { return TIM2->cnt; }
+
+uint32_t board_busy_us(void) { return board_now_us() - slept_us; }
+
+void board_idle(void) {
+    while (plant_hang) { /* asked for by a fault: hung, until the watchdog comes */
+    }
+    const uint32_t from_us = board_now_us();
+    wait_for_interrupt();
+    slept_us += board_now_us() - from_us;
+}
+
+static void request(uint32_t now_us, uint32_t sample_us) {
+    uint8_t payload[14];
+    const size_t unused = startup_stack_free();
+    uint8_t *end = put_u32(put_u32(payload, now_us), sample_us);
+    end = put_u16(put_u16(end, (uint16_t)duty_left), (uint16_t)duty_right);
+    (void)put_u16(end, unused > 0xFFFFu ? 0xFFFFu : (uint16_t)unused);
+    plant_send(PLANT_REQUEST, payload, sizeof payload);
+}
+
+static void reset_for(uint8_t cause) {
+    plant_send(PLANT_RESET, &cause, 1);
+    system_reset();
+}
+
+/* Each millisecond. What counts for the watchdog are milliseconds in which the chip ran: a
+ * computer that is too busy to run the emulator loses SysTicks and must not look like a hung
+ * program. The requests go on while the program hangs: the plant is no part of it. */
+void systick_handler(void) {
+    if (!plant_known) {
+        return;
+    }
+    if (++unfed_ms > WATCHDOG_MS) {
+        reset_for(SP_RESET_CAUSE_WATCHDOG);
+    }
+    const uint32_t now_us = board_now_us();
+    const uint32_t due_us = (now_us + LEAD_US) / PERIOD_US * PERIOD_US;
+    if (due_us != asked_for_us) {
+        asked_for_us = due_us;
+        request(now_us, due_us);
+    }
+}
+
+void board_watchdog_feed(void) { unfed_ms = 0; }
+
+void board_reboot(void) { reset_for(SP_RESET_CAUSE_SOFTWARE); }
+
+/* ---- start --------------------------------------------------------------------------------- */
+
+static void uart_start(usart_regs_t *uart, unsigned irq) {
+    uart->brr = 84000000u / 921600u; /* of no effect in the emulator */
+    uart->cr1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE;
+    nvic_enable(irq, 4);
+}
+
+void board_start(void) {
+    RCC->apb1enr |= RCC_APB1_TIM2 | RCC_APB1_USART2;
+    RCC->apb2enr |= RCC_APB2_USART1;
+    TIM2->psc = 999u; /* QEMU's timers are fed with 1 GHz, the chip's with 84 MHz */
+    TIM2->arr = 0xFFFFFFFFu;
+    TIM2->egr = TIM_EGR_UG;
+    TIM2->cr1 = TIM_CR1_CEN;
+    plant_begin();
+    plant_identity.name = "firmware on an emulated STM32F405";
+    uart_start(USART1, IRQ_USART1);
+    uart_start(USART2, IRQ_USART2);
+    SCB->shpr[SCB_SHPR_SYSTICK] = PRIORITY(8);
+    SYSTICK->load = CORE_HZ / 1000u - 1u;
+    SYSTICK->val = 0;
+    SYSTICK->ctrl = SYSTICK_CLKSOURCE | SYSTICK_TICKINT | SYSTICK_ENABLE;
+    const uint8_t version = PLANT_LINK_VERSION;
+    uint32_t asked_us = board_now_us();
+    plant_send(PLANT_BOOT, &version, 1);
+    while (!plant_known) {
+        wait_for_interrupt();
+        if (board_now_us() - asked_us > BOOT_AGAIN_US) {
+            asked_us = board_now_us();
+            plant_send(PLANT_BOOT, &version, 1);
+        }
+    }
+    unfed_ms = 0;
+}
+
+const board_identity_t *board_identity(void) { return &plant_identity; }
+
+/* ---- the line to the host ------------------------------------------------------------------ */
+
+void usart1_handler(void) {
+    while ((USART1->sr & USART_SR_RXNE) != 0) {
+        const uint8_t byte = (uint8_t)USART1->dr;
+        firmware_uart_received(&byte, 1, board_now_us());
+    }
+}
+
+void usart2_handler(void) {
+    while ((USART2->sr & USART_SR_RXNE) != 0) {
+        plant_received((uint8_t)USART2->dr);
+    }
+}
+
+/* QEMU takes each byte at once; the line's own time is the emulator's (sim_device/line.py). */
+size_t board_uart_room(void) { return 512; }
+
+void board_uart_write(const uint8_t *data, size_t length) {
+    for (size_t i = 0; i < length; i++) {
+        while ((USART1->sr & USART_SR_TXE) == 0) {
+        }
+        USART1->dr = data[i];
+    }
+}
+
+uint32_t board_uart_wait_us(void) { return 0; }
+
+/* QEMU's F405 has no CAN; identity.can is false, so that the core never asks. */
+bool board_can_write(const sp_can_frame_t *frame) {
+    (void)frame;
+    return true;
+}
+
+/* ---- motors and sensors -------------------------------------------------------------------- */
+
+void board_motors(int16_t left, int16_t right) {
+    if (left == duty_left && right == duty_right) {
+        return;
+    }
+    duty_left = left;
+    duty_right = right;
+    uint8_t payload[8];
+    uint8_t *end = put_u32(payload, board_now_us());
+    (void)put_u16(put_u16(end, (uint16_t)left), (uint16_t)right);
+    plant_send(PLANT_MOTORS, payload, sizeof payload);
+}
+
+void board_encoders(board_encoders_t *out) {
+    plant_readings_t now;
+    plant_readings(&now);
+    *out = now.encoders;
+}
+
+void board_imu(board_imu_t *out) {
+    plant_readings_t now;
+    plant_readings(&now);
+    *out = now.imu;
+}
+
+void board_ranges(board_ranges_t *out) {
+    plant_readings_t now;
+    plant_readings(&now);
+    *out = now.ranges;
+}
+
+uint8_t board_contacts(void) {
+    plant_readings_t now;
+    plant_readings(&now);
+    return now.contacts;
+}
+
+void board_power(board_power_t *out) {
+    plant_readings_t now;
+    plant_readings(&now);
+    *out = now.power;
+}
+
+/* ---- flash: a copy here, the pages themselves beyond the link -------------------------------- */
+
+const uint8_t *board_flash_page(unsigned page) { return plant_pages[page]; }
+
+static void flash_takes(uint32_t duration_us) {
+    flash_began_us = board_now_us();
+    flash_takes_us = duration_us;
+}
+
+void board_flash_erase(unsigned page) {
+    const uint8_t number = (uint8_t)page;
+    memset(plant_pages[page], 0xFF, BOARD_FLASH_PAGE_SIZE);
+    plant_send(PLANT_ERASE, &number, 1);
+    flash_takes(ERASE_US);
+}
+
+void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length) {
+    uint8_t payload[3u + PLANT_CHUNK];
+    for (size_t done = 0; done < length;) {
+        const size_t count = length - done < PLANT_CHUNK ? length - done : PLANT_CHUNK;
+        uint8_t *const to = &plant_pages[page][offset + done];
+        for (size_t i = 0; i < count; i++) {
+            to[i] &= data[done + i]; /* as flash: bits only fall */
+        }
+        payload[0] = (uint8_t)page;
+        (void)put_u16(payload + 1, (uint16_t)(offset + done));
+        memcpy(payload + 3, to, count);
+        plant_send(PLANT_WRITE, payload, 3u + count);
+        done += count;
+    }
+    flash_takes(WRITE_WORD_US * (uint32_t)(length / 4u));
+}
+
+bool board_flash_busy(void) {
+    if (flash_takes_us != 0 && board_now_us() - flash_began_us >= flash_takes_us) {
+        flash_takes_us = 0;
+    }
+    return flash_takes_us != 0;
+}

@@ -1,0 +1,71 @@
+/* The link to the plant: the emulated chip's second UART, on which its sensors come in and its
+ * motors go out. sim_device/ports/qemu_link.py is the other end and holds the same numbers.
+ *
+ * A frame is 0xA5, type, length of the payload, payload, CRC-32 of zlib over type to payload;
+ * all numbers little-endian. Nothing is lost on it but what a reset cuts, so a frame that is
+ * damaged is passed over, and all that matters is asked for again. */
+#ifndef PLANT_LINK_H
+#define PLANT_LINK_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "board.h"
+
+#define PLANT_LINK_VERSION 1u
+#define PLANT_CHUNK 128u
+
+/* From the chip. */
+enum {
+    PLANT_BOOT = 0x01,    /* version u8: who am I, what stands in my flash? */
+    PLANT_REQUEST = 0x02, /* now u32, sample u32, left i16, right i16, free stack u16: the plant
+                             may go on to `sample`, where the readings are to be taken */
+    PLANT_MOTORS = 0x03,  /* now u32, left i16, right i16: duties have changed */
+    PLANT_ERASE = 0x04,   /* page u8 */
+    PLANT_WRITE = 0x05,   /* page u8, offset u16, data */
+    PLANT_RESET = 0x06    /* cause u8: the chip is about to begin anew */
+};
+
+/* To the chip. */
+enum {
+    PLANT_IDENTITY = 0x81, /* uid 12, boot id u32, reset cause u8, node u8, chunks before it u8 */
+    PLANT_PAGE = 0x82,     /* page u8, offset u16, data */
+    PLANT_SAMPLE = 0x83,   /* sample u32, encoders 2 u16, IMU 7 i16, ultrasonic u16 mm, infrared
+                              2 u16 tenths of mm, contacts u8 */
+    PLANT_POWER = 0x84,    /* sample u32, battery, logic u16 mV, motors 2 u16 mA */
+    PLANT_HANG = 0x85      /* stand still: a program that has hung */
+};
+
+typedef struct {
+    board_encoders_t encoders;
+    board_imu_t imu;
+    board_ranges_t ranges;
+    uint8_t contacts;
+    board_power_t power;
+} plant_readings_t;
+
+/* What is so now. Readings come ahead of the moment at which they are taken; until then those of
+ * the period before stand. */
+void plant_readings(plant_readings_t *out);
+/* Both of these are written by the interrupt. */
+extern volatile bool plant_known; /* the identity has come */
+extern volatile bool plant_hang;
+extern board_identity_t plant_identity;
+extern uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
+
+void plant_begin(void);
+void plant_send(uint8_t type, const uint8_t *payload, size_t length);
+void plant_received(uint8_t byte); /* from the interrupt */
+
+static inline uint8_t *put_u16(uint8_t *to, uint16_t value) {
+    to[0] = (uint8_t)value;
+    to[1] = (uint8_t)(value >> 8);
+    return to + 2;
+}
+
+static inline uint8_t *put_u32(uint8_t *to, uint32_t value) {
+    return put_u16(put_u16(to, (uint16_t)value), (uint16_t)(value >> 16));
+}
+
+#endif

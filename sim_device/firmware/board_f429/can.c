@@ -1,0 +1,74 @@
+/* CAN1 at 500 kbit/s. RM0090 section 32. */
+#include "cortex_m4.h"
+#include "f429.h"
+#include "firmware.h"
+#include "stm32f4.h"
+
+/* 42 MHz / 6 = 7 MHz: 14 quanta a bit, 1 + 11 before the sample point (86 %), 2 after it. */
+#define PRESCALER 6u
+#define BEFORE 11u
+#define AFTER 2u
+#define JUMP 1u
+#define TURNS 100000u
+
+/* A filter of 16 bits (32.7.4, figure 342): identifier 15:5, RTR 4, IDE 3. The node is the low
+ * four bits of the identifier; data frames with 11 bits only. */
+#define FILTER(node) ((uint32_t)(node) << 5)
+#define FILTER_MASK (0xFu << 5 | 1u << 4 | 1u << 3)
+
+void can1_rx0_handler(void);
+
+void can_start(uint8_t node) {
+    pin_alternate(PORT_B, 8, 9, PULL_UP, false);
+    pin_alternate(PORT_B, 9, 9, PULL_NONE, false);
+    CAN1->mcr = CAN_MCR_INRQ; /* and no longer asleep */
+    for (uint32_t i = 0; i < TURNS && (CAN1->msr & CAN_MSR_INAK) == 0; i++) {
+    }
+    /* Frames leave in the order in which they were asked for; bus-off ends by itself. */
+    CAN1->mcr = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM;
+    CAN1->btr = (JUMP - 1u) << 24 | (AFTER - 1u) << 20 | (BEFORE - 1u) << 16 | (PRESCALER - 1u);
+    CAN1->fmr |= CAN_FMR_FINIT;
+    CAN1->fm1r &= ~1u; /* bank 0: masks */
+    CAN1->fs1r &= ~1u; /* two of 16 bits */
+    CAN1->ffa1r &= ~1u;
+    CAN1->filter[0].fr1 = FILTER_MASK << 16 | FILTER(node);
+    CAN1->filter[0].fr2 = FILTER_MASK << 16 | FILTER(0); /* for all nodes */
+    CAN1->fa1r |= 1u;
+    CAN1->fmr &= ~CAN_FMR_FINIT;
+    CAN1->mcr &= ~CAN_MCR_INRQ; /* takes part after 11 recessive bits; nobody waits for it */
+    CAN1->ier = CAN_IER_FMPIE0;
+    nvic_enable(IRQ_CAN1_RX0, LEVEL_LINE);
+}
+
+void can1_rx0_handler(void) {
+    const uint32_t now_us = board_now_us();
+    while ((CAN1->rfr[0] & CAN_RFR_FMP_MASK) != 0) {
+        const can_mailbox_t *const box = &CAN1->rx[0];
+        const uint32_t words[2] = {box->dlr, box->dhr};
+        const uint32_t length = box->dtr & 15u;
+        sp_can_frame_t frame = {.id = (uint16_t)(box->ir >> CAN_IR_STID_SHIFT),
+            .length = (uint8_t)(length < 8u ? length : 8u)};
+        for (unsigned i = 0; i < 8u; i++) {
+            frame.data[i] = (uint8_t)(words[i / 4u] >> (8u * (i % 4u)));
+        }
+        CAN1->rfr[0] = CAN_RFR_RFOM | CAN_RFR_FOVR;
+        firmware_can_received(&frame, now_us);
+    }
+}
+
+bool board_can_write(const sp_can_frame_t *frame) {
+    const uint32_t free = CAN1->tsr / CAN_TSR_TME0 & 7u;
+    if (free == 0) {
+        return false;
+    }
+    can_mailbox_t *const box = &CAN1->tx[(free & 1u) != 0 ? 0 : (free & 2u) != 0 ? 1 : 2];
+    uint32_t words[2] = {0, 0};
+    for (unsigned i = 0; i < frame->length; i++) {
+        words[i / 4u] |= (uint32_t)frame->data[i] << (8u * (i % 4u));
+    }
+    box->dtr = frame->length;
+    box->dlr = words[0];
+    box->dhr = words[1];
+    box->ir = (uint32_t)frame->id << CAN_IR_STID_SHIFT | CAN_IR_TXRQ;
+    return true;
+}

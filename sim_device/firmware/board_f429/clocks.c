@@ -1,0 +1,114 @@
+/* Clocks, pins, why the chip began, who it is this time. */
+#include "f429.h"
+#include "stm32f4.h"
+
+#define HSE_TURNS 200000u /* of a loop of about ten cycles at 16 MHz: 0.1 s */
+
+static bool waits_for(const volatile uint32_t *at, uint32_t mask, uint32_t value) {
+    for (uint32_t i = 0; i < HSE_TURNS; i++) {
+        if ((*at & mask) == value) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* 168 MHz: (crystal / M = 1 MHz) x 336 / 2; buses at 42 and 84 MHz. Without a crystal the PLL runs
+ * from the internal 16 MHz, which is good to 1 %: enough for a UART, not for CAN. */
+void clocks_start(void) {
+    RCC->ahb1enr |= RCC_AHB1_CRC | RCC_AHB1_DMA1 | RCC_AHB1_DMA2;
+    for (unsigned port = PORT_A; port <= PORT_G; port++) {
+        RCC->ahb1enr |= RCC_AHB1_GPIO(port);
+    }
+    RCC->ahb2enr |= RCC_AHB2_RNG;
+    RCC->apb1enr |= RCC_APB1_TIM2 | RCC_APB1_TIM3 | RCC_APB1_TIM4 | RCC_APB1_TIM5 |
+                    RCC_APB1_I2C1 | RCC_APB1_CAN1 | RCC_APB1_PWR;
+    RCC->apb2enr |= RCC_APB2_TIM1 | RCC_APB2_USART1 | RCC_APB2_ADC1 | RCC_APB2_SYSCFG;
+    PWR->cr |= PWR_CR_VOS_SCALE_1; /* 5.4.1: needed above 144 MHz */
+    RCC->cr |= RCC_CR_HSEON;
+    const bool crystal = waits_for(&RCC->cr, RCC_CR_HSERDY, RCC_CR_HSERDY);
+    const uint32_t divider = crystal ? BOARD_HSE_MHZ : 16u;
+    RCC->pllcfgr = divider | 336u << 6 | 0u << 16 | 7u << 24 | (crystal ? RCC_PLLCFGR_SRC_HSE : 0u);
+    RCC->cr |= RCC_CR_PLLON;
+    /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. */
+    FLASH->acr = FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;
+    RCC->cfgr = RCC_CFGR_PPRE1_DIV4 | RCC_CFGR_PPRE2_DIV2;
+    if (waits_for(&RCC->cr, RCC_CR_PLLRDY, RCC_CR_PLLRDY)) {
+        RCC->cfgr |= RCC_CFGR_SW_PLL;
+        (void)waits_for(&RCC->cfgr, RCC_CFGR_SWS_MASK, RCC_CFGR_SWS_PLL);
+    }
+    TIM2->psc = TIMER_APB1_HZ / 1000000u - 1u;
+    TIM2->arr = 0xFFFFFFFFu;
+    TIM2->egr = TIM_EGR_UG;
+    TIM2->cr1 = TIM_CR1_CEN;
+}
+
+/* 7.3.21 (F405), 6.3.21 (F42x): PIN is set along with every other cause, BOR along with POR. */
+uint8_t reset_cause(void) {
+    const uint32_t flags = RCC->csr;
+    RCC->csr |= RCC_CSR_RMVF;
+    if ((flags & (RCC_CSR_IWDGRSTF | RCC_CSR_WWDGRSTF)) != 0) {
+        return SP_RESET_CAUSE_WATCHDOG;
+    }
+    if ((flags & RCC_CSR_SFTRSTF) != 0) {
+        return SP_RESET_CAUSE_SOFTWARE;
+    }
+    if ((flags & RCC_CSR_PORRSTF) != 0) {
+        return SP_RESET_CAUSE_POWER_ON;
+    }
+    return (flags & RCC_CSR_BORRSTF) != 0 ? SP_RESET_CAUSE_BROWN_OUT : SP_RESET_CAUSE_PIN;
+}
+
+/* From the generator of random numbers (24.3.1: the first is not to be used); should that fail,
+ * from memory that no start clears, where each boot counts on. */
+uint32_t boot_id(const uint8_t uid[12]) {
+    static uint32_t boots __attribute__((section(".noinit")));
+    boots++;
+    RNG->cr = RNG_CR_EN;
+    uint32_t drawn[2] = {0, 0};
+    for (unsigned i = 0; i < 2u; i++) {
+        if (waits_for(&RNG->sr, RNG_SR_DRDY | RNG_SR_FAULTS, RNG_SR_DRDY)) {
+            drawn[i] = RNG->dr;
+        }
+    }
+    if (drawn[1] != 0 && drawn[1] != drawn[0]) {
+        return drawn[1];
+    }
+    const uint8_t count[4] = {
+        (uint8_t)boots, (uint8_t)(boots >> 8), (uint8_t)(boots >> 16), (uint8_t)(boots >> 24)};
+    const uint32_t mixed = sp_crc32_update(sp_crc32_update(0, uid, 12), count, sizeof count);
+    return mixed != 0 ? mixed : 1u;
+}
+
+/* ---- pins: 8.4; two bits a pin in moder, ospeedr, pupdr, four in afr ------------------------ */
+
+enum { MODE_INPUT, MODE_OUTPUT, MODE_ALTERNATE, MODE_ANALOG };
+
+static void two_bits(reg_t *reg, unsigned pin, uint32_t value) {
+    *reg = (*reg & ~(3u << (2u * pin))) | value << (2u * pin);
+}
+
+void pin_input(unsigned port, unsigned pin, pull_t pull) {
+    two_bits(&GPIO(port)->pupdr, pin, pull);
+    two_bits(&GPIO(port)->moder, pin, MODE_INPUT);
+}
+
+void pin_output(unsigned port, unsigned pin) { two_bits(&GPIO(port)->moder, pin, MODE_OUTPUT); }
+
+void pin_alternate(unsigned port, unsigned pin, unsigned function, pull_t pull, bool open_drain) {
+    gpio_regs_t *const gpio = GPIO(port);
+    const unsigned shift = 4u * (pin % 8u);
+    gpio->afr[pin / 8u] = (gpio->afr[pin / 8u] & ~(15u << shift)) | (uint32_t)function << shift;
+    gpio->otyper = (gpio->otyper & ~(1u << pin)) | (open_drain ? 1u << pin : 0u);
+    two_bits(&gpio->pupdr, pin, pull);
+    two_bits(&gpio->ospeedr, pin, 1u); /* medium: 25 MHz */
+    two_bits(&gpio->moder, pin, MODE_ALTERNATE);
+}
+
+void pin_analog(unsigned port, unsigned pin) { two_bits(&GPIO(port)->moder, pin, MODE_ANALOG); }
+
+void pin_write(unsigned port, unsigned pin, bool high) {
+    GPIO(port)->bsrr = high ? 1u << pin : 1u << (pin + 16u);
+}
+
+bool pin_read(unsigned port, unsigned pin) { return (GPIO(port)->idr >> pin & 1u) != 0; }

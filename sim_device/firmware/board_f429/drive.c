@@ -1,0 +1,67 @@
+/* Motors by an L298N on TIM1, encoders on TIM3 and TIM4. RM0090 sections 17 and 18. */
+#include "f429.h"
+#include "stm32f4.h"
+
+#define PWM_HZ 20000u /* above hearing; the L298's data sheet allows 40 kHz */
+#define PWM_TOP (TIMER_APB2_HZ / PWM_HZ)
+
+/* One end of a motor is switched, the other stays low: between pulses both are low, which ties
+ * the motor's ends together (slow decay), so that the mean voltage goes with the duty. */
+void motors_start(void) {
+    TIM1->psc = 0;
+    TIM1->arr = PWM_TOP - 1u;
+    const uint32_t both = 6u << 4 | 1u << 3 | 6u << 12 | 1u << 11; /* PWM mode 1, preloaded */
+    TIM1->ccmr[0] = both;
+    TIM1->ccmr[1] = both;
+    for (unsigned i = 0; i < 4u; i++) {
+        TIM1->ccr[i] = 0;
+    }
+    TIM1->ccer = TIM_CCER_CCE(1) | TIM_CCER_CCE(2) | TIM_CCER_CCE(3) | TIM_CCER_CCE(4);
+    TIM1->egr = TIM_EGR_UG;
+    TIM1->bdtr = TIM_BDTR_MOE | TIM_BDTR_OSSR | TIM_BDTR_OSSI;
+    TIM1->cr1 = TIM_CR1_ARPE | TIM_CR1_CEN;
+    static const uint8_t pins[] = {9, 11, 13, 14};
+    for (unsigned i = 0; i < sizeof pins; i++) {
+        pin_alternate(PORT_E, pins[i], 1, PULL_DOWN, false);
+    }
+    pin_write(PORT_E, 8, true);
+    pin_write(PORT_E, 10, true);
+    pin_output(PORT_E, 8);
+    pin_output(PORT_E, 10);
+}
+
+static void motor(volatile uint32_t *forward, volatile uint32_t *backward, int16_t duty) {
+    const uint32_t size = (uint32_t)(duty < 0 ? -(int32_t)duty : duty);
+    const uint32_t width = (size * PWM_TOP + BOARD_DUTY_ONE / 2u) / BOARD_DUTY_ONE;
+    *forward = duty > 0 ? width : 0;
+    *backward = duty < 0 ? width : 0;
+}
+
+void board_motors(int16_t left, int16_t right) {
+    motor(&TIM1->ccr[0], &TIM1->ccr[1], left);
+    motor(&TIM1->ccr[2], &TIM1->ccr[3], right);
+}
+
+/* Every edge of both inputs counts (18.3.12); an edge must last for six samples at 42 MHz. */
+static void encoder(tim_regs_t *timer) {
+    timer->ccmr[0] = 1u << 0 | 4u << 4 | 1u << 8 | 4u << 12; /* inputs TI1, TI2, filter 0100 */
+    timer->smcr = TIM_SMCR_ENCODER_BOTH;
+    timer->arr = 0xFFFFu;
+    timer->cnt = 0;
+    timer->cr1 = TIM_CR1_CEN;
+}
+
+void encoders_start(void) {
+    pin_alternate(PORT_A, 6, 2, PULL_UP, false);
+    pin_alternate(PORT_A, 7, 2, PULL_UP, false);
+    pin_alternate(PORT_D, 12, 2, PULL_UP, false);
+    pin_alternate(PORT_D, 13, 2, PULL_UP, false);
+    encoder(TIM3);
+    encoder(TIM4);
+    TIM4->ccer = TIM_CCER_CCP(1); /* the right motor stands the other way round */
+}
+
+void board_encoders(board_encoders_t *out) {
+    out->left = (uint16_t)TIM3->cnt;
+    out->right = (uint16_t)TIM4->cnt;
+}

@@ -1,0 +1,88 @@
+/* The two pages: sectors 12 and 13, the first of the flash's second bank, so that the program runs
+ * on from the first bank while they are erased and written (RM0090 3.4: read while write). A chip
+ * of 1 MB has two banks only with the option bit DB1M (3.4, table 7; 3.9.10); without it nothing
+ * is erased or written here, the core finds that its image does not stand, and says so. */
+#include "cortex_m4.h"
+#include "f429.h"
+#include "stm32f4.h"
+
+#define FIRST_ADDRESS 0x08080000u
+#define SECTOR_BYTES 0x4000u
+#define FIRST_CODE 16u /* 3.9.8: sector 12 is 10000 */
+
+void flash_handler(void);
+
+static volatile bool busy;
+static const uint8_t *volatile next;
+static volatile uint32_t to_address, words_left;
+
+static bool two_banks(void) { return (FLASH->optcr & FLASH_OPTCR_DB1M) != 0; }
+
+static uint32_t address_of(unsigned page) { return FIRST_ADDRESS + SECTOR_BYTES * page; }
+
+const uint8_t *board_flash_page(unsigned page) {
+    return (const uint8_t *)(uintptr_t)address_of(page);
+}
+
+static void unlock(void) {
+    if ((FLASH->cr & FLASH_CR_LOCK) != 0) {
+        FLASH->keyr = FLASH_KEY_1;
+        FLASH->keyr = FLASH_KEY_2;
+    }
+    FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;
+    nvic_enable(IRQ_FLASH, LEVEL_FLASH);
+}
+
+void board_flash_erase(unsigned page) {
+    if (!two_banks()) {
+        return;
+    }
+    unlock();
+    busy = true;
+    words_left = 0;
+    FLASH->cr = FLASH_CR_SER | FLASH_CR_SNB(FIRST_CODE + page) | FLASH_CR_PSIZE_32 |
+                FLASH_CR_EOPIE | FLASH_CR_ERRIE;
+    FLASH->cr |= FLASH_CR_STRT;
+}
+
+static void write_word(void) {
+    const uint8_t *const from = next;
+    const uint32_t word = (uint32_t)from[0] | (uint32_t)from[1] << 8 | (uint32_t)from[2] << 16 |
+                          (uint32_t)from[3] << 24;
+    next = from + 4;
+    words_left--;
+    *(volatile uint32_t *)(uintptr_t)to_address = word;
+    to_address += 4u;
+    barrier();
+}
+
+void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length) {
+    if (!two_banks() || length < 4u) {
+        return;
+    }
+    unlock();
+    busy = true;
+    next = data;
+    to_address = address_of(page) + (uint32_t)offset;
+    words_left = (uint32_t)(length / 4u);
+    FLASH->cr = FLASH_CR_PG | FLASH_CR_PSIZE_32 | FLASH_CR_EOPIE | FLASH_CR_ERRIE;
+    write_word();
+}
+
+/* One word after the other; the data cache may hold what stood there before (3.5.2). */
+void flash_handler(void) {
+    const uint32_t flags = FLASH->sr;
+    FLASH->sr = FLASH_SR_EOP | FLASH_SR_ERRORS;
+    if ((flags & FLASH_SR_ERRORS) == 0 && words_left != 0) {
+        write_word();
+        return;
+    }
+    FLASH->cr = FLASH_CR_LOCK;
+    FLASH->acr &= ~FLASH_ACR_DCEN;
+    FLASH->acr |= FLASH_ACR_DCRST;
+    FLASH->acr &= ~FLASH_ACR_DCRST;
+    FLASH->acr |= FLASH_ACR_DCEN;
+    busy = false;
+}
+
+bool board_flash_busy(void) { return busy; }

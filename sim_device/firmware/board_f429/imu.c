@@ -1,0 +1,181 @@
+/* MPU6050 on I2C1 at 400 kHz. Its data-ready pin stamps a sample and begins the transfer of the 14
+ * bytes from 0x3B on; interrupts and DMA do the rest, and nothing waits for a bus that hangs: what
+ * is not done after two milliseconds is given up, the bus is freed and the sensor set up again.
+ * RM0090 section 27 (I2C1_RX is DMA1 stream 0 channel 1, table 42); registers of the sensor:
+ * InvenSense RM-MPU-6000A. */
+#include "cortex_m4.h"
+#include "f429.h"
+#include "stm32f4.h"
+
+#define ADDRESS 0x68u
+#define REG_DATA 0x3Bu
+#define REG_INT_STATUS_CLEARED_BY_ANY_READ 0x10u
+#define BYTES 14u
+#define BUS_HZ 400000u
+#define SCL 6u
+#define SDA 7u
+#define DATA_READY 5u /* PB5 */
+#define PATIENCE_US 2000u
+#define PIN_SILENT_US 15000u /* the pin is not wired: ask every ten milliseconds */
+#define PERIOD_US 10000u
+#define RETRY_US 100000u /* after a failure: a sensor that is not there must cost nothing */
+
+typedef enum { REST, WRITING, VALUE, READING } phase_t;
+
+void exti9_5_handler(void);
+void i2c1_event_handler(void);
+void i2c1_error_handler(void);
+void dma1_stream0_handler(void);
+
+static volatile phase_t phase;
+static volatile uint32_t began_us, stamp_us, ready_us;
+static volatile bool failed;
+static uint8_t data[BYTES];
+static board_imu_t newest;
+static bool given_up;
+
+/* Register and value, in this order: awake, clock from the gyro's oscillator; 100 Hz; filter of
+ * 44/42 Hz; 250 deg/s; 2 g; pin high until read, any read clears it; data ready on the pin. */
+static const uint8_t settings[][2] = {{0x6B, 0x01}, {0x19, 9}, {0x1A, 3}, {0x1B, 0}, {0x1C, 0},
+    {0x37, REG_INT_STATUS_CLEARED_BY_ANY_READ | 0x20u}, {0x38, 1}};
+static volatile unsigned setting; /* the next to be written; all done at SETTINGS */
+#define SETTINGS (sizeof settings / sizeof settings[0])
+
+static void bus_start(void) {
+    I2C1->cr1 = I2C_CR1_SWRST;
+    I2C1->cr1 = 0;
+    I2C1->cr2 = APB1_HZ / 1000000u | I2C_CR2_ITERREN | I2C_CR2_ITEVTEN;
+    I2C1->ccr = I2C_CCR_FAST | APB1_HZ / (3u * BUS_HZ); /* low for two thirds */
+    I2C1->trise = APB1_HZ / 1000000u * 300u / 1000u + 1u;
+    I2C1->cr1 = I2C_CR1_PE;
+}
+
+/* A slave that was cut short holds SDA low until it has clocked out its byte: nine clocks by hand
+ * (UM10204, 3.1.16). 0.1 ms in all, in the millisecond's interrupt and only after a failure. */
+static void bus_free(void) {
+    pin_write(PORT_B, SCL, true);
+    GPIO(PORT_B)->otyper |= 1u << SCL;
+    pin_output(PORT_B, SCL);
+    for (unsigned i = 0; i < 18u; i++) {
+        pin_write(PORT_B, SCL, i % 2u != 0);
+        const uint32_t from_us = board_now_us();
+        while (board_now_us() - from_us < 5u) {
+        }
+    }
+    pin_alternate(PORT_B, SCL, 4, PULL_UP, true);
+}
+
+void imu_start(void) {
+    pin_alternate(PORT_B, SCL, 4, PULL_UP, true);
+    pin_alternate(PORT_B, SDA, 4, PULL_UP, true);
+    pin_input(PORT_B, DATA_READY, PULL_DOWN);
+    bus_free();
+    bus_start();
+    DMA1->stream[0].par = (uint32_t)(uintptr_t)&I2C1->dr;
+    DMA1->stream[0].m0ar = (uint32_t)(uintptr_t)data;
+    SYSCFG->exticr[1] = (SYSCFG->exticr[1] & ~0xF0u) | 1u << 4; /* EXTI5 from port B */
+    EXTI->rtsr |= 1u << DATA_READY;
+    EXTI->imr |= 1u << DATA_READY;
+    nvic_enable(IRQ_I2C1_EV, LEVEL_IMU);
+    nvic_enable(IRQ_I2C1_ER, LEVEL_IMU);
+    nvic_enable(IRQ_DMA1_STREAM0, LEVEL_IMU);
+    nvic_enable(IRQ_EXTI9_5, LEVEL_IMU);
+}
+
+static void begin(uint32_t now_us, phase_t first) {
+    began_us = now_us;
+    phase = first;
+    I2C1->cr1 |= I2C_CR1_ACK | I2C_CR1_START;
+}
+
+void exti9_5_handler(void) {
+    EXTI->pr = 1u << DATA_READY;
+    ready_us = board_now_us();
+    if (phase == REST && setting == SETTINGS) {
+        stamp_us = ready_us;
+        begin(ready_us, WRITING);
+    }
+}
+
+/* With the events masked out while DMA reads, each of these comes once. */
+void i2c1_event_handler(void) {
+    const uint32_t flags = I2C1->sr1;
+    if ((flags & I2C_SR1_SB) != 0) {
+        I2C1->dr = ADDRESS << 1 | (phase == READING ? 1u : 0u);
+    } else if ((flags & I2C_SR1_ADDR) != 0 && phase == READING) {
+        I2C1->cr2 = (I2C1->cr2 & ~I2C_CR2_ITEVTEN) | I2C_CR2_DMAEN | I2C_CR2_LAST;
+        DMA1->ifcr[0] = DMA_FLAGS_ALL;
+        DMA1->stream[0].ndtr = BYTES;
+        DMA1->stream[0].cr = DMA_CR_CHSEL(1) | DMA_CR_MINC | DMA_CR_TCIE | DMA_CR_EN;
+        (void)I2C1->sr2; /* clears ADDR: the bytes come */
+    } else if ((flags & I2C_SR1_ADDR) != 0) {
+        (void)I2C1->sr2;
+        I2C1->dr = setting < SETTINGS ? settings[setting][0] : REG_DATA;
+    } else if ((flags & I2C_SR1_BTF) != 0 && phase == WRITING && setting < SETTINGS) {
+        phase = VALUE; /* the register's number has left */
+        I2C1->dr = settings[setting][1];
+    } else if ((flags & I2C_SR1_BTF) != 0 && phase == VALUE) {
+        I2C1->cr1 |= I2C_CR1_STOP;
+        setting++;
+        phase = REST;
+    } else if ((flags & I2C_SR1_BTF) != 0 && phase == WRITING) {
+        phase = READING;
+        I2C1->cr1 |= I2C_CR1_START;
+    }
+}
+
+void i2c1_error_handler(void) {
+    I2C1->sr1 = ~I2C_SR1_ERRORS;
+    I2C1->cr1 |= I2C_CR1_STOP;
+    failed = true;
+}
+
+static int16_t at(unsigned place) { return (int16_t)(data[place] << 8 | data[place + 1u]); }
+
+void dma1_stream0_handler(void) {
+    DMA1->ifcr[0] = DMA_FLAGS_ALL;
+    I2C1->cr1 |= I2C_CR1_STOP;
+    I2C1->cr2 = (I2C1->cr2 & ~(I2C_CR2_DMAEN | I2C_CR2_LAST)) | I2C_CR2_ITEVTEN;
+    newest.accel_x = at(0);
+    newest.accel_y = at(2);
+    newest.accel_z = at(4);
+    newest.temperature = at(6);
+    newest.gyro_x = at(8);
+    newest.gyro_y = at(10);
+    newest.gyro_z = at(12);
+    newest.sampled_us = stamp_us;
+    phase = REST;
+}
+
+/* The watch over all of it, and the next setting: one a millisecond. On a lower level than the
+ * handlers above, so what it reads may change under it: interrupts off. */
+void imu_millisecond(uint32_t now_us) {
+    const uint32_t state = irq_save();
+    const bool late = phase != REST && now_us - began_us > PATIENCE_US;
+    irq_restore(state);
+    if (failed || late) {
+        DMA1->stream[0].cr = 0;
+        bus_free();
+        bus_start();
+        failed = false;
+        setting = 0;
+        phase = REST;
+        given_up = true;
+        began_us = now_us;
+    } else if (given_up && now_us - began_us < RETRY_US) {
+        /* the bus rests */
+    } else if (phase == REST && setting < SETTINGS) {
+        given_up = false;
+        begin(now_us, WRITING);
+    } else if (phase == REST && now_us - ready_us > PIN_SILENT_US &&
+               now_us - began_us >= PERIOD_US) {
+        stamp_us = now_us;
+        begin(now_us, WRITING);
+    }
+}
+
+void board_imu(board_imu_t *out) {
+    const uint32_t state = irq_save();
+    *out = newest;
+    irq_restore(state);
+}

@@ -1,0 +1,247 @@
+/* A board on a desk: the firmware in real time, its serial line a pseudo-terminal, the robot two
+ * motors with a lag on an endless floor. It says `ready PORT` and runs until SIGTERM or SIGINT.
+ *
+ *     make -C sim_device/firmware host && sim_device/firmware/build/desk
+ *     sweepctl connect PORT
+ */
+#define _XOPEN_SOURCE 600
+#include <fcntl.h>
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <termios.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "board.h"
+#include "firmware.h"
+
+#define SUPPLY_V 16.0
+#define LOST_V 2.4 /* bridge and friction */
+#define BACK_EMF_V_S 1.10
+#define MOTOR_LAG_S 0.05
+#define WHEEL_RADIUS_M 0.0325
+#define WHEEL_BASE_M 0.23
+#define COUNTS_PER_RAD (1560.0 / 6.283185307179586)
+#define GYRO_PER_RAD_S 7505.75 /* 131 a degree */
+#define ONE_G 16384
+#define PAGE BOARD_FLASH_PAGE_SIZE
+
+static int master = -1;
+static volatile sig_atomic_t ended;
+static uint64_t booted_us;
+static uint64_t slept_us;
+static uint64_t moved_us;
+static double duty[2], speed_rad_s[2], angle_rad[2];
+static uint8_t pages[BOARD_FLASH_PAGES][PAGE];
+static uint64_t flash_until_us;
+static board_identity_t identity = {.node = 1, .name = "sweeper on a desk"};
+
+static uint64_t clock_us(void)
+{
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;
+}
+
+/* ---- the chip ------------------------------------------------------------------------------ */
+
+static void end(int number)
+{
+    (void)number;
+    ended = 1;
+}
+
+static void begin_life(uint8_t reset_cause)
+{
+    booted_us = clock_us();
+    slept_us = 0;
+    identity.boot_id = ((uint32_t)(booted_us * 2654435761u) ^ (uint32_t)getpid() << 16) | 1u;
+    identity.reset_cause = reset_cause;
+}
+
+void board_start(void)
+{
+    struct termios raw;
+    master = posix_openpt(O_RDWR | O_NOCTTY);
+    if (master < 0 || grantpt(master) != 0 || unlockpt(master) != 0) {
+        perror("no pseudo-terminal");
+        exit(1);
+    }
+    const int slave = open(ptsname(master), O_RDWR | O_NOCTTY); /* kept open: the line stays */
+    if (slave < 0 || tcgetattr(slave, &raw) != 0) {
+        perror("no pseudo-terminal");
+        exit(1);
+    }
+    raw.c_iflag &= (tcflag_t) ~(BRKINT | ICRNL | INLCR | IGNCR | INPCK | ISTRIP | IXON);
+    raw.c_oflag &= (tcflag_t)~OPOST;
+    raw.c_lflag &= (tcflag_t) ~(ECHO | ECHONL | ICANON | IEXTEN | ISIG);
+    raw.c_cflag = (raw.c_cflag & (tcflag_t) ~(CSIZE | PARENB)) | CS8;
+    (void)tcsetattr(slave, TCSANOW, &raw);
+    (void)fcntl(master, F_SETFL, O_NONBLOCK);
+    (void)signal(SIGTERM, end);
+    (void)signal(SIGINT, end);
+    memset(pages, 0xFF, sizeof pages);
+    memcpy(identity.uid, "on a desk 01", sizeof identity.uid);
+    moved_us = clock_us();
+    begin_life(SP_RESET_CAUSE_POWER_ON);
+    printf("ready %s\n", ptsname(master));
+    (void)fflush(stdout);
+}
+
+uint32_t board_now_us(void)
+{
+    return (uint32_t)(clock_us() - booted_us);
+}
+
+uint32_t board_busy_us(void)
+{
+    return (uint32_t)(clock_us() - booted_us - slept_us);
+}
+
+void board_idle(void)
+{
+    struct pollfd line = {.fd = master, .events = POLLIN};
+    uint8_t bytes[256];
+    const uint64_t before_us = clock_us();
+    (void)poll(&line, 1, 1);
+    slept_us += clock_us() - before_us;
+    const ssize_t got = read(master, bytes, sizeof bytes);
+    if (got > 0) {
+        firmware_uart_received(bytes, (size_t)got, board_now_us());
+    }
+    if (ended) {
+        exit(0);
+    }
+}
+
+void board_watchdog_feed(void)
+{
+}
+
+void board_reboot(void)
+{
+    begin_life(SP_RESET_CAUSE_SOFTWARE);
+    firmware_boot();
+}
+
+const board_identity_t *board_identity(void)
+{
+    return &identity;
+}
+
+/* ---- the line ------------------------------------------------------------------------------ */
+
+size_t board_uart_room(void)
+{
+    return 4096;
+}
+
+void board_uart_write(const uint8_t *data, size_t length)
+{
+    const ssize_t sent = write(master, data, length);
+    (void)sent; /* what nobody takes is lost, as on a wire */
+}
+
+uint32_t board_uart_wait_us(void)
+{
+    return 0;
+}
+
+bool board_can_write(const sp_can_frame_t *frame)
+{
+    (void)frame; /* there is no bus on this desk */
+    return true;
+}
+
+/* ---- the robot ----------------------------------------------------------------------------- */
+
+static void move(void)
+{
+    const uint64_t now_us = clock_us();
+    const double dt_s = (double)(now_us - moved_us) * 1e-6;
+    const double share = exp(-dt_s / MOTOR_LAG_S);
+    moved_us = now_us;
+    for (int i = 0; i < 2; i++) {
+        const double pull_v = fabs(duty[i]) * SUPPLY_V - LOST_V;
+        const double wanted = pull_v > 0.0 ? copysign(pull_v, duty[i]) / BACK_EMF_V_S : 0.0;
+        const double before = speed_rad_s[i];
+        speed_rad_s[i] = wanted + (before - wanted) * share;
+        angle_rad[i] += wanted * dt_s + (before - speed_rad_s[i]) * MOTOR_LAG_S;
+    }
+}
+
+void board_motors(int16_t left, int16_t right)
+{
+    move();
+    duty[0] = left / (double)BOARD_DUTY_ONE;
+    duty[1] = right / (double)BOARD_DUTY_ONE;
+}
+
+void board_encoders(board_encoders_t *out)
+{
+    move();
+    out->left = (uint16_t)(int64_t)floor(angle_rad[0] * COUNTS_PER_RAD);
+    out->right = (uint16_t)(int64_t)floor(angle_rad[1] * COUNTS_PER_RAD);
+}
+
+void board_imu(board_imu_t *out)
+{
+    const board_imu_t level = {.accel_z = ONE_G, .sampled_us = board_now_us()};
+    const double yaw_rad_s = (speed_rad_s[1] - speed_rad_s[0]) * WHEEL_RADIUS_M / WHEEL_BASE_M;
+    *out = level;
+    out->gyro_z = (int16_t)lround(fmax(-32768.0, fmin(32767.0, yaw_rad_s * GYRO_PER_RAD_S)));
+}
+
+void board_ranges(board_ranges_t *out)
+{
+    const board_ranges_t nothing = {
+        BOARD_NO_RANGE, BOARD_NO_RANGE, BOARD_NO_RANGE, board_now_us()};
+    *out = nothing;
+}
+
+uint8_t board_contacts(void)
+{
+    return 0;
+}
+
+static uint16_t current_ma(int wheel)
+{
+    return (uint16_t)(62.0 + 40.0 * fabs(speed_rad_s[wheel]));
+}
+
+void board_power(board_power_t *out)
+{
+    out->battery_mv = 15900;
+    out->logic_mv = 5000;
+    out->motor_left_ma = current_ma(0);
+    out->motor_right_ma = current_ma(1);
+    out->sampled_us = board_now_us();
+}
+
+/* ---- flash --------------------------------------------------------------------------------- */
+
+const uint8_t *board_flash_page(unsigned page)
+{
+    return pages[page];
+}
+
+void board_flash_erase(unsigned page)
+{
+    memset(pages[page], 0xFF, PAGE);
+    flash_until_us = clock_us() + 250000u;
+}
+
+void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length)
+{
+    memcpy(pages[page] + offset, data, length);
+    flash_until_us = clock_us() + 1000u;
+}
+
+bool board_flash_busy(void)
+{
+    return clock_us() < flash_until_us;
+}

@@ -1,0 +1,20 @@
+/* Uptime: the board's microsecond counter, which wraps after 71 minutes, extended to 64 bits. All
+ * deadlines are kept in it, so none of them has to think of a wrap. */
+#ifndef CLOCK_H
+#define CLOCK_H
+
+#include <stdint.h>
+
+/* A sum modulo 2^32, read as a signed number. */
+static inline int32_t signed32(uint32_t value)
+{
+    return value < 0x80000000u ? (int32_t)value : -(int32_t)~value - 1;
+}
+
+/* The time nearest to `near_us` of which `counter` is the low half. */
+static inline int64_t extend_us(int64_t near_us, uint32_t counter)
+{
+    return near_us + signed32(counter - (uint32_t)(uint64_t)near_us);
+}
+
+#endif

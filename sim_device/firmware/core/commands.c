@@ -1,0 +1,198 @@
+#include "commands.h"
+
+/* Tenths of a hertz, as declared; what is above the control period's is sent in each. */
+#define RATE_MAX 10000u
+/* 4 Hz: a stamp on CAN can be extended for 0.5 s after a sync, and one may be lost. */
+#define SYNC_RATE_MIN 40u
+
+#define DONE (-1)
+
+/* Each gives DONE or SP_NACK_REASON_*. */
+
+static int clear_stop(firmware_t *firmware, const sp_frame_t *frame)
+{
+    sp_clear_stop_t clear;
+    (void)sp_clear_stop_decode(&clear, frame->payload, frame->length);
+    return control_clear(&firmware->control, clear.cause);
+}
+
+static int set_mode(firmware_t *firmware, const sp_frame_t *frame)
+{
+    static const uint8_t events[] = {
+        [SP_MODE_IDLE] = EVENT_SET_IDLE,
+        [SP_MODE_VELOCITY] = EVENT_SET_VELOCITY,
+        [SP_MODE_BRINGUP] = EVENT_SET_BRINGUP,
+        [SP_MODE_ONBOARD] = EVENT_SET_ONBOARD,
+    };
+    sp_set_mode_t set;
+    (void)sp_set_mode_decode(&set, frame->payload, frame->length);
+    if (set.mode >= sizeof events) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
+    return control_fire(&firmware->control, (event_t)events[set.mode], 0);
+}
+
+static int plan(firmware_t *firmware, const sp_frame_t *frame)
+{
+    sp_planner_command_t command;
+    (void)sp_planner_command_decode(&command, frame->payload, frame->length);
+    switch (command.action) {
+    case SP_PLANNER_ACTION_START:
+        return control_start_planner(&firmware->control, command.planner);
+    case SP_PLANNER_ACTION_PAUSE:
+        return control_fire(&firmware->control, EVENT_PAUSE, 0);
+    case SP_PLANNER_ACTION_RESUME:
+        return control_fire(&firmware->control, EVENT_RESUME, 0);
+    case SP_PLANNER_ACTION_ABORT:
+        return control_fire(&firmware->control, EVENT_ABORT, 0);
+    default:
+        return SP_NACK_REASON_BAD_VALUE;
+    }
+}
+
+static int get_parameter(const sp_frame_t *frame)
+{
+    sp_get_parameter_t get;
+    (void)sp_get_parameter_decode(&get, frame->payload, frame->length);
+    return get.parameter < PARAMETERS ? DONE : SP_NACK_REASON_UNKNOWN_PARAMETER;
+}
+
+static int set_parameter(firmware_t *firmware, const sp_frame_t *frame)
+{
+    sp_set_parameter_t set;
+    (void)sp_set_parameter_decode(&set, frame->payload, frame->length);
+    const int reason = parameters_set(&firmware->parameters, set.parameter, set.kind, set.value);
+    if (reason == DONE) {
+        control_apply(&firmware->control, &firmware->parameters);
+    }
+    return reason;
+}
+
+static bool idle(const firmware_t *firmware)
+{
+    return modes_told(firmware->control.state) == SP_MODE_IDLE;
+}
+
+static int save_parameters(firmware_t *firmware)
+{
+    /* While it drives the bus to the flash is not to be shared with the control loop. */
+    if (!idle(firmware)) {
+        return SP_NACK_REASON_OTHER_MODE;
+    }
+    parameters_image(&firmware->parameters, firmware->saving);
+    flash_store_begin(&firmware->flash, firmware->saving);
+    return DONE;
+}
+
+static int set_stream_rate(firmware_t *firmware, const sp_frame_t *frame)
+{
+    sp_set_stream_rate_t set;
+    (void)sp_set_stream_rate_decode(&set, frame->payload, frame->length);
+    const stream_t stream = schedule_stream(set.stream_type);
+    if (stream == STREAMS || set.rate > RATE_MAX
+        || (stream == STREAM_SYNC && set.rate < SYNC_RATE_MIN)) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
+    schedule_set_rate(&firmware->schedule, stream, set.rate);
+    return DONE;
+}
+
+static int reboot(firmware_t *firmware, const sp_frame_t *frame)
+{
+    sp_reboot_t wanted;
+    (void)sp_reboot_decode(&wanted, frame->payload, frame->length);
+    if (wanted.kind == SP_REBOOT_KIND_BOOTLOADER) {
+        return SP_NACK_REASON_UNSUPPORTED;
+    }
+    if (wanted.kind != SP_REBOOT_KIND_NORMAL && wanted.kind != SP_REBOOT_KIND_FACTORY_RESET) {
+        return SP_NACK_REASON_BAD_VALUE;
+    }
+    if (!idle(firmware) || flash_store_busy(&firmware->flash)) {
+        return SP_NACK_REASON_OTHER_MODE;
+    }
+    if (wheels_moving(&firmware->control.wheels)) {
+        return SP_NACK_REASON_FAULT;
+    }
+    firmware->reboot_wanted = true;
+    firmware->factory_reset = wanted.kind == SP_REBOOT_KIND_FACTORY_RESET;
+    return DONE;
+}
+
+/* The payload has been judged: it is as long as its message. */
+static int carry_out(firmware_t *firmware, const sp_frame_t *frame)
+{
+    if (!firmware->agreed) {
+        return SP_NACK_REASON_NO_SESSION;
+    }
+    switch (frame->type) {
+    case SP_TYPE_CLEAR_STOP:
+        return clear_stop(firmware, frame);
+    case SP_TYPE_SET_MODE:
+        return set_mode(firmware, frame);
+    case SP_TYPE_PLANNER_COMMAND:
+        return plan(firmware, frame);
+    case SP_TYPE_GET_PARAMETER:
+        return get_parameter(frame);
+    case SP_TYPE_SET_PARAMETER:
+        return set_parameter(firmware, frame);
+    case SP_TYPE_SAVE_PARAMETERS:
+        return save_parameters(firmware);
+    case SP_TYPE_SET_STREAM_RATE:
+        return set_stream_rate(firmware, frame);
+    case SP_TYPE_REBOOT:
+        return reboot(firmware, frame);
+    default:
+        return SP_NACK_REASON_UNKNOWN_COMMAND;
+    }
+}
+
+void commands_answer(firmware_t *firmware, const reply_t *reply, int64_t now_us)
+{
+    uint8_t *const payload = line_payload(&firmware->line);
+    if (reply->accepted) {
+        const sp_ack_t ack = {reply->command_id, reply->type};
+        line_send(&firmware->line, SP_TYPE_ACK, (uint32_t)now_us,
+            sp_ack_encode(&ack, payload, SP_PAYLOAD_MAX));
+    } else {
+        const sp_nack_t nack = {reply->command_id, reply->type, reply->reason};
+        line_send(&firmware->line, SP_TYPE_NACK, (uint32_t)now_us,
+            sp_nack_encode(&nack, payload, SP_PAYLOAD_MAX));
+    }
+}
+
+/* For a repeated command too: its value may be what was lost. */
+static void tell_value(firmware_t *firmware, uint8_t number, int64_t now_us)
+{
+    sp_parameter_value_t value;
+    if (parameters_describe(&firmware->parameters, number, &value)) {
+        line_send(&firmware->line, SP_TYPE_PARAMETER_VALUE, (uint32_t)now_us,
+            sp_parameter_value_encode(&value, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+    }
+}
+
+void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now_us)
+{
+    const bool saves = frame->type == SP_TYPE_SAVE_PARAMETERS;
+    if (saves && flash_store_busy(&firmware->flash)) {
+        return; /* asked again before it is done: the answer is to come */
+    }
+    /* Every command begins with its id. */
+    const uint16_t id = (uint16_t)(frame->payload[0] | frame->payload[1] << 8);
+    const reply_t *reply =
+        command_log_find(&firmware->commands, firmware->session_id, id, frame->type);
+    if (reply == NULL) {
+        const int reason = carry_out(firmware, frame);
+        const reply_t new_reply = {firmware->session_id, id, frame->type, true, reason == DONE,
+            reason == DONE ? (uint8_t)0 : (uint8_t)reason};
+        reply = command_log_add(&firmware->commands, &new_reply);
+    }
+    if (reply->accepted
+        && (frame->type == SP_TYPE_GET_PARAMETER || frame->type == SP_TYPE_SET_PARAMETER)) {
+        tell_value(firmware, frame->payload[2], now_us);
+    }
+    if (saves && flash_store_busy(&firmware->flash)) {
+        firmware->save_reply = *reply; /* given when they stand */
+        return;
+    }
+    commands_answer(firmware, reply, now_us);
+}

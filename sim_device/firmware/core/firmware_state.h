@@ -1,0 +1,63 @@
+/* All that the firmware knows, in one struct: for the files that make it up and for tests. */
+#ifndef FIRMWARE_STATE_H
+#define FIRMWARE_STATE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "command_log.h"
+#include "control.h"
+#include "flash_store.h"
+#include "freshness.h"
+#include "line.h"
+#include "parameters.h"
+#include "payloads.h"
+#include "readings.h"
+#include "schedule.h"
+
+#define FIRMWARE_VERSION_MAJOR 0
+#define FIRMWARE_VERSION_MINOR 1
+#define FIRMWARE_VERSION_PATCH 0
+
+typedef struct {
+    int64_t now_us; /* uptime */
+    int64_t due_us; /* of the next control period */
+    uint32_t tick;  /* number of the period */
+    bool ticked;    /* there was one */
+
+    line_t line;
+    payloads_t payloads;
+    schedule_t schedule;
+    command_log_t commands;
+    parameters_t parameters;
+    control_t control;
+    readings_t readings;
+
+    /* ---- session ---- */
+    uint32_t session_id; /* 0: none */
+    bool agreed;
+    int64_t heard_us; /* last valid frame of a host */
+    bool strange_known;
+    int64_t strange_us; /* last hello to a host of a session that we do not know */
+    freshness_t freshness;
+
+    /* ---- parameters on their way to the flash ---- */
+    flash_store_t flash;
+    stored_t saving[PARAMETERS];
+    reply_t save_reply; /* given when they stand */
+
+    /* ---- a reboot that was accepted ---- */
+    bool reboot_wanted;
+    bool factory_reset;
+
+    /* ---- telemetry ---- */
+    uint16_t stale; /* setpoints refused */
+    uint8_t load_percent;
+    uint32_t load_busy_us; /* as it was last worked out */
+    int64_t load_at_us;
+} firmware_t;
+
+/* The one there is. */
+const firmware_t *firmware_state(void);
+
+#endif

@@ -1,0 +1,113 @@
+#include "flash_store.h"
+
+#include "board.h"
+#include "clock.h"
+
+#define MAGIC 0x52415053u /* "SPAR" */
+#define HEAD_WORDS 3u
+#define NO_PAGE BOARD_FLASH_PAGES
+
+static uint32_t word(const uint8_t *page, size_t index)
+{
+    const uint8_t *const p = page + 4u * index;
+    return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
+
+static void put_word(uint8_t *record, size_t index, uint32_t value)
+{
+    for (size_t i = 0; i < 4u; i++) {
+        record[4u * index + i] = (uint8_t)(value >> (8u * i));
+    }
+}
+
+/* Number of entries of a page that is whole; 0: it is not. */
+static size_t whole(const uint8_t *page)
+{
+    const uint32_t entries = word(page, 2);
+    if (word(page, 0) != MAGIC || entries == 0
+        || entries > (BOARD_FLASH_PAGE_SIZE / 4u - HEAD_WORDS - 1u) / 2u) {
+        return 0;
+    }
+    const size_t words = HEAD_WORDS + 2u * entries;
+    return sp_crc32_update(0, page, 4u * words) == word(page, words) ? entries : 0u;
+}
+
+/* The page with the newest whole record; NO_PAGE: none has one. */
+static unsigned newest(void)
+{
+    const uint8_t *const first = board_flash_page(0);
+    const uint8_t *const second = board_flash_page(1);
+    if (whole(first) == 0) {
+        return whole(second) == 0 ? NO_PAGE : 1u;
+    }
+    return whole(second) != 0 && signed32(word(second, 1) - word(first, 1)) > 0 ? 1u : 0u;
+}
+
+void flash_store_load(stored_t stored[PARAMETERS])
+{
+    const unsigned page_number = newest();
+    for (uint8_t i = 0; i < PARAMETERS; i++) {
+        stored[i].known = false;
+        stored[i].value = 0;
+    }
+    if (page_number == NO_PAGE) {
+        return;
+    }
+    const uint8_t *const page = board_flash_page(page_number);
+    const size_t entries = whole(page);
+    for (size_t entry = 0; entry < entries; entry++) {
+        for (uint8_t i = 0; i < PARAMETERS; i++) {
+            if (word(page, HEAD_WORDS + 2u * entry) == parameters_key(i)) {
+                stored[i].known = true;
+                stored[i].value = word(page, HEAD_WORDS + 2u * entry + 1u);
+            }
+        }
+    }
+}
+
+void flash_store_begin(flash_store_t *store, const stored_t image[PARAMETERS])
+{
+    const unsigned page = newest();
+    const uint32_t number = page == NO_PAGE ? 0u : word(board_flash_page(page), 1) + 1u;
+    uint32_t entries = 0;
+    for (uint8_t i = 0; i < PARAMETERS; i++) {
+        if (image[i].known) {
+            put_word(store->record, HEAD_WORDS + 2u * entries, parameters_key(i));
+            put_word(store->record, HEAD_WORDS + 2u * entries + 1u, image[i].value);
+            entries++;
+        }
+    }
+    const size_t words = HEAD_WORDS + 2u * entries;
+    put_word(store->record, 0, MAGIC);
+    put_word(store->record, 1, number);
+    put_word(store->record, 2, entries);
+    put_word(store->record, words, sp_crc32_update(0, store->record, 4u * words));
+    store->words = (uint8_t)(words + 1u);
+    store->page = page == NO_PAGE ? 0u : (uint8_t)(1u - page);
+    store->step = FLASH_ERASING;
+    board_flash_erase(store->page);
+}
+
+bool flash_store_step(flash_store_t *store)
+{
+    if (store->step == FLASH_IDLE || board_flash_busy()) {
+        return false;
+    }
+    if (store->step == FLASH_ERASING) {
+        store->step = FLASH_WRITING;
+        board_flash_write(store->page, 0, store->record, 4u * store->words);
+        return false;
+    }
+    store->step = FLASH_IDLE;
+    return true;
+}
+
+void flash_store_erase(void)
+{
+    for (unsigned page = 0; page < BOARD_FLASH_PAGES; page++) {
+        board_flash_erase(page);
+        while (board_flash_busy()) {
+            board_watchdog_feed();
+        }
+    }
+}

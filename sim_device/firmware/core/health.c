@@ -1,0 +1,269 @@
+#include "health.h"
+
+#include <stddef.h>
+
+#include "numbers.h"
+#include "period.h"
+
+#define STALL_TICKS 100u
+/* How long a motor is left in its stall current; the planner gives up after half of it. */
+#define STALL_STOP_TICKS 300u
+/* A stalled motor draws an ampere and more, one that turns unseen a fifth of this. */
+#define STALL_MA 400u
+/* 0.15 g at +-2 g: above what driving shakes, below what a hand does. */
+#define JOLT_LSB 2458
+#define JOLT_TICKS 100u
+#define REST_TICKS 50u
+/* 20 deg/s, the data sheet's largest rate at rest (PS-MPU-6000A-00, section 6.1). */
+#define REST_RATE_LSB 2620
+#define GRAVITY_LSB 16384
+#define GRAVITY_LOW_LSB 11468.8f /* off by 0.3 g */
+#define GRAVITY_HIGH_LSB 21299.2f
+#define STRANGE_TICKS 30u
+#define REPEAT_TICKS 50u
+#define QUIET_TICKS 20u
+#define LEARN_TICKS 200u
+/* A chip whose registers repeated for no longer than this at first has noise, as all have; then
+ * half a second of repeats is no reading. One without any is held against the wheels. */
+#define LIVELY_TICKS 3u
+#define DISAGREE_RAD_S 0.2f
+#define GYRO_RAD_S (PI_F / 180.0f / 131.0f) /* MPU6050 at +-250 deg/s */
+/* What the ultrasonic reads at most of a wall that both bumper halves touch: 0.04 m and room. */
+#define NEAR_MM 100u
+#define BLOWS 2u
+#define UNCHANGED_MM 20
+#define UNCHANGED_OVER_M 0.4f
+#define INFRARED_UNCHANGED_DMM 30
+#define TURN_RAD (PI_F / 3.0f)
+#define CREEP_M 0.002f
+#define EMPTY_READINGS 5u
+#define TICKS_MAX 60000u
+
+#define ENCODERS (SP_FAULT_ENCODER_LEFT | SP_FAULT_ENCODER_RIGHT)
+#define BOTH_HALVES (unsigned)(SP_CONTACT_BUMPER_LEFT | SP_CONTACT_BUMPER_RIGHT)
+
+void health_start(health_t *health)
+{
+    const health_t nothing_known = {0};
+    *health = nothing_known;
+    health->jolt_ticks = JOLT_TICKS;
+    health->sonar_mm = BOARD_NO_RANGE;
+    health->side_dmm[0] = health->side_dmm[1] = BOARD_NO_RANGE;
+}
+
+static void set(health_t *health, unsigned fault, bool present)
+{
+    if (present) {
+        health->bits = (uint16_t)(health->bits | fault);
+    } else {
+        health->bits = (uint16_t)(health->bits & ~fault);
+    }
+}
+
+static void count_up(uint16_t *ticks)
+{
+    if (*ticks < TICKS_MAX) {
+        (*ticks)++;
+    }
+}
+
+/* For how many periods in a row something has been so. */
+static void count_run(uint16_t *ticks, bool so)
+{
+    if (so) {
+        count_up(ticks);
+    } else {
+        *ticks = 0;
+    }
+}
+
+/* ---- each period --------------------------------------------------------------------------- */
+
+static bool same_registers(const board_imu_t *a, const board_imu_t *b)
+{
+    return a->accel_x == b->accel_x && a->accel_y == b->accel_y && a->accel_z == b->accel_z
+        && a->temperature == b->temperature && a->gyro_x == b->gyro_x && a->gyro_y == b->gyro_y
+        && a->gyro_z == b->gyro_z;
+}
+
+static bool outside(int32_t value, int32_t limit)
+{
+    return value > limit || value < -limit;
+}
+
+/* Whether a robot that stands reads what one that stands cannot. */
+static bool strange_at_rest(const health_t *health, const board_imu_t *imu)
+{
+    if (health->rest_ticks < REST_TICKS || (health->bits & SP_FAULT_LIFTED)) {
+        return false;
+    }
+    const float x = imu->accel_x;
+    const float y = imu->accel_y;
+    const float z = imu->accel_z;
+    const float square = x * x + y * y + z * z;
+    return outside(imu->gyro_x, REST_RATE_LSB) || outside(imu->gyro_y, REST_RATE_LSB)
+        || outside(imu->gyro_z, REST_RATE_LSB) || square < GRAVITY_LOW_LSB * GRAVITY_LOW_LSB
+        || square > GRAVITY_HIGH_LSB * GRAVITY_HIGH_LSB;
+}
+
+static void judge_imu(health_t *health, const board_imu_t *imu, const wheels_t *wheels)
+{
+    count_run(&health->strange, strange_at_rest(health, imu));
+    if (health->ticks <= LEARN_TICKS && health->repeats > health->longest_repeat) {
+        health->longest_repeat = health->repeats;
+    }
+    const float apart = wheels_yaw_rate_rad_s(wheels) - (float)imu->gyro_z * GYRO_RAD_S;
+    count_run(&health->disagrees,
+        health->repeats >= QUIET_TICKS && absolute(apart) > DISAGREE_RAD_S);
+    const bool lively = health->ticks > LEARN_TICKS && health->longest_repeat <= LIVELY_TICKS;
+    if ((lively && health->repeats >= REPEAT_TICKS) || health->disagrees >= STRANGE_TICKS
+        || health->strange >= STRANGE_TICKS) {
+        set(health, SP_FAULT_IMU, true);
+    } else if (health->repeats == 0 && health->strange == 0) {
+        set(health, SP_FAULT_IMU, false);
+    }
+}
+
+static void judge_stall(health_t *health, const wheels_t *wheels)
+{
+    bool stall = false;
+    if (wheels->left.stalled >= STALL_TICKS) {
+        if (health->left_ma >= STALL_MA) {
+            stall = true;
+        } else {
+            set(health, SP_FAULT_ENCODER_LEFT, true);
+        }
+    }
+    if (wheels->right.stalled >= STALL_TICKS) {
+        if (health->right_ma >= STALL_MA) {
+            stall = true;
+        } else {
+            set(health, SP_FAULT_ENCODER_RIGHT, true);
+        }
+    }
+    set(health, SP_FAULT_MOTOR_STALL, stall);
+}
+
+void health_tick(health_t *health, const readings_t *readings, const wheels_t *wheels)
+{
+    const board_imu_t *const imu = &readings->imu;
+    const bool left_turned = readings->counts.left != health->counts.left;
+    const bool right_turned = readings->counts.right != health->counts.right;
+    if (left_turned) {
+        set(health, SP_FAULT_ENCODER_LEFT, false);
+    }
+    if (right_turned) {
+        set(health, SP_FAULT_ENCODER_RIGHT, false);
+    }
+    count_run(&health->rest_ticks, !left_turned && !right_turned);
+    health->counts = readings->counts;
+    count_run(&health->jolt_ticks, !outside(imu->accel_z - GRAVITY_LSB, JOLT_LSB));
+    count_run(&health->repeats, health->imu_known && same_registers(imu, &health->imu));
+    health->imu = *imu;
+    health->imu_known = true;
+    count_up(&health->ticks);
+    if (health->repeats || health->rest_ticks >= REST_TICKS || (health->bits & SP_FAULT_IMU)) {
+        judge_imu(health, imu, wheels);
+    }
+    if (wheels_stalled(wheels) || (health->bits & SP_FAULT_MOTOR_STALL)) {
+        judge_stall(health, wheels);
+    }
+}
+
+/* ---- as readings come ---------------------------------------------------------------------- */
+
+void health_power(health_t *health, const board_power_t *power, float low_v, float empty_v)
+{
+    const float battery_v = (float)power->battery_mv / 1000.0f;
+    health->left_ma = power->motor_left_ma;
+    health->right_ma = power->motor_right_ma;
+    set(health, SP_FAULT_BATTERY_LOW, battery_v < low_v);
+    if (!(battery_v < empty_v)) {
+        health->empty_readings = 0;
+    } else if (health->empty_readings < EMPTY_READINGS) {
+        health->empty_readings++;
+    }
+    health->battery_empty = health->empty_readings >= EMPTY_READINGS;
+}
+
+static bool changed(uint16_t now, uint16_t before, int32_t by)
+{
+    return !seen(now) || !seen(before) || outside((int32_t)now - before, by);
+}
+
+static void judge_sonar(health_t *health, const around_t *around, float ahead_m, float turned_rad)
+{
+    const uint16_t sonar_mm = around->ranges.ultrasonic_mm;
+    const bool touched = (around->contacts & BOTH_HALVES) == BOTH_HALVES;
+    if (touched && !health->touched) {
+        if (seen(sonar_mm) && sonar_mm <= NEAR_MM) {
+            health->blows = 0;
+        } else if (health->blows < BLOWS) {
+            health->blows++;
+        }
+    }
+    health->touched = touched;
+    if (changed(sonar_mm, health->sonar_mm, UNCHANGED_MM)) {
+        if (seen(sonar_mm) && seen(health->sonar_mm)) {
+            health->blows = 0;
+        }
+        health->sonar_mm = sonar_mm;
+        health->unseen_m = 0.0f;
+    } else if (sonar_mm > NEAR_MM && !touched && absolute(turned_rad) <= 0.5f * absolute(ahead_m)) {
+        health->unseen_m += larger(0.0f, ahead_m);
+    }
+    set(health, SP_FAULT_ULTRASONIC,
+        health->blows >= BLOWS || health->unseen_m >= UNCHANGED_OVER_M);
+}
+
+static void judge_side(
+    health_t *health, unsigned side, uint16_t range_dmm, float ahead_m, float turned_rad)
+{
+    const uint16_t before_dmm = health->side_dmm[side];
+    if (changed(range_dmm, before_dmm, INFRARED_UNCHANGED_DMM) || absolute(ahead_m) > CREEP_M) {
+        health->side_dmm[side] = range_dmm;
+        if (range_dmm != before_dmm) {
+            health->side_rad[side] = 0.0f;
+        }
+    } else {
+        health->side_rad[side] += absolute(turned_rad);
+    }
+}
+
+void health_around(
+    health_t *health, const around_t *around, float wheel_base_m, float metres_per_count)
+{
+    const float left =
+        wrapped16((uint16_t)(health->counts.left - health->range_counts.left));
+    const float right =
+        wrapped16((uint16_t)(health->counts.right - health->range_counts.right));
+    const float ahead_m = 0.5f * (left + right) * metres_per_count;
+    const float turned_rad = (right - left) * metres_per_count / wheel_base_m;
+    health->range_counts = health->counts;
+    if (!(around->contacts & SP_CONTACT_CLIFF)) {
+        set(health, SP_FAULT_LIFTED, false);
+    } else if (health->jolt_ticks < JOLT_TICKS) {
+        set(health, SP_FAULT_LIFTED, true);
+    }
+    judge_sonar(health, around, ahead_m, turned_rad);
+    judge_side(health, 0, around->ranges.infrared_left_dmm, ahead_m, turned_rad);
+    judge_side(health, 1, around->ranges.infrared_right_dmm, ahead_m, turned_rad);
+    set(health, SP_FAULT_INFRARED,
+        health->side_rad[0] >= TURN_RAD || health->side_rad[1] >= TURN_RAD);
+}
+
+const char *health_stopping(const health_t *health)
+{
+    if (health->bits & SP_FAULT_LIFTED) {
+        return "lifted";
+    }
+    if (health->bits & ENCODERS) {
+        return "encoder";
+    }
+    return health->battery_empty ? "battery empty" : NULL;
+}
+
+bool health_burning(const wheels_t *wheels)
+{
+    return wheels_stalled(wheels) >= STALL_STOP_TICKS;
+}

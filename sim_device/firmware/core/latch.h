@@ -1,0 +1,32 @@
+/* The latched stop: the gravest cause holds until it is cleared by its name. */
+#ifndef LATCH_H
+#define LATCH_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+typedef struct {
+    uint8_t cause; /* SP_STOP_CAUSE_*, in rising severity */
+} latch_t;
+
+/* Latch a cause; false where an equal or graver one holds already. */
+static inline bool latch_set(latch_t *latch, uint8_t cause)
+{
+    if (cause <= latch->cause) {
+        return false;
+    }
+    latch->cause = cause;
+    return true;
+}
+
+/* Release the latch if `cause` is what holds it. */
+static inline bool latch_clear(latch_t *latch, uint8_t cause)
+{
+    if (latch->cause == 0 || cause != latch->cause) {
+        return false;
+    }
+    latch->cause = 0;
+    return true;
+}
+
+#endif

@@ -1,0 +1,154 @@
+#include "line.h"
+
+#include "board.h"
+
+void line_start(line_t *line, uint8_t node, bool can)
+{
+    line->can = can;
+    line->sender.node = node;
+    line->can_sender.node = node;
+}
+
+/* ---- out ----------------------------------------------------------------------------------- */
+
+static void send_uart(line_t *line, uint8_t type, uint32_t t_us, size_t length, size_t kept)
+{
+    const size_t whole = sp_seal(line->frame, &line->sender, type, t_us, length);
+    /* On an idle line the leading zero goes first: a frame that was cut off costs this one
+     * nothing. */
+    const size_t skip = board_uart_wait_us() == 0 ? 0u : 1u;
+    if (board_uart_room() < whole + kept) {
+        line->dropped++;
+        return;
+    }
+    board_uart_write(line->frame + skip, whole - skip);
+}
+
+static void send_can(line_t *line, uint8_t type, uint32_t t_us, size_t length, size_t kept)
+{
+    /* At most: a periodic message has a frame for each stretch of it, three; another one its
+     * content, head and CRC of 9 B, seven to a frame. */
+    const size_t most = 3u + (length + 9u) / 7u;
+    const bool room = line->waiting_count + most + kept <= LINE_CAN_WAITING;
+    sp_can_message_t message;
+    sp_can_frame_t frame;
+    if (!sp_can_begin(&line->can_sender, &message, type, t_us, line_payload(line), length)) {
+        return;
+    }
+    line->dropped += !room;
+    while (sp_can_next(&line->can_sender, &message, &frame)) {
+        if (room) {
+            line->waiting[(line->first_waiting + line->waiting_count) % LINE_CAN_WAITING] = frame;
+            line->waiting_count++;
+        }
+    }
+    line_pump(line);
+}
+
+void line_send(line_t *line, uint8_t type, uint32_t t_us, int payload_length)
+{
+    if (payload_length < 0) {
+        return;
+    }
+    if (line->can) {
+        send_can(line, type, t_us, (size_t)payload_length, 0);
+    } else {
+        send_uart(line, type, t_us, (size_t)payload_length, 0);
+    }
+}
+
+void line_stream(line_t *line, uint8_t type, uint32_t t_us, int payload_length)
+{
+    if (payload_length < 0) {
+        return;
+    }
+    if (line->can) {
+        send_can(line, type, t_us, (size_t)payload_length, LINE_KEPT_FRAMES);
+    } else {
+        send_uart(line, type, t_us, (size_t)payload_length, LINE_KEPT_BYTES);
+    }
+}
+
+uint32_t line_sent(const line_t *line)
+{
+    return line->can ? line->can_sender.frames : line->sender.frames;
+}
+
+void line_pump(line_t *line)
+{
+    while (line->waiting_count != 0 && board_can_write(&line->waiting[line->first_waiting])) {
+        line->first_waiting = (uint8_t)((line->first_waiting + 1u) % LINE_CAN_WAITING);
+        line->waiting_count--;
+    }
+}
+
+uint32_t line_departure_us(const line_t *line)
+{
+    return board_now_us() + (line->can ? 0u : board_uart_wait_us());
+}
+
+bool line_idle(const line_t *line)
+{
+    return line->can ? line->waiting_count == 0 : board_uart_wait_us() == 0;
+}
+
+/* ---- in ------------------------------------------------------------------------------------ */
+
+static bool next_uart(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us)
+{
+    uint8_t byte;
+    while (inbox_take_byte(inbox, &byte, arrived_us)) {
+        if (sp_parser_byte(&line->parser, byte, frame) == SP_FRAME) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us)
+{
+    sp_can_frame_t in;
+    while (inbox_take_frame(inbox, &in, arrived_us)) {
+        const uint32_t doubled = line->can_receiver.doubled;
+        const sp_event_t event = sp_can_receive(&line->can_receiver, &in, *arrived_us, frame);
+        const sp_direction_t sender = sp_direction((uint8_t)(in.id >> 4));
+        if (line->can_receiver.doubled == doubled && sender != SP_FROM_DEVICE) {
+            line->intact++; /* on a bus they are counted as they come */
+            line->refused += sender == SP_UNKNOWN;
+        }
+        if (event == SP_FRAME) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us)
+{
+    while (line->can ? next_can(line, inbox, frame, arrived_us)
+                     : next_uart(line, inbox, frame, arrived_us)) {
+        const sp_direction_t sender = sp_direction(frame->type);
+        if (frame->version != SP_VERSION || sender == SP_FROM_DEVICE) {
+            line->refused++;
+            continue;
+        }
+        line->intact += !line->can;
+        if (sender == SP_FROM_HOST) {
+            return true;
+        }
+        line->refused++;
+    }
+    return false;
+}
+
+void line_new_host(line_t *line, const sp_frame_t *frame, uint32_t arrived_us)
+{
+    line->can_receiver.wire_us = frame->t_us;
+    line->can_receiver.ahead_us = frame->t_us - arrived_us;
+    line->can_receiver.at_us = arrived_us;
+}
+
+uint32_t line_damaged(const line_t *line)
+{
+    return line->refused + (line->can ? line->can_receiver.damaged : line->parser.damaged);
+}

@@ -1,0 +1,148 @@
+#include "odometry.h"
+
+#define GYRO_RAD_S (PI_F / 180.0f / 131.0f) /* MPU6050 at +-250 deg/s */
+/* A longer gap between two samples is not integrated: the rate meanwhile is not known. */
+#define IMU_GAP_US 100000u
+/* Rest samples before the gyro is trusted. */
+#define FIRST_BIAS_SAMPLES 25u
+/* Rest samples are averaged by so many. A batch is taken when the next one is complete: its last
+ * samples may be of the start, which the counts show up to 20 ms late. */
+#define BATCH 5u
+#define BATCHES_MAX 20u
+/* Above the data sheet's +-20 deg/s a first sample is a motion, not a bias. */
+#define LARGEST_BIAS_RAD_S 0.4f
+/* A robot turned by hand has still wheels: no rest above 3 deg/s off the bias. */
+#define RATE_VETO_RAD_S 0.05f
+/* After the last count: gearbox play and the last of the run-out are over by then. */
+#define SETTLE_US 300000
+/* Share of the newest interval in the speed: one count in 20 ms is already 6.5 mm/s. */
+#define SPEED_SHARE 0.5f
+#define STANDS_M_S 1e-3f
+
+void odometry_start(odometry_t *odometry, const model_t *model)
+{
+    const odometry_t at_rest = {0};
+    *odometry = at_rest;
+    odometry->left_metres_per_count =
+        model->metres_per_count * 2.0f / (1.0f + model->wheel_ratio);
+    odometry->right_metres_per_count = odometry->left_metres_per_count * model->wheel_ratio;
+    odometry->first_bias_rad_s = odometry->bias_rad_s = model->gyro_bias_rad_s;
+    odometry->wheel_base_m = model->wheel_base_m;
+}
+
+static bool trusted(const odometry_t *odometry)
+{
+    return odometry->rest_samples >= FIRST_BIAS_SAMPLES;
+}
+
+static bool at_rest(const odometry_t *odometry, float rate_rad_s, int64_t now_us)
+{
+    if (odometry->turned && now_us - odometry->turned_us < SETTLE_US) {
+        return false;
+    }
+    return trusted(odometry) ? absolute(rate_rad_s - odometry->bias_rad_s) < RATE_VETO_RAD_S
+                             : absolute(rate_rad_s) < LARGEST_BIAS_RAD_S;
+}
+
+static void forget_batches(odometry_t *odometry)
+{
+    odometry->batch_sum = 0.0f;
+    odometry->batch_samples = 0;
+    odometry->batch_ripe = false;
+}
+
+static void learn_bias(odometry_t *odometry, float rate_rad_s)
+{
+    if (odometry->rest_samples < FIRST_BIAS_SAMPLES) {
+        odometry->rest_samples++;
+    }
+    odometry->batch_sum += rate_rad_s;
+    odometry->batch_samples++;
+    if (odometry->batch_samples < BATCH) {
+        return;
+    }
+    if (odometry->batch_ripe) {
+        if (odometry->batches < BATCHES_MAX) {
+            odometry->batches++;
+        }
+        odometry->bias_rad_s +=
+            (odometry->ripe_rad_s - odometry->bias_rad_s) / (float)odometry->batches;
+    }
+    odometry->ripe_rad_s = odometry->batch_sum / (float)BATCH;
+    odometry->batch_ripe = true;
+    odometry->batch_sum = 0.0f;
+    odometry->batch_samples = 0;
+}
+
+void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us)
+{
+    const uint32_t since_us = imu->sampled_us - odometry->sampled_us;
+    const float rate_rad_s = (float)imu->gyro_z * GYRO_RAD_S;
+    const bool first = !odometry->sampled;
+    if (!first && since_us == 0) {
+        return; /* the same sample */
+    }
+    odometry->sampled = true;
+    odometry->sampled_us = imu->sampled_us;
+    if (at_rest(odometry, rate_rad_s, now_us)) {
+        odometry->yaw_rate_rad_s = 0.0f;
+        learn_bias(odometry, rate_rad_s);
+        return;
+    }
+    forget_batches(odometry);
+    if (!trusted(odometry)) {
+        /* Set off before the rest was long enough: its few samples may be of the start. */
+        odometry->rest_samples = 0;
+        odometry->batches = 0;
+        odometry->bias_rad_s = odometry->first_bias_rad_s;
+        return;
+    }
+    odometry->yaw_rate_rad_s = rate_rad_s - odometry->bias_rad_s;
+    if (!first && since_us <= IMU_GAP_US) {
+        odometry->pose.heading_rad =
+            wrapped(odometry->pose.heading_rad + odometry->yaw_rate_rad_s * (float)since_us * 1e-6f);
+    }
+}
+
+/* Move by what both wheels went. */
+static void roll(odometry_t *odometry, float left_m, float right_m, float dt_s)
+{
+    const float travel_m = 0.5f * (left_m + right_m);
+    const float turned_rad = (right_m - left_m) / odometry->wheel_base_m;
+    if (dt_s > 0.0f) {
+        odometry->v_m_s += SPEED_SHARE * (travel_m / dt_s - odometry->v_m_s);
+        if (travel_m == 0.0f && turned_rad == 0.0f && absolute(odometry->v_m_s) < STANDS_M_S) {
+            odometry->v_m_s = 0.0f;
+        }
+    }
+    if (!trusted(odometry)) {
+        odometry->pose.heading_rad = wrapped(odometry->mark_rad + turned_rad);
+        if (dt_s > 0.0f) {
+            odometry->yaw_rate_rad_s = turned_rad / dt_s;
+        }
+    }
+    const float rotation_rad = wrapped(odometry->pose.heading_rad - odometry->mark_rad);
+    const float half_rad = 0.5f * rotation_rad;
+    const float chord_m = travel_m * (1.0f - half_rad * half_rad / 6.0f); /* sin(x)/x, nearly */
+    odometry->pose.x_m += chord_m * cosf(odometry->mark_rad + half_rad);
+    odometry->pose.y_m += chord_m * sinf(odometry->mark_rad + half_rad);
+    odometry->mark_rad = odometry->pose.heading_rad;
+}
+
+void odometry_encoders(odometry_t *odometry, board_encoders_t counts, int64_t now_us)
+{
+    if (odometry->counted) {
+        const int16_t left = wrapped16((uint16_t)(counts.left - odometry->counts.left));
+        const int16_t right = wrapped16((uint16_t)(counts.right - odometry->counts.right));
+        if (left != 0 || right != 0) {
+            odometry->turned = true;
+            odometry->turned_us = now_us;
+        }
+        roll(odometry, (float)left * odometry->left_metres_per_count,
+            (float)right * odometry->right_metres_per_count,
+            (float)(now_us - odometry->counted_us) * 1e-6f);
+    }
+    odometry->counted = true;
+    odometry->counts = counts;
+    odometry->counted_us = now_us;
+}

@@ -1,0 +1,384 @@
+#include "paper.h"
+
+#include <stddef.h>
+
+#include "sweepctl_protocol.h"
+
+/* Names of the paper's variables in log lines. */
+#define PHI "\xCE\xA6"
+#define TIMES "\xC2\xB7"
+
+/* D = Prev-D up to this: no two lanes are equal to the millimetre. */
+#define EQUAL_TOLERANCE_M 0.02f
+/* Ultrasonic reading that is a wall: 6 mm of clearance, for the sensor sits 4 cm inside the body's
+ * front. At the end of a side step more: the next lane runs along that wall. */
+#define STOP_RANGE_M 0.046f
+#define STEP_STOP_RANGE_M 0.054f
+/* Way back after a bump, so that the turn does not rub. */
+#define BACK_OFF_M 0.015f
+#define BACK_OFF_M_S 0.05f
+#define CLIFF_BACK_OFF_M 0.05f
+#define CLIFF_BACK_OFF_M_S 0.1f
+/* A side step that lacks less than this of W is a whole one; and none is shorter than that. */
+#define SHORT_STEP_M 0.015f
+#define LEAST_STEP_M 0.02f
+/* At the end of every lane: the gyro's bias is measured in the second half of it. */
+#define REST_S 0.6f
+#define LANES_MAX 2000u
+/* Blocked side steps in a row after which the robot is shut in, however short the lanes. */
+#define BLOCKED_MAX 3u
+
+/* ---- decisions on record ------------------------------------------------------------------- */
+
+static void decide(log_t *log, const char *kind, const char *what, const char *why)
+{
+    text_t *const line = log_begin(log, SP_LOG_LEVEL_INFO);
+    text_add(line, kind);
+    text_add(line, ": ");
+    text_add(line, what);
+    text_add(line, why);
+}
+
+static void tell_blocked(log_t *log, const leg_t *leg, leg_end_t reason)
+{
+    text_t *const line = log_begin(log, SP_LOG_LEVEL_INFO);
+    text_add(line, "blocked: ");
+    text_add(line, leg->purpose);
+    text_add(line, " ended early: ");
+    text_add(line, leg_end_name(reason));
+}
+
+/* ---- lanes and side steps ------------------------------------------------------------------ */
+
+/* How far a pose lies from the first lane, along the stepping direction. */
+static float offset_m(const paper_t *paper, const pose_t *pose)
+{
+    return (pose->x_m - paper->origin.x_m) * cosf(paper->step_heading_rad)
+        + (pose->y_m - paper->origin.y_m) * sinf(paper->step_heading_rad);
+}
+
+static void turn_to(paper_t *paper, float heading_rad)
+{
+    const leg_t turn = {.kind = LEG_TURN, .purpose = "turn", .heading_rad = heading_rad};
+    paper->part = PART_TURN;
+    paper->leg = turn;
+}
+
+/* Turn to the lane and drive it until something says stop. */
+static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
+{
+    const leg_t lane = {.kind = LEG_DRIVE,
+        .purpose = "lane",
+        .heading_rad = heading_rad,
+        .stop_range_m = STOP_RANGE_M};
+    paper->lanes++;
+    paper->at = at;
+    paper->main = lane;
+    turn_to(paper, heading_rad);
+}
+
+/* Turn across the lanes and drive to the line `way_m` on, or back if negative. The line that the
+ * last lane was meant to keep decides how far that is, so that lanes stay W apart whatever a bump or
+ * a wheel's slip did in between. */
+static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float way_m)
+{
+    const float direction = way_m < 0.0f ? -1.0f : 1.0f;
+    const float heading_rad =
+        wrapped(paper->step_heading_rad + (way_m < 0.0f ? PI_F : 0.0f));
+    paper->line_m += way_m;
+    const leg_t step = {.kind = LEG_DRIVE,
+        .purpose = "step",
+        .heading_rad = heading_rad,
+        .bounded = true,
+        .distance_m =
+            larger(direction * (paper->line_m - offset_m(paper, pose)), LEAST_STEP_M),
+        .stop_range_m = STEP_STOP_RANGE_M};
+    paper->at = at;
+    paper->main = step;
+    turn_to(paper, heading_rad);
+}
+
+/* Whether a step ended before its length for a reason in the world. */
+static bool is_short(const paper_t *paper)
+{
+    return leg_blocked(paper->ended.reason)
+        && paper->main.distance_m - paper->ended.distance_m > SHORT_STEP_M;
+}
+
+/* After a bump or a cliff: back far enough to turn. False where there is no need. */
+static bool back_off(paper_t *paper, float heading_rad)
+{
+    const bool cliff = paper->ended.reason == END_CLIFF;
+    if (!cliff && paper->ended.reason != END_BUMPER) {
+        return false;
+    }
+    const leg_t back = {.kind = LEG_DRIVE,
+        .purpose = "back-off",
+        .heading_rad = heading_rad,
+        .bounded = true,
+        .distance_m = cliff ? -CLIFF_BACK_OFF_M : -BACK_OFF_M,
+        .speed_m_s = cliff ? CLIFF_BACK_OFF_M_S : BACK_OFF_M_S};
+    paper->leg = back;
+    paper->part = PART_BACK_OFF;
+    return true;
+}
+
+/* The next leg of the lane or side step under way; false where it is done. */
+static bool go_on(paper_t *paper, const leg_result_t *result)
+{
+    const bool lane = paper->at == AT_LANE || paper->at == AT_SHADOW_LANE;
+    switch (paper->part) {
+    case PART_TURN:
+        paper->part = PART_MAIN;
+        paper->leg = paper->main;
+        return true;
+    case PART_MAIN:
+        paper->ended = *result;
+        if (back_off(paper, paper->main.heading_rad)) {
+            return true;
+        }
+        break;
+    case PART_BACK_OFF:
+        break;
+    case PART_REST:
+        return false;
+    }
+    if (lane) {
+        const leg_t rest = {.kind = LEG_REST, .purpose = "rest", .duration_s = REST_S};
+        paper->part = PART_REST;
+        paper->leg = rest;
+        return true;
+    }
+    if (is_short(paper)) {
+        paper->line_m = offset_m(paper, &paper->ended.pose);
+    }
+    return false;
+}
+
+/* Why the sweep ends after a lane and a side step, if it does. The two ends of a lane that is
+ * shorter than W are one place: being blocked at both says no more than being blocked at one. */
+static const char *stuck(paper_t *paper, const leg_result_t *lane, bool blocked)
+{
+    if (paper->lanes >= LANES_MAX) {
+        return "2000 lanes driven, the limit";
+    }
+    if (!blocked) {
+        paper->blocked_steps = 0;
+        return NULL;
+    }
+    paper->blocked_steps++;
+    if ((paper->blocked_steps > 1u && lane->distance_m >= paper->width_m)
+        || paper->blocked_steps > BLOCKED_MAX) {
+        return "side step blocked at both ends of the last lane";
+    }
+    return NULL;
+}
+
+/* ---- the three cases ----------------------------------------------------------------------- */
+
+/* Record D, judge it against Prev-D, keep T; whether it is case 3. */
+static bool compare(paper_t *paper, log_t *log)
+{
+    const float distance = paper->ended.distance_m;
+    const float previous = paper->first_lane ? distance : paper->previous_lane_distance_m;
+    const char *why = "D and Prev-D differ, by less than " PHI ": none of the cases";
+    paper->first_lane = false;
+    paper->lane_case = 0;
+    if (distance + paper->diameter_m < previous) {
+        paper->lane_case = 2;
+        paper->turns = 0;
+        why = "D + " PHI " < Prev-D: an obstacle, T starts again";
+    } else if (distance - paper->diameter_m > previous) {
+        paper->lane_case = 3;
+        paper->length_m = paper->width_m * (float)paper->turns;
+        why = "D - " PHI " > Prev-D: past an obstacle, its shadow is Length = W" TIMES "T";
+    } else if (absolute(distance - previous) <= EQUAL_TOLERANCE_M) {
+        paper->lane_case = 1;
+        why = "D = Prev-D: a parallel passage";
+    }
+    paper->lane_distance_m = distance;
+    paper->previous_lane_distance_m = distance;
+    decide(log, "lane", why, "");
+    return paper->lane_case == 3;
+}
+
+static void step_on(paper_t *paper)
+{
+    begin_step(paper, AT_STEP, &paper->lane.pose, paper->width_m);
+}
+
+/* ---- recovery of the shadow ---------------------------------------------------------------- */
+
+static void end_recovery(paper_t *paper, log_t *log)
+{
+    paper->turns = 0; /* else a second case 3 would count the same lanes again */
+    decide(log, "recovery-end", "the shadow is swept as far as it could be", "");
+    step_on(paper);
+}
+
+static void begin_recovery(paper_t *paper, log_t *log)
+{
+    decide(log, "recovery-begin", "driving back into the area that the obstacle hid", "");
+    if (paper->length_m <= 0.0f) {
+        end_recovery(paper, log);
+        return;
+    }
+    paper->leave = paper->lane.pose;
+    paper->leave_line_m = paper->line_m;
+    paper->shadow_heading_rad = wrapped(paper->heading_rad + PI_F);
+    begin_step(paper, AT_RECOVERY_BACK, &paper->leave, -paper->length_m);
+}
+
+/* Back to where case 3 fired, as far as nothing is in the way. */
+static void begin_return(paper_t *paper, log_t *log)
+{
+    paper->blocked_steps = 0;
+    if (distance_m(&paper->leave, &paper->shadow) < SHORT_STEP_M) {
+        paper->line_m = paper->leave_line_m;
+        end_recovery(paper, log);
+        return;
+    }
+    const leg_t back = {.kind = LEG_GO_TO,
+        .purpose = "return",
+        .x_m = paper->leave.x_m,
+        .y_m = paper->leave.y_m,
+        .stop_range_m = STOP_RANGE_M};
+    paper->at = AT_RETURN;
+    paper->part = PART_MAIN;
+    paper->leg = back;
+}
+
+/* The next lane in the shadow, or the way back when it is swept. */
+static void sweep_shadow(paper_t *paper, log_t *log)
+{
+    if (offset_m(paper, &paper->shadow) < paper->until_m) {
+        begin_lane(paper, AT_SHADOW_LANE, paper->shadow_heading_rad);
+    } else {
+        begin_return(paper, log);
+    }
+}
+
+static void after_recovery_back(paper_t *paper, log_t *log)
+{
+    if (is_short(paper)) {
+        tell_blocked(log, &paper->main, paper->ended.reason);
+    }
+    paper->shadow = paper->ended.pose;
+    paper->until_m = offset_m(paper, &paper->leave) - 0.5f * paper->width_m;
+    paper->blocked_steps = 0;
+    sweep_shadow(paper, log);
+}
+
+static void after_shadow_lane(paper_t *paper, log_t *log)
+{
+    paper->shadow_lane = paper->ended;
+    decide(log, "recovery-lane", "lane in the shadow ended: ", leg_end_name(paper->ended.reason));
+    begin_step(paper, AT_SHADOW_STEP, &paper->shadow_lane.pose, paper->width_m);
+}
+
+static void after_shadow_step(paper_t *paper, log_t *log)
+{
+    const bool blocked = is_short(paper);
+    paper->shadow = paper->ended.pose;
+    if (blocked) {
+        tell_blocked(log, &paper->main, paper->ended.reason);
+    }
+    if (stuck(paper, &paper->shadow_lane, blocked) != NULL) {
+        begin_return(paper, log);
+        return;
+    }
+    paper->shadow_heading_rad = wrapped(paper->shadow_heading_rad + PI_F);
+    sweep_shadow(paper, log);
+}
+
+/* The way back is a leg of its own; after a bump it backs off along the heading it then has. */
+static void after_return(
+    paper_t *paper, const leg_result_t *result, const pose_t *pose, log_t *log)
+{
+    if (paper->part == PART_MAIN) {
+        paper->ended = *result;
+        if (leg_blocked(result->reason)) {
+            tell_blocked(log, &paper->leg, result->reason);
+        }
+        if (back_off(paper, pose->heading_rad)) {
+            return;
+        }
+    }
+    paper->line_m = paper->leave_line_m;
+    end_recovery(paper, log);
+}
+
+/* ---- the plan ------------------------------------------------------------------------------ */
+
+static void after_lane(paper_t *paper, log_t *log)
+{
+    paper->lane = paper->ended;
+    if (compare(paper, log)) {
+        begin_recovery(paper, log);
+    } else {
+        step_on(paper);
+    }
+}
+
+static void after_step(paper_t *paper, log_t *log)
+{
+    const bool blocked = is_short(paper);
+    if (blocked) {
+        tell_blocked(log, &paper->main, paper->ended.reason);
+    }
+    paper->finish_reason = stuck(paper, &paper->lane, blocked);
+    if (paper->finish_reason != NULL) {
+        decide(log, "finish", paper->finish_reason, "");
+        return;
+    }
+    if (!blocked) {
+        paper->turns++; /* only when W was really moved: without it W T is no length */
+    }
+    paper->heading_rad = wrapped(paper->heading_rad + PI_F);
+    begin_lane(paper, AT_LANE, paper->heading_rad);
+}
+
+void paper_start(paper_t *paper, const model_t *model, const pose_t *pose, log_t *log)
+{
+    const paper_t nothing = {0};
+    *paper = nothing;
+    paper->diameter_m = model->diameter_m;
+    paper->width_m = model->cleaning_width_m;
+    paper->origin = *pose;
+    paper->step_heading_rad = wrapped(pose->heading_rad + 0.5f * PI_F); /* to the left first */
+    paper->heading_rad = pose->heading_rad;
+    paper->first_lane = true;
+    decide(log, "start", "lanes along the start heading", "");
+    begin_lane(paper, AT_LANE, paper->heading_rad);
+}
+
+bool paper_next(paper_t *paper, const leg_result_t *result, const pose_t *pose, log_t *log)
+{
+    if (paper->at == AT_RETURN) {
+        after_return(paper, result, pose, log);
+        return true;
+    }
+    if (go_on(paper, result)) {
+        return true;
+    }
+    switch (paper->at) {
+    case AT_LANE:
+        after_lane(paper, log);
+        break;
+    case AT_STEP:
+        after_step(paper, log);
+        break;
+    case AT_RECOVERY_BACK:
+        after_recovery_back(paper, log);
+        break;
+    case AT_SHADOW_LANE:
+        after_shadow_lane(paper, log);
+        break;
+    case AT_SHADOW_STEP:
+        after_shadow_step(paper, log);
+        break;
+    case AT_RETURN:
+        break;
+    }
+    return paper->finish_reason == NULL;
+}

@@ -1,0 +1,59 @@
+#include "readings.h"
+
+static correction_t correction(const parameters_t *parameters, uint8_t scale)
+{
+    const correction_t found = {
+        parameters_value(parameters, scale), parameters_value(parameters, (uint8_t)(scale + 1u))};
+    return found;
+}
+
+void readings_start(readings_t *readings, const parameters_t *parameters)
+{
+    readings->ultrasonic = correction(parameters, PARAMETER_ULTRASONIC_SCALE);
+    readings->infrared_left = correction(parameters, PARAMETER_INFRARED_LEFT_SCALE);
+    readings->infrared_right = correction(parameters, PARAMETER_INFRARED_RIGHT_SCALE);
+}
+
+/* A range in steps of which a metre has `per_m`; to the nearest, and what is none stays so. */
+static uint16_t corrected(uint16_t range, const correction_t *by, float per_m)
+{
+    if (!seen(range) || (by->scale == 1.0f && by->offset_m == 0.0f)) {
+        return range;
+    }
+    const float exact = by->scale * (float)range + by->offset_m * per_m + 0.5f;
+    if (exact < 0.0f) {
+        return 0;
+    }
+    return exact < (float)BOARD_NO_RANGE ? (uint16_t)exact : (uint16_t)(BOARD_NO_RANGE - 1u);
+}
+
+void readings_begin(readings_t *readings)
+{
+    board_encoders_t now;
+    board_encoders(&now);
+    readings->counted_us = board_now_us();
+    if (!readings->begun) {
+        readings->begun = true;
+        readings->zero = now;
+    }
+    readings->counts.left = (uint16_t)(now.left - readings->zero.left);
+    readings->counts.right = (uint16_t)(now.right - readings->zero.right);
+    board_imu(&readings->imu);
+    readings->around_known = false;
+}
+
+const around_t *readings_around(readings_t *readings)
+{
+    if (!readings->around_known) {
+        readings->around_known = true;
+        board_ranges_t *const ranges = &readings->around.ranges;
+        board_ranges(ranges);
+        ranges->ultrasonic_mm = corrected(ranges->ultrasonic_mm, &readings->ultrasonic, 1e3f);
+        ranges->infrared_left_dmm =
+            corrected(ranges->infrared_left_dmm, &readings->infrared_left, 1e4f);
+        ranges->infrared_right_dmm =
+            corrected(ranges->infrared_right_dmm, &readings->infrared_right, 1e4f);
+        readings->around.contacts = board_contacts();
+    }
+    return &readings->around;
+}

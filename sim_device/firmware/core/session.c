@@ -1,0 +1,200 @@
+#include "session.h"
+
+#include <string.h>
+
+#include "board.h"
+#include "commands.h"
+
+#define HOST_SILENCE_US 1000000
+#define STRANGE_PERIOD_US 100000
+
+#define CAPABILITIES                                                                        \
+    (SP_CAPABILITY_ENCODERS | SP_CAPABILITY_IMU | SP_CAPABILITY_ULTRASONIC                  \
+        | SP_CAPABILITY_INFRARED | SP_CAPABILITY_BUMPER | SP_CAPABILITY_CLIFF               \
+        | SP_CAPABILITY_ONBOARD_PLANNER)
+
+void session_hello(firmware_t *firmware, int64_t now_us)
+{
+    const board_identity_t *const identity = board_identity();
+    sp_hello_t hello = {
+        .catalogue_hash = sp_catalogue_hash(),
+        .boot_id = identity->boot_id,
+        .session_id = firmware->session_id,
+        .reset_cause = identity->reset_cause,
+        .capabilities = CAPABILITIES,
+        .version_major = FIRMWARE_VERSION_MAJOR,
+        .version_minor = FIRMWARE_VERSION_MINOR,
+        .version_patch = FIRMWARE_VERSION_PATCH,
+        .name = identity->name,
+        .name_length = (uint8_t)strlen(identity->name),
+    };
+    memcpy(hello.uid, identity->uid, sizeof hello.uid);
+    line_send(&firmware->line, SP_TYPE_HELLO, (uint32_t)now_us,
+        sp_hello_encode(&hello, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+}
+
+/* A host talks on in a session that we do not know: say at once who and which boot. */
+static void strange(firmware_t *firmware, int64_t now_us)
+{
+    if (!firmware->strange_known || now_us - firmware->strange_us >= STRANGE_PERIOD_US) {
+        firmware->strange_known = true;
+        firmware->strange_us = now_us;
+        session_hello(firmware, now_us);
+    }
+}
+
+/* Nothing that a session asked for outlives it. */
+static void forget_host(firmware_t *firmware)
+{
+    firmware->agreed = false;
+    control_forget_host(&firmware->control);
+    freshness_reset(&firmware->freshness);
+    schedule_reset(&firmware->schedule);
+    payloads_reset(&firmware->payloads);
+}
+
+static void greet(firmware_t *firmware, const sp_host_hello_t *hello, const sp_frame_t *frame,
+    int64_t now_us)
+{
+    if (hello->session_id == 0) {
+        return; /* it says "no session", whose host is never missed */
+    }
+    if (hello->session_id != firmware->session_id) {
+        if (firmware->session_id != 0) {
+            /* Another host, or the same anew: it must ask to move again. */
+            control_stop(&firmware->control, SP_STOP_CAUSE_LINK, EVENT_NEW_SESSION);
+        }
+        firmware->session_id = hello->session_id;
+        line_new_host(&firmware->line, frame, (uint32_t)now_us);
+        forget_host(firmware);
+    }
+    if (hello->agreed && !firmware->agreed) {
+        firmware->agreed = true;
+        text_t *const line = log_begin(&firmware->control.log, SP_LOG_LEVEL_INFO);
+        text_add(line, "session with ");
+        text_add_foreign(line, hello->name, hello->name_length);
+    }
+    session_hello(firmware, now_us);
+}
+
+static void reply_time(firmware_t *firmware, const sp_time_request_t *request, int64_t arrived_us)
+{
+    if (firmware->session_id == 0) {
+        strange(firmware, arrived_us);
+        return;
+    }
+    const sp_time_reply_t reply = {request->ping, (uint32_t)arrived_us};
+    line_send(&firmware->line, SP_TYPE_TIME_REPLY, line_departure_us(&firmware->line),
+        sp_time_reply_encode(&reply, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+}
+
+static void describe(firmware_t *firmware, const sp_describe_t *question, int64_t now_us)
+{
+    sp_describe_reply_t reply;
+    sp_describe(question, &reply);
+    line_send(&firmware->line, SP_TYPE_DESCRIBE_REPLY, (uint32_t)now_us,
+        sp_describe_reply_encode(&reply, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+    payloads_described(&firmware->payloads, question);
+}
+
+/* Obeyed before any question of session or repetition. */
+static void stop(firmware_t *firmware, const sp_stop_t *wanted, int64_t now_us)
+{
+    const bool known = wanted->cause > SP_STOP_CAUSE_NONE && wanted->cause <= SP_STOP_CAUSE_HARDWARE;
+    const sp_ack_t ack = {wanted->command_id, SP_TYPE_STOP};
+    control_stop(&firmware->control,
+        known ? wanted->cause : (uint8_t)SP_STOP_CAUSE_OPERATOR, EVENT_STOP);
+    line_send(&firmware->line, SP_TYPE_ACK, (uint32_t)now_us,
+        sp_ack_encode(&ack, line_payload(&firmware->line), SP_PAYLOAD_MAX));
+}
+
+static void setpoint(
+    firmware_t *firmware, const sp_velocity_setpoint_t *wanted, int64_t extra, int64_t arrived_us)
+{
+    if (firmware->session_id == 0) {
+        strange(firmware, arrived_us);
+    } else if (firmware->agreed && firmware->control.state == STATE_VELOCITY
+        && !control_velocity(&firmware->control, wanted, extra, arrived_us)) {
+        firmware->stale++;
+    }
+}
+
+static void duty(
+    firmware_t *firmware, const sp_wheel_duty_t *wanted, int64_t extra, int64_t arrived_us)
+{
+    if (firmware->agreed && firmware->control.state == STATE_BRINGUP
+        && !control_wheel_duty(&firmware->control, wanted, extra, arrived_us)) {
+        firmware->stale++;
+    }
+}
+
+void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us)
+{
+    if (!payloads_fit(&firmware->payloads, frame)) {
+        firmware->line.refused++;
+        return;
+    }
+    if (frame->node != board_identity()->node && frame->node != SP_NODE_ALL) {
+        return;
+    }
+    firmware->heard_us = arrived_us;
+    const uint8_t *const payload = frame->payload;
+    const size_t length = frame->length;
+    union {
+        sp_host_hello_t hello;
+        sp_stop_t stop;
+        sp_velocity_setpoint_t setpoint;
+        sp_wheel_duty_t duty;
+        sp_time_request_t time;
+        sp_describe_t describe;
+    } message;
+    if (frame->type == SP_TYPE_HOST_HELLO) {
+        /* A new session's first: its delay is that of the new host. */
+        if (sp_host_hello_decode(&message.hello, payload, length)) {
+            greet(firmware, &message.hello, frame, arrived_us);
+        }
+    }
+    const int64_t extra = freshness_extra(&firmware->freshness, frame->t_us, arrived_us);
+    switch (frame->type) {
+    case SP_TYPE_HOST_HELLO:
+        break;
+    case SP_TYPE_STOP:
+        if (sp_stop_decode(&message.stop, payload, length)) {
+            stop(firmware, &message.stop, arrived_us);
+        }
+        break;
+    case SP_TYPE_VELOCITY_SETPOINT:
+        if (sp_velocity_setpoint_decode(&message.setpoint, payload, length)) {
+            setpoint(firmware, &message.setpoint, extra, arrived_us);
+        }
+        break;
+    case SP_TYPE_WHEEL_DUTY:
+        if (sp_wheel_duty_decode(&message.duty, payload, length)) {
+            duty(firmware, &message.duty, extra, arrived_us);
+        }
+        break;
+    case SP_TYPE_TIME_REQUEST:
+        if (sp_time_request_decode(&message.time, payload, length)) {
+            reply_time(firmware, &message.time, arrived_us);
+        }
+        break;
+    case SP_TYPE_DESCRIBE:
+        if (sp_describe_decode(&message.describe, payload, length)) {
+            describe(firmware, &message.describe, arrived_us);
+        }
+        break;
+    default:
+        commands_receive(firmware, frame, arrived_us);
+        break;
+    }
+}
+
+void session_tick(firmware_t *firmware)
+{
+    if (firmware->session_id != 0 && firmware->now_us - firmware->heard_us > HOST_SILENCE_US) {
+        /* Nobody is there: be safe, and say hello until somebody is. */
+        control_stop(&firmware->control, SP_STOP_CAUSE_LINK, EVENT_SILENCE);
+        firmware->session_id = 0;
+        forget_host(firmware);
+    }
+}

@@ -1,0 +1,16 @@
+/* One host at a time: who it is, whether both agree, and what it may move. */
+#ifndef SESSION_H
+#define SESSION_H
+
+#include "firmware_state.h"
+
+/* Take an intact frame of a host that had arrived at this moment of uptime. */
+void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us);
+
+/* Once a control period: is it still there? */
+void session_tick(firmware_t *firmware);
+
+/* Say who we are. */
+void session_hello(firmware_t *firmware, int64_t now_us);
+
+#endif

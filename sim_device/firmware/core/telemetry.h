@@ -1,0 +1,13 @@
+/* What the device tells of itself: a message for each stream, from the period's readings. */
+#ifndef TELEMETRY_H
+#define TELEMETRY_H
+
+#include "firmware_state.h"
+
+/* Send a stream's message. */
+void telemetry_send(firmware_t *firmware, stream_t stream);
+
+/* Work out the busy share of the processor's time since the last call. */
+void telemetry_measure_load(firmware_t *firmware);
+
+#endif

@@ -1,0 +1,60 @@
+#include "text.h"
+
+#include <string.h>
+
+static void add(text_t *text, const char *bytes, size_t length)
+{
+    if (text->full || text->length + length > TEXT_MAX) {
+        text->full = true;
+        return;
+    }
+    for (size_t i = 0; i < length; i++) {
+        text->bytes[text->length + i] = bytes[i];
+    }
+    text->length = (uint8_t)(text->length + length);
+}
+
+/* Bytes of a character by its first one, 0 where none begins so; and what the second may be
+ * (Unicode, table 3-7). */
+static size_t character(uint8_t first, uint8_t *low, uint8_t *high)
+{
+    *low = first == 0xE0u ? 0xA0u : first == 0xF0u ? 0x90u : 0x80u;
+    *high = first == 0xEDu ? 0x9Fu : first == 0xF4u ? 0x8Fu : 0xBFu;
+    if (first < 0x80u) {
+        return 1;
+    }
+    if (first < 0xC2u || first > 0xF4u) {
+        return 0;
+    }
+    return first < 0xE0u ? 2 : first < 0xF0u ? 3 : 4;
+}
+
+void text_add_foreign(text_t *text, const char *bytes, size_t length)
+{
+    for (size_t at = 0; at < length;) {
+        uint8_t low;
+        uint8_t high;
+        const size_t whole = character((uint8_t)bytes[at], &low, &high);
+        size_t good = 1;
+        while (good < whole && at + good < length) {
+            const uint8_t byte = (uint8_t)bytes[at + good];
+            if (byte < low || byte > high) {
+                break;
+            }
+            low = 0x80u;
+            high = 0xBFu;
+            good++;
+        }
+        if (good == whole) {
+            add(text, bytes + at, whole);
+        } else {
+            add(text, "\xEF\xBF\xBD", 3);
+        }
+        at += good;
+    }
+}
+
+void text_add(text_t *text, const char *utf8)
+{
+    text_add_foreign(text, utf8, strlen(utf8));
+}

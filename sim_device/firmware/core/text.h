@@ -1,0 +1,24 @@
+/* A line of text of bounded length, put together without printf. Always whole UTF-8. */
+#ifndef TEXT_H
+#define TEXT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define TEXT_MAX 120u /* bytes; what does not fit is left out */
+
+typedef struct {
+    uint8_t length;
+    bool full; /* something was left out: nothing may follow it */
+    char bytes[TEXT_MAX];
+} text_t;
+
+/* UTF-8, ended by a zero. */
+void text_add(text_t *text, const char *utf8);
+
+/* Bytes of unknown origin: what is no UTF-8 becomes U+FFFD, as Unicode's section 3.9 recommends
+ * (one for each longest piece that begins a character). */
+void text_add_foreign(text_t *text, const char *bytes, size_t length);
+
+#endif

@@ -1,0 +1,147 @@
+/* What the firmware's core needs of a board, and nothing else: the core includes no vendor header
+ * and knows no register. A board is one folder (board_host, board_f429, board_f405_qemu, yours)
+ * that defines every function here, and whose interrupts call the three functions of firmware.h
+ * that say so.
+ *
+ * All functions are called from the main loop, never from an interrupt, and none of them waits,
+ * board_idle() and board_reboot() aside. Times are of one free-running microsecond counter that
+ * begins near 0 at boot and wraps at 32 bits.
+ */
+#ifndef BOARD_H
+#define BOARD_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "sweepctl_protocol.h"
+
+/* ---- the chip ------------------------------------------------------------------------------ */
+
+/* Clocks, pins, timers, interrupts; motors off. Called once, first of all. A board that gets its
+ * identity from elsewhere (the emulated one) waits for it here. */
+void board_start(void);
+
+/* Microseconds since boot; wraps. */
+uint32_t board_now_us(void);
+
+/* Microseconds that the processor has not slept in board_idle() since boot; wraps. */
+uint32_t board_busy_us(void);
+
+/* Sleep until the next interrupt, a millisecond at most. */
+void board_idle(void);
+
+/* Feed the watchdog: 100 ms without it and the chip resets. Called once a control period. */
+void board_watchdog_feed(void);
+
+/* Reset the chip with cause "software"; what was queued for the line has left. Does not return on
+ * a chip. The host's board returns: its test then calls firmware_boot(). */
+void board_reboot(void);
+
+/* ---- who it is, constant from board_start() on --------------------------------------------- */
+
+typedef struct {
+    uint8_t uid[12];     /* the chip's 96-bit unique id */
+    uint32_t boot_id;    /* random, new at each boot, not 0 */
+    uint8_t reset_cause; /* SP_RESET_CAUSE_* */
+    uint8_t node;        /* 1..15, by a jumper or a constant */
+    bool can;            /* the host is on the CAN bus, not on the UART */
+    const char *name;    /* of board and firmware, as the host shows it; ASCII, at most 60 B */
+} board_identity_t;
+
+const board_identity_t *board_identity(void);
+
+/* ---- the line to the host ------------------------------------------------------------------ */
+
+/* UART. Receiving: from the interrupt, by firmware_uart_received() in firmware.h. */
+
+/* Bytes that can be queued now. The queue should hold 512 at least: a frame has up to 256. */
+size_t board_uart_room(void);
+
+/* Queue a frame, or most of one; never called with more than there is room for. */
+void board_uart_write(const uint8_t *data, size_t length);
+
+/* Microseconds until a byte queued now would begin to leave: 0 where the line is idle. By it a
+ * frame gets its leading zero, and a time reply the stamp of its sending. At 921 600 baud a byte
+ * that waits is 10.85 us. */
+uint32_t board_uart_wait_us(void);
+
+/* CAN. Receiving: from the interrupt, by firmware_can_received(). */
+
+/* Hand a frame to the controller; false where none of its mailboxes is free (it is offered again).
+ * Frames leave in the order in which they were taken (bxCAN: TXFP in MCR). */
+bool board_can_write(const sp_can_frame_t *frame);
+
+/* ---- motors -------------------------------------------------------------------------------- */
+
+#define BOARD_DUTY_ONE 10000
+
+/* Duty of left and right, -BOARD_DUTY_ONE .. BOARD_DUTY_ONE, forward positive; 0 brakes (both ends
+ * of the motor tied together). Holds until the next call. */
+void board_motors(int16_t left, int16_t right);
+
+/* ---- sensors ------------------------------------------------------------------------------- */
+
+/* Each gives its newest reading at once and the moment at which that was taken. The board samples by
+ * itself: the IMU when its data is ready, the echo by a timer's capture. */
+
+/* Counts after x4 of both wheels now, rising forward, from 0 at boot; they wrap. */
+typedef struct {
+    uint16_t left;
+    uint16_t right;
+} board_encoders_t;
+void board_encoders(board_encoders_t *out);
+
+/* Registers of the MPU6050 in its order, +-2 g and +-250 deg/s, 100 Hz or quicker, 44 Hz filter or
+ * narrower; x forward, y left, z up. Read each control period. */
+typedef struct {
+    int16_t accel_x, accel_y, accel_z;
+    int16_t temperature;
+    int16_t gyro_x, gyro_y, gyro_z;
+    uint32_t sampled_us;
+} board_imu_t;
+void board_imu(board_imu_t *out);
+
+#define BOARD_NO_RANGE 0xFFFFu
+
+/* Distances from the sensors' faces; asked for at 20 Hz, which may begin the next measurement. */
+typedef struct {
+    uint16_t ultrasonic_mm;      /* BOARD_NO_RANGE: no echo */
+    uint16_t infrared_left_dmm;  /* tenths of a millimetre; BOARD_NO_RANGE: nothing near */
+    uint16_t infrared_right_dmm; /* likewise */
+    uint32_t sampled_us;
+} board_ranges_t;
+void board_ranges(board_ranges_t *out);
+
+/* SP_CONTACT_*: bumper halves and cliff as they are now; asked for at 50 Hz while a planner runs. */
+uint8_t board_contacts(void);
+
+/* Supply; asked for at 5 Hz. Currents are magnitudes. */
+typedef struct {
+    uint16_t battery_mv;
+    uint16_t logic_mv;
+    uint16_t motor_left_ma;
+    uint16_t motor_right_ma;
+    uint32_t sampled_us;
+} board_power_t;
+void board_power(board_power_t *out);
+
+/* ---- two pages of flash -------------------------------------------------------------------- */
+
+/* The core keeps the parameters in them so that a supply lost at any moment leaves the old ones or
+ * the new ones whole (flash_store.c). Erasing and writing go on by themselves, or are carried on by
+ * board_flash_busy(); the control loop must not stand still for it. */
+#define BOARD_FLASH_PAGES 2u
+#define BOARD_FLASH_PAGE_SIZE 1024u /* as much of each page as is used; the sector may be larger */
+
+/* The page as it can be read now, memory mapped; erased bytes read 0xFF. Not while busy. */
+const uint8_t *board_flash_page(unsigned page);
+/* Begin to erase a page. */
+void board_flash_erase(unsigned page);
+/* Begin to write words that were erased; offset and length are multiples of 4, and the data stays
+ * where it is until it is done. */
+void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length);
+/* Whether erasing or writing is under way; asked once a control period meanwhile. */
+bool board_flash_busy(void);
+
+#endif

@@ -1,0 +1,73 @@
+"""The C firmware on this computer: built once in a run, run on scripts."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.generate import render
+from support.c_build import MORE, ROOT, SANITIZED, STRICT, run, tool
+from support.kit_script import read, script
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from support.kit_script import Act, Told
+
+KIT = ROOT / "sim_device" / "firmware"
+CORE = sorted(p for p in (KIT / "core").glob("*.c") if p.name != "main.c")
+
+
+def wire(directory: Path) -> Path:
+    """The generated codec in ``directory``/wire."""
+    folder = directory / "wire"
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in render("c").items():
+        (folder / name).write_text(text)
+    return folder
+
+
+def compile_kit(  # noqa: PLR0913 - a compiler's command line
+    out: Path,
+    wire_folder: Path,
+    sources: Sequence[Path],
+    *,
+    compiler: str = "gcc",
+    flags: Sequence[str] = (),
+) -> Path:
+    """Compile the core with ``sources``, every warning an error; the output's path."""
+    includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{wire_folder}")
+    files = [*CORE, wire_folder / "sweepctl_protocol.c", *sources]
+    run([tool(compiler), *STRICT, *MORE, *includes, *flags, *files, "-lm", "-o", out])
+    return out
+
+
+@dataclass(frozen=True)
+class Kit:
+    """The built board on paper."""
+
+    program: Path
+
+    def run(self, acts: Iterable[Act]) -> list[Told]:
+        """Live through a script; what was so after each step."""
+        return read(self.raw(script(acts)))
+
+    def raw(self, data: bytes) -> bytes:
+        """Any bytes as a script; the test fails where the sanitizers object."""
+        done = subprocess.run(
+            [self.program], input=data, capture_output=True, timeout=60, check=False
+        )
+        if done.returncode:
+            pytest.fail(f"exit {done.returncode}\n{done.stderr.decode(errors='replace')}")
+        return done.stdout
+
+
+def build_kit(directory: Path) -> Kit:
+    """The core under AddressSanitizer and UBSan."""
+    sources = [KIT / "board_host" / name for name in ("script.c", "script_main.c")]
+    flags = ("-O1", "-g", *SANITIZED)
+    return Kit(compile_kit(directory / "script_host", wire(directory), sources, flags=flags))

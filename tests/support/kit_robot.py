@@ -1,0 +1,119 @@
+"""The C firmware in the virtual robot: its sensors read the plant, its duties drive it."""
+
+from __future__ import annotations
+
+import subprocess
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bridge.motion.robot_model import RobotModel
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.values import Contact
+from sim_device.noise import noise_level
+from sim_device.plant import Plant
+from sim_device.sensors import SensorSuite
+from sim_device.world import World
+from support.kit_script import NO_RANGE, TOLD, Readings, Step, Told, read
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bridge.coverage.floorplan import FloorPlan
+    from protocol.message import Message
+
+PERIOD_US = 10_000
+_DUTY_ONE = 10_000
+_RANGE_PERIODS, _RANGE_PHASE = 5, 4
+_POWER_PERIODS, _POWER_PHASE = 20, 5
+
+
+class KitRobot:
+    """The program as a child, one control period at a time."""
+
+    def __init__(
+        self, program: Path, plan: FloorPlan, *, seed: int = 0, noise: str = "typical"
+    ) -> None:
+        model, level = RobotModel(), noise_level(noise)
+        plant_rng, sensor_rng = np.random.default_rng(seed).spawn(2)
+        self.plant = Plant(World(plan, model), model, level, plant_rng)
+        self._sensors = SensorSuite(self.plant, model, level, sensor_rng)
+        self._process = subprocess.Popen(
+            [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        self._readings = Readings()
+        self._ticks = 0
+        self.link = Link(Direction.HOST)
+        self.heard: list[Message] = []
+        self.told: Told
+
+    @property
+    def now_us(self) -> int:
+        """True time, and the firmware's."""
+        return self._ticks * PERIOD_US
+
+    def say(self, *messages: Message) -> None:
+        """Send at the end of the running period."""
+        for message in messages:
+            self.link.send(message, self.now_us, node=1)
+
+    def live(self, seconds: float) -> None:
+        """So many control periods of firmware and plant."""
+        for _ in range(round(seconds * 1e6 / PERIOD_US)):
+            self._period()
+
+    def _period(self) -> None:
+        self._sense()
+        step = Step(PERIOD_US if self._ticks else 0, self.link.data_to_send())
+        self.told = self._ask(self._readings.record() + step.record())
+        self.heard += [
+            e.message for e in self.link.receive(self.told.wrote) if isinstance(e, Received)
+        ]
+        left, right = self.told.motors
+        self.plant.set_duty(left / _DUTY_ONE, right / _DUTY_ONE)
+        self.plant.advance_ms(PERIOD_US // 1000)
+        self._ticks += 1
+
+    def _sense(self) -> None:
+        """What the board would read now, the slow sensors as often as they are looked at."""
+        sensors, before = self._sensors, self._readings
+        pressed = sensors.bumpers()
+        contacts = (
+            (Contact.BUMPER_LEFT if pressed.left else 0)
+            | (Contact.BUMPER_RIGHT if pressed.right else 0)
+            | (Contact.CLIFF if sensors.cliff() else 0)
+        )
+        ranges = before.ultrasonic_mm, before.infrared_dmm
+        if self._ticks % _RANGE_PERIODS == _RANGE_PHASE:
+            now = sensors.ranges()
+            left, right = (_steps(r, 1e4) for r in (now.infrared_left_m, now.infrared_right_m))
+            ranges = _steps(now.ultrasonic_m, 1e3), (left, right)
+        power = before.battery_mv, before.logic_mv, before.motors_ma
+        if self._ticks % _POWER_PERIODS == _POWER_PHASE:
+            supply = sensors.power()
+            currents = round(1e3 * abs(supply.left_a)), round(1e3 * abs(supply.right_a))
+            power = round(1e3 * supply.battery_v), round(1e3 * supply.rail_v), currents
+        self._readings = Readings(
+            sensors.encoders(), tuple(sensors.imu()), *ranges, int(contacts), *power
+        )
+
+    def _ask(self, records: bytes) -> Told:
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.write(records)
+        process.stdin.flush()
+        head = process.stdout.read(TOLD.size)
+        assert len(head) == TOLD.size, "the firmware has ended"
+        (told,) = read(head + process.stdout.read(TOLD.unpack(head)[-1]))
+        return told
+
+    def close(self) -> None:
+        """End it; it must end well."""
+        _, err = self._process.communicate(timeout=20)
+        assert self._process.returncode == 0, err.decode()
+
+
+def _steps(range_m: float | None, per_m: float) -> int:
+    return NO_RANGE if range_m is None else min(NO_RANGE - 1, round(range_m * per_m))

@@ -1,0 +1,184 @@
+"""Scripts for the C firmware's board on paper, and what it tells of them.
+
+The format is that of ``sim_device/firmware/board_host/script.c``: records in, one record out for
+each step.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from cobs import cobs
+
+from bridge.motion.robot_model import RobotModel
+from protocol.can_frames import RECORD
+from sim_device.parameters import table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+NO_RANGE = 0xFFFF
+PARAMETERS = 21
+_BOOT = struct.Struct("<cIBB")
+_READINGS = struct.Struct("<c2H7h3HB4H")
+_STEP = struct.Struct("<cIH")
+_SUPPLY = struct.Struct("<cH")
+TOLD = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2hI")
+_STATUS, _TIME_REPLY = 0x11, 0x18
+_LOAD = 5
+_STAMP, _HEADER, _CRC = 4, 8, 4
+
+
+@dataclass(frozen=True, slots=True)
+class Boot:
+    """Boot anew."""
+
+    boot_id: int = 1
+    reset_cause: int = 0
+    can: bool = False
+    empty_flash: bool = True
+
+    def record(self) -> bytes:
+        flags = self.can | self.empty_flash << 1
+        return _BOOT.pack(b"B", self.boot_id, self.reset_cause, flags)
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the sensors read from now on, in the units of ``board.h``."""
+
+    encoders: tuple[int, int] = (0, 0)
+    imu: tuple[int, int, int, int, int, int, int] = (0, 0, 16384, 0, 0, 0, 0)
+    ultrasonic_mm: int = NO_RANGE
+    infrared_dmm: tuple[int, int] = (NO_RANGE, NO_RANGE)
+    contacts: int = 0
+    battery_mv: int = 15_803
+    logic_mv: int = 5_003
+    motors_ma: tuple[int, int] = (57, 63)
+
+    def record(self) -> bytes:
+        return _READINGS.pack(
+            b"R",
+            *(count & 0xFFFF for count in self.encoders),
+            *self.imu,
+            self.ultrasonic_mm,
+            *self.infrared_dmm,
+            self.contacts,
+            self.battery_mv,
+            self.logic_mv,
+            *self.motors_ma,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Live for so long, then take what has come."""
+
+    for_us: int
+    data: bytes = b""
+
+    def record(self) -> bytes:
+        return _STEP.pack(b"S", self.for_us, len(self.data)) + self.data
+
+
+@dataclass(frozen=True, slots=True)
+class LoseSupply:
+    """Lose the supply so many control periods after the next save has begun."""
+
+    periods: int
+
+    def record(self) -> bytes:
+        return _SUPPLY.pack(b"P", self.periods)
+
+
+Act = Boot | Readings | Step | LoseSupply
+
+
+def script(acts: Iterable[Act]) -> bytes:
+    """The whole script."""
+    return b"".join(act.record() for act in acts)
+
+
+class Held(NamedTuple):
+    """What a watchdog holds, in wire steps; ``counter`` 256: none yet."""
+
+    first: int
+    second: int
+    counter: int
+    until_us: int
+
+
+class Told(NamedTuple):
+    """What the firmware was and did as a step had ended."""
+
+    now_us: int
+    session_id: int
+    agreed: bool
+    state: int
+    """Of ``modes.h``: stopped, idle, velocity, bring-up, onboard, running, paused."""
+    stop_cause: int
+    faults: int
+    stale: int
+    reboots: int
+    setpoint: Held
+    duty: Held
+    parameters: tuple[int, ...]
+    motors: tuple[int, int]
+    wrote: bytes
+
+
+def read(data: bytes) -> list[Told]:
+    """Take apart what the program wrote."""
+    told: list[Told] = []
+    at = 0
+    while at < len(data):
+        values = TOLD.unpack_from(data, at)
+        at += TOLD.size
+        wrote = data[at : at + values[-1]]
+        at += values[-1]
+        told.append(
+            Told(
+                *values[:2],
+                bool(values[2]),
+                *values[3:8],
+                Held(*values[8:12]),
+                Held(*values[12:16]),
+                values[16 : 16 + PARAMETERS],
+                (values[-3], values[-2]),
+                wrote,
+            )
+        )
+    return told
+
+
+def frames(wrote: bytes, *, can: bool = False) -> Sequence[bytes]:
+    """What was written, frame by frame, byte for byte, but for two things.
+
+    The load that ``status`` tells is measured by one and assumed by the other. The moment at which
+    a time reply leaves is that of the line in C: on paper a microsecond later where a frame waits.
+    """
+    if can:
+        return [_can_frame(wrote[i : i + RECORD.size]) for i in range(0, len(wrote), RECORD.size)]
+    return [_uart_frame(piece) for piece in wrote.split(b"\0")]
+
+
+def _uart_frame(piece: bytes) -> bytes:
+    if not piece:
+        return piece
+    body = cobs.decode(piece)
+    if body[2] == _STATUS:
+        return body[: _HEADER + _LOAD] + body[_HEADER + _LOAD + 1 : -_CRC]
+    if body[2] == _TIME_REPLY:
+        sent_us, came_us = (int.from_bytes(body[i : i + 4], "little") for i in (_STAMP, _HEADER + 1))
+        assert (sent_us - came_us) & 0xFFFF_FFFF <= 1
+        return body[:_STAMP] + body[_HEADER:-_CRC]
+    return piece
+
+
+def _can_frame(record: bytes) -> bytes:
+    if int.from_bytes(record[:4], "little") >> 4 != _STATUS:
+        return record
+    data = 8
+    return record[: data + _LOAD] + record[data + _LOAD + 1 :]

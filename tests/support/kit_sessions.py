@@ -1,0 +1,271 @@
+"""What a host may do to a device, well-behaved and hostile, as a strategy of scripts."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, Any
+
+from hypothesis import strategies as st
+
+from protocol.can_link import CanLink
+from protocol.link import Link
+from protocol.message import Direction
+from protocol.messages import (
+    ClearStop,
+    Describe,
+    GetParameter,
+    HostHello,
+    PlannerCommand,
+    Reboot,
+    SaveParameters,
+    SetMode,
+    SetParameter,
+    SetStreamRate,
+    Stop,
+    TimeRequest,
+    VelocitySetpoint,
+    WheelDuty,
+)
+from protocol.uart import encode_frame
+from protocol.values import Mode, StopCause
+from support.kit_script import NO_RANGE, PARAMETERS, Boot, Readings, Step
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from protocol.message import Message
+    from support.kit_script import Act
+
+HOST_AHEAD_US = 5_000_000
+F32 = struct.Struct("<f")
+
+
+def f32(value: float) -> int:
+    """Bits of a parameter's value."""
+    return int.from_bytes(F32.pack(value), "little")
+
+
+class Writer:
+    """Writes a script: what a host says, with its sequence numbers and its clock."""
+
+    def __init__(self, *, can: bool = False) -> None:
+        self.acts: list[Act] = [Readings()]
+        if can:
+            self.acts.append(Boot(can=True))
+        self.now_us = 0
+        self._link = (CanLink if can else Link)(Direction.HOST)
+        self._can = can
+        self._said: list[bytes] = []
+        self.counter = 0
+
+    def wait(self, for_us: int) -> None:
+        """Say nothing for so long."""
+        self.now_us += for_us
+        self.acts.append(Step(for_us))
+
+    def read(self, readings: Readings) -> None:
+        """Let the sensors read this from now on."""
+        self.acts.append(readings)
+
+    def say(
+        self, *messages: Message, after_us: int = 1000, age_us: int = 0, node: int = 1
+    ) -> None:
+        """Send messages together, stamped as the host's clock stood ``age_us`` ago."""
+        for message in messages:
+            self._link.send(message, self.now_us + after_us + HOST_AHEAD_US - age_us, node=node)
+        data = self._link.data_to_send()
+        self._said.append(data)
+        self.raw(data, after_us=after_us)
+
+    def raw(self, data: bytes, after_us: int = 1000) -> None:
+        """Send bytes as they are."""
+        self.now_us += after_us
+        self.acts.append(Step(after_us, data))
+
+    def replay(self, back: int) -> None:
+        """Send again what was sent so many sayings ago."""
+        if self._said:
+            self.raw(self._said[-1 - back % len(self._said)])
+
+    def damage(self, bit: int) -> None:
+        """Send the last saying again with a bit flipped."""
+        if self._said and self._said[-1]:
+            data = bytearray(self._said[-1])
+            data[bit // 8 % len(data)] ^= 1 << bit % 8
+            self.raw(bytes(data))
+
+    def cut(self, kept: int) -> None:
+        """Send the last saying again without its tail."""
+        if self._said and self._said[-1]:
+            self.raw(self._said[-1][: kept % len(self._said[-1])])
+
+    def begin(self, session_id: int = 7) -> None:
+        """From nothing to driving."""
+        self.say(HostHello(0, session_id, 0, "first"))
+        self.say(HostHello(0, session_id, 1, "first"))
+        self.say(ClearStop(1000, StopCause.SESSION_END), SetMode(1001, Mode.VELOCITY))
+
+    def drive(self, v: int, yaw_rate: int, times: int) -> None:
+        """Setpoints as a host sends them."""
+        for _ in range(times):
+            self.counter = (self.counter + 1) & 0xFF
+            self.say(VelocitySetpoint(v, yaw_rate, 200, self.counter), after_us=20_000)
+
+
+def _setpoint(kind: Callable[..., Message]) -> st.SearchStrategy[Any]:
+    return st.tuples(
+        st.just("setpoint"),
+        st.just(kind),
+        st.integers(-32768, 32767) if kind is VelocitySetpoint else st.integers(-10_000, 10_000),
+        st.integers(-10_000, 10_000),
+        st.sampled_from([0, 1, 50, 200, 250, 255]),
+        st.sampled_from([1, 1, 1, 2, 0, 127, 128, 255]),
+        st.sampled_from([0, 0, 0, 100, 4_001, 199_999, 200_000, 300_000, -40_000]),
+    )
+
+
+_ids = st.integers(1, 6)
+_causes = st.integers(0, 7)
+_values = st.one_of(
+    st.sampled_from([f32(x) for x in (0.0, 0.1, 0.25, 1.0, 15.0, 100.0, -1.0)]),
+    st.sampled_from([f32(float("nan")), f32(float("inf")), 1560, 3, 2_000_000, 0xFFFF_FFFF]),
+)
+_commands: st.SearchStrategy[Message] = st.one_of(
+    st.builds(ClearStop, _ids, _causes),
+    st.builds(SetMode, _ids, st.integers(0, 5)),
+    st.builds(SetMode, _ids, st.just(Mode.VELOCITY)),
+    # Only the paper's planner, which C has; where it leads is compared apart.
+    st.builds(PlannerCommand, _ids, st.integers(1, 4), st.integers(0, 5)),
+    st.builds(GetParameter, _ids, st.integers(0, PARAMETERS + 1)),
+    st.builds(SetParameter, _ids, st.integers(0, PARAMETERS + 1), st.integers(0, 4), _values),
+    st.builds(SetParameter, _ids, st.integers(4, 8), st.just(2), st.just(f32(0.25))),
+    st.builds(SaveParameters, _ids),
+    st.builds(
+        SetStreamRate,
+        _ids,
+        st.integers(0x0F, 0x19),
+        st.sampled_from([0, 1, 16, 39, 40, 80, 333, 400, 500, 1000, 2000, 10_000, 10_001]),
+    ),
+    st.builds(Reboot, _ids, st.integers(0, 3)),
+    st.builds(Stop, _ids, _causes),
+)
+_questions: st.SearchStrategy[Message] = st.one_of(
+    st.builds(TimeRequest, st.integers(0, 255)),
+    st.builds(Describe, st.integers(0, 0x20), st.integers(0, 12)),
+    st.builds(
+        HostHello,
+        st.integers(0, 2**32 - 1),
+        st.sampled_from([0, 7, 8]),
+        st.sampled_from([0, 1, 2]),
+        st.text(max_size=70),
+    ),
+)
+_waits = st.sampled_from([0, 1, 999, 5_000, 10_000, 10_001, 33_333, 120_000, 260_000])
+_readings = st.builds(
+    Readings,
+    st.tuples(st.integers(0, 40), st.integers(0, 40)),
+    st.tuples(
+        *[st.sampled_from([0, 30, -2600, 4000])] * 2,
+        st.sampled_from([16384, 16390, 13000, 20_000, 2000]),
+        st.just(0),
+        *[st.sampled_from([0, 5, -3000, 32767])] * 3,
+    ),
+    # Differences that are no threshold: what is exactly at one is a matter of rounding.
+    st.sampled_from([97, 104, 300, 307, 342, 3999, NO_RANGE]),
+    st.tuples(*[st.sampled_from([400, 411, 530, 2999, NO_RANGE])] * 2),
+    st.integers(0, 7),
+    st.sampled_from([16_000, 12_900, 12_600, 11_900, 65_535]),
+    st.sampled_from([0, 5_003, 7_001]),
+    st.tuples(*[st.sampled_from([3, 57, 399, 401, 1_803, 6_001])] * 2),
+)
+_frames = st.tuples(
+    st.just("frame"),
+    st.integers(0, 15),
+    st.integers(0, 0x7E),
+    st.binary(max_size=12),
+    st.integers(0, 3),
+)
+HOSTILE = st.one_of(
+    st.tuples(st.just("replay"), st.integers(0, 20)),
+    st.tuples(st.just("damage"), st.integers(0, 400)),
+    st.tuples(st.just("cut"), st.integers(1, 40)),
+    st.tuples(st.just("raw"), st.binary(max_size=40)),
+    st.tuples(st.just("version"), st.integers(0, 15)),
+    st.tuples(st.just("hello"), st.binary(max_size=20)),
+    _frames,
+)
+FAIR = st.one_of(
+    st.tuples(st.just("say"), _commands, st.just(1)),
+    st.tuples(st.just("say"), st.one_of(_commands, _questions), st.sampled_from([0, 1, 1, 1, 2])),
+    _setpoint(VelocitySetpoint),
+    _setpoint(VelocitySetpoint),
+    _setpoint(WheelDuty),
+    st.tuples(st.just("drive"), st.integers(-3000, 3000), st.integers(-9000, 9000)),
+    st.tuples(st.just("wait"), _waits),
+    st.tuples(st.just("wait"), st.sampled_from([700_000, 1_100_000])),
+)
+SENSED = st.tuples(st.just("read"), _readings)
+
+
+def write(deeds: list[Any], *, can: bool = False, begun: bool = True) -> list[Act]:
+    """The script of what was drawn."""
+    writer = Writer(can=can)
+    if begun:
+        writer.begin()
+    for kind, *rest in deeds:
+        _DEEDS[kind](writer, *rest)
+    writer.wait(30_000)
+    return writer.acts
+
+
+def _do_setpoint(  # noqa: PLR0913, PLR0917 - a setpoint's fields
+    writer: Writer,
+    kind: Callable[..., Message],
+    first: int,
+    second: int,
+    time_to_live: int,
+    advance: int,
+    age_us: int,
+) -> None:
+    writer.counter = writer.counter + advance & 0xFF
+    writer.say(kind(first, second, time_to_live, writer.counter), age_us=age_us)
+
+
+def _do_frame(writer: Writer, node: int, type_id: int, payload: bytes, flags: int) -> None:
+    stamp_us = writer.now_us + HOST_AHEAD_US
+    writer.raw(b"\0" + encode_frame(node, type_id, 0, stamp_us, payload, flags))
+
+
+def _do_version(writer: Writer, version: int) -> None:
+    """A stop of another version of the protocol."""
+    writer.raw(b"\0" + _sealed(bytes((version << 4, 1, 0, 0)) + bytes(4) + b"\1\0\4"))
+
+
+def _do_hello(writer: Writer, name: bytes) -> None:
+    """A hello whose name may be no UTF-8."""
+    payload = struct.pack("<IIB", 1, 9, 1) + name
+    writer.raw(b"\0" + encode_frame(1, 4, 0, writer.now_us + HOST_AHEAD_US, payload))
+
+
+def _sealed(body: bytes) -> bytes:
+    from zlib import crc32
+
+    from cobs import cobs
+
+    return cobs.encode(body + crc32(body).to_bytes(4, "little")) + b"\0"
+
+
+_DEEDS: dict[str, Callable[..., None]] = {
+    "say": lambda writer, message, node: writer.say(message, node=node),
+    "setpoint": _do_setpoint,
+    "drive": lambda writer, v, yaw_rate: writer.drive(v, yaw_rate, 4),
+    "wait": Writer.wait,
+    "read": Writer.read,
+    "replay": Writer.replay,
+    "damage": Writer.damage,
+    "cut": Writer.cut,
+    "raw": Writer.raw,
+    "version": _do_version,
+    "hello": _do_hello,
+    "frame": _do_frame,
+}

@@ -1,0 +1,174 @@
+"""The Python firmware on the same script as the C firmware's board on paper."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from bridge.motion.robot_model import RobotModel
+from protocol.can_frames import RECORD
+from protocol.can_link import CanLink
+from protocol.link import Link
+from protocol.values import Contact, RebootKind, ResetCause
+from sim_device.contacts import Bumpers
+from sim_device.flash import Flash
+from sim_device.imu import ImuCounts
+from sim_device.modes import State
+from sim_device.power import PowerReading
+from sim_device.rangers import Ranges
+from sim_device.virtual_firmware import TICK_US, Firmware, Identity
+from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Step, Told
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sim_device.safety import Watchdog
+    from support.kit_script import Act
+
+UID = b"script-board"
+_V_STEP, _YAW_STEP, _DUTY_STEP = 0.0001, 0.0002, 0.0001
+_DUTY_ONE = 10_000
+_STATES = (
+    State.STOPPED,
+    State.IDLE,
+    State.VELOCITY,
+    State.BRINGUP,
+    State.ONBOARD,
+    State.RUNNING,
+    State.PAUSED,
+)
+
+
+class PaperSensors:
+    """Readings as they are given."""
+
+    def __init__(self) -> None:
+        self.now = Readings()
+
+    def imu(self) -> ImuCounts:
+        return ImuCounts(*self.now.imu)
+
+    def encoders(self) -> tuple[int, int]:
+        left, right = self.now.encoders
+        return left & 0xFFFF, right & 0xFFFF
+
+    def ranges(self) -> Ranges:
+        left, right = self.now.infrared_dmm
+        return Ranges(_seen(self.now.ultrasonic_mm, 1e3), _seen(left, 1e4), _seen(right, 1e4))
+
+    def bumpers(self) -> Bumpers:
+        contacts = self.now.contacts
+        return Bumpers(
+            bool(contacts & Contact.BUMPER_LEFT), bool(contacts & Contact.BUMPER_RIGHT)
+        )
+
+    def cliff(self) -> bool:
+        return bool(self.now.contacts & Contact.CLIFF)
+
+    def power(self) -> PowerReading:
+        now = self.now
+        left, right = now.motors_ma
+        return PowerReading(now.battery_mv / 1e3, now.logic_mv / 1e3, left / 1e3, right / 1e3)
+
+
+def _seen(reading: int, per_m: float) -> float | None:
+    return None if reading == NO_RANGE else reading / per_m
+
+
+class Twin:
+    """Lives through a script."""
+
+    def __init__(self) -> None:
+        self.sensors = PaperSensors()
+        self._now_us = 0
+        self._reboots = 0
+        self._duties = (0.0, 0.0)
+        self._flash = Flash()
+        self._boot_id, self._cause, self._can = 1, ResetCause.POWER_ON, False
+        self._boot()
+
+    def run(self, acts: Iterable[Act]) -> list[Told]:
+        """All of it; what was so after each step."""
+        told: list[Told] = []
+        for act in acts:
+            match act:
+                case Boot():
+                    self._boot_id, self._cause = act.boot_id, ResetCause(act.reset_cause)
+                    self._can = act.can
+                    if act.empty_flash:
+                        self._flash = Flash()
+                    self._flash.power_lost()
+                    self._boot()
+                case Readings():
+                    self.sensors.now = act
+                case Step():
+                    told.append(self._step(act))
+                case LoseSupply():
+                    raise NotImplementedError("pages of flash differ")
+        return told
+
+    def _boot(self) -> None:
+        self._booted_us = self._due_us = self._now_us
+        self._duties = (0.0, 0.0)
+        self.firmware = Firmware(
+            RobotModel(),
+            Identity(1, UID, self._boot_id, self._cause),
+            self.sensors,
+            flash=self._flash,
+            link=CanLink if self._can else Link,
+        )
+
+    def _step(self, step: Step) -> Told:
+        until_us = self._now_us + step.for_us
+        while self._due_us <= until_us:
+            self._duties = self.firmware.tick(self._due_us - self._booted_us)
+            self._due_us += TICK_US
+        self._now_us = until_us
+        for piece in self._pieces(step.data):
+            self.firmware.receive(piece, until_us - self._booted_us)
+        told = self._tell(self.firmware.data_to_send())
+        if self.firmware.reboot_wanted is not None:
+            if self.firmware.reboot_wanted is RebootKind.FACTORY_RESET:
+                self._flash.erase()
+            self._reboots += 1
+            self._boot_id += 1
+            self._cause = ResetCause.SOFTWARE
+            self._boot()
+        return told
+
+    def _pieces(self, data: bytes) -> list[bytes]:
+        """One frame at a time: what a describe changes holds for the frames behind it."""
+        if self._can:
+            size = RECORD.size
+            whole = len(data) - len(data) % size
+            return [data[i : i + size] for i in range(0, whole, size)]
+        return re.findall(rb"[^\0]*\0|[^\0]+", data)
+
+    def _tell(self, wrote: bytes) -> Told:
+        firmware, control = self.firmware, self.firmware.control
+        left, right = self._duties
+        return Told(
+            self._now_us - self._booted_us,
+            firmware.session_id,
+            firmware.agreed,
+            _STATES.index(control.modes.state),
+            int(control.latch.cause),
+            control.fault_bits,
+            firmware._telemetry.stale & 0xFFFF,
+            self._reboots,
+            _held(control.setpoints, _V_STEP, _YAW_STEP),
+            _held(control.duties, _DUTY_STEP, _DUTY_STEP),
+            tuple(firmware.parameters._present),
+            (round(left * _DUTY_ONE), round(right * _DUTY_ONE)),
+            wrote,
+        )
+
+
+def _held(watchdog: Watchdog, first_step: float, second_step: float) -> Held:
+    counter = watchdog._counter
+    return Held(
+        round(watchdog._first / first_step),
+        round(watchdog._second / second_step),
+        0x100 if counter is None else counter,
+        watchdog.until_us,
+    )
