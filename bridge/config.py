@@ -1,6 +1,7 @@
 """The robot file: TOML to a checked :class:`RobotModel`.
 
-Every key of the model may stand in the file, ranges in tables of their own::
+Every key of the model may stand in the file, ranges in tables of their own; rules of
+supervision stand in tables ``[supervise.NAME]`` (:mod:`bridge.supervise.settings`)::
 
     name = "my sweeper"
     wheel_diameter_m = 0.0648
@@ -18,6 +19,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RangerMount, RobotModel
+from bridge.supervise.settings import PREFIX as SUPERVISE
+from bridge.supervise.settings import SuperviseSettings, settings_from
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,6 +43,10 @@ _RANGES: dict[str, tuple[float, float]] = {
     "mouth_offset_m": (-1.0, 1.0),
     "driver_drop_v": (0.0, 5.0),
     "counts_per_turn": (4, 1_000_000),
+    "wheel_ratio": (0.8, 1.25),
+    "gyro_bias_rad_s": (-0.4, 0.4),
+    "scale": (0.5, 2.0),
+    "offset_m": (-0.2, 0.2),
     "x_m": (-1.0, 1.0),
     "y_m": (-1.0, 1.0),
     "yaw_rad": (-2 * math.pi, 2 * math.pi),
@@ -75,6 +82,17 @@ def load_robot(path: Path | None) -> tuple[RobotModel, str]:
         raise ConfigError(f"robot file {path}: {error}") from None
 
 
+def load_supervise(path: Path | None) -> SuperviseSettings:
+    """What a robot file says of supervision (``[supervise]``), over the defaults.
+
+    Raises:
+        ConfigError: the file cannot be read or a key is wrong; the text names which.
+
+    """
+    _, text = load_robot(path)
+    return settings_from(_tables(text).get(SUPERVISE, {}))
+
+
 def parse_robot(text: str) -> RobotModel:
     """Read a robot file's text.
 
@@ -82,10 +100,8 @@ def parse_robot(text: str) -> RobotModel:
         ConfigError: not TOML, an unknown key, or a value out of its range.
 
     """
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # a number of 5000 digits is a ValueError
-        raise ConfigError(f"not valid TOML: {error}") from None
+    data = _tables(text)
+    settings_from(data.pop(SUPERVISE, {}))  # a wrong rule is told before a run, not in it
     model = _fill(RobotModel(), data, "")
     if model.cleaning_width_m > model.robot_diameter_m:
         raise ConfigError("cleaning_width_m must not exceed robot_diameter_m")
@@ -94,6 +110,13 @@ def parse_robot(text: str) -> RobotModel:
     if model.wheel_base_m > model.robot_diameter_m:
         raise ConfigError("wheel_base_m must not exceed robot_diameter_m")
     return model
+
+
+def _tables(text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # a number of 5000 digits is a ValueError
+        raise ConfigError(f"not valid TOML: {error}") from None
 
 
 def to_toml(model: RobotModel) -> str:

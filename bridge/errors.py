@@ -15,6 +15,12 @@ class ConfigError(BridgeError):
     exit_status = 2
 
 
+class ParameterError(BridgeError):
+    """A parameter that there is not, or a value that it does not take."""
+
+    exit_status = 2
+
+
 class PortError(BridgeError):
     """The port cannot be opened or is gone."""
 
@@ -29,6 +35,20 @@ class PortBusyError(PortError):
         super().__init__(f"{port} is busy: {owner} has it open; end it or choose another port")
         self.port = port
         self.pid = pid
+
+
+class NoOwnerError(PortError):
+    """No process of this user has the port open and listens for requests."""
+
+
+class OwnerRefusedError(BridgeError):
+    """The process that owns the port did not do what it was asked for."""
+
+    exit_status = 4
+
+    def __init__(self, reason: str, exit_status: int = 4) -> None:
+        super().__init__(reason)
+        self.exit_status = exit_status
 
 
 class NoDeviceError(PortError):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.swept_map import SweptMap
+from bridge.host_dialogue import Dialogue, carry_out
 from bridge.host_records import HostRecords
 from bridge.mission import Ending, Mission, Phase, Request
 from bridge.motion.estimator import PoseEstimator
@@ -28,12 +29,21 @@ from bridge.session_events import (
 )
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
+from bridge.wire_statistics import WireStatistics
 from protocol.clock import HostNs
 from protocol.link import Medium, Rejected
-from protocol.messages import Encoders, Imu, LogText, Power, Range, Status
+from protocol.messages import (
+    Encoders,
+    Imu,
+    LogText,
+    ParameterValue,
+    PlannerState,
+    Power,
+    Range,
+    Status,
+)
 from protocol.uart import DamagedFrame
-from protocol.values import Contact, StopCause, flag_labels, label
-from protocol.values import Fault as DeviceFault
+from protocol.values import Contact, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,6 +52,7 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
+    from bridge.watching import Watch
     from protocol.clock import DeviceUs
     from protocol.message import Message
     from protocol.messages import Hello
@@ -75,7 +86,8 @@ class Host:
         self.model = model
         self.mission = mission
         self.session = Session(new_session_id, node=options.node, link=options.link)
-        self.sync = TimeSync()
+        self.dialogue = Dialogue(self.session)
+        self.sync = TimeSync(*options.least_delay_ns)
         self.state = RobotState()
         self.estimator = PoseEstimator(model, options.start)
         self.swept = SweptMap(model)
@@ -86,11 +98,14 @@ class Host:
         self.path_m = 0.0
         self.drive_pose: Pose2 | None = None
         """Estimate at the newest control step of the drive; None: it has not begun."""
+        self.watch: Watch | None = None
+        """What supervises the run, where something does."""
         self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
         """Told time (s, host) and estimate of every control step of the drive."""
+        self.wire = WireStatistics()
         self._sink = sink
-        self._records = HostRecords(sink, options.unix_offset_ns, options.planner)
         bus = self.session.link.medium is Medium.CAN
+        self._records = HostRecords(sink, options.unix_offset_ns, options.planner, bus=bus)
         self._tap = self._records.can if bus else self._records.uart
         """Puts on record exactly what the port gave or takes."""
         self._control_ns = HostNs(0)
@@ -98,9 +113,6 @@ class Host:
         self._clock_ns = 0
         self._silent_ns = 0
         """When the wire was last found silent."""
-        self._faults = 0
-        self._stop_cause = -1
-        self._other_host = False
         self._missing: list[str] = []
         """What driving needs and the device does not share."""
         self._partial = True
@@ -110,8 +122,10 @@ class Host:
             Encoders: self._encoders,
             Range: self._range,
             Power: self._keep,
+            PlannerState: self._keep,
             Status: self._status,
             LogText: self._log_text,
+            ParameterValue: self.dialogue.parameter,
         }
 
     # ---- in and out -----------------------------------------------------------------------
@@ -125,7 +139,9 @@ class Host:
         """Take bytes from the port."""
         if data:
             self._tap(data, now_ns, outgoing=False)
-            self._digest(self.session.receive(data, now_ns), now_ns)
+            events = self.session.receive(data, now_ns)
+            self.wire.hear((events, now_ns))
+            self._digest(events, now_ns)
 
     def poll(self, now_ns: HostNs) -> None:
         """Do what time asks for, the control step included."""
@@ -146,8 +162,10 @@ class Host:
                 self._control(now_ns)
         if now_ns >= self._clock_ns:
             self._clock_ns = now_ns + CLOCK_PERIOD_NS
+            self.wire.count(self.sync)
             if self.hello is not None:
                 self._records.clock(self.sync, self.hello, now_ns)
+                self._records.link(self.wire, now_ns)
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
         """Bytes for the port; the caller writes them at once."""
@@ -207,7 +225,8 @@ class Host:
             case Agreed():
                 self._agreed(event, now_ns)
             case CommandEnded():
-                self.mission.on_command(event.outcome, now_ns / 1e9)
+                if not self.dialogue.ended(event.outcome):
+                    self.mission.on_command(event.outcome, now_ns / 1e9)
             case Failed():
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
@@ -215,37 +234,21 @@ class Host:
             case DamagedFrame():
                 self._records.damaged(event, now_ns)
             case Rejected():
-                self._note_other_host(event, now_ns)
                 self._records.rejected(event, now_ns)
-
-    def _note_other_host(self, event: Rejected, now_ns: HostNs) -> None:
-        bus = self.session.link.medium is Medium.CAN
-        if bus and event.reason == "direction" and not self._other_host:
-            self._other_host = True
-            text = "another host talks on this bus, and a bus has one: end it"
-            self.event(now_ns, Severity.WARNING, "link", "other_host", text)
 
     def _serve(self, now_ns: HostNs) -> None:
         for request in self.mission.requests():
             self._request(request, now_ns)
 
     def _request(self, request: Request, now_ns: HostNs) -> None:
-        match request.kind:
-            case "clear":
-                self.session.clear_stop(request.value, now_ns)
-            case "mode":
-                self.session.set_mode(request.value, now_ns)
-            case _:
-                self.session.stop(request.value, now_ns)
-                if self.mission.ending is not None:
-                    self.event(
-                        now_ns,
-                        Severity.INFO if self.mission.ending.exit_status == 0 else Severity.ERROR,
-                        "safety",
-                        "stop",
-                        self.mission.ending.reason,
-                        cause=label(StopCause, request.value),
-                    )
+        if self.watch is not None and request.kind == "stop":
+            self.watch.ending(now_ns)
+        carry_out(request, self.session, now_ns)
+        ending = self.mission.ending
+        if request.kind == "stop" and ending is not None:
+            severity = Severity.INFO if ending.exit_status == 0 else Severity.ERROR
+            cause = label(StopCause, request.value)
+            self.event(now_ns, severity, "safety", "stop", ending.reason, cause=cause)
 
     def _changed(self, event: StateChanged, now_ns: HostNs) -> None:
         bad = event.new in {State.LOST, State.FAILED}
@@ -258,21 +261,27 @@ class Host:
         )
         if event.old is State.READY:
             self.state.forget()
+            self.dialogue.lost()
             self.mission.on_lost(now_ns / 1e9)
 
     def _agreed(self, event: Agreed, now_ns: HostNs) -> None:
         self.hello = event.hello
         self._records.identity(event, now_ns)
         self._partial = bool(event.differences)
+        if event.again:
+            self._records.again(event, now_ns)
         if event.rebooted:
             # Its clock and its wheel counts began anew; the robot has not moved for that.
             self.sync.reset()
+            self.dialogue.forget()
             self.estimator = PoseEstimator(self.model, self.estimator.pose)
             self._walls = Relocaliser(self.model, self.estimator)
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
         self._missing = missing_needs(event.differences)
         self.mission.on_ready(now_ns / 1e9)
+        if self.mission.asking:
+            self._records.asking(now_ns)
         self._check_needs(now_ns)
 
     def _check_needs(self, now_ns: HostNs) -> None:
@@ -284,6 +293,7 @@ class Host:
         received, replied = self.sync.extend(event.received_us), self.sync.extend(event.replied_us)
         if not self.sync.exchange(event.sent_ns, received, replied, event.arrived_ns):
             self.event(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
+        self.wire.round_trip.add(self.sync.round_trip_ns)
 
     def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
         self.state.take(message, now_ns / 1e9)
@@ -318,16 +328,7 @@ class Host:
 
     def _status(self, status: Status, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
         self.state.take(status, now_ns / 1e9)
-        faults = status.faults
-        if faults != self._faults:
-            new = flag_labels(DeviceFault, faults & ~self._faults)
-            if new:
-                self.event(now_ns, Severity.WARNING, "device", "fault", ", ".join(new))
-            self._faults = faults
-        if status.stop_cause != self._stop_cause:
-            self._stop_cause = status.stop_cause
-            name = label(StopCause, status.stop_cause)
-            self.event(now_ns, Severity.INFO, "safety", "latch", f"stop cause is now {name}")
+        self._records.status(status, now_ns)
         self._check_needs(now_ns)
         self.mission.on_status(status, now_ns / 1e9)
 
@@ -345,6 +346,8 @@ class Host:
             obs = stale = None
         was = mission.phase
         command = mission.step(obs, stale, now_s)
+        if self.watch is not None:
+            command = self.watch.judge(command, now_ns)
         if command is not None and self.session.state is State.READY:
             self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
             target = HALT if mission.runner is None else mission.runner.target
@@ -352,23 +355,23 @@ class Host:
         if obs is not None:
             self._records.pose(pose, estimator, now_ns)
         if was is Phase.DRIVING:
-            self._driven(pose, now_s)
+            self._driven(pose, now_ns)
         if mission.runner is not None:
             self._records.plan(mission.runner, now_ns)
-        if now_ns >= self._map_ns and self.drive_pose is not None:
-            self._map_ns = now_ns + MAP_PERIOD_NS
-            self.record_map(now_ns)
         if mission.phase is not was:
             self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
         if mission.pending:
             self._serve(now_ns)
 
-    def _driven(self, pose: Pose2, now_s: float) -> None:
+    def _driven(self, pose: Pose2, now_ns: HostNs) -> None:
         if self.drive_pose is not None:
             self.path_m += self.drive_pose.distance_m(pose)
         self.drive_pose = pose
-        self.on_drive_pose(now_s, pose)
+        self.on_drive_pose(now_ns / 1e9, pose)
         self.swept.update(pose)
+        if now_ns >= self._map_ns:
+            self._map_ns = now_ns + MAP_PERIOD_NS
+            self.record_map(now_ns)
 
     def _in_doubt(self, now_ns: HostNs) -> bool:
         """Whether the wire is silent, or was until now, so that old data accuse no sensor.

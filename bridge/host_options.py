@@ -22,3 +22,5 @@ class HostOptions:
     node: int | None = None
     link: type[LinkBase] = Link
     """What the device is connected by."""
+    least_delay_ns: tuple[int, int] = (0, 0)
+    """Declared: no frame to the device, none from it is quicker (:class:`TimeSync`)."""

@@ -19,20 +19,22 @@ from bridge.telemetry import (
     Severity,
 )
 from protocol.can_frames import RECORD
-from protocol.values import LogLevel, ResetCause, label
+from protocol.values import Fault as DeviceFault
+from protocol.values import LogLevel, ResetCause, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from bridge.coverage.planner import PlannerState
     from bridge.coverage.swept_map import SweptMap
-    from bridge.mission import Runner
     from bridge.motion.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import VelocityCommand
     from bridge.record.sink import Sink
+    from bridge.runners import Runner
     from bridge.session_events import Agreed
     from bridge.timesync import Mapped, TimeSync
+    from bridge.wire_statistics import WireStatistics
     from protocol.link import Received, Rejected
-    from protocol.messages import Hello, LogText
+    from protocol.messages import Hello, LogText, Status
     from protocol.uart import DamagedFrame
 
 _LEVELS = {
@@ -41,17 +43,23 @@ _LEVELS = {
     LogLevel.WARNING: Severity.WARNING,
     LogLevel.ERROR: Severity.ERROR,
 }
+LINK_PERIOD_NS = 10_000_000_000
 _new = tuple.__new__
 
 
 class HostRecords:
     """Writes a host's records; takes the host's clock and gives them Unix time."""
 
-    def __init__(self, sink: Sink, unix_offset_ns: int, planner: str) -> None:
+    def __init__(self, sink: Sink, unix_offset_ns: int, planner: str, *, bus: bool = False) -> None:
         self._write = sink.write
         self._unix_offset_ns = unix_offset_ns
         self._planner = planner
         self._planner_state: PlannerState | None = None
+        self._bus = bus
+        self._link_ns = 0
+        self._faults = 0
+        self._stop_cause = -1
+        self._other_host = False
 
     def event(
         self,
@@ -73,6 +81,10 @@ class HostRecords:
 
     def rejected(self, event: Rejected, now_ns: int) -> None:
         """An intact frame that was of no use."""
+        if self._bus and event.reason == "direction" and not self._other_host:
+            self._other_host = True
+            text = "another host talks on this bus, and a bus has one: end it"
+            self.event(now_ns, Severity.WARNING, "link", "other_host", text)
         text = f"frame of type {event.frame.type_id:#04x} not used: {event.reason}"
         self.event(now_ns, Severity.DEBUG, "link", "rejected", text)
 
@@ -104,6 +116,48 @@ class HostRecords:
         severity = _LEVELS.get(LogLevel(message.level & 3), Severity.INFO)
         log_ns = now_ns + self._unix_offset_ns
         self._write(LogRecord(log_ns, severity, "device", message.line))
+
+    def status(self, status: Status, now_ns: int) -> None:
+        """What is new in a status: faults and the latch; the message itself is on record."""
+        faults = status.faults
+        if faults != self._faults:
+            new = flag_labels(DeviceFault, faults & ~self._faults)
+            if new:
+                self.event(now_ns, Severity.WARNING, "device", "fault", ", ".join(new))
+            self._faults = faults
+        if status.stop_cause != self._stop_cause:
+            self._stop_cause = status.stop_cause
+            name = label(StopCause, status.stop_cause)
+            self.event(now_ns, Severity.INFO, "safety", "latch", f"stop cause is now {name}")
+
+    def link(self, wire: WireStatistics, now_ns: int) -> None:
+        """What the link was like so far, every ten seconds."""
+        if now_ns >= self._link_ns:
+            self._link_ns = now_ns + LINK_PERIOD_NS
+            log_ns = now_ns + self._unix_offset_ns
+            text = "rate, loss, order and age of each message, and the round trip"
+            self._write(
+                EventRecord(log_ns, Severity.DEBUG, "link", "statistics", text, wire.to_dict())
+            )
+
+    def again(self, event: Agreed, now_ns: int) -> None:
+        """The device that was lost is back: the same, in another boot, or with other messages."""
+        hello = event.hello
+        if event.rebooted:
+            cause = label(ResetCause, hello.reset_cause)
+            text = f"the device has booted anew since (cause: {cause})"
+            self.event(now_ns, Severity.WARNING, "session", "new_boot", text, reset_cause=cause)
+        else:
+            text = "the same device is back, in the same boot"
+            self.event(now_ns, Severity.INFO, "session", "same_boot", text)
+        if event.other_schema:
+            text = f"the device declares its messages otherwise now ({hello.catalogue_hash:08x})"
+            self.event(now_ns, Severity.WARNING, "session", "new_schema", text)
+
+    def asking(self, now_ns: int) -> None:
+        """A run that lost its device waits for a person."""
+        text = "look at the robot, then press r to let it go on, or s to end the run (30 s)"
+        self.event(now_ns, Severity.WARNING, "session", "asking", text)
 
     def identity(self, event: Agreed, now_ns: int) -> None:
         """The device that a session agreed with."""

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.runners import hold, release
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause, label
 
 if TYPE_CHECKING:
-    from bridge.coverage.planner import PlannerEvent, PlannerState
+    from bridge.runners import Runner
     from protocol.commands import Outcome
 
 SETTLE_S = 2.5
@@ -26,38 +27,15 @@ END_TIMEOUT_S = 1.0
 LOST_TIMEOUT_S = 30.0
 
 
-class Runner(Protocol):
-    """What decides the velocity while the robot is free to move."""
+class Resume(Enum):
+    """What becomes of a run with motion whose device was lost and is back."""
 
-    @property
-    def finished(self) -> bool:
-        """True when it has come to an end by itself."""
-
-    @property
-    def finish_reason(self) -> str | None:
-        """Why it ended."""
-
-    @property
-    def turns(self) -> int:
-        """Turns in place so far."""
-
-    @property
-    def lane_length_m(self) -> float:
-        """Sum of the lanes driven (eq. 8)."""
-
-    @property
-    def state(self) -> PlannerState:
-        """For the log."""
-
-    @property
-    def target(self) -> VelocityCommand:
-        """The velocity wanted, before smoothing."""
-
-    def step(self, obs: Observation) -> VelocityCommand:
-        """The velocity for one control step."""
-
-    def drain_events(self) -> list[PlannerEvent]:
-        """Decisions since the last call."""
+    NEVER = "never"
+    """It ends."""
+    ASK = "ask"
+    """It holds until a person says to go on, and ends where nobody does."""
+    AUTO = "auto"
+    """It goes on by itself; for simulated runs, which hurt nobody."""
 
 
 class Phase(Enum):
@@ -90,10 +68,13 @@ class Ending:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What the run asks of the session: ``clear``, ``mode`` or ``stop``, with its value."""
+    """What the run asks of the session: ``clear``, ``mode``, ``planner`` or ``stop``."""
 
     kind: str
     value: int
+    """A stop's cause, a mode, or what the device's own planner is to do."""
+    planner: int = 0
+    """Which of the device's own planners."""
 
 
 class Mission:
@@ -106,13 +87,24 @@ class Mission:
         clear_stop: bool = False,
         max_time_s: float | None = None,
         settle_s: float = SETTLE_S,
+        resume: Resume = Resume.NEVER,
     ) -> None:
-        """``clear_stop`` allows causes other than an orderly end to be cleared."""
+        """``clear_stop`` allows causes other than an orderly end to be cleared.
+
+        ``resume`` says what becomes of the run after a loss.
+        """
         self.runner = runner
         self.phase = Phase.WAITING
         self.ending: Ending | None = None
         self.drive_started_s: float | None = None
         self.drive_ended_s: float | None = None
+        self.stop_confirmed = False
+        """The device has said that it stands, for good."""
+        self.asking = False
+        """The device is back, and a person is asked whether to go on."""
+        self._resume = resume
+        self._resumed = False
+        """Somebody said so: the stop that the loss has latched may be cleared."""
         self._clear_any = clear_stop
         self._max_time_s = max_time_s
         self._settle_s = settle_s
@@ -149,24 +141,43 @@ class Mission:
         """The session has agreed with a device."""
         self._ready = True
         if self._was_ready and self.runner is not None and self.ending is None:
-            self._end(
-                now_s,
-                Ending("stopped", "the device was lost and is back; look, then start anew", 5),
-            )
+            self._back(now_s)
             return
         self._was_ready = True
         if self.phase in {Phase.HOLDING, Phase.WAITING}:
             self._go(Phase.WAITING, now_s)
 
+    def _back(self, now_s: float) -> None:
+        """The device that a run depends on is there again, and stands."""
+        if self._resume is Resume.NEVER:
+            ending = Ending("stopped", "the device was lost and is back; look, then start anew", 5)
+            self._end(now_s, ending)
+        elif self._resume is Resume.ASK:
+            self._go(Phase.HOLDING, now_s)
+            self.asking = True
+        else:
+            self._resumed = True
+            self._go(Phase.WAITING, now_s)
+
+    def resume(self, now_s: float) -> bool:
+        """Go on after a loss: a person has looked. False where nothing was asked."""
+        if not (self.asking and self._ready and self.phase is Phase.HOLDING):
+            return False
+        self.asking, self._resumed = False, True
+        self._go(Phase.WAITING, now_s)
+        return True
+
     def on_lost(self, now_s: float) -> None:
         """The device fell silent or forgot us."""
-        self._ready = False
+        self._ready = self.asking = False
         if self.phase is Phase.ENDING:
             self._unconfirmed()
             self._finish(now_s)
         elif self.phase is Phase.DONE:
             return
         elif self._was_ready:
+            if self.phase is Phase.DRIVING:
+                hold(self.runner)
             self._go(Phase.HOLDING, now_s)
 
     def on_failed(self, text: str, exit_status: int, now_s: float) -> None:
@@ -191,6 +202,7 @@ class Mission:
         message = outcome.message
         if isinstance(message, Stop):
             if self.phase is Phase.ENDING:
+                self.stop_confirmed = outcome.accepted
                 self._finish(now_s)
             return
         if self.phase not in {Phase.CLEARING, Phase.ENABLING}:
@@ -229,9 +241,7 @@ class Mission:
             case Phase.SETTLING:
                 return self._settle(elapsed_s, obs, stale, now_s)
             case Phase.HOLDING:
-                if elapsed_s > LOST_TIMEOUT_S:
-                    self.ending = Ending("fault", "the device was lost for 30 s", 3)
-                    self._finish(now_s)
+                self._hold(elapsed_s, now_s)
             case Phase.ENDING:
                 if elapsed_s > END_TIMEOUT_S:
                     self._unconfirmed()
@@ -239,6 +249,16 @@ class Mission:
             case _:
                 pass
         return None
+
+    def _hold(self, elapsed_s: float, now_s: float) -> None:
+        if elapsed_s <= LOST_TIMEOUT_S:
+            return
+        if self.asking:
+            text = "the device was lost and is back, and nobody said to go on"
+            self._end(now_s, Ending("stopped", text, 5))
+            return
+        self.ending = Ending("fault", "the device was lost for 30 s", 3)
+        self._finish(now_s)
 
     def _wait(self, now_s: float) -> None:
         if self.runner is None or not self._ready:
@@ -250,10 +270,14 @@ class Mission:
 
     def _settle(
         self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
-    ) -> VelocityCommand:
+    ) -> VelocityCommand | None:
         if elapsed_s >= self._settle_s:
             if obs is not None and stale is None:
-                self.drive_started_s = now_s
+                if self.drive_started_s is None:
+                    self.drive_started_s = now_s
+                if self._resumed:
+                    release(self.runner)
+                self._resumed = False
                 self._go(Phase.DRIVING, now_s)
             elif elapsed_s > self._settle_s + DATA_TIMEOUT_S:
                 self._end(
@@ -261,7 +285,9 @@ class Mission:
                 )
         return HALT
 
-    def _drive(self, obs: Observation | None, stale: str | None, now_s: float) -> VelocityCommand:
+    def _drive(
+        self, obs: Observation | None, stale: str | None, now_s: float
+    ) -> VelocityCommand | None:
         runner = self.runner
         if runner is None or obs is None:
             return HALT
@@ -293,7 +319,11 @@ class Mission:
     def _start(self, cause: int, now_s: float) -> None:
         if cause == StopCause.NONE:
             self._enable(now_s)
-        elif cause == StopCause.SESSION_END or self._clear_any:
+        elif (
+            cause == StopCause.SESSION_END
+            or self._clear_any
+            or (self._resumed and cause == StopCause.LINK)
+        ):
             self.pending.append(Request("clear", cause))
             self._go(Phase.CLEARING, now_s)
         else:

@@ -8,7 +8,8 @@
         robot.drive(0.1, 0.0)
 
 A thread of its own runs the session; nothing moves before :meth:`Robot.enable`, and a
-velocity that is not repeated within half a second is let go.
+velocity that is not repeated within half a second is let go. Commands are acknowledged by the
+device: a method returns when the device has said yes, and raises what it refused.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from __future__ import annotations
 import math
 import secrets
 import threading
-from typing import TYPE_CHECKING, Generic, Self, TypeVar
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Self
 
-from bridge.coverage.planner import PlannerEvent, PlannerState
+from bridge.asking import Asker
 from bridge.errors import (
     BridgeError,
     CommandRejectedError,
@@ -30,14 +32,19 @@ from bridge.errors import (
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.io import clock
-from bridge.io.ports import DEFAULT_BAUD, link_of, open_port
+from bridge.io.owner_socket import OwnerSocket
+from bridge.io.ports import DEFAULT_BAUD, link_of
 from bridge.io.pump import Pump
+from bridge.io.reopening import Opener, PortOptions
 from bridge.mission import Ending, Mission, Phase
 from bridge.motion.geometry import Pose2
-from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.motion.observation import VelocityCommand
 from bridge.motion.robot_model import RobotModel
+from bridge.owner import OwnerService
 from bridge.record.sink import NullSink
+from bridge.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
 from bridge.session_events import State
+from bridge.snapshot import snapshot
 from protocol.messages import Encoders, Imu, Power, Range, Status
 from protocol.values import StopCause
 
@@ -45,67 +52,18 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
-    from bridge.io.ports import BytePort
+    from bridge.parameters import Parameter
     from bridge.record.sink import Sink
-    from protocol.message import Message
+    from bridge.robot_state import RobotState
+    from bridge.telemetry import EventRecord
+
+__all__ = ["LET_GO_S", "Latest", "ManualDrive", "Robot"]
 
 OPEN_TIMEOUT_S = 5.0
 ENABLE_TIMEOUT_S = 10.0
-LET_GO_S = 0.5
+STATUS_TIMEOUT_S = 1.0
+"""Ten of the device's statuses."""
 _POLL_S = 0.02
-T = TypeVar("T", bound="Message")
-
-
-class Latest(Generic[T]):
-    """The newest message of one kind."""
-
-    def __init__(self, robot: Robot, kind: type[T]) -> None:
-        self._robot = robot
-        self._kind = kind
-
-    @property
-    def latest(self) -> T | None:
-        """The message, or None before the first of this session."""
-        value = getattr(self._robot.host.state, self._kind.__name__.lower())
-        return value if isinstance(value, self._kind) else None
-
-
-class ManualDrive:
-    """A runner that follows what it was last told, for half a second."""
-
-    finished = False
-    finish_reason = None
-    turns = 0
-    lane_length_m = 0.0
-    state = PlannerState("manual")
-
-    def __init__(self) -> None:
-        self._told: tuple[float, VelocityCommand] | None = None
-        self.target = HALT
-
-    def drive(self, command: VelocityCommand) -> None:
-        """Follow this from the next control step on."""
-        self._told = (-1.0, command)
-
-    def step(self, obs: Observation) -> VelocityCommand:
-        """The velocity for this control step."""
-        told = self._told
-        if told is None:
-            self.target = HALT
-            return HALT
-        since_s, command = told
-        if since_s < 0.0:
-            self._told = (obs.time_s, command)
-        elif obs.time_s - since_s > LET_GO_S:
-            self._told = None
-            self.target = HALT
-            return HALT
-        self.target = command
-        return command
-
-    def drain_events(self) -> list[PlannerEvent]:
-        """A person's decisions are not explained."""
-        return []
 
 
 class Robot:
@@ -119,9 +77,17 @@ class Robot:
         sink: Sink | None = None,
         node: int | None = None,
         baud: int = DEFAULT_BAUD,
+        dtr: bool = False,
+        rts: bool = False,
+        bitrate: int | None = None,
+        lan: bool = False,
         timeout_s: float = OPEN_TIMEOUT_S,
     ) -> None:
         """Open the port and agree with the device.
+
+        ``sink`` gets every record of the session; ``node`` chooses one of several devices on
+        a bus, ``bitrate`` is the bus's. ``dtr`` and ``rts`` are left inactive unless asked
+        for: many boards reset on them.
 
         Raises:
             PortError: the port cannot be opened.
@@ -130,14 +96,18 @@ class Robot:
 
         """
         self.model = model or RobotModel()
-        self._name, self._baud, self._timeout_s = port, baud, timeout_s
-        self._sink, self._node = sink or NullSink(), node
+        self._name, self._timeout_s = port, timeout_s
+        self._events, self._node = EventTap(sink or NullSink()), node
+        self._open = Opener(
+            port, PortOptions(baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
+        )
         self._closed = False
         self.imu = Latest(self, Imu)
         self.encoders = Latest(self, Encoders)
         self.range = Latest(self, Range)
         self.power = Latest(self, Power)
         self.status = Latest(self, Status)
+        self.planner = OwnPlanner(self)
         self._begin(Pose2(0.0, 0.0, 0.0))
 
     def _begin(self, start: Pose2) -> None:
@@ -146,13 +116,17 @@ class Robot:
         self._mission = Mission(None)
         self.host = Host(
             self.model,
-            self._sink,
+            self._events,
             HostOptions(clock.unix_offset_ns(), "manual", start, self._node, link_of(self._name)),
             self._mission,
             lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
         )
-        self._pump = Pump(self.host, self._open_port(), self._open_port)
-        self._thread = threading.Thread(target=self._pump.run, name="robot", daemon=True)
+        self._pump = Pump(self.host, self._open(), self._open)
+        self.asker = Asker(self.host, self._pump.call)
+        self._owner: OwnerSocket | None = None
+        with suppress(BridgeError):  # the robot works without other shells
+            self._owner = OwnerSocket(self._name, OwnerService(self.host, self._pump))
+        self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
         self._thread.start()
         if not self._until(lambda: self.host.session.state is State.READY, self._timeout_s):
             ending = self._mission.ending
@@ -161,8 +135,14 @@ class Robot:
             kind = DisagreementError if ending and ending.exit_status == 4 else NoDeviceError  # noqa: PLR2004 - the contract's status
             raise kind(f"{self._name}: {text}")
 
-    def _open_port(self) -> BytePort:
-        return open_port(self._name, baud=self._baud)
+    def _run(self) -> None:
+        try:
+            self._pump.run()
+        finally:
+            if self._owner is not None:
+                self._owner.close()
+
+    # ---- what is so -----------------------------------------------------------------------
 
     @property
     def pose(self) -> Pose2:
@@ -170,9 +150,42 @@ class Robot:
         return self.host.estimator.pose
 
     @property
+    def state(self) -> RobotState:
+        """The newest of everything that the device told in this session, with its ages."""
+        return self.host.state
+
+    @property
+    def session(self) -> State:
+        """Where the session stands; commands are answered while it is ``READY``."""
+        return self.host.session.state
+
+    @property
     def enabled(self) -> bool:
         """True while :meth:`drive` moves the robot."""
         return self._mission.phase is Phase.DRIVING
+
+    def events(self) -> list[EventRecord]:
+        """Fetch and forget what happened since the last call: losses, stops, refusals, faults."""
+        return self._events.take()
+
+    def snapshot(self) -> dict[str, Any]:
+        """What is known of the robot now, for JSON."""
+        return snapshot(self.host, clock.now() / 1e9)
+
+    def wait_for_status(self, timeout_s: float = STATUS_TIMEOUT_S) -> Status:
+        """The device's newest status, waited for where none has come yet.
+
+        Raises:
+            DeviceLostError: none came.
+
+        """
+        self._until(lambda: self.host.state.status is not None, timeout_s)
+        status = self.host.state.status
+        if status is None:
+            raise DeviceLostError("the device does not tell its status")
+        return status
+
+    # ---- motion ---------------------------------------------------------------------------
 
     def enable(self, *, clear_stop: bool = False) -> None:
         """Ask the device for leave to move; takes about 3 s at rest for the gyro.
@@ -187,8 +200,7 @@ class Robot:
             PortError: the port cannot be opened again, or nothing answers on it.
 
         """
-        if not self._thread.is_alive() and not self._closed:
-            self._begin(self.pose)
+        self._reopen()
         self._pump.call(lambda: self._mission.start(self._drive, clear_stop=clear_stop))
         self._until(lambda: self.enabled or self._mission.ending is not None, ENABLE_TIMEOUT_S)
         if not self.enabled:
@@ -216,12 +228,99 @@ class Robot:
         # In the loop's thread, or a step between could take the older one for the newer.
         self._pump.call(lambda: self._drive.drive(command))
 
+    def _reopen(self) -> None:
+        """A stop has ended the session: begin another where the robot stands."""
+        if not self._thread.is_alive() and not self._closed:
+            self._begin(self.pose)
+
     def stop(self) -> None:
         """Stop and latch, cause ``operator``, and end the session: no data comes any more.
 
-        :meth:`enable` goes on, with ``clear_stop``.
+        :meth:`enable` goes on, with ``clear_stop``; :meth:`clear_stop` without motion.
         """
         self._end(Ending("stopped", "stopped by the program", 5, StopCause.OPERATOR))
+
+    def clear_stop(self) -> StopCause:
+        """Release the latched stop, for a person who looked; gives its cause.
+
+        Nothing moves for it. Where a stop has ended the session, the port is opened anew.
+
+        Raises:
+            CommandRejectedError: the device refused; what stopped it still holds, for one.
+            DeviceLostError: it did not answer.
+            PortError: the port cannot be opened again, or nothing answers on it.
+
+        """
+        self._reopen()
+        self.wait_for_status()
+        return self.asker.clear_stop()
+
+    # ---- parameters and the rest ----------------------------------------------------------
+
+    def list_parameters(self) -> list[Parameter]:
+        """Every parameter of the device, by number.
+
+        Raises:
+            CommandRejectedError: it has none.
+            DeviceLostError: it did not answer.
+
+        """
+        return self.asker.list_parameters()
+
+    def get_parameter(self, name: str | int) -> Parameter:
+        """One, by name or number.
+
+        Raises:
+            ParameterError: there is none of this name.
+            CommandRejectedError: there is none of this number.
+            DeviceLostError: the device did not answer.
+
+        """
+        return self.asker.get_parameter(name)
+
+    def set_parameter(self, name: str | int, value: float | str) -> Parameter:
+        """Change one until the next boot, in its unit; gives what the device has then.
+
+        Raises:
+            ParameterError: no such parameter, or it does not take the value.
+            CommandRejectedError: the device refused.
+            DeviceLostError: it did not answer.
+
+        """
+        return self.asker.set_parameter(name, value)
+
+    def save_parameters(self) -> None:
+        """Make the present values the next boot's.
+
+        Raises:
+            CommandRejectedError: the device refused; while it may move, for one.
+            DeviceLostError: it did not answer.
+
+        """
+        self.asker.save_parameters()
+
+    def stream_rate(self, stream: str, rate_hz: float) -> None:
+        """Have a stream ("imu", "power", …) sent this often until the session ends; 0: not at all.
+
+        Raises:
+            ParameterError: no stream has this name, or the wire cannot say the rate.
+            CommandRejectedError: the device refused.
+            DeviceLostError: it did not answer.
+
+        """
+        self.asker.stream_rate(stream, rate_hz)
+
+    def reboot(self, *, factory_reset: bool = False) -> None:
+        """Have the device boot anew; the session finds it again by itself.
+
+        Raises:
+            CommandRejectedError: the device refused; while it may move, for one.
+            DeviceLostError: it did not answer.
+
+        """
+        self.asker.reboot(factory_reset=factory_reset)
+
+    # ---- the end --------------------------------------------------------------------------
 
     def close(self) -> None:
         """Stop in order, and give the port back for good."""

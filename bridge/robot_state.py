@@ -11,6 +11,7 @@ from protocol.messages import (
     Encoders,
     Imu,
     LogText,
+    PlannerState,
     Power,
     Range,
     SetMode,
@@ -47,6 +48,7 @@ _KEPT: dict[type[Message], str] = {
     Range: "range",
     Power: "power",
     Status: "status",
+    PlannerState: "planner",
 }
 # As plain integers: an enumeration's own arithmetic makes a new member each time.
 _LEFT, _RIGHT = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT)
@@ -76,6 +78,8 @@ class RobotState:
     range: Range | None = None
     power: Power | None = None
     status: Status | None = None
+    planner: PlannerState | None = None
+    """Of the device's own planner."""
     arrived_s: dict[type[Message], float] = field(default_factory=dict)
     _seen: Range | None = field(default=None, init=False, compare=False)
     """The reading that ``_sight`` tells in SI units: several control steps see the same."""
@@ -121,5 +125,5 @@ class RobotState:
 
     def forget(self) -> None:
         """Drop everything: another boot or session."""
-        self.imu = self.encoders = self.range = self.power = self.status = None
+        self.imu = self.encoders = self.range = self.power = self.status = self.planner = None
         self.arrived_s.clear()

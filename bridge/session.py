@@ -88,6 +88,8 @@ class Session(SessionRequests):
         self._next_ns = 0
         self._tries = 0
         self._boot_known: int | None = None
+        self._schema_known: int | None = None
+        """The device's catalogue, as hashed, when the session was last ready."""
         self._events: list[SessionEvent] = []
         self._handlers: dict[type[Message], Callable[[Any, Received, HostNs], None]] = {
             Hello: self._hello,
@@ -107,7 +109,7 @@ class Session(SessionRequests):
         self._opened_ns = self._next_ns = now_ns
         if self.link.medium is Medium.CAN:  # a hello would end another host's session
             self._next_ns = now_ns + LISTEN_NS
-        self.hello = self._boot_known = self._open_stop = None
+        self.hello = self._boot_known = self._schema_known = self._open_stop = None
         self._outbox.node = self._wanted_node
         self._evidence = Evidence()
         self._answers.clear()
@@ -120,6 +122,17 @@ class Session(SessionRequests):
         """End; says nothing to the device."""
         self.commands.cancel()
         self._move("close", "closed")
+
+    def unplugged(self, now_ns: HostNs) -> None:
+        """The port has vanished: the device is lost without a second's wait."""
+        if self.state in {State.READY, State.AGREEING}:
+            self._lose(now_ns, "unplugged", "its port is gone")
+
+    def replugged(self, now_ns: HostNs) -> None:
+        """A port is there again: ask at once who is on it."""
+        if self.state is State.LOST:
+            self._tries = 0
+            self._next_ns = now_ns
 
     def receive(self, data: bytes, now_ns: HostNs) -> list[SessionEvent]:
         """Take bytes from the port."""
@@ -272,6 +285,7 @@ class Session(SessionRequests):
         if outcome is not None:
             if isinstance(outcome.message, Stop) and outcome.accepted:
                 self._open_stop = None
+            self._outbox.counts.refused += not outcome.accepted
             self._events.append(CommandEnded(outcome))
 
     def _time_reply(self, reply: TimeReply, event: Received, now_ns: HostNs) -> None:
@@ -363,20 +377,25 @@ class Session(SessionRequests):
         hello = self.hello
         assert hello is not None  # noqa: S101 - set when agreement began
         assert self.node is not None  # noqa: S101 - set when agreement began
-        rebooted = self._boot_known is not None and self._boot_known != hello.boot_id
-        self._boot_known = hello.boot_id
+        again = self._boot_known is not None
+        rebooted = again and self._boot_known != hello.boot_id
+        other_schema = again and self._schema_known != hello.catalogue_hash
+        self._boot_known, self._schema_known = hello.boot_id, hello.catalogue_hash
         self._tries = 0
         self._next_ns = 0
         self._move("agreed", "both ends agree")
-        self._events.append(Agreed(hello, self.node, rebooted, self._agreement.differences))
+        differences = self._agreement.differences
+        self._events.append(Agreed(hello, self.node, rebooted, differences, again, other_schema))
         if self._open_stop is not None:
             self.stop(self._open_stop, now_ns)
 
-    def _lose(self, now_ns: HostNs) -> None:
+    def _lose(
+        self, now_ns: HostNs, what: str = "silence", why: str = "nothing heard for 1 s"
+    ) -> None:
         self._tries = 0
         self._next_ns = now_ns
         self.commands.cancel()
-        self._move("silence", "nothing heard for 1 s")
+        self._move(what, why)
 
     def _no_device(self) -> None:
         kind, text = self._evidence.verdict(self.link.medium, self.link.statistics.damaged)

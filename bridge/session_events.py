@@ -34,8 +34,10 @@ TRANSITIONS: dict[tuple[State, str], State] = {
     (State.AGREEING, "agreed"): State.READY,
     (State.AGREEING, "disagree"): State.FAILED,
     (State.AGREEING, "silence"): State.LOST,
+    (State.AGREEING, "unplugged"): State.LOST,
     (State.AGREEING, "give_up"): State.FAILED,
     (State.READY, "silence"): State.LOST,
+    (State.READY, "unplugged"): State.LOST,
     (State.READY, "rebooted"): State.AGREEING,
     (State.READY, "forgotten"): State.AGREEING,
     (State.LOST, "hello"): State.AGREEING,
@@ -66,6 +68,10 @@ class Agreed:
     rebooted: bool
     """True where the device is not in the boot that we knew."""
     differences: tuple[MessageAgreement, ...] = ()
+    again: bool = False
+    """True where a session with this device was ready before."""
+    other_schema: bool = False
+    """True where it declares its messages otherwise than it did then."""
 
 
 @dataclass(frozen=True, slots=True)

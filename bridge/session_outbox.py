@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.commands import CommandSender
 from protocol.link import NODE_ALL
-from protocol.messages import TimeRequest, VelocitySetpoint
+from protocol.messages import TimeRequest, VelocitySetpoint, WheelDuty
 from protocol.uart import FLAG_RETRY
 
 if TYPE_CHECKING:
@@ -21,6 +22,17 @@ _PINGS_KEPT = 16
 """Four seconds of pings without an answer."""
 
 
+@dataclass(slots=True)
+class CommandCounts:
+    """Of a session object's life."""
+
+    issued: int = 0
+    retried: int = 0
+    """Sendings beyond each command's first."""
+    refused: int = 0
+    unanswered: int = 0
+
+
 class Outbox:
     """Gives messages to the link, and keeps what must be told apart when the answer comes."""
 
@@ -28,6 +40,7 @@ class Outbox:
         self.node = node
         """Whom it is sent to; None: every device."""
         self.commands = CommandSender()
+        self.counts = CommandCounts()
         self._link = link
         self._pings: dict[int, HostNs] = {}
         self._ping = 0
@@ -48,6 +61,12 @@ class Outbox:
         message = VelocitySetpoint(v, yaw_rate, ttl_ms, counter)
         self._link.send(message, now_ns // 1000, node=node, latest=True)
 
+    def duty(self, left: float, right: float, ttl_ms: int, now_ns: HostNs) -> None:
+        """Send motor duties, or the greatest that the wire can say."""
+        self._setpoint_counter = counter = (self._setpoint_counter + 1) & 0xFF
+        raw = [round(10_000 * max(-1.0, min(1.0, duty))) for duty in (left, right)]
+        self.send(WheelDuty(raw[0], raw[1], ttl_ms, counter), now_ns, latest=True)
+
     def ping(self, now_ns: HostNs) -> None:
         """Ask for the device's time."""
         self._ping = (self._ping + 1) & 0xFF
@@ -66,6 +85,7 @@ class Outbox:
     ) -> int:
         """Send a command made from its id, repeated until answered; gives the id."""
         command_id = self.commands.issue(make, type_id, now_ns // 1000, forever=forever)
+        self.counts.issued += 1
         self.repeat(now_ns)
         return command_id
 
@@ -74,6 +94,8 @@ class Outbox:
         messages, outcomes = self.commands.due(now_ns // 1000)
         for message, retry in messages:
             self.send(message, now_ns, flags=FLAG_RETRY if retry else 0)
+            self.counts.retried += retry
+        self.counts.unanswered += len(outcomes)
         return outcomes
 
     def forget(self) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
-from bridge.session_outbox import Outbox
+from bridge.session_outbox import CommandCounts, Outbox
 from protocol.messages import ClearStop, SetMode, Stop
 
 if TYPE_CHECKING:
@@ -36,12 +37,21 @@ class SessionRequests:
         """Commands on their way."""
         return self._outbox.commands
 
+    @property
+    def command_counts(self) -> CommandCounts:
+        """What became of all commands so far."""
+        return self._outbox.counts
+
     def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
         """Send a velocity; it replaces one that still waits to be written.
 
         What is faster than the wire can say is sent as the fastest that it can.
         """
         self._outbox.setpoint(v_m_s, yaw_rate_rad_s, ttl_ms, now_ns)
+
+    def duty(self, left: float, right: float, ttl_ms: int, now_ns: HostNs) -> None:
+        """Send motor duties, -1..1, which a device obeys in bring-up mode only, capped."""
+        self._outbox.duty(left, right, ttl_ms, now_ns)
 
     def stop(self, cause: int, now_ns: HostNs) -> int:
         """Latch a stop, repeated until the device has said yes, in a later session if need be.
@@ -59,6 +69,11 @@ class SessionRequests:
         """Choose what moves the wheels."""
         return self._command(SetMode, mode, now_ns)
 
+    def command(self, kind: type[Message], fields: tuple[int, ...], now_ns: HostNs) -> int:
+        """Send any other command, its fields after the id; gives the id."""
+        type_id = self._catalogue.by_class[kind].type_id
+        return self._outbox.command(partial(_made, kind, fields), type_id, now_ns, forever=False)
+
     def _command(
         self,
         message: Callable[[int, int], Message],
@@ -69,3 +84,7 @@ class SessionRequests:
     ) -> int:
         type_id = self._catalogue.by_class[message].type_id  # type: ignore[index]  # a class
         return self._outbox.command(lambda i: message(i, value), type_id, now_ns, forever=forever)
+
+
+def _made(kind: type[Message], fields: tuple[int, ...], command_id: int) -> Message:
+    return kind(command_id, *fields)  # type: ignore[call-arg]  # a command's first field is its id

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,6 +18,22 @@ def wire_summary(statistics: LinkStatistics) -> dict[str, Any]:
         "lost": statistics.lost,
         "crc_errors": statistics.damaged,
         "bytes": {"rx": statistics.bytes_in, "tx": statistics.bytes_out},
+        "reordered": statistics.reordered,
+        "rejected": statistics.rejected,
+        "superseded": statistics.superseded,
+    }
+
+
+def link_summary(host: Host) -> dict[str, Any]:
+    """:func:`wire_summary` with round trip, commands, and each kind of message, counted now.
+
+    Only where nobody else counts: in the loop's thread, or after it has ended.
+    """
+    host.wire.count(host.sync)
+    return {
+        **wire_summary(host.session.link.statistics),
+        "commands": asdict(host.session.command_counts),
+        **host.wire.to_dict(),
     }
 
 
@@ -70,7 +87,7 @@ def run_summary(  # noqa: PLR0913 - a summary's parts
         "largest_hole_cm2": _round(report.largest_hole_cm2 if report else None, 1),
         "hole_inradius_m": _round(report.hole_inradius_m if report else None),
         "repeat_ratio": _round(report.repeat_ratio if report else None),
-        "wire": wire_summary(host.session.link.statistics),
+        "wire": link_summary(host),
         "log": log,
     }
 

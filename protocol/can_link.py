@@ -315,8 +315,14 @@ class CanLink(LinkBase):
         return self._interpret(spec, frame.node, parsed.version_flags, stamp_us, parsed.payload)
 
     def forget_sequence(self) -> None:
-        """Forget counts, clocks and halves: the peer has booted anew."""
-        self._senders.clear()
+        """Forget counts, clocks and halves: the peer has booted anew, as its hello says.
+
+        That one's stamp is kept: the short stamps behind it count from there.
+        """
+        for node, before in list(self._senders.items()):
+            sender = self._senders[node] = _Sender()
+            sender.stamps = before.stamps
+            sender.stamps.restart()
 
     # ---- sending --------------------------------------------------------------------------
 

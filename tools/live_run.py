@@ -14,21 +14,33 @@ import numpy as np
 
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
+from bridge.dead_man import DeadMan
+from bridge.errors import BridgeError
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.io import clock
-from bridge.io.ports import link_of, open_port
+from bridge.io.gamepad import Gamepad, Sticks
+from bridge.io.owner_socket import OwnerSocket
+from bridge.io.ports import latency_note, link_of
 from bridge.io.pump import Pump
-from bridge.mission import Ending, Mission
+from bridge.io.reopening import Opener
+from bridge.mission import Ending, Mission, Resume
 from bridge.motion.geometry import Pose2
+from bridge.onboard_mission import OnboardMission
+from bridge.operator import Operator
+from bridge.owner import OwnerService
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.writer import RunWriter
 from bridge.summary import run_summary
-from bridge.telemetry import RoomRecord, RunInfo
+from bridge.supervise import Supervisor
+from bridge.telemetry import RoomRecord, RunInfo, Severity
+from bridge.watching import Watch, go_on
 from protocol.values import StopCause
 from tools.console import err
-from tools.keys import on_key
 from tools.live import LivePicture, Teller
+from tools.operating import Operating
+from tools.options import DEFAULT_PLANNER
+from tools.terminal_keys import Keyboard
 from tools.version import VERSION
 
 if TYPE_CHECKING:
@@ -37,7 +49,14 @@ if TYPE_CHECKING:
 
     from bridge.coverage.floorplan import FloorPlan
     from bridge.io.ports import BytePort
+    from bridge.io.reopening import PortOptions
     from bridge.motion.robot_model import RobotModel
+    from bridge.supervise import SuperviseSettings
+    from protocol.values import OnboardPlanner
+
+
+HAND_M_S = 0.15
+"""Speed of a drive by hand, unless told otherwise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,15 +69,29 @@ class LiveOptions:
     robot_toml: str
     plan: FloorPlan | None
     planner: str | None
+    """Runs on the host."""
+    onboard: OnboardPlanner | None
+    """Runs on the device, and is supervised."""
+    supervise: SuperviseSettings | None
+    """Rules for a run that moves; None: nothing but the device's own watches it."""
+    resume: Resume
     duration_s: float | None
     node: int | None
-    baud: int
-    bitrate: int | None
-    lan: bool
-    dtr: bool
-    rts: bool
+    opening: PortOptions
     clear_stop: bool
     force: bool
+    drive: bool = False
+    """By hand, from the beginning."""
+    speed_m_s: float = HAND_M_S
+    """Of the drive by hand."""
+    gamepad: str | None = None
+
+    @property
+    def planner_name(self) -> str | None:
+        """Of whichever planner moves the robot."""
+        if self.onboard is not None:
+            return self.onboard.name.lower().replace("_", "-")
+        return self.planner
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,22 +112,10 @@ def run_live(asked: LiveOptions) -> LiveResult:
         LogError: the log cannot be made; the robot was not spoken to.
 
     """
-
-    def reopen() -> BytePort:
-        return open_port(
-            asked.port,
-            baud=asked.baud,
-            dtr=asked.dtr,
-            rts=asked.rts,
-            bitrate=asked.bitrate,
-            lan=asked.lan,
-        )
-
-    runner = None
-    if asked.planner is not None:
-        planner = make_planner(asked.planner, asked.model, np.random.default_rng())
-        runner = PlanRunner(planner, asked.model)
-    opened = reopen()
+    operator = _operator(asked)
+    mission = _mission(asked, operator)
+    opener = Opener(asked.port, asked.opening)
+    opened = opener()
     try:
         recorder, offset_ns = _recorder(asked)
     except BaseException:
@@ -106,24 +127,27 @@ def run_live(asked: LiveOptions) -> LiveResult:
         teller,
         HostOptions(
             offset_ns,
-            asked.planner or "",
+            asked.planner_name or "",
             asked.plan.start if asked.plan else Pose2(0.0, 0.0, 0.0),
             asked.node,
             link_of(asked.port),
         ),
-        Mission(runner, clear_stop=asked.clear_stop),
+        mission,
         lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
     )
     way = array("d")
     if asked.plan is not None:
         host.on_drive_pose = lambda time_s, pose: way.extend((time_s, *pose))
-    pump = Pump(host, opened, reopen)
+    if asked.supervise is not None and mission.runner is not None:
+        host.watch = Watch(host, Supervisor(asked.model, asked.supervise))
+    pump = Pump(host, opened, opener)
     pump.watch = lambda: _log_failed(recorder)
+    operating = _operating(asked, pump, operator)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
     try:
-        with _endings(pump):  # the summary too is written whole
-            with _picture(host, teller):
+        with _endings(pump, operating, asked.gamepad):  # the summary too is written whole
+            with _owner(asked.port, pump, opened), _picture(host, teller, operating):
                 pump.run()
             if host.drive_pose is not None:
                 host.record_map(clock.now())
@@ -134,13 +158,79 @@ def run_live(asked: LiveOptions) -> LiveResult:
     return _result(host, asked, recorder, summary)
 
 
+def _operator(asked: LiveOptions) -> Operator:
+    """The person's hand in the run; it holds the plan, where there is one."""
+
+    def make_plan() -> PlanRunner:
+        name = asked.planner or DEFAULT_PLANNER
+        return PlanRunner(make_planner(name, asked.model, np.random.default_rng()), asked.model)
+
+    most_m_s = asked.model.max_speed_m_s
+    return Operator(
+        asked.model,
+        DeadMan(most_m_s, min(asked.speed_m_s, most_m_s)),
+        plan=make_plan() if asked.planner is not None else None,
+        make_plan=None if asked.drive else make_plan,
+        manual=asked.drive,
+    )
+
+
+def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
+    """The keys of this run."""
+    host = pump.host
+
+    def looked() -> None:
+        go_on(host, clock.now())
+
+    def begun() -> None:
+        if asked.supervise is not None and host.watch is None and not asked.drive:
+            host.watch = Watch(host, Supervisor(asked.model, asked.supervise))
+
+    return Operating(
+        pump,
+        operator,
+        go_on=lambda: pump.call(looked),
+        on_start=lambda: pump.call(begun),
+        clear_stop=asked.clear_stop,
+    )
+
+
+def _mission(asked: LiveOptions, operator: Operator) -> Mission:
+    """What the run is to do."""
+    if asked.onboard is not None:
+        return OnboardMission(asked.onboard, clear_stop=asked.clear_stop)
+    runner = operator if asked.drive or asked.planner is not None else None
+    return Mission(runner, clear_stop=asked.clear_stop, resume=asked.resume)
+
+
+@contextlib.contextmanager
+def _owner(port: str, pump: Pump, opened: BytePort) -> Iterator[None]:
+    """Let other shells reach the robot through this run; say what is amiss with the port."""
+
+    def tell(kind: str, text: str) -> None:
+        pump.host.event(clock.now(), Severity.WARNING, "link", kind, text)
+
+    note = latency_note(opened)
+    if note is not None:
+        tell("latency", note)
+    try:
+        owner = OwnerSocket(port, OwnerService(pump.host, pump))
+    except BridgeError as error:
+        tell("no_socket", f"other shells cannot reach this run: {error}")
+        yield
+        return
+    pump.on_reopened = owner.also
+    with owner:
+        yield
+
+
 def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
     """The log, opened, and the Unix offset that it was opened with."""
     offset_ns = clock.unix_offset_ns()
     opened_ns = clock.now() + offset_ns
     info = RunInfo(
         asked.port,
-        asked.planner or "",
+        asked.planner_name or "",
         None,
         VERSION,
         opened_ns,
@@ -176,38 +266,43 @@ def _log_failed(recorder: ThreadedRecorder) -> Ending | None:
 
 
 @contextlib.contextmanager
-def _endings(pump: Pump) -> Iterator[None]:
-    """Turn signals and the stop key into an orderly end: the robot stops first."""
-
-    def request(ending: Ending) -> None:
-        if not pump.host.mission.done:  # else its port is closed, and there is nothing to wake
-            pump.request_end(ending)
+def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[None]:
+    """Turn signals into an orderly end, the robot stopped first; let keys and gamepad act."""
 
     def interrupted(number: int, _frame: object) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        request(Ending("stopped", f"ended by {name}", 0))
-
-    def stop_key() -> None:
-        request(Ending("stopped", "stopped by the operator's key", 5, StopCause.OPERATOR))
+        if not pump.host.mission.done:  # else its port is closed, and there is nothing to wake
+            pump.request_end(Ending("stopped", f"ended by {name}", 0))
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     if sys.platform != "win32":
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, interrupted) for number in numbers}
     try:
-        with on_key(" s", stop_key):
+        with contextlib.ExitStack() as stack:
+            if gamepad is not None:
+                stack.enter_context(_gamepad(gamepad, operating))
+            keyboard = stack.enter_context(Keyboard(operating.on_key))
+            operating.dead_man.releases = keyboard.releases
             yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
 
 
+def _gamepad(path: str, operating: Operating) -> Gamepad:
+    def sticks(now: Sticks) -> None:
+        operating.dead_man.stick(now.ahead, now.turn, clock.now() / 1e9, held=now.held)
+
+    return Gamepad(path, sticks, lambda: operating.stop("stopped by the gamepad's button"))
+
+
 @contextlib.contextmanager
-def _picture(host: Host, teller: Teller) -> Iterator[None]:
+def _picture(host: Host, teller: Teller, operating: Operating) -> Iterator[None]:
     if not err().is_terminal:
         yield
         return
-    picture = LivePicture(host, teller)
+    picture = LivePicture(host, teller, operating if Keyboard.possible() else None)
     picture.start()
     try:
         yield
@@ -221,14 +316,14 @@ def _summarise(host: Host, asked: LiveOptions, way: array[float]) -> dict[str, A
         from bridge.coverage.metrics import CoverageMeter
 
         runner = host.mission.runner
-        lanes_m = runner.lane_length_m if runner else 0.0
+        lanes_m = runner.lane_length_m if runner and asked.onboard is None else None
         meter = CoverageMeter(plan, asked.model)
         rows = iter(way)
         report = meter.measure(zip(rows, rows, rows, rows, strict=True), lanes_m)
     return run_summary(
         host,
         room=plan.name if plan else None,
-        planner=asked.planner,
+        planner=asked.planner_name,
         seed=None,
         log=str(asked.log),
         report=report,

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
-    from sim_device.device import VirtualSweeper
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
     from sim_device.rig import Rig
+    from sim_device.rigged import RiggedDevice
 
 NOISE_LEVELS = ("none", "paper", "typical", "harsh")
 PLANNERS = ("recovery", "paper", "u-shape", "random")
@@ -120,7 +120,11 @@ def latency_option(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def rig(
-    device: VirtualSweeper, line: LineSettings, faults: tuple[FaultSpec, ...], seed: int
+    device: RiggedDevice,
+    line: LineSettings,
+    faults: tuple[FaultSpec, ...],
+    seed: int,
+    cannot: Mapping[str, str] | None = None,
 ) -> Rig:
     """Connect a device as asked for.
 
@@ -132,7 +136,7 @@ def rig(
     from sim_device.rig import Rig
 
     try:
-        return Rig(device, line, faults, seed=seed)
+        return Rig(device, line, faults, seed=seed, cannot=cannot or {})
     except FaultSpecError as error:
         raise click.BadParameter(str(error), param_hint="'--fault'") from None
 
@@ -155,6 +159,32 @@ def json_option(f: Callable[..., object]) -> Callable[..., object]:
         is_flag=True,
         help="Print one JSON object on stdout; everything for people goes to stderr.",
     )(f)
+
+
+def port_options(f: Callable[..., object]) -> Callable[..., object]:
+    """How a port is opened: ``--node``, ``--baud``, ``--bitrate``, ``--lan``, ``--dtr``, ``--rts``."""
+    for option in (
+        click.option("--rts", is_flag=True, help="Set RTS (many boards reset on it)."),
+        click.option("--dtr", is_flag=True, help="Set DTR (many boards reset on it)."),
+        click.option(
+            "--lan", is_flag=True, help="With can:udp_multicast: let frames leave this machine."
+        ),
+        click.option(
+            "--bitrate",
+            type=click.IntRange(10_000, 1_000_000),
+            help="Of a CAN bus whose adapter can be told.  [default: 500000]",
+        ),
+        click.option(
+            "--baud",
+            type=click.IntRange(1200, 12_000_000),
+            default=921_600,
+            show_default=True,
+            help="Of a serial line.",
+        ),
+        click.option("--node", type=click.IntRange(1, 15), help="Talk to this device only."),
+    ):
+        f = option(f)
+    return f
 
 
 def robot_option(f: Callable[..., object]) -> Callable[..., object]:

@@ -14,13 +14,25 @@ from tools.version import VERSION
 
 _COMMANDS = {
     "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
+    "ports": "List the ports on which a robot may be.",
+    "stop": "Stop a robot from any shell, whoever has its port.",
     "emulate": "Run a virtual sweeper on a serial line, a socket or a CAN bus, in real time.",
     "simulate": "Run a plan against the virtual sweeper in virtual time.",
+    "drive": "Drive by hand, by keyboard or gamepad, with a dead man: the robot moves.",
+    "monitor": "Show what passes on a line, decoded; sends nothing.",
+    "param": "Read and change a device's parameters.",
+    "bringup": "Check a robot's wiring step by step, its wheels off the floor.",
+    "calibrate": "Find what this very robot gets wrong: gyro, odometry, range sensors.",
     "fault": "Switch faults of a running emulator on and off.",
     "experiment": "Run the paper's experiments, or compare planners over rooms and seeds.",
     "view": "Open a log in Rerun.",
     "info": "Say what a log holds.",
+    "doctor": "Say what is wrong with a device's line or a log, and what to do.",
+    "recover": "Save what is whole of a damaged log.",
+    "report": "Explain a run on one page.",
+    "export": "Write a log's topics as Parquet or CSV tables.",
     "generate": "Write the wire's messages for C, CAN tools, Wireshark, protobuf or people.",
+    "completion": "Print the script that lets a shell complete this command.",
 }
 
 

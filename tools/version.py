@@ -1,10 +1,5 @@
-"""The distribution's version."""
+"""The distribution's version; the packaging reads it from here."""
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
-
-try:
-    VERSION = version("sweepctl")
-except PackageNotFoundError:  # run from a source tree that is not installed
-    VERSION = "0+unknown"
+VERSION = "0.1.0"

@@ -14,7 +14,9 @@ from bridge.coverage.runner import PlanRunner
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission
+from bridge.supervise import Supervisor
 from bridge.telemetry import RoomRecord, TruthRecord
+from bridge.watching import Watch
 from protocol.clock import HostNs
 from sim_device.device import VirtualSweeper
 from sim_device.line import STRAIGHT
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
+    from bridge.supervise import SuperviseSettings
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
 
@@ -37,7 +40,7 @@ HOST_BOOT_NS = 5_000_000_000
 """The host's clock at the device's boot: the two must not agree by accident."""
 LATENCY_US = 1_000
 """One way, as over an adapter at 1 ms."""
-_TRUTH_PERIOD_MS = 20
+_TRUTH_PERIOD_MS = 40
 _TICKS_KEPT = 32
 """A third of a second: longer than any message is under way."""
 
@@ -49,7 +52,7 @@ class VirtualRun:
     device: VirtualSweeper
     host: Host
     track: CoverageTrack
-    """Measures the true pose of every 20 ms of the drive."""
+    """Measures the true pose of every 40 ms of the drive."""
     rig: Rig | None = None
     """The device with its line and faults, where either was asked for."""
     end_error_m: float | None = None
@@ -72,8 +75,13 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     faults: Sequence[FaultSpec] = (),
     line: LineSettings | None = None,
     prepare: Callable[[VirtualRun], None] = lambda _: None,
+    mission: Mission | None = None,
+    supervise: SuperviseSettings | None = None,
 ) -> VirtualRun:
     """Run one plan from start to end.
+
+    A ``mission`` takes the place of the planner's own on the host; ``supervise`` are the rules
+    that the run is watched by.
 
     ``progress`` is called about once a simulated second; ``ended`` is asked as often whether
     the run should end early. A ``line`` takes the place of the plain delay of 1 ms each way;
@@ -87,15 +95,19 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
 
     """
     device = VirtualSweeper(plan, model, seed=seed, noise=noise)
-    runner = PlanRunner(make_planner(planner, model, random.Random(seed)), model)
+    if mission is None:
+        runner = PlanRunner(make_planner(planner, model, random.Random(seed)), model)
+        mission = Mission(runner, max_time_s=max_time_s)
     ids = itertools.count(0x5EED_0001)
     host = Host(
         model,
         sink,
         HostOptions(EPOCH_NS - HOST_BOOT_NS, planner, plan.start),
-        Mission(runner, max_time_s=max_time_s),
+        mission,
         lambda: next(ids),
     )
+    if supervise is not None:
+        host.watch = Watch(host, Supervisor(model, supervise))
     rig = Rig(device, line or STRAIGHT, faults, seed=seed) if faults or line else None
     run = VirtualRun(device, host, CoverageMeter(plan, model).track(), rig)
     prepare(run)
@@ -147,7 +159,8 @@ def _loop(  # noqa: C901, PLR0912 - two ends and the wire between them
             heard = True
             _receive(run, poses, to_host.popleft()[1], now_ns)
         if heard or now_us >= host_us:
-            host.poll(now_ns)
+            if now_us >= host_us or host.mission.pending:
+                host.poll(now_ns)
             data = host.data_to_send(now_ns)
             if data:
                 to_device.append((now_us + latency_us, data))
@@ -168,7 +181,7 @@ def _record_faults(rig: Rig, sink: Sink) -> None:
 
 
 def _remember(run: VirtualRun, poses: dict[int, Pose2], last_ms: int, sink: Sink) -> None:
-    """Keep the true pose by the stamp that the device puts on it; log it every 20 ms.
+    """Keep the true pose by the stamp that the device puts on it; log it every 40 ms.
 
     A device whose clock drifts or jumps has control periods at other milliseconds than ours.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from bridge.onboard_mission import OnboardMission
 from bridge.summary import run_summary
 
 if TYPE_CHECKING:
@@ -19,8 +20,9 @@ def summarise(
     truth = run.device.truth
     report = None
     if run.end_error_m is not None:
-        runner = host.mission.runner
-        report = run.track.report(runner.lane_length_m if runner else 0.0)
+        runner, onboard = host.mission.runner, isinstance(host.mission, OnboardMission)
+        lanes_m = None if onboard else runner.lane_length_m if runner else 0.0
+        report = run.track.report(lanes_m)
     return run_summary(
         host,
         room=plan.name,

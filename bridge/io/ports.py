@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
-import selectors
+import select
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
 
 import serial
@@ -60,19 +61,31 @@ class SerialPort:
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_read, False)
         os.set_blocking(self._wake_write, False)
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._wake_read, selectors.EVENT_READ)
-        self._selectable = False
-        with suppress(OSError, ValueError, NotImplementedError, AttributeError):
-            self._selector.register(self._port.fileno(), selectors.EVENT_READ)
-            self._selectable = True
+        self._fd = self._descriptor()
+        """Where it can be selected on: everything but pyserial's own protocols, and Windows."""
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
             self.low_latency = True
-        self._port.timeout = 0 if self._selectable else 0.005
-        self._port.write_timeout = 0
-        # pyserial's own write spins for as long as a full port says "not now".
-        self._fd = self._port.fileno() if self._selectable and os.name == "posix" else None
+        self.latency_note = None if self.low_latency else _latency_note(url)
+        """What to tell of a driver that delays; None where there is nothing to tell."""
+        try:
+            self._port.timeout = 0 if self._fd is not None else 0.005
+            self._port.write_timeout = 0
+        except serial.SerialException as error:  # unplugged since
+            self.close()
+            raise PortError(f"{url} is gone: {_reason(error)}") from None
+
+    def _descriptor(self) -> int | None:
+        """The port's own, where it and the wake's can be waited for together."""
+        if os.name != "posix":
+            return None
+        try:
+            fd: int = self._port.fileno()
+            select.select([fd, self._wake_read], [], [], 0)
+        except (OSError, ValueError, NotImplementedError, AttributeError):
+            return None  # above 1023 too, which select cannot
+        os.set_blocking(fd, False)
+        return fd
 
     def wait(self, timeout_s: float) -> bytes:
         """Bytes that are there, or that come within the time; empty at its end or a wake.
@@ -82,19 +95,24 @@ class SerialPort:
 
         """
         try:
-            if self._selectable:
-                ready = self._selector.select(max(0.0, timeout_s))
-                if any(key.fd == self._wake_read for key, _ in ready):
-                    self._drain_wakes()
-                if not any(key.fd != self._wake_read for key, _ in ready):
-                    return b""
-                data = bytes(self._port.read(READ_SIZE))
-                if not data and not self._port.in_waiting:
-                    raise PortError(f"{self.name} is gone: it was unplugged or its owner ended")
-                return data
-            return bytes(self._port.read(max(1, self._port.in_waiting)))
+            fd = self._fd
+            if fd is None:
+                return bytes(self._port.read(max(1, self._port.in_waiting)))
+            # Not pyserial's read: it selects once more, and its errors are many words.
+            wanted = [fd, self._wake_read]
+            ready, _, _ = select.select(wanted, [], [], max(0.0, timeout_s))
+            if self._wake_read in ready:
+                self._drain_wakes()
+            if fd not in ready:
+                return b""
+            data = os.read(fd, READ_SIZE)
+        except BlockingIOError:
+            return b""
         except (OSError, TypeError) as error:  # pyserial: SerialException is an OSError
             raise PortError(f"{self.name} is gone: {_reason(error)}") from None
+        if not data:
+            raise PortError(f"{self.name} is gone: it was unplugged, or what is behind it ended")
+        return data
 
     def write(self, data: bytes) -> int:
         """Write what the port takes without waiting; how many bytes that was.
@@ -128,7 +146,6 @@ class SerialPort:
     def close(self) -> None:
         """Give the port back."""
         self._closed = True  # before the pipe goes: its number may soon be another file's
-        self._selector.close()
         with suppress(OSError):
             self._port.close()
         for end in (self._wake_read, self._wake_write):
@@ -200,15 +217,45 @@ def _open_error(url: str, error: OSError) -> PortError:
     if number == errno.ENOENT:
         return PortError(f"{url} does not exist; is the robot plugged in?")
     if number == errno.EACCES:
-        return PortError(
-            f"{url}: permission denied; add yourself to the group that owns it "
-            "(often: sudo usermod -aG dialout $USER) and log in again"
-        )
+        return PortError(_denied(url))
     if number in {errno.EBUSY, errno.EAGAIN} or "exclusively lock" in str(error):
         return PortBusyError(url, owner_pid(url))
     if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
         return PortError(f"{url} is not a serial port")
     return PortError(f"cannot open {url}: {_reason(error)}")
+
+
+def _denied(url: str) -> str:
+    """What to do where a device may not be opened."""
+    group = "dialout"
+    try:
+        import grp  # noqa: PLC0415 - not on every platform
+
+        group = grp.getgrgid(Path(url).stat().st_gid).gr_name
+    except (ImportError, OSError, KeyError):
+        pass
+    if group == "root":  # no group is let in
+        return f"{url}: permission denied; install the udev rule (sweepctl ports --udev-rule)"
+    return (
+        f"{url}: permission denied; join the group that owns it (sudo usermod -aG {group} $USER, "
+        "then log in again), or install the udev rule (sweepctl ports --udev-rule)"
+    )
+
+
+def _latency_note(url: str) -> str | None:
+    """Of a driver that has no low-latency mode; a socket and a pty need none."""
+    if "://" in url or os.path.realpath(url).startswith("/dev/pts/"):
+        return None
+    return (
+        f"the driver of {url} has no low-latency mode: bytes may wait for up to 16 ms in it, "
+        "and the bounds on time stamps are that much wider"
+    )
+
+
+def latency_note(port: BytePort) -> str | None:
+    """What to tell of a port whose driver delays; None where there is nothing to tell."""
+    note = getattr(port, "latency_note", None)
+    return note if isinstance(note, str) else None
 
 
 def _reason(error: BaseException) -> str:

@@ -31,6 +31,8 @@ class Pump:
         self.host = host
         self.watch: Callable[[], Ending | None] = lambda: None
         """Asked at every turn whether something outside demands an end."""
+        self.on_reopened: Callable[[str], None] = lambda _name: None
+        """Told the name under which a port that had vanished was opened again."""
         self._port: BytePort | None = port
         self._reopen = reopen
         self._pending = b""
@@ -86,8 +88,10 @@ class Pump:
                 self._gone(error, now_ns)
         now_ns = clock.now()
         host.receive(data, now_ns)
-        while self._calls:
-            self._calls.popleft()()
+        if self._calls:
+            while self._calls:
+                self._calls.popleft()()
+            self._write(now_ns)  # what was asked for does not wait for the control step
         ending = self._ask
         if ending is None:  # cleared only where it was seen: a signal may come between any lines
             ending = self.watch()
@@ -138,6 +142,7 @@ class Pump:
 
     def _gone(self, error: PortError, now_ns: HostNs) -> None:
         self.host.event(now_ns, Severity.ERROR, "link", "port_lost", str(error))
+        self.host.session.unplugged(now_ns)
         if self._port is not None:
             self._port.close()
         self._port = None
@@ -157,3 +162,5 @@ class Pump:
             self._retry_ns = HostNs(now_ns + backoff)
             return
         self.host.event(now_ns, Severity.INFO, "link", "port_back", f"{self._port.name} is back")
+        self.host.session.replugged(now_ns)
+        self.on_reopened(self._port.name)

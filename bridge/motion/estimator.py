@@ -69,6 +69,9 @@ class PoseEstimator(PoseFilter):
         """``start`` is taken as exact: the frame is the one in which it was given."""
         super().__init__(start, drift)
         self._model = model
+        self._left_m, self._right_m = model.left_metres_per_count, model.right_metres_per_count
+        """What one count of each wheel is worth, before the filter's own scale."""
+        self._bias = model.gyro_bias_rad_s
         self._standstill = Standstill()
         self._counts: tuple[int, int] | None = None
         self._encoder_s = 0.0
@@ -184,7 +187,7 @@ class PoseEstimator(PoseFilter):
         if not trusted:
             # set off before the rest was long enough: its few samples may be of the start
             self._rest_samples = 0
-            self._bias = 0.0
+            self._bias = self._model.gyro_bias_rad_s
             self.belief.forget((BIAS,), (self.drift.bias_prior_rad_s**2,))
             return
         self._yaw_rate = rate
@@ -215,8 +218,10 @@ class PoseEstimator(PoseFilter):
         right_counts = encoder_delta(counts[1], right)
         moved = left_counts != 0 or right_counts != 0
         self._standstill.on_encoders(t_s, moved=moved)
-        scale = self._model.metres_per_count * (1.0 + self._wheel_scale)
-        self._roll(t_s, dt, scale * left_counts, scale * right_counts)
+        scale = 1.0 + self._wheel_scale
+        self._roll(
+            t_s, dt, scale * self._left_m * left_counts, scale * self._right_m * right_counts
+        )
 
     # -- inside ----------------------------------------------------------------------------
 

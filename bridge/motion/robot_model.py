@@ -24,6 +24,9 @@ class RangerMount:
     max_range_m: float
     cone_rad: float = 0.0
     """Full opening angle; 0 for a beam."""
+    scale: float = 1.0
+    offset_m: float = 0.0
+    """What the device makes of its raw range: scale · raw + offset, by ``calibrate range``."""
 
 
 def _ultrasonic() -> RangerMount:
@@ -67,6 +70,10 @@ class RobotModel:
     battery_ah: float = 9.0
     driver_drop_v: float = 1.9
     """L298N saturation voltage, both legs together."""
+    wheel_ratio: float = 1.0
+    """Right wheel's diameter over the left's (Borenstein's E_d); their mean is the diameter."""
+    gyro_bias_rad_s: float = 0.0
+    """Yaw rate that the gyro tells at rest, by ``calibrate gyro``: each run measures it anew."""
 
     @property
     def radius_m(self) -> float:
@@ -77,6 +84,16 @@ class RobotModel:
     def metres_per_count(self) -> float:
         """Wheel travel of one encoder count (eq. 3 with N = 1)."""
         return math.pi * self.wheel_diameter_m / self.counts_per_turn
+
+    @property
+    def left_metres_per_count(self) -> float:
+        """The same of the left wheel (Borenstein's c_l = 2/(E_d + 1))."""
+        return self.metres_per_count * 2.0 / (1.0 + self.wheel_ratio)
+
+    @property
+    def right_metres_per_count(self) -> float:
+        """The same of the right wheel (c_r = 2/(1/E_d + 1))."""
+        return self.metres_per_count * 2.0 * self.wheel_ratio / (1.0 + self.wheel_ratio)
 
     def wheel_speeds_m_s(self, v_m_s: float, yaw_rate_rad_s: float) -> tuple[float, float]:
         """Left and right wheel speed for a body velocity (inverse of eq. 4)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from bridge.record.captures import MCAP, kind_of, readable
 from bridge.record.reader import LogMessage, LogReader
 from bridge.record.writer import DEVICE_METADATA
 
@@ -59,6 +60,8 @@ class RunDescription:
     topics: list[TopicDescription] = field(default_factory=list)
     wire: dict[str, Any] = field(default_factory=dict)
     """Of the summary where it has them, else what can be counted in the log."""
+    format: str = "mcap"
+    """``candump`` or ``raw`` for a capture, of which the topics are what it decodes to."""
 
     @property
     def duration_s(self) -> float:
@@ -80,6 +83,7 @@ class RunDescription:
         """All of it as plain values."""
         return {
             "path": str(self.path),
+            "format": self.format,
             "file_bytes": self.file_bytes,
             "whole": self.whole,
             "problems": self.problems,
@@ -104,6 +108,22 @@ class RunDescription:
             "wire": self.wire,
             "summary": self.summary,
         }
+
+
+def describe_any(path: Path) -> RunDescription:
+    """Read a log or a capture of another program to its end and count.
+
+    Raises:
+        LogReadError: the file is missing, cannot be read, or holds nothing of a sweeper.
+
+    """
+    kind = kind_of(path)
+    with readable(path) as log:
+        description = describe(log)
+    if kind != MCAP:
+        description.path, description.format = path, kind
+        description.file_bytes = path.stat().st_size
+    return description
 
 
 def describe(path: Path) -> RunDescription:

@@ -6,10 +6,13 @@ reads like any other, as far as whole chunks go.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
+import zlib
 from dataclasses import dataclass
 from io import BytesIO
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mcap.data_stream import ReadDataStream
@@ -21,22 +24,20 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as RosDecoderFactory
 from zstandard import ZstdError
 
-from bridge.record.chunked import MAGIC
-from bridge.record.errors import LogReadError
+from bridge.record.scan import HEAD, Damage, is_whole, opened, records
 from bridge.record.writer import METADATA, SUMMARY_ATTACHMENT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator
     from pathlib import Path
-    from typing import BinaryIO
 
-_HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_log_ns = attrgetter("log_ns")
 
 MAX_CHUNK_BYTES = 512 * 1024 * 1024
 """A chunk that claims more is taken for damage, not for a reason to fill the memory."""
 
-_DAMAGE = (
+DAMAGE = (
     *(McapError, ZstdError, struct.error, ValueError, KeyError),
     *(EOFError, OverflowError, RuntimeError, MemoryError),
 )
@@ -107,16 +108,42 @@ class LogReader:
         """Damage that was stepped over while messages were read, a line each."""
         self.bytes = 0
         self._head_problems: list[str] = []
-        for opcode, record in self._records(_SKIP_BULK):
-            try:
-                self._take_head(opcode, record)
-            except _DAMAGE as error:
-                self._head_problems.append(f"damaged record stepped over: {error!r}")
+        self._declared: list[tuple[int, bytes]] = []
+        """Schemas and channels of the summary: those whose own place is damaged."""
+        self._read_head()
         self.problems = self._head_problems
+
+    def _read_head(self) -> None:
+        with opened(self.path) as data:
+            self.bytes = len(data)
+            in_summary = False
+            for found in records(data):
+                if isinstance(found, Damage):
+                    if not found.is_tail:
+                        size = found.end - found.offset
+                        self._head_problems.append(
+                            f"{size} bytes at offset {found.offset} are damaged, stepped over"
+                        )
+                    continue
+                opcode, _, start, end = found
+                if opcode in _SKIP_BULK:
+                    continue
+                if opcode == Opcode.DATA_END:
+                    in_summary = True
+                    self.truncated = not is_whole(data)
+                elif in_summary and opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                    self._declared.append((opcode, data[start:end]))
+                elif not in_summary:
+                    try:
+                        self._take_head(opcode, data[start:end])
+                    except DAMAGE as error:
+                        self._head_problems.append(f"damaged record stepped over: {error!r}")
 
     def _take_head(self, opcode: int, record: bytes) -> None:
         if opcode == Opcode.ATTACHMENT:
             attachment = Attachment.read(_stream(record))
+            if attachment_is_damaged(record):
+                self._head_problems.append(f"attachment {attachment.name} is damaged")
             self.attachments[attachment.name] = attachment.data
         elif opcode == Opcode.METADATA:
             metadata = Metadata.read(_stream(record))
@@ -137,37 +164,24 @@ class LogReader:
         return value if isinstance(value, dict) else None
 
     def messages(self, topics: Container[str] | None = None) -> Iterator[LogMessage]:
-        """Every message (of these topics), in the order of the file.
+        """Every message (of these topics): chunk by chunk, in each by log time.
 
         A damaged chunk is stepped over and named in ``problems``.
         """
         state = _Channels(topics)
+        state.preload(self._declared)
         self.problems = self._head_problems.copy()
         for opcode, record in self._records(_SKIP_INDEXES):
             if opcode == Opcode.CHUNK:
+                found: list[LogMessage] = []
                 try:
-                    content = _chunk_content(record)
-                    yield from self._within(content, state)
-                except _DAMAGE as error:
+                    found.extend(self._within(chunk_content(record), state))
+                except DAMAGE as error:
                     self.problems.append(f"damaged chunk stepped over: {error!r}")
+                # A writer may keep a chunk's topics apart, as ours does.
+                yield from sorted(found, key=_log_ns)
             else:
                 yield from self._one(opcode, record, state)
-
-    def _within(self, content: bytes, state: _Channels) -> Iterator[LogMessage]:
-        position, end = 0, len(content)
-        wanted, unpack = state.wanted, _MESSAGE.unpack_from
-        while position < end:
-            opcode, length = _HEAD.unpack_from(content, position)
-            position += _HEAD.size
-            if opcode == Opcode.MESSAGE:
-                channel_id, sequence, log_ns, publish_ns = unpack(content, position)
-                channel = wanted.get(channel_id)
-                if channel is not None:
-                    data = content[position + _MESSAGE.size : position + length]
-                    yield LogMessage(channel, log_ns, publish_ns, sequence, data)
-            else:
-                state.take(opcode, content[position : position + length])
-            position += length
 
     def _one(self, opcode: int, record: bytes, state: _Channels) -> Iterator[LogMessage]:
         """Read a record that stands outside chunks."""
@@ -180,37 +194,48 @@ class LogReader:
                     yield LogMessage(channel, log_ns, publish_ns, sequence, data)
             else:
                 state.take(opcode, record)
-        except _DAMAGE as error:
+        except DAMAGE as error:
             self.problems.append(f"damaged record stepped over: {error!r}")
 
     def _records(self, skip: frozenset[int]) -> Iterator[tuple[int, bytes]]:
-        """Opcode and content of every whole record up to the end of the data."""
-        self.truncated = True
-        try:
-            with self.path.open("rb") as file:
-                if file.read(len(MAGIC)) != MAGIC:
-                    raise LogReadError(self.path, "it is not an MCAP file")
-                self.bytes = self.path.stat().st_size
-                yield from self._data_records(file, skip)
-        except OSError as error:
-            raise LogReadError(self.path, error.strerror or str(error)) from None
+        """Opcode and content of every record up to the end of the data."""
+        with opened(self.path) as data:
+            for found in records(data):
+                if isinstance(found, Damage):
+                    continue  # told once, by the constructor
+                opcode, _, start, end = found
+                if opcode == Opcode.DATA_END:
+                    return
+                if opcode not in skip:
+                    yield opcode, data[start:end]
 
-    def _data_records(self, file: BinaryIO, skip: frozenset[int]) -> Iterator[tuple[int, bytes]]:
-        while True:
-            head = file.read(_HEAD.size)
-            if len(head) < _HEAD.size:
-                return
-            opcode, length = _HEAD.unpack(head)
-            if file.tell() + length > self.bytes:
-                return
-            if opcode == Opcode.DATA_END:
-                file.seek(self.bytes - len(MAGIC))
-                self.truncated = file.read() != MAGIC
-                return
-            if opcode in skip:
-                file.seek(length, 1)
-            else:
-                yield opcode, file.read(length)
+
+class ChunkReader:
+    """Messages out of records that come one by one."""
+
+    def __init__(self, topics: Container[str] | None = None) -> None:
+        self._state = _Channels(topics)
+
+    @staticmethod
+    def is_end(opcode: int) -> bool:
+        """Whether this record ends the data."""
+        return opcode == Opcode.DATA_END
+
+    def messages(self, opcode: int, record: bytes) -> list[LogMessage]:
+        """What a record holds.
+
+        Raises:
+            Exception: one of what the library raises on damage.
+
+        """
+        if opcode in _SKIP_INDEXES:
+            return []
+        if opcode == Opcode.CHUNK:
+            return list(within(chunk_content(record), self._state))
+        if opcode == Opcode.MESSAGE:
+            return list(within(HEAD.pack(opcode, len(record)) + record, self._state))
+        self._state.take(opcode, record)
+        return []
 
 
 _SKIP_BULK = frozenset({int(Opcode.CHUNK), int(Opcode.MESSAGE), int(Opcode.MESSAGE_INDEX)})
@@ -224,14 +249,26 @@ class _Channels:
         self.wanted: dict[int, LogChannel] = {}
         self._topics = topics
         self._schemas: dict[int, Schema] = {}
+        self._preloaded: set[int] = set()
         self._factories = (ProtobufDecoderFactory(), RosDecoderFactory())
 
+    def preload(self, declared: list[tuple[int, bytes]]) -> None:
+        """Take what the summary declares, until the data declare it themselves."""
+        for opcode, record in declared:
+            with contextlib.suppress(*DAMAGE):
+                self.take(opcode, record)
+        self._preloaded = set(self.wanted)
+
     def take(self, opcode: int, record: bytes) -> None:
+        """Take a schema or a channel; all other records are left out."""
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(_stream(record))
             self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(record))
+            if channel.id in self._preloaded:
+                self._preloaded.discard(channel.id)
+                del self.wanted[channel.id]
             if channel.id not in self.wanted and (
                 self._topics is None or channel.topic in self._topics
             ):
@@ -249,13 +286,43 @@ class _Channels:
         return LogChannel(channel.topic, name, channel.message_encoding, decode)
 
 
+def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
+    """The messages of a chunk's content; its declarations go to ``state``."""
+    position, end = 0, len(content)
+    wanted, unpack = state.wanted, _MESSAGE.unpack_from
+    while position < end:
+        opcode, length = HEAD.unpack_from(content, position)
+        position += HEAD.size
+        if opcode == Opcode.MESSAGE:
+            channel_id, sequence, log_ns, publish_ns = unpack(content, position)
+            channel = wanted.get(channel_id)
+            if channel is not None:
+                data = content[position + _MESSAGE.size : position + length]
+                yield LogMessage(channel, log_ns, publish_ns, sequence, data)
+        else:
+            state.take(opcode, content[position : position + length])
+        position += length
+
+
 def _stream(record: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(record))
 
 
-def _chunk_content(record: bytes) -> bytes:
+def chunk_content(record: bytes) -> bytes:
+    """Unpack a chunk's records; its CRC is checked.
+
+    Raises:
+        Exception: one of what the library raises on damage.
+
+    """
     chunk = Chunk.read(_stream(record))
     if chunk.uncompressed_size > MAX_CHUNK_BYTES:
         raise ValueError(f"it claims {chunk.uncompressed_size} bytes")
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
     return stream.read(length)
+
+
+def attachment_is_damaged(record: bytes) -> bool:
+    """Whether an attachment's own CRC says so; 0: it has none."""
+    stored = int.from_bytes(record[-4:], "little")
+    return stored != 0 and stored != zlib.crc32(record[:-4])

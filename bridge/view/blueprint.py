@@ -18,14 +18,22 @@ _VIEW_HEIGHT = 1.05
 """Camera height for a room of size 1: all of it with a margin."""
 
 
-def blueprint(plan: FloorPlan | None, duration_s: float) -> rrb.Blueprint:
-    """Layout for one run: the whole room where it is known, the whole of the run's time."""
-    time = rrb.TimeAxis(
-        view_range=rr.TimeRange(
-            start=rr.TimeRangeBoundary.absolute(seconds=0.0),
-            end=rr.TimeRangeBoundary.absolute(seconds=max(duration_s, _SHORTEST_S)),
-        )
-    )
+_LIVE_S = 60.0
+"""What the plots show of a run that is still going on."""
+
+
+def blueprint(plan: FloorPlan | None, duration_s: float | None) -> rrb.Blueprint:
+    """Layout for one run: the whole room where it is known, the whole of the run's time.
+
+    Without a duration the run is still going on, and the plots show its last minute.
+    """
+    if duration_s is None:
+        start = rr.TimeRangeBoundary.cursor_relative(seconds=-_LIVE_S)
+        end = rr.TimeRangeBoundary.cursor_relative(seconds=0.0)
+    else:
+        start = rr.TimeRangeBoundary.absolute(seconds=0.0)
+        end = rr.TimeRangeBoundary.absolute(seconds=max(duration_s, _SHORTEST_S))
+    time = rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
 
     def plot(origin: str, name: str) -> rrb.TimeSeriesView:
         legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
@@ -35,8 +43,12 @@ def blueprint(plan: FloorPlan | None, duration_s: float) -> rrb.Blueprint:
         rrb.Horizontal(
             rrb.Vertical(
                 _room(plan),
-                rrb.StateTimelineView(
-                    origin=paths.STATES, name="Planner, mode and stop", time_view=time
+                rrb.Horizontal(
+                    rrb.TextDocumentView(origin=paths.PLANNER_TEXT, name="Planner"),
+                    rrb.StateTimelineView(
+                        origin=paths.STATES, name="Planner, mode and stop", time_view=time
+                    ),
+                    column_shares=[2, 3],
                 ),
                 rrb.TextLogView(
                     origin=paths.EVENTS,
@@ -45,7 +57,7 @@ def blueprint(plan: FloorPlan | None, duration_s: float) -> rrb.Blueprint:
                         timeline_columns=[paths.TIMELINE], text_log_columns=["LogLevel", "Body"]
                     ),
                 ),
-                row_shares=[7, 2, 3],
+                row_shares=[7, 3, 3],
             ),
             rrb.Vertical(
                 plot(paths.VELOCITY, "Speed (m/s)"),
@@ -100,5 +112,5 @@ def _room(plan: FloorPlan | None) -> rrb.Spatial3DView:
             look_target=(centre[0], centre[1], 0.0),
             eye_up=(0.0, 1.0, 0.0),
         ),
-        overrides={paths.PATH: so_far, paths.TRUTH_PATH: so_far},
+        overrides=dict.fromkeys((paths.PATH, paths.TRUTH_PATH, paths.LANES, paths.SHADOWS), so_far),
     )

@@ -1,4 +1,7 @@
-"""Collecting a log's values into columns, which Rerun takes a thousand times faster than rows."""
+"""Collecting a log's values into columns, which Rerun takes a thousand times faster than rows.
+
+Each collector forgets what it has sent, so that the same serve a run that is still going on.
+"""
 
 from __future__ import annotations
 
@@ -23,6 +26,7 @@ class Recording:
     def __init__(self, stream: rr.RecordingStream, start_ns: int) -> None:
         self.stream = stream
         self.start_ns = start_ns
+        self._styled: set[str] = set()
 
     def send(self, entity: str, times_ns: list[int], columns: Iterable[rr.ComponentColumn]) -> None:
         """Send columns whose rows are at these moments (Unix time)."""
@@ -41,6 +45,12 @@ class Recording:
     def log_static(self, entity: str, *parts: rr.AsComponents) -> None:
         """Log what holds for the whole run."""
         self.stream.log(entity, *parts, static=True)
+
+    def style(self, entity: str, *parts: rr.AsComponents) -> None:
+        """Log once how all of an entity looks."""
+        if entity not in self._styled:
+            self._styled.add(entity)
+            self.log_static(entity, *parts)
 
     def seconds(self, time_ns: int) -> float:
         """Since the run began."""
@@ -69,8 +79,9 @@ class Series:
         for index, (name, colour) in enumerate(self._curves.items()):
             entity = f"{self._entity}/{name}"
             label = name.replace("_", " ")
-            recording.log_static(entity, rr.SeriesLines(colors=colour, names=label, widths=1.5))
+            recording.style(entity, rr.SeriesLines(colors=colour, names=label, widths=1.5))
             recording.send(entity, self._times, rr.Scalars.columns(scalars=values[:, index]))
+        self._times, self._values = [], []
 
 
 class States:
@@ -80,10 +91,12 @@ class States:
         self._entity = entity
         self._times: list[int] = []
         self._states: list[str] = []
+        self._last: str | None = None
 
     def add(self, time_ns: int, state: str) -> None:
         """Note the state; kept only where it differs from the last."""
-        if not self._states or self._states[-1] != state:
+        if self._last != state:
+            self._last = state
             self._times.append(time_ns)
             self._states.append(state)
 
@@ -91,6 +104,7 @@ class States:
         """Send what was collected, if anything."""
         if self._times:
             recording.send(self._entity, self._times, rr.StateChange.columns(state=self._states))
+            self._times, self._states = [], []
 
 
 class TextLines:
@@ -113,6 +127,31 @@ class TextLines:
         if self._times:
             columns = rr.TextLog.columns(text=self._lines, level=self._levels)
             recording.send(self._entity, self._times, columns)
+            self._times, self._lines, self._levels = [], [], []
+
+
+class Document:
+    """A text that changes now and then, in Markdown."""
+
+    def __init__(self, entity: str) -> None:
+        self._entity = entity
+        self._times: list[int] = []
+        self._texts: list[str] = []
+
+    def add(self, time_ns: int, text: str) -> None:
+        """From this moment it reads so."""
+        self._times.append(time_ns)
+        self._texts.append(text)
+
+    def send(self, recording: Recording) -> None:
+        """Send what was collected, if anything."""
+        if self._times:
+            recording.style(
+                self._entity, rr.TextDocument.from_fields(media_type=rr.MediaType.MARKDOWN)
+            )
+            columns = rr.TextDocument.columns(text=self._texts)
+            recording.send(self._entity, self._times, columns)
+            self._times, self._texts = [], []
 
 
 _LEVELS = {

@@ -11,11 +11,12 @@ from bridge.config import parse_robot
 from bridge.coverage.floorplan import FloorPlanError, parse_floorplan
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
+from bridge.record.losses import LossCounter
 from bridge.record.reader import LogReader
 from bridge.record.wheels import WheelAngles
 from bridge.record.writer import ROBOT_ATTACHMENT, ROOM_ATTACHMENT
-from bridge.view import paths, scene
-from bridge.view.columns import Recording, Series, States, TextLines
+from bridge.view import paths, planning, scene
+from bridge.view.columns import Document, Recording, Series, States, TextLines
 from protocol.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
     from bridge.record.reader import LogMessage
 
 _SECOND_NS = 1_000_000_000
-_SEQUENCE_WRAP = 1 << 8
+_MOST_WAITING = 500
+"""Estimates without a truth: where there is none at all they would pile up."""
 _LOG_LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
 """Of foxglove.Log."""
 
@@ -53,12 +55,12 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
     reader = LogReader(path)
     first = next(reader.messages(), None)
     recording = Recording(stream, first.log_ns if first is not None else 0)
-    model = _robot(reader)
+    model = robot_of(reader)
     scene.draw_robot(recording, model)
-    plan = _plan(reader)
+    plan = plan_of(reader)
     if plan is not None:
         scene.draw_plan(recording, plan)
-    run = _Run(model)
+    run = RunConverter(model)
     last_ns = recording.start_ns
     for message in reader.messages(run.topics):
         run.take(message)
@@ -68,14 +70,15 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
     return Converted(reader, plan, recording.seconds(last_ns))
 
 
-def _plan(reader: LogReader) -> FloorPlan | None:
+def plan_of(reader: LogReader) -> FloorPlan | None:
+    """The run's room, where it is known."""
     try:
         return parse_floorplan(reader.attachments[ROOM_ATTACHMENT].decode(errors="replace"))
     except (KeyError, FloorPlanError):
         return None
 
 
-def _robot(reader: LogReader) -> RobotModel:
+def robot_of(reader: LogReader) -> RobotModel:
     """The run's robot; the default one where the log has none."""
     try:
         return parse_robot(reader.attachments[ROBOT_ATTACHMENT].decode(errors="replace"))
@@ -87,8 +90,8 @@ class _Part(Protocol):
     def send(self, recording: Recording) -> None: ...
 
 
-class _Run:
-    """Collects every topic that is shown."""
+class RunConverter:
+    """Collects every topic that is shown, and sends what it has whenever it is told to."""
 
     def __init__(self, model: RobotModel) -> None:
         self._mm_per_rad = model.wheel_diameter_m / 2
@@ -111,6 +114,10 @@ class _Run:
         self._lines = TextLines(p.EVENTS)
         self._path, self._truth_path = scene.path_track(), scene.truth_track()
         self._motion, self._target = scene.Motion(), scene.Target()
+        self._lanes, self._shadows = planning.Lanes(), planning.Shadows(model)
+        self._covariance, self._planner_text = planning.Covariance(), Document(p.PLANNER_TEXT)
+        self._pose: planning.Pose | None = None
+        self._planner_state = ""
         self._rays = (
             scene.Ray("front", model.ultrasonic, p.GREY),
             scene.Ray("left", model.infrared_left, p.GREY),
@@ -156,6 +163,7 @@ class _Run:
         parts += [self._gyro, self._wheel_speeds, self._acceleration, self._range, self._battery]
         parts += [self._current, self._pose_error, self._clock, self._link, self._lines]
         parts += [self._path, self._truth_path, self._motion, self._target]
+        parts += [self._lanes, self._shadows, self._covariance, self._planner_text]
         parts += [self._room, self._swept, *self._rays, *self._states.values()]
         for part in parts:
             part.send(recording)
@@ -163,7 +171,9 @@ class _Run:
     def _on_estimate(self, time_ns: int, estimate: Any) -> None:  # noqa: ANN401 - decoded
         x_m, y_m = estimate.x_m, estimate.y_m
         self._path.add(time_ns, x_m, y_m)
-        self._motion.add(time_ns, x_m, y_m, estimate.theta_rad)
+        self._pose = (x_m, y_m, estimate.theta_rad)
+        self._motion.add(time_ns, *self._pose)
+        self._covariance.add(time_ns, estimate)
         self._velocity.add(time_ns, estimate.v_m_s)
         self._yaw_rate.add(time_ns, estimate.yaw_rate_rad_s)
         self._estimates.append((time_ns, x_m, y_m))
@@ -179,11 +189,17 @@ class _Run:
 
     def _on_planner(self, time_ns: int, state: Any) -> None:  # noqa: ANN401 - decoded
         self._states["planner"].add(time_ns, state.state)
+        self._planner_text.add(time_ns, planning.describe(state))
+        if state.state != self._planner_state:
+            self._planner_state = state.state
+            self._lanes.state(time_ns, state.state, self._pose)
         has_target = state.HasField("target_x_m")
         self._target.add(time_ns, (state.target_x_m, state.target_y_m) if has_target else None)
 
     def _on_event(self, time_ns: int, event: Any) -> None:  # noqa: ANN401 - decoded
         self._lines.add(time_ns, event.severity, f"{event.source} {event.kind}: {event.text}")
+        if event.source == "planner" and event.kind == "lane":
+            self._shadows.lane(time_ns, event.data_json, self._pose)
 
     def _on_log(self, time_ns: int, line: Any) -> None:  # noqa: ANN401 - decoded
         level = _LOG_LEVELS.get(line.level, "info")
@@ -220,14 +236,19 @@ class _Run:
     def _compare_poses(self) -> None:
         """Distance of every estimate from the truth at its moment."""
         times = [t for t, _, _ in self._truth]
+        waiting = []
         for time_ns, x_m, y_m in self._estimates:
             at = bisect.bisect_right(times, time_ns)
-            if not 0 < at < len(times):
+            if at >= len(times):
+                waiting.append((time_ns, x_m, y_m))  # its truth may still come
+                continue
+            if not at:
                 continue
             (t0, x0, y0), (t1, x1, y1) = self._truth[at - 1], self._truth[at]
             share = (time_ns - t0) / (t1 - t0)
             error_m = math.hypot(x0 + share * (x1 - x0) - x_m, y0 + share * (y1 - y0) - y_m)
             self._pose_error.add(time_ns, error_m * 1e3)
+        self._truth, self._estimates = self._truth[-1:], waiting[-_MOST_WAITING:]
 
 
 class _AnyOf:
@@ -248,8 +269,8 @@ class _LinkHealth:
             paths.LINK, frames_per_s=paths.BLUE, rx_kB_per_s=paths.GREEN, lost_per_s=paths.RED
         )
         self._second_ns = 0
-        self._frames = self._bytes = self._lost = 0
-        self._sequence: int | None = None
+        self._frames = self._bytes = 0
+        self._losses = LossCounter()
 
     def count(self, message: LogMessage) -> None:
         """Count a message of the device, or received bytes."""
@@ -261,17 +282,14 @@ class _LinkHealth:
             self._second_ns = message.log_ns
         while message.log_ns - self._second_ns >= _SECOND_NS:
             self._second_ns += _SECOND_NS
-            self._series.add(self._second_ns, self._frames, self._bytes / 1e3, self._lost)
-            self._frames = self._bytes = self._lost = 0
+            lost = self._losses.settle()
+            self._series.add(self._second_ns, self._frames, self._bytes / 1e3, lost)
+            self._frames = self._bytes = 0
         if received:
             self._bytes += len(message.data)
             return
         self._frames += 1
-        if self._sequence is not None:
-            missing = (message.sequence - self._sequence - 1) % _SEQUENCE_WRAP
-            # More than half a turn is not a loss: the device started anew.
-            self._lost += missing if missing < _SEQUENCE_WRAP // 2 else 0
-        self._sequence = message.sequence
+        self._losses.add(message.sequence)
 
     def send(self, recording: Recording) -> None:
         """Send what was collected, if anything."""

@@ -48,7 +48,7 @@ def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False
         raise ViewerMissingError
     if save is not None:
         return write_rerun_file(path, save)
-    if not serve_web and not _has_display():
+    if not serve_web and not has_display():
         raise NoDisplayError
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
         file = Path(folder) / f"{path.stem}.rrd"
@@ -108,8 +108,20 @@ def viewer_program() -> Path:
     raise ViewerMissingError
 
 
-def _has_display() -> bool:
-    """Only Linux can tell beforehand."""
+def viewer_environment(log_level: str) -> dict[str, str]:
+    """What a viewer is started with: plain notices, and nothing sent to its makers.
+
+    Rerun reports its use unless told otherwise in the user's own settings, which are not ours
+    to change; on a machine that runs tests it never does, so it is told that this is one.
+    """
+    environment = {"RUST_LOG": log_level, **os.environ}
+    environment |= {"RERUN_APP_ONLY": "true", "NO_COLOR": "1", "CI": "1"}
+    environment.pop("FORCE_RERUN_ANALYTICS", None)
+    return environment
+
+
+def has_display() -> bool:
+    """Whether a window can be opened. Only Linux can tell beforehand."""
     return sys.platform != "linux" or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     )
@@ -117,7 +129,7 @@ def _has_display() -> bool:
 
 def _run_viewer(command: Sequence[str]) -> None:
     # Of its notices only the last lines matter, and only where it fails.
-    environment = {"RUST_LOG": "warn", **os.environ, "RERUN_APP_ONLY": "true", "NO_COLOR": "1"}
+    environment = viewer_environment("warn")
     with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours
         command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace"
     ) as viewer:

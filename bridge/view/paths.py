@@ -14,12 +14,15 @@ PATH = f"{WORLD}/path"
 TRUTH_PATH = f"{WORLD}/truth_path"
 TARGET = f"{WORLD}/target"
 ROBOT = f"{WORLD}/robot"
+COVARIANCE = f"{WORLD}/covariance"
+LANES = f"{WORLD}/lanes"
+SHADOWS = f"{WORLD}/shadows"
 
 VELOCITY, YAW_RATE = "plots/velocity", "plots/yaw_rate"
 WHEELS, ACCELERATION = "plots/wheels", "plots/acceleration"
 RANGE, BATTERY, CURRENT = "plots/range", "plots/battery", "plots/current"
 POSE_ERROR, CLOCK, LINK = "plots/pose_error", "plots/clock", "plots/link"
-STATES, EVENTS = "states", "events"
+STATES, EVENTS, PLANNER_TEXT = "states", "events", "planner"
 
 Colour = tuple[int, int, int]
 BLUE: Colour = (86, 156, 255)

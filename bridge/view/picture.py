@@ -49,15 +49,15 @@ def draw_run(log: Path, png: Path) -> Path:
     figure = Figure(figsize=(8.0, 8.6), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    _draw_floor(axes, track)
-    _draw_path(axes, track)
+    draw_floor(axes, track)
+    draw_path(axes, track)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     figure.suptitle(_title(track), fontsize=10, x=0.06, ha="left")
     lines, _ = axes.get_legend_handles_labels()
     axes.legend(
-        handles=[*lines, *_floor_legend(track)],
+        handles=[*lines, *floor_legend(track)],
         loc="upper center",
         bbox_to_anchor=(0.5, -0.07),
         ncols=3,
@@ -72,7 +72,8 @@ def draw_run(log: Path, png: Path) -> Path:
     return png
 
 
-def _draw_floor(axes: Axes, track: RunTrack) -> None:
+def draw_floor(axes: Axes, track: RunTrack) -> None:
+    """Draw swept and missed floor, walls and obstacles; nothing where the room is not known."""
     from matplotlib.colors import ListedColormap  # noqa: PLC0415 - an extra
     from matplotlib.patches import Polygon  # noqa: PLC0415 - an extra
 
@@ -107,7 +108,8 @@ def _draw_floor(axes: Axes, track: RunTrack) -> None:
         )
 
 
-def _floor_legend(track: RunTrack) -> list[Patch]:
+def floor_legend(track: RunTrack) -> list[Patch]:
+    """What the floor's colours mean."""
     from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
 
     if track.plan is None:
@@ -122,7 +124,8 @@ def _floor_legend(track: RunTrack) -> list[Patch]:
     ]
 
 
-def _draw_path(axes: Axes, track: RunTrack) -> None:
+def draw_path(axes: Axes, track: RunTrack) -> None:
+    """Draw where the robot went, and where it believed to go."""
     for poses, colour, text, style in (
         (track.truth, _PATH, "path", "-"),
         (track.estimate, _ESTIMATE, "path as estimated", (0, (4, 3))),

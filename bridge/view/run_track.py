@@ -35,6 +35,8 @@ class RunTrack:
     estimate: list[tuple[float, Pose2]]
     """Seconds since the log's first pose, and where it believed to be."""
     summary: dict[str, Any]
+    start_ns: int = 0
+    """Unix time of the log's first pose; 0 where there is none."""
 
     @property
     def best(self) -> list[tuple[float, Pose2]]:
@@ -61,14 +63,14 @@ def load_track(path: Path) -> RunTrack:
             model = parse_robot(reader.attachments["robot.toml"].decode("utf-8", "replace"))
         except ConfigError:
             model = RobotModel()
-    truth, estimate = _poses(reader.messages({TRUTH_TOPIC, POSE_TOPIC}))
-    return RunTrack(path.stem, plan, model, truth, estimate, reader.summary or {})
+    first_ns, truth, estimate = _poses(reader.messages({TRUTH_TOPIC, POSE_TOPIC}))
+    return RunTrack(path.stem, plan, model, truth, estimate, reader.summary or {}, first_ns)
 
 
 def _poses(
     messages: Iterable[LogMessage],
-) -> tuple[list[tuple[float, Pose2]], list[tuple[float, Pose2]]]:
-    """Both tracks on one clock that starts with the first pose of either."""
+) -> tuple[int, list[tuple[float, Pose2]], list[tuple[float, Pose2]]]:
+    """Both tracks on one clock that starts with the first pose of either; and when that was."""
     raw: dict[str, list[tuple[int, Pose2]]] = {TRUTH_TOPIC: [], POSE_TOPIC: []}
     for message in messages:
         try:
@@ -79,5 +81,8 @@ def _poses(
         theta = 2.0 * math.atan2(quaternion.z, quaternion.w)
         raw[message.topic].append((message.log_ns, Pose2(pose.position.x, pose.position.y, theta)))
     first_ns = min((track[0][0] for track in raw.values() if track), default=0)
-    tracks = (raw[TRUTH_TOPIC], raw[POSE_TOPIC])
-    return tuple([((t - first_ns) / 1e9, p) for t, p in track] for track in tracks)  # type: ignore[return-value]  # two of them
+    truth, estimate = (
+        [((t - first_ns) / 1e9, pose) for t, pose in raw[topic]]
+        for topic in (TRUTH_TOPIC, POSE_TOPIC)
+    )
+    return first_ns, truth, estimate

@@ -94,7 +94,7 @@ class Track:
         """Send what was collected, if anything."""
         if not self._times:
             return
-        recording.log_static(
+        recording.style(
             self._entity,
             rr.LineStrips3D.from_fields(
                 colors=self._colour, radii=rr.Radius.ui_points(self._width)
@@ -102,6 +102,7 @@ class Track:
         )
         columns = rr.LineStrips3D.columns(strips=np.array(self._strokes, dtype=np.float32))
         recording.send(self._entity, self._times, columns)
+        self._times, self._strokes = [], []
 
 
 def path_track() -> Track:
@@ -138,6 +139,7 @@ class Motion:
             quaternion=np.stack([nought, nought, np.sin(half), np.cos(half)], axis=1),
         )
         recording.send(paths.ROBOT, self._times, columns)
+        self._times, self._poses = [], []
 
 
 class Ray:
@@ -161,14 +163,16 @@ class Ray:
 
     def send(self, recording: Recording) -> None:
         """Send what was collected, if anything."""
-        if not self._rays:
+        if not self._times:
             return
-        recording.log_static(
+        recording.style(
             self._entity,
             rr.LineStrips3D.from_fields(colors=self._colour, radii=rr.Radius.ui_points(1.0)),
         )
-        columns = rr.LineStrips3D.columns(strips=np.array(self._rays, dtype=np.float32))
+        rays = np.array(self._rays, dtype=np.float32).reshape(-1, 2, 3)
+        columns = rr.LineStrips3D.columns(strips=rays)
         recording.send(self._entity, self._times, columns.partition(self._counts))
+        self._times, self._rays, self._counts = [], [], []
 
 
 class Target:
@@ -188,14 +192,16 @@ class Target:
 
     def send(self, recording: Recording) -> None:
         """Send what was collected, if anything."""
-        if not self._points:
+        if not self._times:
             return
-        recording.log_static(
+        recording.style(
             paths.TARGET,
             rr.Points3D.from_fields(colors=paths.RED, radii=rr.Radius.ui_points(4.0)),
         )
-        columns = rr.Points3D.columns(positions=np.array(self._points, dtype=np.float32))
+        points = np.array(self._points, dtype=np.float32).reshape(-1, 3)
+        columns = rr.Points3D.columns(positions=points)
         recording.send(paths.TARGET, self._times, columns.partition(self._counts))
+        self._times, self._points, self._counts = [], [], []
 
 
 class Maps:
@@ -245,6 +251,7 @@ class Maps:
             stream.set_time(paths.UNIX_TIMELINE, timestamp=np.datetime64(grid.log_ns, "ns"))
             stream.log(self._entity, map_)
         stream.reset_time()
+        self._grids, self._latest, self._bytes = [], None, 0
 
     def _paint(
         self, cells: np.ndarray[Any, np.dtype[np.int8]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import tempfile
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 from bridge.io import clock
 from bridge.io.free_port import free_tcp_port
 from bridge.view.errors import ViewerFailedError
-from bridge.view.launch import viewer_command, write_rerun_file
+from bridge.view.launch import viewer_command, viewer_environment, write_rerun_file
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
@@ -42,7 +41,7 @@ def save_screenshot(path: Path, png: Path) -> LogReader:
         ]
         with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours
             command,
-            env={"RUST_LOG": "error", **os.environ, "RERUN_APP_ONLY": "true", "NO_COLOR": "1"},
+            env=viewer_environment("error"),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
         ) as viewer:

@@ -25,13 +25,22 @@ class Adapter:
         return self._floor_us + rng.random() * self._timer_us + rng.expovariate(0.01) + late
 
 
-def run(
-    seed: int, drift_ppm: float, timer_us: float, device_first_us: int, step_at: int | None = None
+UP_FLOOR_US, DOWN_FLOOR_US = 150.0, 250.0
+"""No frame is quicker: what a program that knows its wire may declare."""
+
+
+def run(  # noqa: PLR0913, PLR0917 - what a link and a clock may be like
+    seed: int,
+    drift_ppm: float,
+    timer_us: float,
+    device_first_us: int,
+    step_at: int | None = None,
+    sync: TimeSync | None = None,
 ) -> tuple[list[float], list[float], TimeSync]:
     """A minute of pings and telemetry; |error| / bound and bounds (µs) of every sample."""
     rng = random.Random(seed)
-    sync = TimeSync()
-    up, down = Adapter(rng, 150.0, 200.0), Adapter(rng, 250.0, timer_us)
+    sync = TimeSync() if sync is None else sync
+    up, down = Adapter(rng, UP_FLOOR_US, 200.0), Adapter(rng, DOWN_FLOOR_US, timer_us)
     drift = drift_ppm * 1e-6
     step_us = 0
 
@@ -93,3 +102,44 @@ def test_a_step_of_the_clock_is_found(seed: int, drift_ppm: float, timer_us: flo
     # From the step to the next ping, a quarter of a second of telemetry at most.
     assert len(wrong) <= 13
     assert max(ratios[-500:]) <= 1.0
+
+
+def percentile(values: list[float], percent: float) -> float:
+    return sorted(values)[int(len(values) * percent / 100.0)]
+
+
+@given(st.integers(0, 10_000), st.floats(-100.0, 100.0), st.sampled_from([1_000.0, 16_000.0]))
+@settings(max_examples=8)
+def test_a_declared_delay_makes_the_bound_small_and_it_stays_honest(
+    seed: int, drift_ppm: float, timer_us: float
+) -> None:
+    """Both floors are declared, and they differ: the asymmetry is then no error any more."""
+    sync = TimeSync(round(UP_FLOOR_US * 1000), round(DOWN_FLOOR_US * 1000))
+    ratios, bounds, _ = run(seed, drift_ppm, timer_us, 0, sync=sync)
+    inside = sum(ratio <= 1.0 for ratio in ratios)
+    assert inside >= 0.999 * len(ratios)
+    # ``bounds`` begins after 10 s.
+    if timer_us <= 1_000.0:
+        assert percentile(bounds, 95.0) < 100.0, "a tenth of a millisecond"
+    errors = [r * b for r, b in zip(ratios[-len(bounds) :], bounds, strict=True)]
+    if timer_us <= 1_000.0:
+        assert percentile(errors, 95.0) < 50.0
+
+
+@given(st.integers(0, 10_000), st.floats(-100.0, 100.0))
+@settings(max_examples=6)
+def test_nothing_declared_the_error_is_still_below_a_tenth_of_a_millisecond(
+    seed: int, drift_ppm: float
+) -> None:
+    """Half of the floors' difference, 50 µs, is what no exchange can tell."""
+    ratios, bounds, _ = run(seed, drift_ppm, 1_000.0, 0)
+    errors = [r * b for r, b in zip(ratios[-len(bounds) :], bounds, strict=True)]
+    assert percentile(errors, 95.0) < 100.0
+    assert percentile(bounds, 95.0) < 0.5 * (UP_FLOOR_US + DOWN_FLOOR_US) + 100.0
+
+
+def test_a_declaration_that_is_not_true_is_seen_to_be_dishonest() -> None:
+    """So nothing is declared unless somebody knows."""
+    sync = TimeSync(round(UP_FLOOR_US * 1000), 3_000_000)
+    ratios, _, _ = run(1, 20.0, 1_000.0, 0, sync=sync)
+    assert sum(ratio > 1.0 for ratio in ratios) > 0.5 * len(ratios)

@@ -10,10 +10,20 @@ import pytest
 
 import bridge
 from bridge.coverage.floorplan import parse_floorplan
-from bridge.errors import DeviceLostError, NoDeviceError, PortError, StoppedForSafetyError
+from bridge.errors import (
+    BridgeError,
+    CommandRejectedError,
+    DeviceLostError,
+    NoDeviceError,
+    ParameterError,
+    PortError,
+    StoppedForSafetyError,
+)
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.robot import LET_GO_S, ManualDrive
+from bridge.owner import RemoteRobot, reach
+from bridge.robot import LET_GO_S, ManualDrive, Robot
+from bridge.session_events import State
 from protocol.messages import Encoders, Imu, Range, Status
 from protocol.values import Mode, StopCause
 from sim_device.device import VirtualSweeper
@@ -210,3 +220,102 @@ def test_a_velocity_that_is_repeated_goes_on() -> None:
             told = command
             drive.drive(told)
         assert drive.step(observed(0.02 * i)) == drive.target == told
+
+
+# ---- everything else that a device can be asked for --------------------------------------
+
+
+def test_parameters_by_name(emulated: Emulated) -> None:
+    with bridge.open(emulated.port) as robot:
+        listed = robot.list_parameters()
+        assert [p.number for p in listed] == list(range(len(listed)))
+        speed = robot.get_parameter("max_speed")
+        assert speed in listed
+        assert (speed.unit, speed.changed) == ("m/s", False)
+        assert robot.set_parameter("max_speed", 0.25).value == 0.25
+        assert emulated.device.firmware.parameters.value("max_speed") == 0.25
+        assert robot.get_parameter(speed.number).changed
+        robot.save_parameters()
+        assert robot.get_parameter("max_speed").stored
+        with pytest.raises(ParameterError, match="did you mean max_speed"):
+            robot.get_parameter("max_sped")
+        with pytest.raises(ParameterError, match="not in"):
+            robot.set_parameter("max_speed", 99.0)
+        with pytest.raises(ParameterError, match="read-only"):
+            robot.set_parameter("node", 3)
+        with pytest.raises(CommandRejectedError, match="unknown_parameter"):
+            robot.get_parameter(200)
+
+
+def test_a_reboot_is_found_again_and_told(emulated: Emulated) -> None:
+    with bridge.open(emulated.port) as robot:
+        until(lambda: robot.status.latest is not None)
+        before = emulated.device.firmware.identity.boot_id
+        robot.events()
+        robot.set_parameter("max_speed", 0.25)
+        robot.reboot()
+        until(lambda: emulated.device.firmware.identity.boot_id != before)
+        until(lambda: "new_boot" in {event.kind for event in robot.events()})
+        until(lambda: robot.session is State.READY)
+        assert robot.get_parameter("max_speed").value == pytest.approx(0.3), "it was not saved"
+
+
+def test_stream_rates(emulated: Emulated) -> None:
+    with bridge.open(emulated.port) as robot:
+        robot.stream_rate("imu", 0.0)
+        time.sleep(0.1)
+        still = robot.imu.latest
+        time.sleep(0.3)
+        assert robot.imu.latest is still
+        robot.stream_rate("imu", 50.0)
+        until(lambda: robot.imu.latest is not still)
+        with pytest.raises(ParameterError, match="no stream"):
+            robot.stream_rate("music", 1.0)
+        with pytest.raises(CommandRejectedError, match="bad_value"):
+            robot.stream_rate("sync", 1.0)
+
+
+def test_a_stop_is_cleared_by_a_person_and_nothing_moves(emulated: Emulated) -> None:
+    with bridge.open(emulated.port) as robot:
+        robot.stop()
+        assert emulated.holds(StopCause.OPERATOR)
+        assert robot.clear_stop() is StopCause.OPERATOR
+        assert emulated.holds(StopCause.NONE)
+        assert robot.clear_stop() in {StopCause.OPERATOR, StopCause.NONE}
+        assert emulated.device.truth.path_m == 0.0
+
+
+def test_the_devices_own_planner(emulated: Emulated) -> None:
+    with bridge.open(emulated.port) as robot:
+        with pytest.raises(BridgeError, match="there are paper"):
+            robot.planner.start("zigzag")
+        robot.planner.start("paper")
+        until(lambda: emulated.device.truth.v_m_s > 0.05)
+        until(lambda: robot.planner.latest is not None and robot.planner.latest.phase != 0)
+        robot.planner.pause()
+        until(lambda: emulated.device.truth.v_m_s == 0.0)
+        robot.planner.resume()
+        until(lambda: emulated.device.truth.v_m_s > 0.05)
+        robot.planner.abort()
+        until(lambda: emulated.device.firmware.mode is Mode.IDLE)
+        with pytest.raises(CommandRejectedError, match="other_mode"):
+            robot.planner.pause()
+        robot.stop()
+        with pytest.raises((StoppedForSafetyError, DeviceLostError)):
+            robot.planner.start("paper")
+
+
+def test_another_program_reaches_it(emulated: Emulated) -> None:
+    with bridge.open(emulated.port) as robot:
+        until(lambda: robot.status.latest is not None)
+        with reach(emulated.port) as other:
+            assert isinstance(other, RemoteRobot)
+            assert other.set_parameter("max_speed", 0.2).value == pytest.approx(0.2)
+            assert other.list_parameters() == robot.list_parameters()
+            picture = other.snapshot()
+            assert picture["session"] == "ready"
+            assert picture["stop"] == "session_end"
+            other.stop()
+        until(lambda: emulated.holds(StopCause.OPERATOR))
+    with reach(emulated.port) as alone:
+        assert isinstance(alone, Robot), "nobody owns it any more"

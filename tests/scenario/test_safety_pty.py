@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
 import time
 from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.owner import ask
 from bridge.record.reader import LogReader
+from sim_device.ports.control import ask_control
 from support.two_processes import (
+    PATIENCE_S,
+    ROOT,
     Command,
     Emulator,
     Together,
@@ -22,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from support.two_processes import Ended
+
 AT_REST_S = 0.25 + 0.45
 """Time to live, and the ramp with the motors' lag."""
 SLACK_S = 0.3
@@ -33,6 +42,12 @@ def drive(device: Emulator, cwd: Path, *arguments: str | Path) -> Command:
     host.says("run is driving")
     time.sleep(0.8)  # by now it is under way
     return host
+
+
+def run(cwd: Path, *arguments: str) -> Ended:
+    """Run any command to its end."""
+    with Command(*arguments, cwd=cwd) as command:
+        return command.end()
 
 
 def a_killed_host(tmp_path: Path) -> None:
@@ -104,7 +119,113 @@ def a_port_that_vanishes_and_comes_back(tmp_path: Path) -> None:
     assert not LogReader(log).truncated
 
 
-SCENARIOS = (a_killed_host, a_host_that_is_stopped_and_goes_on, a_port_that_vanishes_and_comes_back)
+def a_plug_that_is_pulled_and_put_back(tmp_path: Path) -> None:
+    """The device runs on meanwhile; the run asks, and goes on when a person says so."""
+    world, control = tmp_path / "truth.mcap", tmp_path / "ctl"
+    link = tmp_path / "port"
+    with Emulator(tmp_path, "--pty-link", link, "--truth", world, "--control", control) as device:
+        with drive(device, tmp_path, "--resume", "ask", "--out", tmp_path / "run.mcap") as host:
+            pulled_s = time.time()
+            assert ask_control(control, "start unplug:1.5")["ok"]
+            host.says("is gone: it was unplugged")
+            host.says("the same device is back, in the same boot")
+            host.says("press r")
+            time.sleep(1.0)
+            again_s = time.time()
+            assert ask(device.port, {"do": "resume"})["ok"]
+            host.says("stop cleared: link")
+            time.sleep(4.0)
+            stopped = run(tmp_path, "stop", device.port, "--json")
+            assert stopped.status == 0
+            assert stopped.json["confirmed"] is True
+            assert host.end().status == 5
+        time.sleep(0.5)
+        assert device.stop().status == 0
+    poses = truth(world)
+    stood_s = last_motion_s([p for p in poses if p.at_s < again_s])
+    assert pulled_s - 0.1 < stood_s < pulled_s + AT_REST_S + SLACK_S, "it stands unasked"
+    assert last_motion_s(poses) > again_s + 2.0, "it went on when it was told to"
+
+
+def a_line_that_stalls_and_then_delivers_what_is_old(tmp_path: Path) -> None:
+    world, control = tmp_path / "truth.mcap", tmp_path / "ctl"
+    with Emulator(tmp_path, "--truth", world, "--control", control) as device:
+        with drive(device, tmp_path, "--json", "--out", tmp_path / "run.mcap") as host:
+            stalled_s = time.time()
+            assert ask_control(control, "start latency:3:ms=3000,way=down")["ok"]
+            ended = host.end()
+            time.sleep(max(0.0, stalled_s + 7.0 - time.time()))  # all of it has come by then
+        assert device.stop().status == 0
+    assert ended.status == 5, ended.err
+    stood_s = last_motion_s(truth(world))
+    assert stalled_s - 0.1 < stood_s < stalled_s + AT_REST_S + SLACK_S, "old setpoints move nothing"
+
+
+BLOCKED = """
+import sys, time, bridge
+with bridge.open(sys.argv[1]) as robot:
+    robot.enable()
+    for _ in range(40):
+        robot.drive(0.15, 0.0)
+        time.sleep(0.05)
+    print(time.time(), flush=True)
+    robot._pump.call(lambda: time.sleep(2.5))  # the loop's own thread is held up
+    time.sleep(2.0)
+"""
+
+
+def an_event_loop_that_is_blocked(tmp_path: Path) -> None:
+    world = tmp_path / "truth.mcap"
+    with Emulator(tmp_path, "--truth", world) as device:
+        done = subprocess.run(
+            [sys.executable, "-c", BLOCKED, device.port],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=PATIENCE_S,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+        )
+        assert device.stop().status == 0
+    blocked_s = float(done.stdout)
+    stood_s = last_motion_s(truth(world))
+    assert blocked_s - 0.1 < stood_s < blocked_s + AT_REST_S + SLACK_S
+
+
+def a_stop_from_another_shell(tmp_path: Path) -> None:
+    world = tmp_path / "truth.mcap"
+    with Emulator(tmp_path, "--truth", world) as device:
+        with drive(device, tmp_path, "--json", "--out", tmp_path / "run.mcap") as host:
+            asked_s = time.time()
+            stopped = run(tmp_path, "stop", device.port)
+            answered_s = time.time()
+            assert stopped.status == 0, stopped.err
+            assert "the device has confirmed it" in stopped.err
+            ended = host.end()
+        assert ended.status == 5
+        assert "stopped from another shell (process" in ended.json["reason"]
+        # with nobody there, the port is opened for it
+        again = run(tmp_path, "stop", device.port, "--json")
+        assert again.status == 0
+        assert again.json == {"port": device.port, "by": "wire", "confirmed": True, "node": 1}
+        refused = connect(tmp_path, device.port, "--plan", "paper", "--out", "refused.mcap")
+        assert refused.status == 5
+        assert "cause: operator" in refused.complaint
+        assert device.stop().status == 0
+        silent = run(tmp_path, "stop", device.port)
+        assert silent.status == 3
+    stood_s = last_motion_s(truth(world))
+    assert asked_s - 0.1 < stood_s < answered_s + AT_REST_S
+
+
+SCENARIOS = (
+    a_killed_host,
+    a_host_that_is_stopped_and_goes_on,
+    a_port_that_vanishes_and_comes_back,
+    a_plug_that_is_pulled_and_put_back,
+    a_line_that_stalls_and_then_delivers_what_is_old,
+    an_event_loop_that_is_blocked,
+    a_stop_from_another_shell,
+)
 
 
 @pytest.fixture(scope="module", name="together")

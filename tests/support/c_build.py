@@ -31,6 +31,8 @@ _PACKAGES = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
     "arm-none-eabi-size": "binutils-arm-none-eabi",
     "arm-none-eabi-nm": "binutils-arm-none-eabi",
+    "make": "make",
+    "qemu-system-arm": "qemu-system-arm",
 }
 
 

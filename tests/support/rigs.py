@@ -57,6 +57,7 @@ class Drive:
     def __init__(self, made: Rig, v_m_s: float = 0.0, yaw_rate_rad_s: float = 0.0) -> None:
         self.rig = made
         self.velocity = v_m_s, yaw_rate_rad_s
+        assert isinstance(made.device, VirtualSweeper)
         self.session = Session(itertools.count(1).__next__, link=type(made.device.firmware.link))
         self.heard: list[Heard] = []
         self.events: list[tuple[int, SessionEvent]] = []

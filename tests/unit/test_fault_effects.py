@@ -11,6 +11,7 @@ from bridge.session_events import Agreed, State
 from protocol.can_link import CanLink
 from protocol.messages import Encoders, Imu, Power, Range
 from protocol.values import Contact, ResetCause
+from sim_device.device import VirtualSweeper
 from sim_device.line import LineSettings
 from support.rigs import Drive, rig
 from support.sim_body import box, room
@@ -57,6 +58,7 @@ def test_one_way_only() -> None:
     drive.run(4.0)
     assert drive.session.link.statistics.damaged == 0
     assert lost_frames(drive, 2.0, 4.0) < 0.01
+    assert isinstance(drive.rig.device, VirtualSweeper)
     assert drive.rig.device.firmware.link.statistics.damaged > 0
 
 

@@ -104,9 +104,13 @@ def test_the_wire() -> None:
     statistics.frames_in, statistics.frames_out = 7, 5
     statistics.bytes_in, statistics.bytes_out = 70, 50
     statistics.lost, statistics.damaged = 2, 1
+    statistics.reordered, statistics.rejected, statistics.superseded = 3, 4, 6
     assert wire_summary(statistics) == {
         "frames": {"rx": 7, "tx": 5},
         "lost": 2,
         "crc_errors": 1,
         "bytes": {"rx": 70, "tx": 50},
+        "reordered": 3,
+        "rejected": 4,
+        "superseded": 6,
     }

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from tools import options
+from tools.supervising import rule_option
 
 
 @click.command(
@@ -21,26 +24,36 @@ from tools import options
     help="Run this planner on the host: the robot moves.",
 )
 @click.option(
+    "--supervise",
+    is_flag=True,
+    help="Start the device's own planner and watch it: the robot moves.",
+)
+@click.option(
+    "--onboard",
+    type=click.Choice(options.PLANNERS),
+    default=options.DEFAULT_PLANNER,
+    show_default=True,
+    help="With --supervise: which of the device's planners.",
+)
+@rule_option
+@click.option(
     "--duration",
     "duration_s",
     type=options.Seconds(0.1, 1e6),
     help="End in order after this many seconds.",
 )
 @click.option("--room", help="The room, where it is known: gives coverage and a map.")
-@click.option("--node", type=click.IntRange(1, 15), help="Talk to this device only.")
-@click.option("--baud", type=click.IntRange(1200, 12_000_000), default=921_600, show_default=True)
-@click.option(
-    "--bitrate",
-    type=click.IntRange(10_000, 1_000_000),
-    help="Of a CAN bus whose adapter can be told.  [default: 500000]",
-)
-@click.option("--lan", is_flag=True, help="With can:udp_multicast: let frames leave this machine.")
-@click.option("--dtr", is_flag=True, help="Set DTR (many boards reset on it).")
-@click.option("--rts", is_flag=True, help="Set RTS (many boards reset on it).")
+@options.port_options
 @click.option(
     "--clear-stop",
     is_flag=True,
-    help="With --plan: also clear a stop that was latched for safety. Look first.",
+    help="With --plan or --supervise: also clear a stop that was latched for safety. Look first.",
+)
+@click.option(
+    "--resume",
+    type=click.Choice(["ask", "never"]),
+    help="With --plan, when the device was lost and is back: ask whether to go on (key r), for "
+    "30 s, or end.  [default: ask on a terminal]",
 )
 @options.robot_option
 @options.out_option
@@ -49,35 +62,48 @@ def command(  # noqa: PLR0913 - one parameter per option
     *,
     port: str,
     planner: str | None,
+    supervise: bool,
+    onboard: str,
+    rules: tuple[str, ...],
     duration_s: float | None,
     room: str | None,
     node: int | None,
-    baud: int,
-    bitrate: int | None,
-    lan: bool,
-    dtr: bool,
-    rts: bool,
     clear_stop: bool,
+    resume: str | None,
     robot: Path | None,
     out: Path | None,
     force: bool,
     as_json: bool,
+    **opening: Any,  # noqa: ANN401 - baud, bitrate, lan, dtr and rts, as declared
 ) -> int:
     """Open PORT, agree with the robot, record and show it.
 
-    Nothing moves unless --plan asks for it. PORT is a device path, socket://HOST:PORT,
+    Nothing moves unless --plan or --supervise asks for it. PORT is a device path, socket://HOST:PORT,
     rfc2217://HOST:PORT, or can:INTERFACE:CHANNEL for a CAN bus (can:slcan:/dev/ttyACM0,
     can:socketcan:can0, can:udp_multicast:239.74.163.2).
     """
     from bridge.config import load_robot
+    from bridge.io.reopening import PortOptions
+    from bridge.mission import Resume
+    from bridge.robot_parts import planner_number
     from tools.console import complain, print_summary
     from tools.live_run import LiveOptions, run_live
     from tools.rooms import load_room
+    from tools.supervising import supervise_rules
 
-    if clear_stop and planner is None:
-        raise click.UsageError("--clear-stop goes with --plan")
+    moves = supervise or planner is not None
+    if supervise and planner is not None:
+        raise click.UsageError("--plan runs a planner here, --supervise one on the device")
+    if clear_stop and not moves:
+        raise click.UsageError("--clear-stop goes with --plan or --supervise")
+    if rules and not moves:
+        raise click.UsageError("--supervise-rule goes with --plan or --supervise")
+    if resume is not None and planner is None:
+        raise click.UsageError("--resume goes with --plan")
     model, robot_toml = load_robot(robot)
     plan = load_room(room) if room else None
+    if resume is None:
+        resume = "ask" if sys.stdin.isatty() else "never"
     result = run_live(
         LiveOptions(
             port=port,
@@ -86,13 +112,12 @@ def command(  # noqa: PLR0913 - one parameter per option
             robot_toml=robot_toml,
             plan=plan,
             planner=planner,
+            onboard=planner_number(onboard) if supervise else None,
+            supervise=supervise_rules(robot, rules) if supervise or rules else None,
+            resume=Resume(resume),
             duration_s=duration_s,
             node=node,
-            baud=baud,
-            bitrate=bitrate,
-            lan=lan,
-            dtr=dtr,
-            rts=rts,
+            opening=PortOptions(**opening),
             clear_stop=clear_stop,
             force=force,
         )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from sim_device.line import LineSettings
     from sim_device.plant import Truth
     from sim_device.ports import DevicePort, ServeReport
+    from sim_device.ports.qemu_sweeper import QemuSweeper
     from sim_device.rig import Rig
 
 _LINKS = ("pty", "tcp", "slcan", "udpcan")
@@ -41,6 +42,21 @@ _SERIAL = {"pty", "tcp"}
     show_default=True,
     help="What the device is connected by: a serial line, the same on a TCP socket, a serial CAN "
     "adapter, or a CAN bus of UDP datagrams that several devices and one host can join.",
+)
+@click.option(
+    "--target",
+    type=click.Choice(("python", "qemu")),
+    default="python",
+    show_default=True,
+    help="What runs in the device: a firmware in Python, or the project's firmware in C, its "
+    "binary on an STM32F405 that QEMU emulates (needs qemu-system-arm and, once, "
+    "gcc-arm-none-eabi).",
+)
+@click.option(
+    "--firmware",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE.elf",
+    help="With qemu: run this program.  [default: built from the sources that come along]",
 )
 @options.baud_option
 @options.latency_option
@@ -91,6 +107,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     *,
     room: str,
     link: str,
+    target: str,
+    firmware: Path | None,
     baud: int | None,
     latency_ms: float | None,
     bitrate: int,
@@ -124,23 +142,41 @@ def command(  # noqa: PLR0913 - one parameter per option
     from protocol.link import Link
     from sim_device.device import VirtualSweeper
     from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
+    from tools import qemu_target
     from tools.rooms import load_room
 
+    qemu_target.check(target, link, firmware)
     _check(link, baud, listen, pty_link, lan=lan, as_json=as_json)
     plan = load_room(room)
     model, robot_toml = load_robot(robot)
     kind = Link if link in _SERIAL else CanLink
     boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice that it was started anew
-    device = VirtualSweeper(
-        plan, model, seed=seed, noise=noise, node=node, link=kind, boot_id=boot_id
-    )
-    rig = options.rig(device, _line(link, baud, latency_ms, bitrate), fault, seed)
     stopper = Stopper()
     for number in _signals():
         signal.signal(number, lambda _number, _frame: stopper.stop())
     try:
         with ExitStack() as stack:
             stack.callback(stopper.close)
+            line = _line(link, baud, latency_ms, bitrate)
+            chip: QemuSweeper | None = None
+            if target == "qemu":
+                chip = qemu_target.device(
+                    stack,
+                    firmware,
+                    plan,
+                    model,
+                    seed=seed,
+                    noise=noise,
+                    node=node,
+                    boot_id=boot_id,
+                    tell=_tell,
+                )
+                rig = options.rig(chip, line, fault, seed, chip.cannot)
+            else:
+                device = VirtualSweeper(
+                    plan, model, seed=seed, noise=noise, node=node, link=kind, boot_id=boot_id
+                )
+                rig = options.rig(device, line, fault, seed)
             writer = None
             if truth is not None:
                 writer = _truth_writer(truth, robot_toml, plan, seed, noise, force=force)
@@ -153,8 +189,8 @@ def command(  # noqa: PLR0913 - one parameter per option
             sys.stdout.write(f"ready {port.path}\n")
             sys.stdout.flush()
             _tell(
-                f"virtual sweeper, node {node}, in {plan.name} ({noise} noise, seed {seed}, "
-                f"{link}); Ctrl-C ends it"
+                f"virtual sweeper{' with its firmware in QEMU' if chip else ''}, node {node}, in "
+                f"{plan.name} ({noise} noise, seed {seed}, {link}); Ctrl-C ends it"
             )
             watchers = Watchers(
                 on_truth=_recording(writer) if writer else None,
@@ -162,7 +198,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                 on_plug=_on_plug,
             )
             _warn(link, listen, lan=lan)
-            report = serve(rig, port, stopper, watchers, server)
+            report = serve(rig, port, stopper, watchers, server, waker=chip)
             _sum_up(rig, report, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None

@@ -19,10 +19,13 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(path_type=Path))
 @options.json_option
 def command(*, file: Path, as_json: bool) -> int:
-    """Say what FILE holds: the run, its topics and rates, and whether it was closed whole."""
-    from bridge.record.info import describe
+    """Say what FILE holds: the run, its topics and rates, and whether it was closed whole.
 
-    description = describe(file)
+    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial line.
+    """
+    from bridge.record.info import describe_any
+
+    description = describe_any(file)
     if as_json:
         sys.stdout.write(json.dumps(description.as_json()) + "\n")
         return 0
@@ -39,6 +42,8 @@ def _print(description: RunDescription) -> None:
     console = Console(highlight=False)
     console.print(f"[bold]{description.path}[/]  {description.file_bytes / 1e6:.2f} MB", end="  ")
     console.print(f"{description.duration_s:.1f} s, {description.message_count} messages")
+    if description.format != "mcap":
+        console.print(f"a {description.format} capture; below is what it decodes to")
     if not description.whole:
         console.print(
             "[yellow]its end is missing (the writer was killed); what is there was read[/]"

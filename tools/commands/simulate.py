@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
+from tools.supervising import rule_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from bridge.host import Host
-    from bridge.mission import Ending
+    from bridge.mission import Ending, Mission
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
 
@@ -42,6 +43,19 @@ if TYPE_CHECKING:
     show_default=True,
     help="End a run that takes longer, in simulated seconds.",
 )
+@click.option(
+    "--supervise",
+    is_flag=True,
+    help="The device runs PLANNER by itself, and the host watches it.",
+)
+@rule_option
+@click.option(
+    "--resume",
+    type=click.Choice(["auto", "never"]),
+    default="never",
+    show_default=True,
+    help="After the device was lost and is back: go on, or end the run.",
+)
 @options.robot_option
 @options.out_option
 @options.json_option
@@ -55,6 +69,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     baud: int | None,
     latency_ms: float | None,
     max_time_s: float,
+    supervise: bool,
+    rules: tuple[str, ...],
+    resume: str,
     robot: Path | None,
     out: Path | None,
     force: bool,
@@ -69,6 +86,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.telemetry import RunInfo
     from tools.console import print_summary
     from tools.rooms import load_room
+    from tools.supervising import supervise_rules
     from tools.version import VERSION
     from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
     from tools.virtual_summary import summarise
@@ -105,6 +123,8 @@ def command(  # noqa: PLR0913 - one parameter per option
                     ended=ended,
                     faults=fault,
                     line=_line(baud, latency_ms),
+                    mission=_mission(model, planner, seed, max_time_s, resume, onboard=supervise),
+                    supervise=supervise_rules(robot, rules) if supervise or rules else None,
                 )
             summary = summarise(run, plan, planner, seed, str(path))
             writer.close(summary)
@@ -113,6 +133,30 @@ def command(  # noqa: PLR0913 - one parameter per option
         writer.close()
     ending = run.host.mission.ending
     return ending.exit_status if ending else 1
+
+
+def _mission(  # noqa: PLR0913 - what a run can be asked for
+    model: Any,  # noqa: ANN401 - imported when needed
+    planner: str,
+    seed: int,
+    max_time_s: float,
+    resume: str,
+    *,
+    onboard: bool,
+) -> Mission:
+    """What the run is to do, on the host or on the device."""
+    import random
+
+    from bridge.coverage.registry import make_planner
+    from bridge.coverage.runner import PlanRunner
+    from bridge.mission import Mission, Resume
+    from bridge.onboard_mission import OnboardMission
+    from bridge.robot_parts import planner_number
+
+    if onboard:
+        return OnboardMission(planner_number(planner), max_time_s=max_time_s)
+    runner = PlanRunner(make_planner(planner, model, random.Random(seed)), model)
+    return Mission(runner, max_time_s=max_time_s, resume=Resume(resume))
 
 
 def check_start(plan: Any, model: Any) -> None:  # noqa: ANN401 - imported when needed

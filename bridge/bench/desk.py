@@ -1,0 +1,419 @@
+"""One device in hand: ask it, listen to it, move it a little; time passes only in calls.
+
+Sans-I/O: a :class:`Wire` carries bytes and tells the time, so that the same procedure runs on
+a port and in virtual time against the emulated device. Single-threaded, without planner, log
+or estimate: for those there is :class:`bridge.host.Host`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, Self, TypeVar
+
+from bridge.errors import (
+    BridgeError,
+    CommandRejectedError,
+    DeviceLostError,
+    DisagreementError,
+    NoDeviceError,
+    ParameterError,
+    StoppedForSafetyError,
+)
+from bridge.parameters import Parameter, closest
+from bridge.session import Session
+from bridge.session_events import Agreed, CommandEnded, Data, Failed, State, StateChanged
+from protocol.clock import HostNs
+from protocol.messages import (
+    ClearStop,
+    Encoders,
+    GetParameter,
+    Hello,
+    LogText,
+    ParameterValue,
+    SaveParameters,
+    SetMode,
+    SetParameter,
+    Status,
+)
+from protocol.values import Mode, NackReason, ParameterKind, StopCause, label
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from bridge.session_events import SessionEvent
+    from protocol.commands import Outcome
+    from protocol.link import LinkBase
+    from protocol.message import Message
+
+CYCLE_NS = 20_000_000
+"""Velocities and duties are repeated at 50 Hz, as the catalogue's default has it."""
+TTL_MS = 200
+ANSWER_S = 8.0
+"""Six tries with the timeout doubling, and a flash that erases."""
+STALE_NS = 300_000_000
+"""Fifteen encoder readings: what moves without them is stopped."""
+_DAMAGE_IS_NOISE = frozenset({"silence", "garbage", "echo", "deaf"})
+M = TypeVar("M", bound="Message")
+
+
+class Wire(Protocol):
+    """What carries bytes to the device and back, and knows the time."""
+
+    @property
+    def link(self) -> type[LinkBase]:
+        """What is spoken over it."""
+
+    def now(self) -> HostNs:
+        """Monotonic time."""
+
+    def turn(self, data: bytes, until_ns: HostNs) -> bytes:
+        """Send, and give what comes; returns as soon as something has, or at that time."""
+
+    def close(self) -> None:
+        """Give it back."""
+
+
+class InterruptedByPersonError(StoppedForSafetyError):
+    """A person ended the procedure; the robot was stopped."""
+
+    exit_status = 0
+
+
+class Desk:
+    """A session with one device; use it as a context manager, which leaves it stopped."""
+
+    def __init__(
+        self,
+        wire: Wire,
+        new_session_id: Callable[[], int],
+        *,
+        node: int | None = None,
+        timeout_s: float = 10.0,
+    ) -> None:
+        """Agree with the device; nothing moves.
+
+        Raises:
+            NoDeviceError: none answered.
+            DisagreementError: it speaks another protocol.
+
+        """
+        self._wire = wire
+        self.session = Session(new_session_id, name="sweepctl bench", node=node, link=wire.link)
+        self.newest: dict[type[Message], Message] = {}
+        self._arrived: dict[type[Message], HostNs] = {}
+        self._taps: list[tuple[tuple[type[Message], ...], list[tuple[float, Message]]]] = []
+        self._duty: tuple[float, float] | None = None
+        self._steer: Callable[[], tuple[float, float]] | None = None
+        self._outcomes: dict[int, Outcome] = {}
+        self._failed: Failed | None = None
+        self._moved = self._interrupted = False
+        self._free = False
+        """No stop should be latched: one that is has come from the device."""
+        self._cycle_ns = wire.now()
+        self._t_us = 0
+        self.lines: list[str] = []
+        """What the device said for people."""
+        self.session.open(wire.now())
+        if not self._spin(timeout_s, lambda: self.ready):
+            wire.close()
+            raise self._nobody(timeout_s)
+
+    def _nobody(self, timeout_s: float) -> BridgeError:
+        failed = self._failed
+        if failed is None:
+            return NoDeviceError(f"no sweeper answered within {timeout_s:g} s")
+        kind = NoDeviceError if failed.kind in _DAMAGE_IS_NOISE else DisagreementError
+        return kind(failed.text)
+
+    @property
+    def ready(self) -> bool:
+        """Whether both ends agree."""
+        return self.session.state is State.READY
+
+    @property
+    def now_s(self) -> float:
+        """The wire's time, seconds."""
+        return self._wire.now() / 1e9
+
+    # ---- time -----------------------------------------------------------------------------
+
+    def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Let time pass; True once ``until`` holds, False where the time ran out before.
+
+        Raises:
+            DeviceLostError: the device fell silent or booted anew.
+            StoppedForSafetyError: it latched a stop by itself, or its encoders fell silent.
+            InterruptedByPersonError: see :meth:`interrupt`.
+
+        """
+        held = self._spin(duration_s, until)
+        self._check()
+        return held
+
+    def interrupt(self) -> None:
+        """End at the next turn of the loop; from a signal handler."""
+        self._interrupted = True
+
+    def _spin(self, duration_s: float, until: Callable[[], bool]) -> bool:
+        wire, session = self._wire, self.session
+        end_ns = wire.now() + round(duration_s * 1e9)
+        while not until():
+            now_ns = wire.now()
+            if now_ns >= end_ns or self._interrupted or self._failed is not None:
+                return False
+            if now_ns >= self._cycle_ns:
+                self._cycle_ns = HostNs(max(self._cycle_ns + CYCLE_NS, now_ns))
+                self._cycle(now_ns)
+                if not self._well(now_ns):
+                    return False
+            due_ns = session.next_deadline() or end_ns
+            until_ns = HostNs(min(end_ns, self._cycle_ns, max(due_ns, now_ns)))
+            came = wire.turn(session.data_to_send(), until_ns)
+            now_ns = wire.now()
+            self._digest(session.receive(came, now_ns), now_ns)
+            self._digest(session.poll(now_ns), now_ns)
+        return True
+
+    def _cycle(self, now_ns: HostNs) -> None:
+        if not self.ready:
+            return
+        if self._duty is not None:
+            self.session.duty(*self._duty, TTL_MS, now_ns)
+        elif self._steer is not None:
+            self.session.setpoint(*self._steer(), TTL_MS, now_ns)
+
+    def _well(self, now_ns: HostNs) -> bool:
+        moving = self._duty is not None or self._steer is not None
+        if moving and now_ns - self._arrived.get(Encoders, now_ns) > STALE_NS:
+            self._failed = Failed("stale", "no encoder readings from the device any more")
+            return False
+        return True
+
+    def _check(self) -> None:
+        if self._interrupted:
+            raise InterruptedByPersonError("ended by Ctrl-C")
+        failed = self._failed
+        if failed is None:
+            return
+        if failed.kind in {"latched", "stale"}:
+            raise StoppedForSafetyError(failed.text)
+        raise DeviceLostError(failed.text)
+
+    # ---- news -----------------------------------------------------------------------------
+
+    def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
+        for event in events:
+            match event:
+                case Data():
+                    self._take(event, now_ns)
+                case CommandEnded():
+                    command_id: int = event.outcome.message.command_id  # type: ignore[attr-defined]  # of every command
+                    self._outcomes[command_id] = event.outcome
+                case Failed():
+                    self._failed = event
+                case StateChanged() if event.old is State.READY and event.new is not State.CLOSED:
+                    self._failed = Failed("lost", f"the device was lost: {event.why}")
+                case Agreed():
+                    self.newest[Hello] = event.hello
+                case _:
+                    pass
+
+    def _take(self, event: Data, now_ns: HostNs) -> None:
+        message, t_us = event.received.message, event.received.frame.t_us
+        self._t_us += ((t_us - self._t_us + 0x8000_0000) & 0xFFFF_FFFF) - 0x8000_0000
+        kind = type(message)
+        self.newest[kind] = message
+        self._arrived[kind] = now_ns
+        for kinds, kept in self._taps:
+            if kind in kinds:
+                kept.append((self._t_us / 1e6, message))
+        if isinstance(message, LogText):
+            self.lines.append(message.line)
+        elif isinstance(message, Status) and self._free and message.stop_cause != StopCause.NONE:
+            cause = label(StopCause, message.stop_cause)
+            why = f": {self.lines[-1]}" if self.lines else ""
+            self._free = False
+            self._failed = Failed("latched", f"the device latched a stop (cause: {cause}){why}")
+
+    def latest(self, kind: type[M]) -> M | None:
+        """The newest message of a kind."""
+        found = self.newest.get(kind)
+        return found if isinstance(found, kind) else None
+
+    def await_newest(self, kind: type[M], timeout_s: float = 3.0) -> M:
+        """The newest message of a kind, waited for where there is none yet.
+
+        Raises:
+            DeviceLostError: none came.
+
+        """
+        self.run(timeout_s, lambda: kind in self.newest)
+        found = self.latest(kind)
+        if found is None:
+            raise DeviceLostError(f"no {kind.__name__.lower()} data from the device")
+        return found
+
+    def collect(self, kind: type[M], duration_s: float) -> list[tuple[float, M]]:
+        """Messages of one kind for so long, each with the device's time (s)."""
+        kept: list[tuple[float, Message]] = []
+        tap = ((kind,), kept)
+        self._taps.append(tap)
+        try:
+            self.run(duration_s)
+        finally:
+            self._taps.remove(tap)
+        return [(t_s, message) for t_s, message in kept if isinstance(message, kind)]
+
+    def watch(self, *kinds: type[Message]) -> list[tuple[float, Message]]:
+        """A list that fills with these messages from now on; see :meth:`unwatch`."""
+        kept: list[tuple[float, Message]] = []
+        self._taps.append((kinds, kept))
+        return kept
+
+    def unwatch(self, kept: list[tuple[float, Message]]) -> None:
+        """Let a list fill no more."""
+        self._taps = [tap for tap in self._taps if tap[1] is not kept]
+
+    # ---- commands -------------------------------------------------------------------------
+
+    def ask(self, what: str, kind: type[Message], *fields: int) -> None:
+        """Send a command and wait until the device has carried it out.
+
+        Raises:
+            CommandRejectedError: it refused; the text has its reason.
+            DeviceLostError: it did not answer.
+
+        """
+        if self.session.link.codec.catalogue.by_class[kind].type_id in self.session.link.disabled:
+            raise CommandRejectedError(what, "its firmware does not have this command")
+        command_id = self.session.command(kind, fields, self._wire.now())
+        self._outcomes.pop(command_id, None)
+        self.run(ANSWER_S, lambda: command_id in self._outcomes)
+        outcome = self._outcomes.pop(command_id, None)
+        if outcome is None or outcome.timed_out:
+            raise DeviceLostError(f"the device did not answer {what}")
+        if not outcome.accepted:
+            assert outcome.reason is not None  # noqa: S101 - else it has timed out
+            raise CommandRejectedError(what, label(NackReason, outcome.reason))
+
+    def enable(self, mode: Mode, *, clear_stop: bool = False) -> None:
+        """Ask for leave to move in this mode.
+
+        A stop is cleared only where it ended a session in order, or with ``clear_stop``.
+
+        Raises:
+            StoppedForSafetyError: another stop is latched.
+            CommandRejectedError: the device refused.
+
+        """
+        status = self.await_newest(Status)
+        if status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END} and not clear_stop:
+            cause = label(StopCause, status.stop_cause)
+            raise StoppedForSafetyError(
+                f"the robot holds a stop (cause: {cause}); see that it is safe, "
+                "then add --clear-stop"
+            )
+        self._moved = True
+        if status.stop_cause != StopCause.NONE:
+            self.ask("clear stop", ClearStop, status.stop_cause)
+        self.ask(f"{label(Mode, mode)} mode", SetMode, mode)
+        self.run(1.0, lambda: self._in_mode(mode))
+        self._free = True
+
+    def _in_mode(self, mode: Mode) -> bool:
+        status = self.latest(Status)
+        return status is not None and status.mode == mode and status.stop_cause == StopCause.NONE
+
+    def duties(self, left: float, right: float) -> None:
+        """Repeat these motor duties (-1..1, capped by the device) while time passes."""
+        self._steer = None
+        self._duty = (left, right)
+
+    def steer(self, wanted: Callable[[], tuple[float, float]]) -> None:
+        """Repeat what this gives, speed (m/s) and yaw rate (rad/s), while time passes."""
+        self._duty = None
+        self._steer = wanted
+
+    def let_go(self) -> None:
+        """Send neither duties nor velocities any more: the device ramps to rest."""
+        self._duty = self._steer = None
+
+    def stop(self, cause: StopCause = StopCause.SESSION_END) -> bool:
+        """Latch a stop; True once the device has said yes."""
+        self.let_go()
+        self._free = False
+        self._interrupted = False
+        self._failed = None
+        command_id = self.session.stop(cause, self._wire.now())
+        self.newest.pop(Status, None)  # what it said before counts no more
+        return self._spin(1.0, lambda: command_id in self._outcomes)
+
+    # ---- parameters -----------------------------------------------------------------------
+
+    def list_parameters(self) -> list[Parameter]:
+        """Every parameter, by number.
+
+        Raises:
+            CommandRejectedError: the device has none.
+            DeviceLostError: it did not answer.
+
+        """
+        first, count = self._parameter(0)
+        return [first, *(self._parameter(number)[0] for number in range(1, count))]
+
+    def _parameter(self, number: int) -> tuple[Parameter, int]:
+        for _ in range(3):  # the value may be lost where its acknowledgement is not
+            self.newest.pop(ParameterValue, None)
+            self.ask(f"get parameter {number}", GetParameter, number)
+            value = self.latest(ParameterValue)
+            if value is not None and value.parameter == number:
+                return Parameter.from_message(value), value.parameter_count
+        raise DeviceLostError(f"the device did not tell parameter {number}")
+
+    def set_parameter(self, name: str, value: float) -> Parameter:
+        """Change one until the next boot; gives what the device has then.
+
+        Raises:
+            ParameterError: no such parameter, or it does not take the value.
+            CommandRejectedError: the device refused.
+            DeviceLostError: it did not answer.
+
+        """
+        known = {p.name: p for p in self.list_parameters()}
+        if name not in known:
+            raise ParameterError(closest(name, sorted(known)))
+        found = known[name]
+        kind = ParameterKind[found.kind.upper()]
+        self.ask(f"set {name}", SetParameter, found.number, kind, found.raw(value))
+        return self._parameter(found.number)[0]
+
+    def save_parameters(self) -> None:
+        """Make the present values the next boot's.
+
+        Raises:
+            CommandRejectedError: the device refused.
+            DeviceLostError: it did not answer.
+
+        """
+        self.ask("save parameters", SaveParameters)
+
+    # ---- its end --------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Stop where anything was enabled, and give the wire back."""
+        if self._moved and self.ready:
+            self.stop()
+            self._moved = False
+        self.session.close()
+        self._wire.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,196 @@
+"""UMBmark: systematic odometry errors, measured on a square driven both ways, and corrected. Pure.
+
+Source: J. Borenstein and L. Feng, "Measurement and Correction of Systematic Odometry Errors in
+Mobile Robots", IEEE Transactions on Robotics and Automation 12(6), 1996 (and the report
+UM-MEAM-94-22). Its symbols: L the square's side, b the wheel base, E_d = D_R/D_L,
+E_b = b_actual/b_nominal, ε = (absolute position - odometry's position) at the end of a run,
+c.g. the centre of gravity of all runs in one direction. Its equations, in the order of its
+derivation, are named here by what they give, for report and paper number them differently:
+
+- type A (wheel base): each turn is off by the same α: x_cw = x_ccw = -2Lα;
+- type B (diameters): each side is an arc that turns by β: x_cw = -2Lβ, x_ccw = +2Lβ;
+- both together: α = (x_cw + x_ccw)/(-4L), β = (x_cw - x_ccw)/(-4L), and the same from y:
+  α = (y_cw - y_ccw)/(-4L), β = (y_cw + y_ccw)/(-4L); the two are averaged;
+- the arc's radius R = (L/2)/sin(β/2), hence E_d = (R + b/2)/(R - b/2);
+- E_b = 90°/(90° - α);
+- the correction keeps the mean diameter: c_l = 2/(E_d + 1), c_r = 2/(1/E_d + 1).
+
+These hold to the first order: with errors of one per cent they leave up to some tenths of a
+per cent in E_b (α² against α on the way round). ``refine`` therefore takes them as the start
+and fits E_d and E_b to the same ε by integrating the counts that were recorded, without any
+approximation. The mean diameter itself (the source's E_s) no square shows: it is measured on a
+straight way, ``straight_scale``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.odometry import advance_arc
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bridge.motion.robot_model import RobotModel
+
+_STEP = 1e-4
+_ROUNDS = 12
+_DONE = 1e-10
+_ORIGIN = Pose2(0.0, 0.0, 0.0)
+
+
+class Run(NamedTuple):
+    """One square: what the wheels counted, and where it really ended."""
+
+    clockwise: bool
+    counts: tuple[tuple[int, int], ...]
+    """Left and right counts of each interval."""
+    end_x_m: float
+    end_y_m: float
+    """Measured, in the frame of the start: x ahead, y left."""
+
+
+class Correction(NamedTuple):
+    """What to set the robot to."""
+
+    wheel_ratio: float
+    """E_d."""
+    base_factor: float
+    """E_b."""
+    alpha_rad: float
+    beta_rad: float
+
+    def applied_to(self, model: RobotModel) -> RobotModel:
+        """The corrected model."""
+        return replace(
+            model,
+            wheel_ratio=model.wheel_ratio * self.wheel_ratio,
+            wheel_base_m=model.wheel_base_m * self.base_factor,
+        )
+
+
+class Benchmark(NamedTuple):
+    """The source's figures of a set of runs; metres."""
+
+    clockwise: tuple[float, float]
+    """Centre of gravity of the return errors ε."""
+    counter_clockwise: tuple[float, float]
+
+    @property
+    def worst_m(self) -> float:
+        """E_max,syst: the greater of the two centres' distances from the origin."""
+        return max(math.hypot(*self.clockwise), math.hypot(*self.counter_clockwise))
+
+
+def odometry(model: RobotModel, counts: Sequence[tuple[int, int]]) -> Pose2:
+    """Where the wheels alone say that a run ended (eq. 4 and 5 of the paper, wheel by wheel)."""
+    left_m, right_m = model.left_metres_per_count, model.right_metres_per_count
+    pose = _ORIGIN
+    for left_counts, right_counts in counts:
+        left, right = left_m * left_counts, right_m * right_counts
+        pose = advance_arc(pose, 0.5 * (left + right), (right - left) / model.wheel_base_m)
+    return pose
+
+
+def errors(model: RobotModel, runs: Sequence[Run]) -> list[tuple[float, float]]:
+    """Each run's ε: measured less odometry's, metres."""
+    found = []
+    for run in runs:
+        pose = odometry(model, run.counts)
+        found.append((run.end_x_m - pose.x_m, run.end_y_m - pose.y_m))
+    return found
+
+
+def benchmark(model: RobotModel, runs: Sequence[Run]) -> Benchmark:
+    """The figures of some runs with a model.
+
+    Raises:
+        ValueError: one of the directions was not driven.
+
+    """
+    centres = []
+    for clockwise in (True, False):
+        own = [r for r in runs if r.clockwise is clockwise]
+        if not own:
+            raise ValueError("the square must be driven in both directions")
+        found = errors(model, own)
+        centres.append((sum(x for x, _ in found) / len(own), sum(y for _, y in found) / len(own)))
+    return Benchmark(*centres)
+
+
+def borenstein(model: RobotModel, runs: Sequence[Run], side_m: float) -> Correction:
+    """The source's closed form, to be applied to ``model``.
+
+    Raises:
+        ValueError: one of the directions was not driven.
+
+    """
+    (x_cw, y_cw), (x_ccw, y_ccw) = benchmark(model, runs)
+    alpha = 0.5 * ((x_cw + x_ccw) + (y_cw - y_ccw)) / (-4.0 * side_m)
+    beta = 0.5 * ((x_cw - x_ccw) + (y_cw + y_ccw)) / (-4.0 * side_m)
+    return Correction(_ratio(beta, side_m, model.wheel_base_m), _base(alpha), alpha, beta)
+
+
+def _ratio(beta: float, side_m: float, base_m: float) -> float:
+    if beta == 0.0:
+        return 1.0
+    radius_m = 0.5 * side_m / math.sin(0.5 * beta)
+    return (radius_m + 0.5 * base_m) / (radius_m - 0.5 * base_m)
+
+
+def _base(alpha: float) -> float:
+    return 0.5 * math.pi / (0.5 * math.pi - alpha)
+
+
+def refine(model: RobotModel, runs: Sequence[Run], start: Correction) -> Correction:
+    """E_d and E_b for which the recorded counts end where the robot did, in least squares.
+
+    Gauss-Newton on the ends of all runs, from the closed form on.
+    """
+    ratio, base = start.wheel_ratio, start.base_factor
+    for _ in range(_ROUNDS):
+        residual = _residuals(model, runs, ratio, base)
+        by_ratio = _slope(residual, _residuals(model, runs, ratio + _STEP, base))
+        by_base = _slope(residual, _residuals(model, runs, ratio, base + _STEP))
+        a, b, c = _dot(by_ratio, by_ratio), _dot(by_ratio, by_base), _dot(by_base, by_base)
+        p, q = _dot(by_ratio, residual), _dot(by_base, residual)
+        determinant = a * c - b * b
+        if determinant <= 0.0:
+            break
+        step_ratio, step_base = (b * q - c * p) / determinant, (b * p - a * q) / determinant
+        ratio, base = ratio + step_ratio, base + step_base
+        if abs(step_ratio) + abs(step_base) < _DONE:
+            break
+    return Correction(ratio, base, start.alpha_rad, start.beta_rad)
+
+
+def _residuals(model: RobotModel, runs: Sequence[Run], ratio: float, base: float) -> list[float]:
+    corrected = Correction(ratio, base, 0.0, 0.0).applied_to(model)
+    return [value for error in errors(corrected, runs) for value in error]
+
+
+def _slope(before: Sequence[float], after: Sequence[float]) -> list[float]:
+    return [(b - a) / _STEP for a, b in zip(before, after, strict=True)]
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum(x * y for x, y in zip(a, b, strict=True))
+
+
+def straight_scale(
+    model: RobotModel, counts: Sequence[tuple[int, int]], measured_m: float
+) -> float:
+    """The source's E_s: a measured straight way over what odometry made of it.
+
+    Raises:
+        ValueError: the robot did not move.
+
+    """
+    pose = odometry(model, counts)
+    way_m = math.hypot(pose.x_m, pose.y_m)
+    if way_m <= 0.0:
+        raise ValueError("the robot did not move")
+    return measured_m / way_m

@@ -1,0 +1,358 @@
+"""Joins what was seen of a line, a body and a session to findings: one rule for each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bridge.doctor.body_view import BodyView
+from bridge.doctor.findings import Finding
+from bridge.doctor.timing import Timing, measure
+from bridge.doctor.wire_view import WireView
+from bridge.session_evidence import Evidence
+from bridge.telemetry import Severity
+from protocol.catalogue import CATALOGUE
+from protocol.link import Medium
+from protocol.values import ResetCause, StopCause, label
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bridge.doctor.body_view import Sign
+    from bridge.doctor.wire_view import Boot
+
+LEAST_DAMAGED = 3
+"""Fewer damaged frames are told in the figures, not as trouble: the first bytes after opening
+a port are the end of a frame more often than not."""
+STRANGE_BYTES, STRANGE_TIMES = 1000, 10
+"""Of damaged bytes that are like nothing a sweeper sends: so many, and so many times the rest."""
+NOISE_SHARE = 1e-4
+"""Of the frames: below it noise is told as a note."""
+LATE_P95_MS = 5.0
+"""An adapter at 1 ms and a host that is not busy stay below 2."""
+ROUND_TRIP_MS = 8.0
+"""The same there and back: below 4."""
+DRIFT_PPM = 200.0
+"""Two crystals of ±100 ppm."""
+LOGIC_V = 4.5
+"""What a 5 V rail must not fall below."""
+LOAD_PERCENT = 90
+STALE_SHARE = 0.02
+_SHOWN = 3
+_WARN, _BAD, _NOTE = Severity.WARNING, Severity.ERROR, Severity.INFO
+
+
+@dataclass
+class Examination:
+    """One capture, with all that is known of it."""
+
+    medium: Medium = Medium.UART
+    raw: bool = True
+    """Whether the line's bytes are there; False: only decoded messages."""
+    failure: tuple[str, str] | None = None
+    """Kind and text of why a session failed."""
+    differences: list[str] = field(default_factory=list)
+    """What host and device declare differently, a line each."""
+    boots: list[Boot] = field(default_factory=list)
+    """Further boots that a log names."""
+    port_lost: list[str] = field(default_factory=list)
+    """What was said as the port went away."""
+    extra: list[Finding] = field(default_factory=list)
+    """What is known beforehand: of the file, of the port."""
+
+    def __post_init__(self) -> None:
+        """Look at nothing yet."""
+        self.wire = WireView(self.medium)
+        self.body = BodyView()
+        self.wire.on_message = self.body.take
+        self.timing = Timing()
+
+    def received(self, data: bytes, at_ns: int) -> None:
+        """Bytes from the device."""
+        self.wire.received(data, at_ns)
+
+    def sent(self, data: bytes, at_ns: int) -> None:
+        """Bytes to the device."""
+        self.wire.sent(data, at_ns)
+        self.body.onboard = self.wire.onboard or self.body.onboard
+
+    def conclude(self) -> list[Finding]:
+        """Everything that was found, the gravest first."""
+        self.timing = measure(self.wire)
+        found = [*self.extra]
+        for rule in (
+            self._contact,
+            self._damage,
+            self._losses,
+            self._delays,
+            self._clock,
+            self._resets,
+            self._device,
+            self._body,
+        ):
+            found += rule()
+        order = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.INFO: 2, Severity.DEBUG: 3}
+        return sorted(found, key=lambda finding: order[finding.severity])
+
+    # ---- rules ----------------------------------------------------------------------------
+
+    def _contact(self) -> Iterator[Finding]:
+        """Whether it is a sweeper at all, and whether both ends understand each other."""
+        wire = self.wire
+        if self.failure is not None:
+            kind, text = self.failure
+            known = {"silence": "no_data", "garbage": "wrong_baud", "deaf": "no_answer"}
+            kind = known.get(kind, kind)
+            if kind in {"no_data", "wrong_baud", "no_answer", "echo", "words", "version"}:
+                yield Finding(kind, _BAD, text)
+                return
+            yield Finding("schema" if kind == "disagreement" else "no_answer", _BAD, text)
+        elif self.raw and wire.bytes_in == 0:
+            yield Finding("no_data", _BAD, "not a byte came from the device")
+        elif wire.versions and wire.frames == 0:
+            spoken = ", ".join(map(str, sorted(wire.versions)))
+            yield Finding("version", _BAD, f"the device speaks protocol version {spoken}")
+        elif self.raw and wire.frames == 0:
+            yield self._garbage()
+        elif self.medium is Medium.UART and self._mostly_garbage():
+            share = wire.damaged.total / (wire.damaged.total + wire.frames)
+            yield Finding(
+                "wrong_baud",
+                _BAD,
+                f"{100 * share:.0f} % of what came is no frame, most of it like nothing a sweeper "
+                "sends: for a part of the time the two ends ran at different rates",
+                {"damaged": wire.damaged.total, "frames": wire.frames},
+            )
+        if self.differences:
+            yield Finding(
+                "schema",
+                _WARN,
+                f"host and device declare {len(self.differences)} messages differently: "
+                + "; ".join(self.differences[:_SHOWN]),
+                {"differences": self.differences},
+            )
+        elif wire.boots and wire.boots[-1].catalogue_hash != CATALOGUE.hash:
+            yield Finding(
+                "schema",
+                _WARN,
+                f"the device's catalogue is {wire.boots[-1].catalogue_hash:08x}, "
+                f"this program's {CATALOGUE.hash:08x}",
+            )
+
+    def _garbage(self) -> Finding:
+        evidence = Evidence()
+        evidence.hear(self.wire.beginning)
+        kind, text = evidence.verdict(self.medium, self.wire.damaged.total)
+        known = {"garbage": "wrong_baud", "silence": "no_data"}
+        return Finding(known.get(kind, kind), _BAD, text, {"bytes": self.wire.bytes_in})
+
+    def _mostly_garbage(self) -> bool:
+        damaged = self.wire.damaged
+        strange = damaged.unknown_bytes
+        return strange > STRANGE_BYTES and strange > STRANGE_TIMES * (damaged.bytes - strange)
+
+    def _damage(self) -> Iterator[Finding]:
+        """What kind of damage, by what the damaged frames still say of themselves."""
+        wire, damaged = self.wire, self.wire.damaged
+        if wire.repeated >= LEAST_DAMAGED:
+            text = f"{wire.repeated} frames came twice"
+            yield Finding("repeated", _WARN, text, {"repeated": wire.repeated})
+        told = damaged.whole + damaged.short + damaged.long
+        if damaged.total < LEAST_DAMAGED or told < LEAST_DAMAGED or wire.frames == 0:
+            return
+        if 2 * wire.repeated > damaged.total:
+            return  # it is the ends of what came twice
+        share = damaged.total / (wire.frames + damaged.total)
+        data: dict[str, Any] = {
+            "damaged": damaged.total,
+            "frames": wire.frames,
+            "right_length": damaged.whole,
+            "too_short": damaged.short,
+            "too_long": damaged.long,
+        }
+        severity = _NOTE if share < NOISE_SHARE else _WARN
+        of = f"{damaged.total} of {wire.frames + damaged.total} frames"
+        if damaged.short > damaged.whole:
+            text = f"{of} came damaged, most of them too short: bytes are lost on the way"
+            yield Finding("overrun", severity, text, data)
+        else:
+            text = f"{of} came damaged, with no bytes missing: bits turn over"
+            yield Finding("line_noise", severity, text, data)
+
+    def _losses(self) -> Iterator[Finding]:
+        """Frames that did not come, and times in which nothing did."""
+        wire, holes = self.wire, self.timing.holes
+        in_holes = sum(hole.missing for hole in holes)
+        if self.port_lost:
+            text = f"the port went away {_times(len(self.port_lost))}: {self.port_lost[0]}"
+            yield Finding("unplugged", _BAD, text, {"times": len(self.port_lost)})
+        boots = [boot.at_ns for boot in wire.boots[1:]]
+        begin_ns = wire.marks.arrived_ns[0] if wire.marks.arrived_ns else 0
+        own = [h for h in holes if not _near_boot(h.at_s, h.for_s, boots, begin_ns)]
+        if own and not self.port_lost:
+            longest = max(own, key=lambda hole: hole.for_s)
+            text = (
+                f"nothing came {_times(len(own))}, the longest {longest.for_s:.2f} s "
+                f"at {longest.at_s:.1f} s"
+            )
+            data = {"holes": [(hole.at_s, hole.for_s) for hole in own[:50]]}
+            yield Finding("gap", _WARN, text, data)
+        elsewhere = wire.lost - in_holes - wire.damaged.total
+        if elsewhere > max(LEAST_DAMAGED, NOISE_SHARE * wire.frames) and wire.damaged.total == 0:
+            text = f"{wire.lost} frames are missing by their numbers, none of them came damaged"
+            yield Finding("overrun", _WARN, text, {"lost": wire.lost, "frames": wire.frames})
+        if wire.device_damaged >= LEAST_DAMAGED:
+            text = f"the device counted {wire.device_damaged} damaged frames from the host"
+            yield Finding("device_hears_noise", _WARN, text, {"damaged": wire.device_damaged})
+        if wire.device_stale > max(LEAST_DAMAGED, STALE_SHARE * wire.device_received):
+            text = f"the device refused {wire.device_stale} velocities as old or repeated"
+            yield Finding("late_setpoints", _WARN, text, {"stale": wire.device_stale})
+
+    def _delays(self) -> Iterator[Finding]:
+        """What comes late, and why that may be."""
+        timing = self.timing
+        stalls = timing.stalls
+        if stalls:
+            worst = max(stalls, key=lambda stall: stall.for_s)
+            text = (
+                f"the host read nothing {_times(len(stalls))}, the longest {worst.for_s:.2f} s at "
+                f"{worst.at_s:.1f} s, and then what had come meanwhile"
+            )
+            data = {"stalls": [(stall.at_s, stall.for_s) for stall in stalls[:50]]}
+            yield Finding("host_stall", _WARN, text, data)
+        late_ms = timing.delay_ms.get("p95", 0.0)
+        trip_ms = timing.round_trip_ms.get("p50", 0.0)
+        slower = [s for s in timing.steps if _is_line(s.by_ms, s.round_trip_ms) and s.by_ms > 0.0]
+        if late_ms <= LATE_P95_MS and trip_ms <= ROUND_TRIP_MS and not slower:
+            return
+        figures = {**{f"delay_{k}_ms": round(v, 2) for k, v in timing.delay_ms.items()}}
+        figures |= {f"round_trip_{k}_ms": round(v, 2) for k, v in timing.round_trip_ms.items()}
+        timer_ms = timing.timer_ms
+        if timer_ms is not None and late_ms > max(LATE_P95_MS, 0.5 * timer_ms) and not slower:
+            figures["timer_ms"] = round(timer_ms, 2)
+            text = f"bytes wait for a timer of {timer_ms:.0f} ms before they are handed over"
+            yield Finding("adapter_latency", _WARN, text, figures)
+            return
+        told = [f"one frame in twenty comes over {late_ms:.0f} ms late"] if late_ms else []
+        if trip_ms:
+            told.append(f"a question is answered after {trip_ms:.1f} ms")
+        if slower:
+            told.append(f"at {slower[0].at_s:.1f} s it became slower by {slower[0].by_ms:.0f} ms")
+        yield Finding("latency", _WARN, "; ".join(told), figures)
+
+    def _clock(self) -> Iterator[Finding]:
+        """Jumps and drift of the device's clock."""
+        timing = self.timing
+        jumps = [s for s in timing.steps if not _is_line(s.by_ms, s.round_trip_ms)]
+        if jumps:
+            first = jumps[0]
+            text = (
+                f"the clocks jumped against each other {_times(len(jumps))}, "
+                f"first by {-first.by_ms:+.0f} ms at {first.at_s:.1f} s"
+            )
+            data = {"jumps": [(s.at_s, round(-s.by_ms, 1)) for s in jumps[:50]]}
+            yield Finding("clock_step", _WARN, text, data)
+        drift = timing.drift_ppm
+        if drift is not None and abs(drift) > DRIFT_PPM and timing.duration_s > 5.0:  # noqa: PLR2004 - s
+            how = "slow" if drift > 0.0 else "fast"
+            text = f"the device's clock is {how} by {abs(drift):.0f} ppm"
+            yield Finding("clock_drift", _WARN, text, {"ppm": round(-drift, 1)})
+
+    def _resets(self) -> Iterator[Finding]:
+        """Boots during the capture, and what the device says caused them."""
+        boots = self.wire.boots or self.boots
+        again = boots[1:]
+        if again:
+            causes = Counter(label(ResetCause, boot.cause) for boot in again)
+            told = ", ".join(f"{name} ({count})" for name, count in causes.items())
+            kind = "reset"
+            if ResetCause.BROWN_OUT in {boot.cause for boot in again}:
+                kind = "brown_out"
+            elif ResetCause.WATCHDOG in {boot.cause for boot in again}:
+                kind = "watchdog"
+            text = f"the device booted anew {_times(len(again))}; cause: {told}"
+            yield Finding(kind, _BAD, text, {"causes": dict(causes)})
+        elif boots and boots[0].cause in {ResetCause.BROWN_OUT, ResetCause.WATCHDOG}:
+            kind = "brown_out" if boots[0].cause == ResetCause.BROWN_OUT else "watchdog"
+            text = f"before this the device booted by {label(ResetCause, boots[0].cause)}"
+            yield Finding(kind, _NOTE, text, {"before": True})
+        low_v = self.wire.logic_low_v
+        if low_v is not None and low_v < LOGIC_V:
+            text = f"the 5 V rail fell to {low_v:.2f} V"
+            yield Finding("brown_out", _BAD, text, {"logic_v": round(low_v, 3)})
+
+    def _device(self) -> Iterator[Finding]:
+        """What the firmware says of itself."""
+        wire = self.wire
+        if wire.load_percent >= LOAD_PERCENT:
+            text = f"the device's control loop was busy for up to {wire.load_percent} % of its time"
+            yield Finding("overload", _WARN, text, {"load_percent": wire.load_percent})
+        cause = wire.stop_cause
+        if cause is not None and cause > StopCause.SESSION_END:
+            text = f"at the end the device holds a stop, cause: {label(StopCause, cause)}"
+            yield Finding("stopped", _NOTE, text, {"cause": label(StopCause, cause)})
+
+    def _body(self) -> Iterator[Finding]:
+        """What the messages say of the body: each kind once, with its first and how often."""
+        signs: dict[str, list[Sign]] = {}
+        for sign in self.body.signs:
+            signs.setdefault(sign.kind, []).append(sign)
+        for kind, found in signs.items():
+            first = found[0]
+            often = "" if len(found) == 1 else f" ({len(found)} findings of this kind)"
+            text = f"at {first.at_s:.1f} s {first.text}{often}"
+            data = {**first.data, "at_s": first.at_s, "times": len(found)}
+            yield Finding(kind, _WARN, text, data)
+
+    # ---- figures --------------------------------------------------------------------------
+
+    def figures(self) -> dict[str, Any]:
+        """What was measured, whether or not anything is wrong."""
+        wire, timing = self.wire, self.timing
+        return {
+            "duration_s": round(timing.duration_s, 3),
+            "bytes": {"in": wire.bytes_in, "out": wire.bytes_out},
+            "frames": wire.frames,
+            "lost": wire.lost,
+            "damaged": wire.damaged.total,
+            "repeated": wire.repeated,
+            "unused": dict(wire.foreign),
+            "delay_ms": {k: round(v, 3) for k, v in timing.delay_ms.items()},
+            "round_trip_ms": {k: round(v, 3) for k, v in timing.round_trip_ms.items()},
+            "drift_ppm": None if timing.drift_ppm is None else round(-timing.drift_ppm, 2),
+            "boots": [
+                {
+                    "boot_id": f"{boot.boot_id:08x}",
+                    "cause": label(ResetCause, boot.cause),
+                    "firmware": boot.firmware,
+                    "uid": boot.uid.hex(),
+                }
+                for boot in (wire.boots or self.boots)
+            ],
+            "streams": {
+                name: {
+                    "count": stream.count,
+                    "rate_hz": None if stream.rate_hz is None else round(stream.rate_hz, 2),
+                    "default_hz": stream.default_hz,
+                    "longest_gap_s": round(stream.longest_ns * 1e-9, 3),
+                }
+                for name, stream in sorted(wire.streams.items())
+            },
+        }
+
+
+def _is_line(by_ms: float, round_trip_ms: float | None) -> bool:
+    """Whether a jump of the offset is the line's: the round trip changed with it."""
+    if round_trip_ms is None:
+        return False
+    return round_trip_ms * by_ms > 0.0 and abs(round_trip_ms) > 0.5 * abs(by_ms)
+
+
+def _near_boot(at_s: float, for_s: float, boots: list[int], begin_ns: int) -> bool:
+    end_s = at_s + for_s
+    return any(at_s - 0.1 <= (boot - begin_ns) * 1e-9 <= end_s + 2.0 for boot in boots)
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else "twice" if count == 2 else f"{count} times"  # noqa: PLR2004

@@ -1,0 +1,219 @@
+"""A log on the doctor's table: ours, with every byte of the line, or another program's.
+
+From the raw bytes all is judged as on a live line. Where a log has only decoded messages, line
+and clock cannot be judged, and it says so; what the messages tell is used. Of topics that
+nobody here knows, pauses are still found.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bridge.doctor.examination import Examination
+from bridge.doctor.findings import Finding
+from bridge.record.captures import readable
+from bridge.record.reader import LogReader
+from bridge.telemetry import Severity
+from protocol.can_frames import RECORD
+from protocol.catalogue import CATALOGUE
+from protocol.link import Medium
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bridge.record.reader import LogMessage
+
+_UART = {"/raw/uart/rx", "/raw/uart/tx"}
+_CAN, _EVENTS, _DEVICE = "/raw/can", "/events", "/device/"
+_NANO = 1e-9
+PAUSE_TIMES = 20.0
+PAUSE_S = 1.0
+"""A topic that pauses for longer than this, and for so many of its usual periods."""
+LEAST_MESSAGES = 20
+FROZEN = 60
+_FAILURES = frozenset(
+    {"silence", "garbage", "echo", "words", "version", "deaf", "disagreement", "other_host"}
+)
+_SHOWN = 5
+
+
+@dataclass(slots=True)
+class _Topic:
+    """When a topic's messages came."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    pauses: list[tuple[int, int]] = field(default_factory=list)
+    """How long, and from when (ns)."""
+    before: object = None
+    """The inertial sensor's values of the message before, and how often they came."""
+    equal: int = 0
+    longest_equal: int = 0
+
+    def take(self, at_ns: int) -> None:
+        if self.count == 0:
+            self.first_ns = at_ns
+        else:
+            wait_ns = at_ns - self.last_ns
+            if wait_ns > PAUSE_S / _NANO:
+                self.pauses.append((wait_ns, self.last_ns))
+        self.last_ns = max(self.last_ns, at_ns)
+        self.count += 1
+
+    @property
+    def period_ns(self) -> float:
+        """The usual one: mean of what is no pause."""
+        paused = sum(wait for wait, _ in self.pauses)
+        return (self.last_ns - self.first_ns - paused) / max(self.count - 1 - len(self.pauses), 1)
+
+
+def examine_log(path: Path) -> Examination:
+    """Look at a log, or at a capture of another program.
+
+    Raises:
+        LogReadError: the file is missing, cannot be read, or holds nothing that we can read.
+
+    """
+    with readable(path) as log:
+        return _Log(LogReader(log)).examine()
+
+
+class _Log:
+    """One log being read."""
+
+    def __init__(self, reader: LogReader) -> None:
+        self._reader = reader
+        self._topics: dict[str, _Topic] = {}
+        self._raw = False
+        self._examination = Examination()
+        self._begin_ns: int | None = None
+        self._late: list[str] = []
+
+    def examine(self) -> Examination:
+        reader = self._reader
+        first = next((m.topic for m in reader.messages({*_UART, _CAN})), "")
+        self._raw = bool(first)
+        medium = Medium.CAN if first == _CAN else Medium.UART
+        examination = self._examination = Examination(medium, raw=self._raw)
+        for message in reader.messages():
+            if self._begin_ns is None:
+                self._begin_ns = message.log_ns
+            self._take(message)
+        self._about_file(examination)
+        self._about_topics(examination)
+        return examination
+
+    def _take(self, message: LogMessage) -> None:
+        topic = message.topic
+        if topic in _UART or topic == _CAN:
+            self._take_raw(message)
+            return
+        if topic == _EVENTS:
+            with contextlib.suppress(ValueError, AttributeError, TypeError):
+                self._event(message.decoded)
+            return
+        known = self._topics.get(topic)
+        if known is None:
+            known = self._topics[topic] = _Topic()
+        known.take(message.log_ns)
+        if self._raw:
+            return
+        with contextlib.suppress(ValueError, AttributeError, TypeError):
+            if topic.startswith(_DEVICE):
+                self._decoded(topic.removeprefix(_DEVICE), message)
+            elif message.channel.schema_name in {"sensor_msgs/msg/Imu", "sensor_msgs/Imu"}:
+                _note_equal(known, message.decoded)
+
+    def _take_raw(self, message: LogMessage) -> None:
+        examination = self._examination
+        try:
+            decoded = message.decoded
+            if message.topic != _CAN:
+                take = examination.sent if message.topic.endswith("tx") else examination.received
+                take(decoded.data, message.log_ns)
+                return
+            data = bytes(decoded.data)
+            record = RECORD.pack(decoded.can_id, len(data), data)
+            take = examination.sent if decoded.outgoing else examination.received
+            take(record, message.log_ns)
+        except (ValueError, AttributeError, TypeError):
+            return  # another program's topic of the same name
+
+    def _event(self, event: Any) -> None:  # noqa: ANN401 - whatever the file's own schema says
+        """What the session said, which the bytes do not show."""
+        examination = self._examination
+        source, kind, text = str(event.source), str(event.kind), str(event.text)
+        if source == "link" and kind == "port_lost":
+            examination.port_lost.append(text)
+        elif source == "session" and kind == "schema":
+            if text not in examination.differences:
+                examination.differences.append(text)
+        elif source == "session" and kind == "late":
+            self._late.append(text)
+        elif source == "session" and kind in _FAILURES and event.severity == "error":
+            examination.failure = kind, text
+
+    def _decoded(self, name: str, message: LogMessage) -> None:
+        """A message of the device without its bytes: body and sensors can be judged."""
+        spec = CATALOGUE.by_name.get(name)
+        if spec is None:
+            return
+        decoded = message.decoded
+        values = [getattr(decoded, f.name) for f in spec.fields]
+        device = spec.cls(*values)
+        wire = self._examination.wire
+        wire.note_decoded(spec, device, decoded.t_us, message.log_ns)
+
+    # ---- what the file itself says ----------------------------------------------------------
+
+    def _about_file(self, examination: Examination) -> None:
+        reader = self._reader
+        if reader.truncated:
+            text = "the log's end is missing; what is there was read"
+            examination.extra.append(Finding("truncated", Severity.WARNING, text))
+        if reader.problems:
+            text = f"the log is damaged: {reader.problems[0]}"
+            problems = reader.problems[:_SHOWN]
+            examination.extra.append(
+                Finding("damaged_log", Severity.WARNING, text, {"problems": problems})
+            )
+        if not self._raw:
+            text = "the log holds no bytes of the line: line and clock were not judged"
+            examination.extra.append(Finding("not_recorded", Severity.INFO, text))
+        if self._late:
+            text = f"the host was held up {len(self._late)} times by its own account; first: "
+            text += self._late[0]
+            times = {"times": len(self._late)}
+            examination.extra.append(Finding("host_stall", Severity.WARNING, text, times))
+
+    def _about_topics(self, examination: Examination) -> None:
+        """Pauses of topics; on a whole line those of the device are told by the line's rules."""
+        if self._raw:
+            return
+        for name, topic in sorted(self._topics.items()):
+            if topic.longest_equal >= FROZEN:
+                text = f"{name} gave the same {topic.longest_equal} times in a row"
+                data: dict[str, Any] = {"topic": name, "equal": topic.longest_equal}
+                examination.extra.append(Finding("imu", Severity.WARNING, text, data))
+            pauses = [p for p in topic.pauses if p[0] > PAUSE_TIMES * topic.period_ns]
+            if topic.count < LEAST_MESSAGES or not pauses:
+                continue
+            wait_ns, at_ns = max(pauses)
+            at_s = (at_ns - (self._begin_ns or at_ns)) * _NANO
+            text = (
+                f"{name}, else every {topic.period_ns * 1e-6:.0f} ms, paused {len(pauses)} times, "
+                f"the longest {wait_ns * _NANO:.1f} s at {at_s:.1f} s"
+            )
+            data = {"topic": name, "pauses": len(pauses), "longest_s": wait_ns * _NANO}
+            examination.extra.append(Finding("topic_gap", Severity.WARNING, text, data))
+
+
+def _note_equal(topic: _Topic, imu: Any) -> None:  # noqa: ANN401 - a ROS message of any maker
+    rate, push = imu.angular_velocity, imu.linear_acceleration
+    now = (rate.x, rate.y, rate.z, push.x, push.y, push.z)
+    topic.equal = topic.equal + 1 if now == topic.before else 0
+    topic.before = now
+    topic.longest_equal = max(topic.longest_equal, topic.equal)

@@ -1,0 +1,302 @@
+"""What a line's bytes tell of the line: frames, damage and its kind, losses, answers, boots.
+
+Fed with every byte in both directions and when the port gave or took it; keeps figures, not
+the bytes.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from protocol.can_link import CanLink
+from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.link import Link, Medium, Received, Rejected
+from protocol.message import Direction
+from protocol.messages import (
+    Hello,
+    LinkCounters,
+    PlannerCommand,
+    Power,
+    Status,
+    TimeReply,
+    TimeRequest,
+)
+from protocol.uart import CRC, HEADER, DamagedFrame
+from protocol.values import OnboardPlanner, PlannerAction, label
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from protocol.link import LinkBase, LinkEvent
+    from protocol.message import Message, MessageSpec
+
+_KEPT = 1024
+"""Bytes kept to look into damaged stretches: four frames of the longest."""
+_RECENT = 16
+_VERSION = PROTOCOL_VERSION << 4
+_COBS_AND_CRC = 1 + CRC.size
+_HEAD_SEEN = 4
+"""Bytes of a stretch up to its type: one of COBS, then version, node, type."""
+_MOST_TEXT = 2048
+_MAX_MARKS = 2_000_000
+"""Frames whose times are kept: two hours and more at the default rates."""
+
+
+@dataclass(slots=True)
+class Boot:
+    """One boot of the device, as its hello says."""
+
+    boot_id: int
+    cause: int
+    at_ns: int
+    firmware: str
+    catalogue_hash: int
+    uid: bytes
+
+
+@dataclass(slots=True)
+class Damaged:
+    """What became of damaged stretches, by what their header still says of their length."""
+
+    whole: int = 0
+    """As long as the message that it names: bits were wrong."""
+    short: int = 0
+    """Bytes are missing."""
+    long: int = 0
+    """Bytes too many: two frames that ran together, or something sent twice."""
+    unknown: int = 0
+    """Its header says nothing that makes sense."""
+    bytes: int = 0
+    unknown_bytes: int = 0
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return self.whole + self.short + self.long + self.unknown
+
+
+@dataclass(slots=True)
+class Stream:
+    """One message of the device over the capture."""
+
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    longest_ns: int = 0
+    """Between two of them."""
+    default_hz: float = 0.0
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean; None for fewer than two."""
+        if self.count < 2 or self.last_ns <= self.first_ns:  # noqa: PLR2004 - a rate needs two
+            return None
+        return (self.count - 1) / ((self.last_ns - self.first_ns) * 1e-9)
+
+
+@dataclass(slots=True)
+class Marks:
+    """Of every intact frame, in order; the raw material of the timing."""
+
+    arrived_ns: array[int] = field(default_factory=lambda: array("q"))
+    stamp_us: array[int] = field(default_factory=lambda: array("q"))
+    """The device's clock, 32 bits as received."""
+    skipped: array[int] = field(default_factory=lambda: array("q"))
+    """Frames missing before it, by its sequence number."""
+
+
+class WireView:
+    """Looks at one line; :meth:`received` and :meth:`sent` as bytes pass."""
+
+    def __init__(self, medium: Medium = Medium.UART) -> None:
+        """Nothing has passed."""
+        can = medium is Medium.CAN
+        self.medium = medium
+        self.on_message: Callable[[Message, int, int], None] = lambda *_: None
+        """Told each message of the device, its stamp (µs, 32 bits) and its arrival (ns)."""
+        self.bytes_in = self.bytes_out = 0
+        self.frames = 0
+        self.lost = 0
+        self.repeated = 0
+        """Frames that came again as they were."""
+        self.foreign = Counter[str]()
+        """Intact frames that could not be used, by why."""
+        self.versions: set[int] = set()
+        """Other protocol versions spoken."""
+        self.damaged = Damaged()
+        self.streams: dict[str, Stream] = {}
+        self.boots: list[Boot] = []
+        self.marks = Marks()
+        self.chunk_ns = array("q")
+        """When the port gave something."""
+        self.chunk_bytes = array("q")
+        self.round_trips: list[tuple[int, int]] = []
+        """Of each ping that was answered: when (ns), and how long without the device's own part."""
+        self.unanswered = 0
+        self.device_damaged = self.device_stale = self.device_received = 0
+        """What the device counted during the capture of what came from the host."""
+        self.logic_low_v: float | None = None
+        self.load_percent = 0
+        self.stop_cause: int | None = None
+        self.beginning = b""
+        self.onboard = ""
+        """Name of the device's planner that the host started last."""
+        self._can = can
+        self._rx: LinkBase = (CanLink if can else Link)(Direction.HOST)
+        self._tx: LinkBase = (CanLink if can else Link)(Direction.DEVICE)
+        self._tail = b""
+        self._seq: int | None = None
+        self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)
+        self._pings: dict[int, int] = {}
+        self._counters: LinkCounters | None = None
+
+    # ---- bytes ----------------------------------------------------------------------------
+
+    def received(self, data: bytes, at_ns: int) -> None:
+        """Bytes from the device (on a bus: whole 16-byte records), and when the port gave them."""
+        if not data:
+            return
+        if len(self.beginning) < _MOST_TEXT:
+            self.beginning = (self.beginning + data)[:_MOST_TEXT]
+        self.bytes_in += len(data)
+        self._tail = (self._tail + data)[-_KEPT - len(data) :]
+        if len(self.chunk_ns) < _MAX_MARKS:
+            self.chunk_ns.append(at_ns)
+            self.chunk_bytes.append(len(data))
+        for event in self._rx.receive(data, at_ns // 1000):
+            self._event(event, at_ns)
+        self._tail = self._tail[-_KEPT:]
+
+    def sent(self, data: bytes, at_ns: int) -> None:
+        """Bytes to the device."""
+        self.bytes_out += len(data)
+        for event in self._tx.receive(data, at_ns // 1000):
+            if not isinstance(event, Received):
+                continue
+            message = event.message
+            if isinstance(message, TimeRequest):
+                self.unanswered += message.ping in self._pings
+                self._pings[message.ping] = at_ns
+            elif isinstance(message, PlannerCommand) and message.action == PlannerAction.START:
+                self.onboard = label(OnboardPlanner, message.planner).replace("_", "-")
+
+    def note_decoded(self, spec: MessageSpec, message: Message, stamp_us: int, at_ns: int) -> None:
+        """A message whose bytes nobody kept."""
+        self.frames += 1
+        if isinstance(message, Hello):
+            self._hello(message, at_ns)
+        self._note(spec, message, stamp_us, at_ns)
+
+    # ---- what they are --------------------------------------------------------------------
+
+    def _event(self, event: LinkEvent, at_ns: int) -> None:
+        if isinstance(event, Received):
+            self._message(event, at_ns)
+        elif isinstance(event, Rejected):
+            self.foreign[event.reason] += 1
+            if event.reason == "version":
+                self.versions.add(event.frame.version)
+        else:
+            self._damage(event)
+
+    def _message(self, event: Received, at_ns: int) -> None:
+        message, frame, spec = event
+        self.frames += 1
+        if isinstance(message, Hello):
+            self._hello(message, at_ns)
+        self._sequence(frame.seq, frame.t_us, at_ns)
+        if isinstance(message, TimeReply):
+            self._reply(message, frame.t_us, at_ns)
+        self._note(spec, message, frame.t_us, at_ns)
+
+    def _note(self, spec: MessageSpec, message: Message, stamp_us: int, at_ns: int) -> None:
+        stream = self.streams.get(spec.name)
+        if stream is None:
+            rate_hz = float(spec.default_hz or 0.0)
+            stream = self.streams[spec.name] = Stream(0, at_ns, at_ns, 0, rate_hz)
+        stream.count += 1
+        stream.longest_ns = max(stream.longest_ns, at_ns - stream.last_ns)
+        stream.last_ns = at_ns
+        match message:
+            case LinkCounters():
+                self._count(message)
+            case Power():
+                low_v = message.logic_v
+                self.logic_low_v = (
+                    low_v if self.logic_low_v is None else min(self.logic_low_v, low_v)
+                )
+            case Status():
+                self.load_percent = max(self.load_percent, message.load)
+                self.stop_cause = message.stop_cause
+            case _:
+                pass
+        self.on_message(message, stamp_us, at_ns)
+
+    def _sequence(self, seq: int, stamp_us: int, at_ns: int) -> None:
+        before, self._seq = self._seq, seq
+        skipped = 0
+        if (seq, stamp_us) in self._recent:
+            self.repeated += 1
+            return
+        self._recent.append((seq, stamp_us))
+        if before is not None and not self._can:
+            skipped = (seq - before - 1) & 0xFF
+            self.lost += skipped
+        marks = self.marks
+        if len(marks.arrived_ns) < _MAX_MARKS:
+            marks.arrived_ns.append(at_ns)
+            marks.stamp_us.append(stamp_us)
+            marks.skipped.append(skipped)
+
+    def _hello(self, hello: Hello, at_ns: int) -> None:
+        if self.boots and self.boots[-1].boot_id == hello.boot_id:
+            return
+        name = f"{hello.name} {hello.version_major}.{hello.version_minor}.{hello.version_patch}"
+        self.boots.append(
+            Boot(hello.boot_id, hello.reset_cause, at_ns, name, hello.catalogue_hash, hello.uid)
+        )
+        self._seq = self._counters = None  # they begin anew with the boot
+
+    def _reply(self, reply: TimeReply, replied_us: int, at_ns: int) -> None:
+        sent_ns = self._pings.pop(reply.ping, None)
+        if sent_ns is not None:
+            own_ns = ((replied_us - reply.received_us) & 0xFFFF_FFFF) * 1000
+            self.round_trips.append((at_ns, at_ns - sent_ns - own_ns))
+
+    def _count(self, counters: LinkCounters) -> None:
+        before, self._counters = self._counters, counters
+        if before is not None:
+            self.device_received += (counters.received - before.received) & 0xFFFF
+            self.device_damaged += (counters.damaged - before.damaged) & 0xFFFF
+            self.device_stale += (counters.stale - before.stale) & 0xFFFF
+
+    def _damage(self, event: DamagedFrame) -> None:
+        start = len(self._tail) - (self.bytes_in - event.offset)
+        stretch = self._tail[start : start + event.length] if start >= 0 else b""
+        expected = _length_by_header(stretch)
+        self.damaged.bytes += event.length
+        if expected is None:
+            self.damaged.unknown += 1
+            self.damaged.unknown_bytes += event.length
+        elif event.length == expected:
+            self.damaged.whole += 1
+        elif event.length < expected:
+            self.damaged.short += 1
+        else:
+            self.damaged.long += 1
+
+
+def _length_by_header(stretch: bytes) -> int | None:
+    """Encoded length of the message that a damaged stretch's header names, where it names one.
+
+    The header's first bytes have no zero in them, so COBS leaves them where they are.
+    """
+    if len(stretch) < _HEAD_SEEN or stretch[1] & 0xF0 != _VERSION:
+        return None
+    spec = CATALOGUE.by_type.get(stretch[3])
+    if spec is None or spec.direction is not Direction.DEVICE or spec.text_field is not None:
+        return None
+    return int(HEADER.size + spec.layout.size + _COBS_AND_CRC)

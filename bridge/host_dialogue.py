@@ -1,0 +1,88 @@
+"""Commands that somebody waits for, and what the device told of its parameters.
+
+The run itself (:mod:`bridge.mission`) asks for motion; whatever else a device can be asked for
+passes here: each command with the one who wants to know how it ended.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+from bridge.parameters import Parameter
+from bridge.session_events import State
+from protocol.messages import PlannerCommand
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.mission import Request
+    from bridge.session import Session
+    from protocol.clock import HostNs
+    from protocol.commands import Command, Outcome
+    from protocol.message import Message
+    from protocol.messages import ParameterValue
+
+
+def carry_out(request: Request, session: Session, now_ns: HostNs) -> None:
+    """Send what a run asks for."""
+    match request.kind:
+        case "clear":
+            session.clear_stop(request.value, now_ns)
+        case "mode":
+            session.set_mode(request.value, now_ns)
+        case "planner":
+            session.command(PlannerCommand, (request.value, request.planner), now_ns)
+        case _:
+            session.stop(request.value, now_ns)
+
+
+class Dialogue:
+    """One host's commands under way beyond those of its run; lives in the loop's thread."""
+
+    def __init__(self, session: Session) -> None:
+        self.parameters: dict[int, Parameter] = {}
+        """By number, as last told; of another boot they are forgotten."""
+        self.parameter_count: int | None = None
+        self._session = session
+        self._waiting: dict[int, Callable[[Outcome | None], None]] = {}
+
+    def ask(
+        self,
+        kind: type[Message],
+        fields: tuple[int, ...],
+        now_ns: HostNs,
+        done: Callable[[Outcome | None], None],
+    ) -> None:
+        """Send a command, its fields after the id; ``done`` is called once, here or later.
+
+        It is told how the command ended; None: the device was lost, or is not there.
+        """
+        if self._session.state is not State.READY:
+            done(None)
+            return
+        self._waiting[self._session.command(kind, fields, now_ns)] = done
+
+    def ended(self, outcome: Outcome) -> bool:
+        """Take a command's outcome; False for one that was not asked here."""
+        done = self._waiting.pop(cast("Command", outcome.message).command_id, None)
+        if done is None:
+            return False
+        done(outcome)
+        return True
+
+    def lost(self) -> None:
+        """The session is over: nothing is answered any more."""
+        waiting, self._waiting = self._waiting, {}
+        for done in waiting.values():
+            done(None)
+
+    def forget(self) -> None:
+        """Another boot: parameters may have other values."""
+        self.parameters.clear()
+        self.parameter_count = None
+
+    def parameter(self, message: ParameterValue, *_: Any) -> None:  # noqa: ANN401 - times, of every listener
+        """Take what the device told of one parameter."""
+        if message.name is not None:
+            self.parameter_count = message.parameter_count
+            self.parameters[message.parameter] = Parameter.from_message(message)

@@ -1,0 +1,101 @@
+"""A port under examination: listened to, or asked what cannot move anything."""
+
+from __future__ import annotations
+
+import secrets
+from typing import TYPE_CHECKING
+
+from bridge.doctor.visit import Visit
+from bridge.errors import PortError
+from bridge.io import clock
+from bridge.io.ports import link_of, open_port
+from protocol.can_link import CanLink
+from protocol.link import Medium
+from protocol.uart import Frame, UartParser
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from bridge.doctor import Examination
+    from bridge.io.ports import BytePort
+
+RATES = (
+    *(921_600, 115_200, 460_800, 230_400, 1_000_000, 500_000, 3_000_000, 2_000_000, 1_500_000),
+    *(57_600, 38_400, 19_200, 9_600),
+)
+"""Those of common firmwares first."""
+HELLO_S = 1.3
+"""A device that nobody talks to says hello once a second."""
+_WAIT_S = 0.05
+
+
+def attend(  # noqa: PLR0913 - what a visit can be asked for
+    port: BytePort,
+    name: str,
+    duration_s: float,
+    *,
+    node: int | None = None,
+    ask: bool = True,
+    ended: Callable[[], bool] = lambda: False,
+) -> Examination:
+    """Examine a device for so long; with ``ask`` false not a byte is sent.
+
+    The port is closed at the end; where it goes away meanwhile, that is on record.
+    """
+    link = link_of(name)
+    visit = Visit(lambda: secrets.randbelow(0xFFFF_FFFE) + 1, node=node, link=link)
+    examination = visit.examination
+    examination.medium = Medium.CAN if link is CanLink else Medium.UART
+    begun_ns = clock.now()
+    end_ns = begun_ns + round(duration_s * 1e9)
+    if ask:
+        visit.open(begun_ns)
+    pending = b""
+    try:
+        while (now_ns := clock.now()) < end_ns and not visit.over and not ended():
+            deadline_ns = visit.next_deadline() if ask else None
+            wake_ns = end_ns if deadline_ns is None else min(end_ns, deadline_ns)
+            data = port.wait(min(_WAIT_S, max(0.0, (wake_ns - now_ns) / 1e9)))
+            now_ns = clock.now()
+            if not ask:
+                examination.received(data, now_ns)
+                continue
+            visit.receive(data, now_ns)
+            visit.poll(now_ns)
+            pending += visit.data_to_send(now_ns)
+            if pending:
+                pending = pending[port.write(pending) :]
+    except PortError as error:
+        examination.port_lost.append(str(error))
+    finally:
+        port.close()
+    return examination
+
+
+def find_baud(
+    name: str, rates: Iterable[int] = RATES, *, tell: Callable[[int], None] = lambda _: None
+) -> int | None:
+    """Listen at one rate after the other until an intact frame comes; None: at no one.
+
+    Not a byte is sent. ``tell`` is called with each rate as it begins.
+
+    Raises:
+        PortError: the port cannot be opened, or has gone.
+
+    """
+    for baud in rates:
+        tell(baud)
+        try:
+            port = open_port(name, baud=baud)
+        except ValueError:  # a rate that this driver does not know
+            continue
+        parser = UartParser()
+        end_ns = clock.now() + round(HELLO_S * 1e9)
+        try:
+            while (left_ns := end_ns - clock.now()) > 0:
+                data = port.wait(min(_WAIT_S, left_ns / 1e9))
+                if any(isinstance(event, Frame) for event in parser.feed(data)):
+                    return baud
+        finally:
+            port.close()
+    return None

@@ -1,0 +1,184 @@
+"""Serial ports on which a sweeper may be, by what their descriptors say; and asking them.
+
+Listing opens nothing. Probing opens a port with DTR and RTS inactive and only listens, unless
+it is told to say hello: what an unknown device makes of our bytes nobody knows.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import threading
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from serial.tools import list_ports
+
+from bridge.errors import PortError
+from bridge.io import clock
+from bridge.io.device_lock import owner_pid
+from bridge.io.ports import DEFAULT_BAUD, SerialPort
+from bridge.io.reopening import BY_ID, stable_name
+from protocol.catalogue import CATALOGUE
+from protocol.link import NODE_ALL, Link, Received, Rejected
+from protocol.message import Direction
+from protocol.messages import Hello, HostHello
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+LISTEN_S = 1.5
+"""A device without a host says hello once a second."""
+NET = Path("/sys/class/net")
+_CAN = "280"
+"""ARPHRD_CAN of Linux' if_arp.h."""
+ADAPTERS: dict[tuple[int, int], str] = {
+    (0x0403, 0x6001): "FTDI FT232R",
+    (0x0403, 0x6010): "FTDI FT2232",
+    (0x0403, 0x6014): "FTDI FT232H",
+    (0x0403, 0x6015): "FTDI FT-X",
+    (0x0483, 0x374B): "ST-LINK/V2-1 serial port",
+    (0x0483, 0x374E): "STLINK-V3 serial port",
+    (0x0483, 0x374F): "STLINK-V3 serial port",
+    (0x0483, 0x5740): "STM32 USB serial port",
+    (0x067B, 0x2303): "Prolific PL2303",
+    (0x10C4, 0xEA60): "Silicon Labs CP210x",
+    (0x16D0, 0x117E): "CANable (slcan)",
+    (0x1A86, 0x7523): "WCH CH340",
+    (0x1A86, 0x55D4): "WCH CH9102",
+    (0xAD50, 0x60C4): "CANtact (slcan)",
+}
+"""By USB vendor and product: what boards and adapters of this size carry; the udev rule has
+the same."""
+_SLCAN = frozenset({(0x16D0, 0x117E), (0xAD50, 0x60C4)})
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One port, and what is known of it without opening it."""
+
+    port: str
+    """As :command:`connect` takes it: by its stable name where it has one."""
+    device: str
+    what: str
+    """The adapter, as its descriptors or our table name it."""
+    serial_number: str | None = None
+    usb_id: str | None = None
+    """``0403:6001``."""
+    known: bool = False
+    """A sweeper may well be on it."""
+    owner: int | None = None
+    """Process that has it open and locked."""
+    found: dict[str, Any] | None = None
+    """After a probe: the device that said hello."""
+    note: str | None = None
+    """After a probe: why there is none."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def candidates(named: Sequence[str] = (), by_id: Path = BY_ID) -> list[Candidate]:
+    """Ports that descriptors tell of, likely ones first; or those that are named."""
+    if named:
+        return [Candidate(port, port, "as given", owner=owner_pid(port)) for port in named]
+    found = [_of_serial(info, by_id) for info in list_ports.comports()]
+    found += [Candidate(f"can:socketcan:{name}", name, "CAN interface") for name in _can()]
+    return sorted(found, key=lambda one: (not one.known, one.device))
+
+
+def _of_serial(info: Any, by_id: Path) -> Candidate:  # noqa: ANN401 - pyserial's, untyped
+    usb = (info.vid, info.pid) if info.vid is not None else None
+    what = ADAPTERS.get(usb) if usb else None
+    name = stable_name(info.device, by_id)
+    return Candidate(
+        f"can:slcan:{name}" if usb in _SLCAN else name,
+        info.device,
+        what or _described(info),
+        info.serial_number,
+        f"{info.vid:04x}:{info.pid:04x}" if usb else None,
+        known=what is not None,
+        owner=owner_pid(os.path.realpath(info.device)),
+    )
+
+
+def _described(info: Any) -> str:  # noqa: ANN401 - pyserial's, untyped
+    words = [info.manufacturer, info.product or info.description]
+    text = " ".join(word for word in words if word and word != "n/a")
+    return text or "serial port"
+
+
+def _can() -> list[str]:
+    """CAN interfaces of this machine, by the kernel's word for them."""
+    names = []
+    for path in sorted(NET.glob("*/type")):
+        try:
+            if path.read_text(encoding="ascii").strip() == _CAN:
+                names.append(path.parent.name)
+        except OSError:
+            continue
+    return names
+
+
+# ---- probing -------------------------------------------------------------------------------
+
+
+def probe(
+    found: Sequence[Candidate], *, active: bool = False, baud: int = DEFAULT_BAUD
+) -> list[Candidate]:
+    """Listen on each serial port at once for a device's hello; with ``active`` ask for one.
+
+    A port that somebody has open is left alone.
+    """
+    results = list(found)
+
+    def one(index: int) -> None:
+        results[index] = _probe(found[index], active=active, baud=baud)
+
+    threads = [threading.Thread(target=one, args=(i,), daemon=True) for i in range(len(found))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return results
+
+
+def _probe(candidate: Candidate, *, active: bool, baud: int) -> Candidate:
+    if candidate.port.startswith("can:"):
+        return replace(candidate, note="a bus is not probed: connect to it")
+    if candidate.owner is not None:
+        return replace(candidate, note=f"process {candidate.owner} has it open")
+    try:
+        with SerialPort(candidate.port, baud=baud) as port:
+            return _listen(candidate, port, active=active)
+    except PortError as error:
+        return replace(candidate, note=str(error).partition(": ")[2] or str(error))
+
+
+def _listen(candidate: Candidate, port: SerialPort, *, active: bool) -> Candidate:
+    link = Link(Direction.HOST)
+    if active:
+        hello = HostHello(CATALOGUE.hash, secrets.randbelow(0xFFFF_FFFE) + 1, 0, "sweepctl ports")
+        link.send(hello, clock.now() // 1000, node=NODE_ALL)
+        port.write(link.data_to_send())
+    heard = other = 0
+    end_ns = clock.now() + round(LISTEN_S * 1e9)
+    while (now_ns := clock.now()) < end_ns:
+        data = port.wait((end_ns - now_ns) / 1e9)
+        heard += len(data)
+        for event in link.receive(data):
+            if isinstance(event, Received) and isinstance(event.message, Hello):
+                return replace(candidate, found=_told(event.message, event.frame.node))
+            other += isinstance(event, Rejected)
+    if other:
+        return replace(candidate, note="a sweeper of another protocol version talks here")
+    if heard:
+        return replace(candidate, note=f"{heard} bytes came, none of them a sweeper's hello")
+    return replace(candidate, note="silent")
+
+
+def _told(hello: Hello, node: int) -> dict[str, Any]:
+    version = f"{hello.version_major}.{hello.version_minor}.{hello.version_patch}"
+    return {"node": node, "uid": hello.uid.hex(), "firmware": f"{hello.name} {version}"}

@@ -1,0 +1,159 @@
+"""A gamepad by Linux' joystick interface (Documentation/input/joydev/joystick-api.rst).
+
+Each event is 8 bytes: time in ms (u32), value (s16), type (u8: 1 button, 2 axis, with 0x80 for
+the state at opening), number (u8).
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import struct
+import threading
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+from bridge.errors import PortError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+EVENT = struct.Struct("<IhBB")
+BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
+FULL = 32767.0
+DEAD_SHARE = 0.12
+"""Sticks of this kind rest within a tenth of the middle."""
+REPEAT_S = 0.1
+"""How often a stick that is held still is told: the interface tells of changes only."""
+
+
+class Layout(NamedTuple):
+    """Which control is what; the default is that of most pads under Linux' xpad and hid."""
+
+    ahead_axis: int = 1
+    """Left stick; up is negative."""
+    turn_axis: int = 0
+    dead_man: int = 4
+    """Left shoulder."""
+    stop: int = 1
+    """B, or the circle."""
+
+
+class Sticks(NamedTuple):
+    """What is held now, -1..1."""
+
+    ahead: float
+    turn: float
+    held: bool
+
+
+class PadState:
+    """Events in, sticks out; pure."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._axes: dict[int, float] = {}
+        self._buttons: dict[int, bool] = {}
+        self._rest = b""
+
+    def feed(self, data: bytes) -> bool:
+        """Take bytes of the device; True where the stop button went down."""
+        self._rest += data
+        stopped = False
+        while len(self._rest) >= EVENT.size:
+            _, value, kind, number = EVENT.unpack_from(self._rest)
+            self._rest = self._rest[EVENT.size :]
+            if kind & ~INITIAL == AXIS:
+                self._axes[number] = max(-1.0, min(1.0, value / FULL))
+            elif kind & ~INITIAL == BUTTON:
+                self._buttons[number] = bool(value)
+                stopped = stopped or (
+                    number == self._layout.stop and bool(value) and not kind & INITIAL
+                )
+        return stopped
+
+    @property
+    def sticks(self) -> Sticks:
+        """Ahead and turn (counter-clockwise positive), and whether the dead man is held."""
+        layout = self._layout
+        return Sticks(
+            _live(-self._axes.get(layout.ahead_axis, 0.0)),
+            _live(-self._axes.get(layout.turn_axis, 0.0)),
+            self._buttons.get(layout.dead_man, False),
+        )
+
+
+def _live(value: float) -> float:
+    """The share beyond the dead zone, so that it begins at 0."""
+    size = abs(value)
+    if size <= DEAD_SHARE:
+        return 0.0
+    return (size - DEAD_SHARE) / (1.0 - DEAD_SHARE) * (1.0 if value > 0.0 else -1.0)
+
+
+class Gamepad:
+    """Reads a joystick device in a thread of its own; a context manager."""
+
+    def __init__(
+        self,
+        path: str,
+        on_sticks: Callable[[Sticks], None],
+        on_stop: Callable[[], None],
+        layout: Layout | None = None,
+    ) -> None:
+        """Open it. ``on_sticks`` is called at changes, and ten times a second while held.
+
+        A pad that vanishes counts as let go.
+
+        Raises:
+            PortError: it does not exist or may not be read.
+
+        """
+        self._on_sticks, self._on_stop = on_sticks, on_stop
+        self._state = PadState(layout or Layout())
+        try:
+            self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        except OSError as error:
+            why = "is the gamepad plugged in?" if error.errno == errno.ENOENT else error.strerror
+            raise PortError(f"cannot open gamepad {path}: {why}") from None
+        self._end_read, self._end_write = os.pipe()
+        self._thread = threading.Thread(target=self._run, name="gamepad", daemon=True)
+
+    def _run(self) -> None:
+        while True:
+            ready, _, _ = select.select([self._fd, self._end_read], [], [], REPEAT_S)
+            if self._end_read in ready:
+                return
+            if ready:
+                try:
+                    data = os.read(self._fd, 64 * EVENT.size)
+                except BlockingIOError:
+                    continue
+                except OSError:
+                    data = b""
+                if not data:  # unplugged
+                    self._on_sticks(Sticks(0.0, 0.0, held=False))
+                    return
+                if self._state.feed(data):
+                    self._on_stop()
+            elif not self._state.sticks.held:
+                continue
+            self._on_sticks(self._state.sticks)
+
+    def __enter__(self) -> Self:
+        """Begin to read."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Let go and give it back."""
+        os.write(self._end_write, b"!")
+        self._thread.join(timeout=1.0)
+        for fd in (self._fd, self._end_read, self._end_write):
+            os.close(fd)

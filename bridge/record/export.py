@@ -1,0 +1,216 @@
+"""A log's topics as tables: one Parquet or CSV file each."""
+
+from __future__ import annotations
+
+import fnmatch
+import json
+import os
+import re
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bridge.errors import BridgeError
+from bridge.record.blocks import BLOCK_BYTES, Declared, blocks
+from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.forms import Form, Opaque
+from bridge.record.protobuf_form import ProtobufForm
+from bridge.record.ros_form import RosForm
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from concurrent.futures import Future
+    from pathlib import Path
+
+    from bridge.record.blocks import Block
+    from bridge.record.tables import TableWriter
+
+FORMATS = ("parquet", "csv")
+_MOST_THREADS = 4
+
+
+class ExportMissingError(BridgeError):
+    """pyarrow is not installed."""
+
+    def __init__(self) -> None:
+        super().__init__("exporting needs pyarrow: pip install 'sweepctl[export]'")
+
+
+class NoSuchTopicError(BridgeError):
+    """A topic that was asked for is not in the log."""
+
+    exit_status = 2
+
+    def __init__(self, wanted: str, topics: Sequence[str]) -> None:
+        super().__init__(f"no topic matches {wanted!r}; there are: {', '.join(topics) or 'none'}")
+        self.wanted = wanted
+
+
+@dataclass(slots=True)
+class Exported:
+    """What was written."""
+
+    files: dict[str, Path] = field(default_factory=dict)
+    """By topic."""
+    rows: dict[str, int] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    """Damage that was stepped over, and messages that did not decode."""
+
+    @property
+    def messages(self) -> int:
+        """Of all topics."""
+        return sum(self.rows.values())
+
+
+def export(  # noqa: PLR0913 - what can be asked for
+    path: Path,
+    out: Path,
+    *,
+    file_format: str = "parquet",
+    topics: Sequence[str] = (),
+    force: bool = False,
+    block_bytes: int = BLOCK_BYTES,
+) -> Exported:
+    """Write the topics of a log (those that match, or all) into a folder.
+
+    Each table has ``log_time`` and ``publish_time`` (UTC, nanoseconds), ``sequence``, and a
+    column for every field; fields of messages within messages have dots in their names.
+
+    Raises:
+        LogReadError: the log is missing, cannot be read, or is no MCAP file.
+        LogExistsError: a file would be replaced and ``force`` is not set.
+        LogWriteError: the folder or a file cannot be written.
+        NoSuchTopicError: a pattern matches no topic.
+        ExportMissingError: pyarrow is not installed.
+
+    """
+    try:
+        import pyarrow as pa  # noqa: F401, PLC0415 - an extra, and slow to load
+    except ImportError:
+        raise ExportMissingError from None
+    result = Exported()
+    work = _Exporter(path, out, file_format, topics, result)
+    try:
+        for block in blocks(path, work.declared, result.problems, block_bytes):
+            work.take(block, force=force)
+    except OSError as error:
+        if isinstance(error, BridgeError):
+            raise
+        raise LogWriteError(out, error.strerror or str(error)) from None
+    finally:
+        work.close()
+    work.check_patterns()
+    return result
+
+
+class _Exporter:
+    def __init__(
+        self, path: Path, out: Path, file_format: str, topics: Sequence[str], result: Exported
+    ) -> None:
+        self.declared = Declared()
+        self._path, self._out, self._format = path, out, file_format
+        self._patterns, self._result = topics, result
+        self._writers: dict[str, TableWriter] = {}
+        self._forms: dict[int, Form] = {}
+        self._unknown: set[int] = set()
+        # A file each, and Arrow works outside the interpreter's lock.
+        self._pool = ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1))
+
+    def take(self, block: Block, *, force: bool) -> None:
+        """Write a block's messages to their tables, several topics at a time."""
+        by_topic: dict[str, list[int]] = {}
+        for channel_id in block.starts:
+            channel = self.declared.channels.get(channel_id)
+            if channel is not None:
+                by_topic.setdefault(channel.topic, []).append(channel_id)
+            elif channel_id not in self._unknown:
+                self._unknown.add(channel_id)
+                self._result.problems.append(f"channel {channel_id} is declared nowhere")
+        started: list[tuple[str, Future[int]]] = []
+        for topic, channel_ids in by_topic.items():
+            if not self._wanted(topic):
+                continue
+            writer = self._writers.get(topic) or self._open(topic, channel_ids[0], force=force)
+            parts = [(channel_id, self._form(channel_id)) for channel_id in channel_ids]
+            started.append((topic, self._pool.submit(writer.write, block, parts)))
+            count = sum(len(block.starts[channel_id]) for channel_id in channel_ids)
+            self._result.rows[topic] = self._result.rows.get(topic, 0) + count
+        for topic, writing in started:
+            bad = writing.result()
+            if bad:
+                self._result.problems.append(f"{topic}: {bad} messages do not decode")
+
+    def _wanted(self, topic: str) -> bool:
+        return not self._patterns or any(fnmatch.fnmatchcase(topic, p) for p in self._patterns)
+
+    def check_patterns(self) -> None:
+        """Complain of a pattern that nothing matched."""
+        topics = sorted({channel.topic for channel in self.declared.channels.values()})
+        for pattern in self._patterns:
+            if not fnmatch.filter(topics, pattern):
+                raise NoSuchTopicError(pattern, topics)
+
+    def _form(self, channel_id: int) -> Form:
+        form = self._forms.get(channel_id)
+        if form is None:
+            form = self._forms[channel_id] = _form(self.declared, channel_id)
+        return form
+
+    def _open(self, topic: str, channel_id: int, *, force: bool) -> TableWriter:
+        from bridge.record.tables import TableWriter  # noqa: PLC0415 - loads pyarrow
+
+        try:
+            self._out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LogWriteError(self._out, error.strerror or str(error)) from None
+        name = re.sub(r"[^\w.-]", "_", topic.strip("/").replace("/", ".")).strip(".") or "topic"
+        file = self._out / f"{name}.{self._format}"
+        number = 2
+        while file in self._result.files.values():  # two topics that differ in odd letters only
+            file = self._out / f"{name}-{number}.{self._format}"
+            number += 1
+        if file.exists() and not force:
+            raise LogExistsError(file)
+        channel = self.declared.channels[channel_id]
+        schema = self.declared.schemas.get(channel.schema_id)
+        notes = {"topic": topic, "schema": schema.name if schema else "", "log": self._path.name}
+        try:
+            writer = TableWriter(file, self._form(channel_id).columns, notes)
+        except OSError as error:
+            raise LogWriteError(file, error.strerror or str(error)) from None
+        self._writers[topic] = writer
+        self._result.files[topic] = file
+        return writer
+
+    def close(self) -> None:
+        """End every file."""
+        self._pool.shutdown()
+        for writer in self._writers.values():
+            writer.close()
+
+
+def _form(declared: Declared, channel_id: int) -> Form:
+    channel = declared.channels[channel_id]
+    schema = declared.schemas.get(channel.schema_id)
+    if schema is not None:
+        try:
+            if channel.message_encoding == "protobuf" and schema.encoding == "protobuf":
+                return ProtobufForm(schema.name, schema.data)
+            if channel.message_encoding == "cdr" and schema.encoding == "ros2msg":
+                return RosForm(schema.name, schema.data.decode("utf-8", "replace"))
+        except ValueError:
+            return Opaque(channel.message_encoding)
+    return Opaque(channel.message_encoding)
+
+
+def as_json(result: Exported) -> str:
+    """What was written, as one JSON object."""
+    told: dict[str, Any] = {
+        "messages": result.messages,
+        "files": {
+            topic: {"file": str(file), "rows": result.rows.get(topic, 0)}
+            for topic, file in result.files.items()
+        },
+        "problems": result.problems,
+    }
+    return json.dumps(told)

@@ -1,0 +1,230 @@
+"""Walking an MCAP file record by record, past whatever is damaged.
+
+Nothing is believed without a second look: a record must fit the file, its own fields must fit
+the record, and what follows it must begin like a record. Where that fails, the next place that
+passes is searched for, and the stretch between is given as damage. So one flipped bit in a
+length costs one record, not the rest of the file.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from contextlib import contextmanager
+from mmap import ACCESS_READ, mmap
+from typing import TYPE_CHECKING, NamedTuple
+
+from mcap.opcode import Opcode
+
+from bridge.record.chunked import MAGIC
+from bridge.record.errors import LogReadError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+Bytes = bytes | mmap
+
+HEAD = struct.Struct("<BQ")
+"""Opcode and length of what follows."""
+CHUNK_HEAD = struct.Struct("<QQQI")
+"""First and last log time, size and CRC of the content; then the compression's name."""
+_INDEX_HEAD = struct.Struct("<BQHI")
+_INDEX_FIXED = 6
+_LONGEST = 1 << 40
+_FIRST_PRIVATE = 0x80
+_LAST_KNOWN = int(Opcode.DATA_END)
+_MESSAGE_FIXED = 22
+_CANDIDATE = re.compile(rb"(?=[\x02-\x0f].{5}\x00\x00\x00)", re.DOTALL)
+"""An opcode of the specification, and a length below 2⁴⁰."""
+
+
+class Found(NamedTuple):
+    """One record: where it begins, and where its content lies."""
+
+    opcode: int
+    offset: int
+    start: int
+    end: int
+
+
+class Damage(NamedTuple):
+    """Bytes that are no record."""
+
+    offset: int
+    end: int
+    is_tail: bool
+    """Nothing follows: the file was cut here, or all the rest is damaged."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Bytes]:
+    """The bytes of an MCAP file, not read before they are looked at.
+
+    Raises:
+        LogReadError: it is missing, cannot be read, or does not begin as an MCAP file.
+
+    """
+    try:
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise LogReadError(path, "it is not an MCAP file")
+            with mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+                yield data
+    except OSError as error:
+        raise LogReadError(path, error.strerror or str(error)) from None
+
+
+def records(
+    data: Bytes, position: int = len(MAGIC), *, indexes: bool = True
+) -> Iterator[Found | Damage]:
+    """Every record from ``position`` to the end of the file, its summary included.
+
+    Without ``indexes`` those of messages are passed over: they are nine of ten records.
+    """
+    size = len(data)
+    while position < size:
+        if not indexes and data[position] == Opcode.MESSAGE_INDEX:
+            position = _past_indexes(data, position)
+        found = _at(data, position)
+        if found is not None:
+            yield found
+            position = found.end
+            if found.opcode == Opcode.FOOTER:
+                return
+            continue
+        following = _next(data, position + 1)
+        if following is None:
+            yield Damage(position, size, is_tail=True)
+            return
+        yield Damage(position, following, is_tail=False)
+        position = following
+
+
+def _past_indexes(data: Bytes, position: int) -> int:
+    """Where the first record stands that is no message index."""
+    size, unpack = len(data), _INDEX_HEAD.unpack_from
+    while position + _INDEX_HEAD.size <= size:
+        opcode, length, _, entries = unpack(data, position)
+        if opcode != Opcode.MESSAGE_INDEX or length != entries + _INDEX_FIXED or entries % 16:
+            return position
+        if position + HEAD.size + length > size:
+            return position
+        position += HEAD.size + length
+    return position
+
+
+def is_whole(data: Bytes) -> bool:
+    """Whether the file ends as it should."""
+    size = len(data)
+    return size >= 2 * len(MAGIC) and data[size - len(MAGIC) : size] == MAGIC
+
+
+def _next(data: Bytes, position: int) -> int | None:
+    """The next place from here where a record stands."""
+    for match in _CANDIDATE.finditer(data, position):
+        if _at(data, match.start()) is not None:
+            return match.start()
+    return None
+
+
+def _at(data: Bytes, position: int) -> Found | None:
+    """The record at a place, if there is one."""
+    size = len(data)
+    if position + HEAD.size > size:
+        return None
+    opcode, length = HEAD.unpack_from(data, position)
+    start = position + HEAD.size
+    end = start + length
+    if opcode == 0 or end > size:
+        return None
+    shape = _SHAPES.get(opcode)
+    if shape is not None:
+        try:
+            if not shape(data, start, end):
+                return None
+        except struct.error:
+            return None
+    if not _may_begin(data, end):
+        return None
+    return Found(opcode, position, start, end)
+
+
+def _may_begin(data: Bytes, position: int) -> bool:
+    """Whether what stands at a place could be the head of a record, or is the file's end."""
+    if position + HEAD.size > len(data):
+        return True
+    if data[position : position + len(MAGIC)] == MAGIC:
+        return True
+    opcode: int
+    length: int
+    opcode, length = HEAD.unpack_from(data, position)
+    return (0 < opcode <= _LAST_KNOWN or opcode >= _FIRST_PRIVATE) and length < _LONGEST
+
+
+# ---- what the content of each kind looks like: newer writers may append fields, never remove
+
+
+def _after(data: Bytes, position: int, size_bytes: int = 4) -> int:
+    """Where what follows a text or a list begins; its size comes first."""
+    size = int.from_bytes(data[position : position + size_bytes], "little")
+    return position + size_bytes + size
+
+
+def _schema(data: Bytes, start: int, end: int) -> bool:
+    position = start + 2
+    for _ in range(3):
+        position = _after(data, position)
+        if position > end:
+            return False
+    return True
+
+
+def _channel(data: Bytes, start: int, end: int) -> bool:
+    return _schema(data, start + 2, end)
+
+
+def _message(_data: Bytes, start: int, end: int) -> bool:
+    return end - start >= _MESSAGE_FIXED
+
+
+def _chunk(data: Bytes, start: int, end: int) -> bool:
+    begin = _after(data, start + CHUNK_HEAD.size)
+    return begin + 8 <= end and _after(data, begin, 8) <= end
+
+
+def _message_index(data: Bytes, start: int, end: int) -> bool:
+    size = _after(data, start + 2) - start - 6
+    return size % 16 == 0 and start + 6 + size <= end
+
+
+def _attachment(data: Bytes, start: int, end: int) -> bool:
+    position = _after(data, start + 16)
+    if position > end:
+        return False
+    position = _after(data, position)
+    return position <= end and _after(data, position, 8) + 4 <= end
+
+
+def _metadata(data: Bytes, start: int, end: int) -> bool:
+    position = _after(data, start)
+    return position <= end and _after(data, position) <= end
+
+
+def _at_least(size: int) -> Callable[[Bytes, int, int], bool]:
+    return lambda _data, start, end: end - start >= size
+
+
+_SHAPES: dict[int, Callable[[Bytes, int, int], bool]] = {
+    Opcode.FOOTER: _at_least(20),
+    Opcode.SCHEMA: _schema,
+    Opcode.CHANNEL: _channel,
+    Opcode.MESSAGE: _message,
+    Opcode.CHUNK: _chunk,
+    Opcode.MESSAGE_INDEX: _message_index,
+    Opcode.ATTACHMENT: _attachment,
+    Opcode.STATISTICS: _at_least(46),
+    Opcode.METADATA: _metadata,
+    Opcode.SUMMARY_OFFSET: _at_least(17),
+    Opcode.DATA_END: _at_least(4),
+}

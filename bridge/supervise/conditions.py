@@ -1,0 +1,28 @@
+"""What a rule's condition is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from bridge.supervise.measured import Measured
+    from bridge.supervise.watched import Scalar, Watched
+
+Evidence = tuple[str, "dict[str, Scalar]"]
+"""What was found: for people, and as data."""
+
+
+class Condition(Protocol):
+    """One rule's condition."""
+
+    grave: bool
+    """Whether what is found now asks for the graver reaction at once."""
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """Take a step; whether it holds now."""
+
+    def tell(self) -> Evidence:
+        """What was found, in words and as data; asked only while it holds."""
+
+    def restart(self) -> None:
+        """Forget what was before a gap."""

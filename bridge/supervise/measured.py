@@ -1,0 +1,90 @@
+"""What the supervisor works out of the wheels' counts and the gyro, for all rules at once.
+
+An odometry of its own, and a plain one: ways and turns since the watch began, without walls
+seen again or slips put right, so that it can be held against what others make of it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
+    from bridge.supervise.watched import Watched
+    from protocol.messages import Encoders, Range
+
+GAP_S = 0.3
+"""Between two steps, or two counts: longer, and what was between them is not known."""
+SMOOTH_S = 0.3
+"""Time constant of the wheels' disagreement with the gyro: a sample of either comes up to 20 ms
+late, which a turn that begins would show as slip."""
+_HALF = 1 << 15
+_MASK = 0xFFFF
+
+
+class Measured:
+    """Sums over the steps so far; ``restart`` begins them anew."""
+
+    def __init__(self, model: RobotModel) -> None:
+        """At rest, nothing known."""
+        self._per_count_m = model.metres_per_count
+        self._base_m = model.wheel_base_m
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the references: what was between is not known."""
+        self.way_m = 0.0
+        """By both wheels' mean, signed."""
+        self.travel_m = 0.0
+        """The same, without its sign: grows in either direction."""
+        self.turn_rad = 0.0
+        """By the gyro, counter-clockwise."""
+        self.slip_m_s = 0.0
+        """Between the rims, smoothed: by which the right wheel leads, and the gyro knows not of."""
+        self.step_s = 0.0
+        """Since the step before; 0: unknown, the first or after a gap."""
+        self.left_m = self.right_m = 0.0
+        """Way of each wheel in this step."""
+        self.wheel_turn_rad = 0.0
+        """Turn in this step by the wheels."""
+        self.new_range = False
+        """Whether the rangers were sounded since the step before."""
+        self._time_s: float | None = None
+        self._encoders: Encoders | None = None
+        self._encoders_s = 0.0
+        self._range: Range | None = None
+
+    def step(self, watched: Watched) -> None:
+        """Take a control step."""
+        now_s = watched.time_s
+        before_s, self._time_s = self._time_s, now_s
+        dt = 0.0 if before_s is None else now_s - before_s
+        whole = 0.0 < dt <= GAP_S
+        self.step_s = dt if whole else 0.0
+        self.new_range = watched.range is not self._range
+        self._range = watched.range
+        self._roll(watched.encoders, now_s, watched.wheel_scale)
+        turn = watched.yaw_rate_rad_s * self.step_s
+        self.turn_rad += turn
+        if not whole:
+            self.slip_m_s = 0.0
+            return
+        excess_m_s = (self.right_m - self.left_m - turn * self._base_m) / dt
+        self.slip_m_s += min(dt / SMOOTH_S, 1.0) * (excess_m_s - self.slip_m_s)
+
+    def _roll(self, encoders: Encoders | None, now_s: float, wheel_scale: float) -> None:
+        before, before_s = self._encoders, self._encoders_s
+        self.left_m = self.right_m = self.wheel_turn_rad = 0.0
+        if encoders is before or encoders is None:
+            return
+        self._encoders, self._encoders_s = encoders, now_s
+        if before is None or now_s - before_s > GAP_S:
+            return
+        scale = self._per_count_m * wheel_scale
+        left = ((encoders.left - before.left + _HALF) & _MASK) - _HALF
+        right = ((encoders.right - before.right + _HALF) & _MASK) - _HALF
+        self.left_m, self.right_m = scale * left, scale * right
+        self.wheel_turn_rad = (self.right_m - self.left_m) / self._base_m
+        way = 0.5 * (self.left_m + self.right_m)
+        self.way_m += way
+        self.travel_m += abs(way)

@@ -1,0 +1,67 @@
+"""A run's report as one picture."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from typing import TYPE_CHECKING
+
+from bridge.view import report, report_figures, report_tables
+
+if TYPE_CHECKING:
+    from bridge.view.report_tables import Hole
+    from bridge.view.run_data import RunData
+
+_WIDTH, _HEIGHT, _DPI = 14.0, 10.0, 110
+_LETTERS = 165
+
+
+def picture(data: RunData, found: list[Hole]) -> bytes:
+    """Draw room, curve and health side by side; gives the PNG.
+
+    Raises:
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    panels = report_figures.panels(data)[:3]
+    figure = report_figures.blank(_WIDTH, _HEIGHT)
+    top, below = figure.subfigures(2, 1, height_ratios=[1.6, 8.4], squeeze=False)[:, 0]
+    top.text(0.012, 0.93, report.title(data), fontsize=17, weight="bold", va="top")
+    story = " ".join([f"{report.when(data)}.", *report.story(data)])
+    words = "\n".join(textwrap.wrap(story, _LETTERS))
+    top.text(0.012, 0.66, words, fontsize=10, va="top", linespacing=1.5)
+    left, right = below.subfigures(1, 2, squeeze=False)[0]
+    room = left.add_subplot()
+    if data.track.best:
+        report_figures.draw_room(room, data)
+        marks = [(h.x_m, h.y_m, h.area_cm2, h.inradius_m) for h in found]
+        report_figures.draw_holes(room, marks)
+    else:
+        room.text(0.5, 0.5, "no pose in the log", ha="center", transform=room.transAxes)
+        room.set_axis_off()
+    tiles, plots = right.subfigures(2, 1, height_ratios=[2, 8], squeeze=False)[:, 0]
+    for index, tile in enumerate(report.tiles(data)[:8]):
+        x, y = 0.03 + 0.245 * (index % 4), 0.95 - 0.5 * (index // 4)
+        tiles.text(x, y, tile.value, fontsize=14, weight="bold", va="top")
+        meaning = "\n".join(textwrap.wrap(tile.meaning, 25))
+        tiles.text(x, y - 0.19, meaning, fontsize=7.5, va="top", color=report_figures.SOFT)
+    count = len(panels) + (data.coverage is not None)
+    if count:
+        axes = plots.subplots(count, 1, squeeze=False, height_ratios=_shares(count, data))[:, 0]
+        at = 0
+        if data.coverage is not None:
+            share = report_tables.paper_share(data)
+            report_figures.draw_coverage(axes[0], data)
+            report_figures.draw_bounds(axes[0], data, share[0] if share else None)
+            report_figures.finish_coverage(axes[0])
+            at = 1
+        for axis, (_, _, draw) in zip(axes[at:], panels, strict=True):
+            draw(data, axis)
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=_DPI)
+    return out.getvalue()
+
+
+def _shares(count: int, data: RunData) -> list[float]:
+    """The curve of coverage has twice the room of the others."""
+    return [2.0, *[1.0] * (count - 1)] if data.coverage is not None else [1.0] * count

@@ -1,0 +1,179 @@
+"""Round trip of a command over a pty through the whole bridge, against a bare pyserial echo.
+
+    PYTHONPATH=tests python -m bench.round_trip
+
+Two Python processes and a pseudo-terminal between them, both times. Bare: pyserial writes as
+many bytes as a command has and reads as many as its answer has, from a process that echoes.
+Ours: an acknowledged command, from the program that asks to the program's own function that is
+told the outcome, through session, link, pump and recorder; the far end decodes, checks and
+acknowledges it with the same wire library. Both ask once in a control period of 20 ms. Rounds are interleaved, percentiles are of each
+round, and the ratio is the median of the rounds' own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import serial
+
+from bridge.host import Host
+from bridge.host_options import HostOptions
+from bridge.io import clock
+from bridge.io.ports import SerialPort
+from bridge.io.pump import Pump
+from bridge.mission import Ending, Mission
+from bridge.motion.robot_model import RobotModel
+from bridge.record.recorder import ThreadedRecorder
+from bridge.record.writer import RunWriter
+from bridge.record.sink import NullSink
+from bridge.session_events import State
+from bridge.telemetry import RunInfo
+from protocol.link import Link
+from protocol.message import Direction
+from protocol.messages import Ack, SetStreamRate
+
+if TYPE_CHECKING:
+    from protocol.commands import Outcome
+
+FAR_END = Path(__file__).with_name("far_end.py")
+WARM = 20
+PERIOD_S = 0.02
+"""The control loop's: what a program on a robot asks for, it asks for once in a period."""
+LINK = 0x16
+"""Whose rate the commands set: any will do."""
+
+
+class FarEnd:
+    """The other process, on the master's side of a pty."""
+
+    def __init__(self, kind: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, str(FAR_END), kind], stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdout is not None
+        self.port = self._process.stdout.readline().strip()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+def frame_sizes() -> tuple[int, int]:
+    """Bytes of the command and of its answer, as they go over the line."""
+    host, device = Link(Direction.HOST), Link(Direction.DEVICE)
+    host.send(SetStreamRate(1, LINK, 10), 0, node=1)
+    device.send(Ack(1, 0x0D), 0, node=1)
+    return len(host.data_to_send()), len(device.data_to_send())
+
+
+def bare(count: int) -> list[int]:
+    """Round trips in nanoseconds, of as many bytes as ours."""
+    size, answer = frame_sizes()
+    data, took = bytes(range(1, size + 1)), []
+    with FarEnd(f"echo:{size}:{answer}") as far, serial.Serial(far.port, 921_600) as port:
+        for index in range(WARM + count):
+            time.sleep(PERIOD_S)
+            begun_ns = time.perf_counter_ns()
+            port.write(data)
+            if len(port.read(answer)) != answer:
+                raise SystemExit("the echo is short")
+            if index >= WARM:
+                took.append(time.perf_counter_ns() - begun_ns)
+    return took
+
+
+class Asking:
+    """A program on the bridge that asks once in a period, in the loop's own thread."""
+
+    def __init__(self, host: Host, pump: Pump, count: int) -> None:
+        self._host, self._pump, self._count = host, pump, count
+        self._begun_ns = 0
+        self._answered = threading.Event()
+        self.took: list[int] = []
+
+    def run(self) -> None:
+        """Ask until it is enough; from a thread of its own."""
+        while self._host.session.state is not State.READY:
+            time.sleep(PERIOD_S)
+        for _ in range(WARM + self._count):
+            time.sleep(PERIOD_S)
+            self._answered.clear()
+            self._pump.call(self._ask)
+            self._answered.wait()
+        self._pump.request_end(Ending("stopped", "measured", 0))
+
+    def _ask(self) -> None:
+        self._begun_ns = time.perf_counter_ns()
+        self._host.dialogue.ask(SetStreamRate, (LINK, 10), clock.now(), self._done)
+
+    def _done(self, outcome: Outcome | None) -> None:
+        self.took.append(time.perf_counter_ns() - self._begun_ns)
+        if outcome is None or not outcome.accepted:
+            raise SystemExit("a command was not accepted")
+        self._answered.set()
+
+
+def ours(count: int, folder: Path) -> list[int]:
+    """Round trips in nanoseconds, of commands through the whole bridge, recorded."""
+    offset_ns = clock.unix_offset_ns()
+    info = RunInfo("bench", "", None, "bench", clock.now() + offset_ns, offset_ns, "")
+    recorder = ThreadedRecorder(RunWriter(folder / "run.mcap", info, force=True))
+    try:
+        with FarEnd("device") as far:
+            host = Host(RobotModel(), NullSink(), HostOptions(offset_ns), Mission(None), lambda: 7)
+            port = SerialPort(far.port)
+            pump = Pump(host, port, lambda: SerialPort(far.port))
+            asking = Asking(host, pump, count)
+            thread = threading.Thread(target=asking.run, daemon=True)
+            thread.start()
+            pump.run()
+            thread.join()
+    finally:
+        recorder.close()
+    return asking.took[WARM:]
+
+
+def percentile(values: list[int], percent: float) -> float:
+    """In microseconds."""
+    return sorted(values)[min(len(values) - 1, int(len(values) * percent / 100.0))] / 1000.0
+
+
+def main() -> None:
+    """Measure and print."""
+    options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    options.add_argument("--rounds", type=int, default=5)
+    options.add_argument("--count", type=int, default=300)
+    asked = options.parse_args()
+    ratios: dict[float, list[float]] = {50.0: [], 99.0: []}
+    print("| round | bare p50 | ours p50 | bare p99 | ours p99 |")
+    print("|-------|---------:|---------:|---------:|---------:|")
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(asked.rounds):
+            gc.collect()
+            echo = bare(asked.count)
+            gc.collect()
+            command = ours(asked.count, Path(folder))
+            cells = []
+            for percent, kept in ratios.items():
+                own, peer = percentile(command, percent), percentile(echo, percent)
+                kept.append(own / peer)
+                cells += [f"{peer:5.0f} us", f"{own:5.0f} us"]
+            print(f"| {number + 1:5} | {' | '.join(cells)} |")
+    for percent, kept in ratios.items():
+        print(f"p{percent:.0f}: {statistics.median(kept):.2f} times the bare echo")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""What every command says of itself: examples, completion, and the reference that is generated."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import click
+import pytest
+
+from support.cli import ROOT, sweepctl
+from tools.command_help import PATH, reference
+from tools.sweepctl import cli
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+def commands(
+    group: click.Group, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        yield (*path, name), command
+        if isinstance(command, click.Group):
+            yield from commands(command, (*path, name))
+
+
+ALL = dict(commands(cli))
+
+
+def test_the_reference_is_fresh() -> None:
+    text = "run `python -m tools.command_help`"
+    assert PATH.read_text(encoding="utf-8") == reference(), text
+
+
+def test_the_reference_links_to_sections_that_it_has() -> None:
+    text = reference()
+    links = set(re.findall(r"\]\(#([a-z0-9-]+)\)", text))
+    headings = {
+        heading.lower().replace(" ", "-") for heading in re.findall(r"^##+ (.+)$", text, re.MULTILINE)
+    }
+    assert links
+    assert links <= headings
+
+
+@pytest.mark.parametrize("path", ALL, ids=" ".join)
+def test_every_command_has_an_example_of_itself(path: tuple[str, ...]) -> None:
+    epilog = ALL[path].epilog or ""
+    assert epilog.startswith("Example:  "), path
+    assert f"sweepctl {' '.join(path)} " in epilog
+    options = {o for p in ALL[path].params for o in (*p.opts, *p.secondary_opts)}
+    if not isinstance(ALL[path], click.Group):
+        used = re.findall(r"(?<=\s)--[a-z-]+", epilog)
+        assert set(used) <= options | {"--help"}, path
+
+
+@pytest.mark.parametrize("path", ALL, ids=" ".join)
+def test_every_option_is_explained(path: tuple[str, ...]) -> None:
+    command = ALL[path]
+    assert command.help, path
+    unexplained = [
+        option.opts[0]
+        for option in command.params
+        if isinstance(option, click.Option) and not option.help and option.opts != ["--node"]
+    ]
+    assert unexplained == [], path
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_scripts_ask_the_command(shell: str) -> None:
+    done = sweepctl("completion", shell)
+    assert (done.status, done.err) == (0, "")
+    assert f"_SWEEPCTL_COMPLETE={shell}_complete" in done.out
+    assert sweepctl("completion", "tcsh").status == 2
+
+
+def completed(words: str, tmp_path: Path) -> list[str]:
+    """What bash is offered for the last of these words."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "_SWEEPCTL_COMPLETE": "bash_complete",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split(" ")) - 1),
+    }
+    code = "import sys; sys.argv[0] = 'sweepctl'; from tools.sweepctl import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stderr == ""
+    return [line.split(",", 1)[1] for line in done.stdout.splitlines()]
+
+
+def test_commands_options_and_names_are_completed(tmp_path: Path) -> None:
+    assert completed("sweepctl mon", tmp_path) == ["monitor"]
+    assert completed("sweepctl param s", tmp_path) == ["save", "set"]
+    assert "--clear-stop" in completed("sweepctl drive --c", tmp_path)
+    assert completed("sweepctl monitor /dev/x enc", tmp_path) == ["encoders"]
+    assert completed("sweepctl bringup can:s", tmp_path) == [
+        "can:socketcan:can0",
+        "can:slcan:/dev/ttyACM0",
+    ]
+
+
+def test_bash_takes_the_script(tmp_path: Path) -> None:
+    bash = shutil.which("bash")
+    assert bash is not None
+    script = tmp_path / "sweepctl.bash"
+    script.write_text(sweepctl("completion", "bash").out)
+    done = subprocess.run(
+        [bash, "-c", f"source {script} && complete -p sweepctl"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "sweepctl_completion" in done.stdout

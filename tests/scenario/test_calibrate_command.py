@@ -1,0 +1,119 @@
+"""``sweepctl calibrate`` as it is typed: shown, asked, and written to file and device."""
+
+from __future__ import annotations
+
+import io
+import math
+import tomllib
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.config import parse_robot
+from protocol.messages import Range
+from protocol.values import ResetCause
+from sim_device.device import VirtualSweeper
+from support.bench_wire import desk_on
+from support.cli import Done, sweepctl
+from support.served import PLAN, Served
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+BIAS_DEG_S = 2.0
+BIAS = pytest.approx(math.radians(BIAS_DEG_S), abs=1e-5)
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with Served() as served:
+        served.device.sensors.faults.gyro_bias_deg_s = BIAS_DEG_S
+        yield served
+
+
+def calibrate(monkeypatch: pytest.MonkeyPatch, answers: str, *arguments: str | Path) -> Done:
+    monkeypatch.setattr("sys.stdin", io.StringIO(answers))
+    return sweepctl("calibrate", *arguments)
+
+
+def test_the_gyros_bias_goes_to_file_and_device(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "robot.toml"
+    file.write_text('name = "bert" # mine\n')
+    gyro = ("gyro", served.port, "--seconds", "2", "--robot", file)
+    declined = calibrate(monkeypatch, "n\n", *gyro)
+    assert declined.status == 0
+    assert "nothing was written" in declined.err
+    assert "gyro_bias: 0 -> 0.0349" in declined.err
+    assert file.read_text() == 'name = "bert" # mine\n'
+    assert served.device.firmware.parameters.value("gyro_bias") == 0.0
+
+    done = calibrate(monkeypatch, "", *gyro, "--yes", "--json")
+    assert done.status == 0
+    assert done.json["gyro"]["z"]["bias_rad_s"] == BIAS
+    assert done.json["written"]["device"] == ["gyro_bias"]
+    model = parse_robot(file.read_text())
+    assert (model.name, model.gyro_bias_rad_s) == (
+        "bert",
+        BIAS,
+    )
+    assert "# mine" in file.read_text()
+    device = served.device
+    device.reset(ResetCause.SOFTWARE)  # the flash holds it
+    assert device.firmware.parameters.value("gyro_bias") == pytest.approx(
+        math.radians(2.0), abs=1e-5
+    )
+
+
+def test_a_range_sensor_against_a_tape(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The wall is 2.88 m before the sensor; a tape that says 2.85 asks for -3 cm."""
+    file = tmp_path / "new.toml"
+    asked = ("range", served.port, "--sensor", "ultrasonic", "--at", "2.85", "--robot", file)
+    done = calibrate(monkeypatch, "y\ny\n", *asked, "--json")
+    assert done.status == 0
+    fit = done.json["range"]["ultrasonic"]
+    assert fit["scale"] == 1.0
+    assert fit["offset_m"] == pytest.approx(-0.03, abs=0.002)
+    assert done.json["written"]["needs_reboot"] == ["ultrasonic_scale", "ultrasonic_offset"]
+    ultrasonic = tomllib.loads(file.read_text())["ultrasonic"]
+    assert ultrasonic["offset_m"] == pytest.approx(fit["offset_m"], abs=1e-6)
+    skipped = calibrate(monkeypatch, "n\n", *asked)
+    assert skipped.status == 0
+    assert "left out" in skipped.err
+
+
+def test_a_calibrated_device_tells_corrected_ranges() -> None:
+    """In virtual time, over a boot: 2.88 m is told as 0.9 times that and 5 cm."""
+    device = VirtualSweeper(PLAN, noise="none", seed=1)
+    desk, _ = desk_on(device)
+    with desk:
+        assert desk.await_newest(Range).ultrasonic_m == pytest.approx(2.88, abs=0.002)
+        desk.set_parameter("ultrasonic_scale", 0.9)
+        desk.set_parameter("ultrasonic_offset", 0.05)
+        desk.save_parameters()
+        device.reset(ResetCause.SOFTWARE)
+    desk, _ = desk_on(device)
+    with desk:
+        told = desk.await_newest(Range).ultrasonic_m
+        assert told == pytest.approx(0.9 * 2.88 + 0.05, abs=0.002)
+
+
+def test_no_square_is_driven_without_a_yes(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = calibrate(monkeypatch, "", "odometry", served.port)  # the input ends: no
+    assert done.status == 1
+    assert "nothing was driven" in done.err
+    assert served.device.truth.path_m == 0.0
+
+
+def test_a_file_that_cannot_be_written_changes_nothing(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "no-such-folder" / "robot.toml"
+    done = calibrate(monkeypatch, "y\n", "gyro", served.port, "--seconds", "2", "--robot", file)
+    assert done.status == 2
+    assert "cannot write" in done.err
+    assert served.device.firmware.parameters.value("gyro_bias") == 0.0

@@ -1,0 +1,132 @@
+"""``sweepctl drive`` and ``connect`` on a terminal: keys, the dead man, the picture."""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.record.reader import LogReader
+from protocol.values import StopCause
+from support.cli import end, start, sweepctl
+from support.served import Served
+from support.terminal import OnTerminal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+PATIENCE_S = 60.0
+UP, UP_AGAIN, UP_RELEASED = b"\x1b[A", b"\x1b[1;1:2A", b"\x1b[1;1:3A"
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with Served() as served:
+        yield served
+
+
+def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not true():
+        assert time.monotonic() < deadline, "it never came"
+        meanwhile()
+        time.sleep(0.05)
+
+
+def rests(served: Served) -> bool:
+    return served.device.truth.v_m_s == 0.0
+
+
+def test_a_tap_drives_a_little_and_space_stops(served: Served, tmp_path: Path) -> None:
+    truth = served.device.truth
+    with OnTerminal("drive", served.port, "--out", tmp_path / "d.mcap", cwd=tmp_path) as terminal:
+        terminal.shows("run driving")
+        assert served.device.truth.pose == truth.pose, "nothing moves by itself"
+        terminal.press(UP)
+        until(lambda: served.device.truth.path_m > 0.02)
+        assert served.device.truth.v_m_s < 0.13
+        until(lambda: rests(served))  # by itself
+        # 0.7 s at 0.1 m/s, the ramps, and what a busy machine adds to a repeated setpoint
+        assert 0.03 < served.device.truth.path_m < 0.15
+        assert served.device.firmware.latch.cause is StopCause.NONE, "letting go is no stop"
+        terminal.press(b"m")
+        terminal.shows("mark 1 is on record")
+        terminal.press(b" ")
+        assert terminal.end() == 5
+    assert served.device.firmware.latch.cause is StopCause.OPERATOR
+    messages = list(LogReader(tmp_path / "d.mcap").messages(["/events"]))
+    assert any("mark 1 at" in str(message.decoded) for message in messages)
+
+    refused = sweepctl("drive", served.port)
+    assert refused.status == 2, "no terminal, no drive"
+    assert "terminal" in refused.line
+    with OnTerminal("drive", served.port, cwd=tmp_path) as again:
+        assert again.end() == 5
+        assert b"add --clear-stop" in again.drawn
+    assert served.device.firmware.latch.cause is StopCause.OPERATOR
+
+
+def test_a_held_key_drives_until_its_release(served: Served, tmp_path: Path) -> None:
+    with OnTerminal("drive", served.port, "--speed", "0.2", cwd=tmp_path, kitty=True) as terminal:
+        terminal.shows("run driving")
+        terminal.shows("hold")
+        terminal.press(UP)
+        until(lambda: served.device.truth.path_m > 0.3, lambda: terminal.press(UP_AGAIN))
+        assert served.device.truth.v_m_s == pytest.approx(0.2, abs=0.03)
+        terminal.press(UP_RELEASED)
+        until(lambda: rests(served))
+        assert served.device.firmware.latch.cause is StopCause.NONE
+        terminal.press(b"\x1b[99;5u")  # Ctrl-C, as this protocol tells it
+        assert terminal.end() == 0
+        assert b"\x1b[>11u" in terminal.drawn
+        assert terminal.drawn.count(b"\x1b[<u") == 1, "the terminal is put back"
+    assert served.device.firmware.latch.cause is StopCause.SESSION_END
+
+
+def test_connect_shows_and_starts_only_when_told_twice(served: Served, tmp_path: Path) -> None:
+    with OnTerminal("connect", served.port, cwd=tmp_path) as terminal:
+        for text in ("run waiting", "battery", "front", "lost", "events", "both ends agree"):
+            terminal.shows(text)
+        terminal.press(b"g")
+        terminal.shows("g again lets the plan begin")
+        assert served.device.firmware.latch.cause is StopCause.SESSION_END, "nothing was asked"
+        terminal.press(b"g")
+        terminal.shows("run driving")
+        until(lambda: served.device.truth.path_m > 0.05)
+        terminal.press(b"p")
+        terminal.shows("the plan is held")
+        until(lambda: rests(served))
+        terminal.press(b"s")
+        assert terminal.end() == 5
+    assert served.device.firmware.latch.cause is StopCause.OPERATOR
+
+
+def test_a_gamepad_drives_without_a_terminal(served: Served, tmp_path: Path) -> None:
+    def event(kind: int, number: int, value: int) -> bytes:
+        return struct.pack("<IhBB", 0, value, kind, number)
+
+    def push() -> None:
+        os.write(keeper, event(1, 4, 1) + event(2, 1, -20000))
+
+    pad = tmp_path / "js0"
+    os.mkfifo(pad)
+    keeper = os.open(pad, os.O_RDWR)
+    process = start("drive", served.port, "--gamepad", pad, "--json", cwd=tmp_path)
+    try:
+        until(
+            lambda: served.device.truth.path_m > 0.05,
+            push,
+        )
+        os.write(keeper, event(1, 4, 0))  # the dead man is let go
+        until(lambda: rests(served))
+        os.write(keeper, event(1, 1, 1))
+        done = end(process)
+    finally:
+        os.close(keeper)
+    assert done.status == 5
+    assert done.json["outcome"] == "stopped"
+    assert served.device.firmware.latch.cause is StopCause.OPERATOR

@@ -1,0 +1,111 @@
+"""``sweepctl param`` on a virtual sweeper: with the port free, and with an owner on it."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+import bridge
+from bridge.motion.robot_model import RobotModel
+from support.cli import Done, sweepctl
+from support.served import Served
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+DEFAULTS = RobotModel()
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Served]:
+    with Served() as served:
+        yield served
+
+
+@pytest.fixture(params=["free", "owned"])
+def port(request: pytest.FixtureRequest, served: Served) -> Iterator[str]:
+    """The device's port, with and without a process that owns it."""
+    if request.param == "free":
+        yield served.port
+        return
+    with bridge.open(served.port):
+        yield served.port
+
+
+def param(*arguments: str | Path) -> Done:
+    return sweepctl("param", *arguments)
+
+
+def test_list_get_set_save(port: str, served: Served) -> None:
+    listed = param("list", port, "--json")
+    assert listed.status == 0
+    by_name = {p["name"]: p for p in listed.json["parameters"]}
+    base = by_name["wheel_base"]
+    assert (base["unit"], base["kind"], base["needs_reboot"]) == ("m", "f32", True)
+    assert base["low"] == pytest.approx(0.02)
+    assert base["high"] == pytest.approx(2.0)
+    assert by_name["node"]["read_only"] is True
+
+    assert param("set", port, "cruise_speed", "0.15", "battery_low", "13").status == 0
+    assert param("get", port, "cruise_speed", "battery_low").out == "0.15\n13\n"
+    assert served.device.firmware.parameters.value("cruise_speed") == pytest.approx(0.15)
+    found = param("get", port, "cruise_speed", "--json").json["parameters"][0]
+    assert (found["changed"], found["stored"]) == (True, False)
+    saved = param("save", port)
+    assert saved.status == 0
+    assert "cruise_speed" in saved.err
+    found = param("get", port, "cruise_speed", "--json").json["parameters"][0]
+    assert (found["changed"], found["stored"]) == (False, True)
+    back = ("cruise_speed", str(DEFAULTS.cruise_speed_m_s), "battery_low", "12.8")
+    done = param("set", port, *back, "--save")
+    assert done.status == 0
+    assert "cruise_speed: 0.15 -> 0.2 m/s" in done.err
+
+
+def test_what_is_refused_says_why(port: str, served: Served) -> None:
+    before = served.device.firmware.parameters.value("max_speed")
+    too_fast = param("set", port, "max_yaw_rate", "1.5", "max_speed", "50")
+    assert too_fast.status in {2, 4}
+    assert too_fast.line == "sweepctl: max_speed: 50 is not in 0.01 to 2 m/s"
+    parameters = served.device.firmware.parameters
+    assert parameters.value("max_speed") == before
+    assert parameters.value("max_yaw_rate") == DEFAULTS.max_yaw_rate_rad_s, "all or nothing"
+    assert "read-only" in param("set", port, "node", "3").line
+    unknown = param("get", port, "wheel_bas")
+    assert unknown.status in {2, 4}
+    assert "did you mean wheel_base?" in unknown.line
+    assert param("set", port, "wheel_base").status == 2
+    assert "is not a number" in param("set", port, "wheel_base", "wide").line
+
+
+def test_diff_with_a_robot_file(port: str, tmp_path: Path) -> None:
+    file = tmp_path / "robot.toml"
+    file.write_text("")
+    same = param("diff", port, file)
+    assert (same.status, same.out) == (0, "")
+    file.write_text("wheel_base_m = 0.25\n")
+    other = param("diff", port, file, "--json")
+    assert other.status == 1
+    difference = other.json["differences"]
+    assert [(d["name"], d["unit"], d["file"]) for d in difference] == [("wheel_base", "m", 0.25)]
+    assert difference[0]["device"] == pytest.approx(0.23)
+    assert "wheel_base" in param("diff", port, file).out
+    file.write_text("wheel_base = 1\n")
+    assert param("diff", port, file).status == 2
+
+
+def test_a_table_for_people(port: str) -> None:
+    lines = param("list", port).out.splitlines()
+    assert " ".join(lines[0].split()) == "no parameter value unit type range default state"
+    row = next(line for line in lines if " wheel_diameter " in line)
+    assert row.split()[1:6] == ["wheel_diameter", "0.065", "m", "f32", "0.01"]
+    assert "needs a reboot" in row
+
+
+def test_no_such_port() -> None:
+    assert param("list", "/dev/none-such").status == 3
+    done = param("list", "/dev/none-such", "--json")
+    assert json.loads(done.out)["exit_status"] == 3

@@ -1,0 +1,232 @@
+"""The device plans for itself, the host starts it, watches it, and ends it; in virtual time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.coverage.floorplan import parse_floorplan
+from bridge.host import Host
+from bridge.host_options import HostOptions
+from bridge.mission import Ending, Phase
+from bridge.motion.robot_model import RobotModel
+from bridge.onboard_mission import OnboardMission
+from bridge.session_events import State
+from bridge.supervise import SuperviseSettings, Supervisor, parse_rule
+from bridge.telemetry import CommandRecord, EventRecord, PlannerRecord
+from bridge.watching import Watch, go_on
+from protocol.messages import VelocitySetpoint
+from protocol.values import Mode, OnboardPlanner, StopCause
+from sim_device.device import VirtualSweeper
+from support.ends import Collector, Ends, HostEnd
+
+if TYPE_CHECKING:
+    from bridge.supervise import Reaction
+
+SMALL = parse_floorplan('{"walls": [[0,0],[1.6,0],[1.6,1.2],[0,1.2]], "start": [0.3,0.3,0]}')
+
+
+def started(
+    *, planner: OnboardPlanner = OnboardPlanner.PAPER, clear_stop: bool = False, rule: str = ""
+) -> tuple[Ends, Host, Collector]:
+    model, sink = RobotModel(), Collector()
+    mission = OnboardMission(planner, clear_stop=clear_stop)
+    host = Host(model, sink, HostOptions(0, "onboard", SMALL.start), mission, lambda: 0xB0A7)
+    settings = SuperviseSettings()
+    host.watch = Watch(host, Supervisor(model, parse_rule(settings, rule) if rule else settings))
+    device = VirtualSweeper(SMALL, model, seed=1, noise="none")
+    return Ends(HostEnd(host), device), host, sink
+
+
+def ending(host: Host) -> Ending:
+    assert host.mission.ending is not None
+    return host.mission.ending
+
+
+def test_a_plan_is_started_followed_and_seen_to_end() -> None:
+    ends, host, sink = started()
+    assert ends.run(300.0, lambda: host.mission.done)
+    assert ending(host).outcome == "complete"
+    assert ending(host).exit_status == 0
+    assert ends.device.firmware.latch.cause is StopCause.SESSION_END
+    assert not [s for s in ends.sent if isinstance(s.message, VelocitySetpoint)]
+    assert not sink.of(CommandRecord), "the host commands no velocity"
+    phases = [r.state.state for r in sink.of(PlannerRecord)]
+    assert {"lane", "turn", "finished"} <= set(phases)
+    assert host.path_m > 2.0
+    assert abs(host.path_m - ends.device.truth.path_m) < 0.05 * host.path_m
+    assert not [e for e in sink.of(EventRecord) if e.source == "supervise"], "no false alarm"
+
+
+def moving() -> tuple[Ends, Host, Collector]:
+    ends, host, sink = started()
+    assert ends.run(8.0, lambda: ends.moving and host.mission.phase is Phase.DRIVING)
+    ends.run(1.0)
+    return ends, host, sink
+
+
+def test_ctrl_c_ends_it() -> None:
+    ends, host, _ = moving()
+    host.end(Ending("stopped", "ended by Ctrl-C", 0), ends.host_ns)
+    assert ends.run(1.0, lambda: host.mission.done)
+    assert host.mission.stop_confirmed
+    ends.run(1.0)
+    assert not ends.moving
+    assert ends.device.firmware.mode is Mode.IDLE
+
+
+def test_a_latched_stop_needs_a_person() -> None:
+    ends, host, _ = started()
+    ends.device.firmware.stop(StopCause.OPERATOR)
+    assert ends.run(3.0, lambda: host.mission.done)
+    assert ending(host).exit_status == 5
+    assert "--clear-stop" in ending(host).reason
+    ends, host, _ = started(clear_stop=True)
+    ends.device.firmware.stop(StopCause.OPERATOR)
+    assert ends.run(8.0, lambda: ends.moving)
+
+
+def test_a_loss_ends_the_plan_on_the_device_and_the_run() -> None:
+    ends, host, _ = moving()
+    ends.to_device.cut = ends.to_host.cut = True
+    ends.run(1.6)
+    assert not ends.moving, "the device has stopped by itself"
+    assert ends.device.firmware.latch.cause is StopCause.LINK
+    assert host.mission.done, "silence is judged before the session gives up"
+    assert "nothing of the device" in ending(host).reason
+    assert ending(host).exit_status == 5
+
+
+def test_a_loss_that_is_not_judged_ends_the_run_when_the_device_is_back() -> None:
+    ends, host, _ = started(rule="silence.reaction=off")
+    assert ends.run(8.0, lambda: ends.moving and host.mission.phase is Phase.DRIVING)
+    ends.to_device.cut = ends.to_host.cut = True
+    ends.run(1.6)
+    ends.to_device.cut = ends.to_host.cut = False
+    assert ends.run(5.0, lambda: host.mission.done)
+    assert "lost and is back" in ending(host).reason
+    assert ending(host).exit_status == 5
+    assert not ends.moving
+
+
+def test_a_plan_that_is_aborted_by_others_ends_the_run() -> None:
+    ends, host, _ = moving()
+    ends.device.firmware.control.fire(_abort())
+    assert ends.run(2.0, lambda: host.mission.done)
+    assert "aborted" in ending(host).reason
+    assert ending(host).exit_status == 5
+
+
+def _abort() -> object:
+    from sim_device.modes import Event  # noqa: PLC0415 - of this one test
+
+    return Event.ABORT
+
+
+def test_a_planner_that_the_device_lacks_is_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim_device.control.planner_name", lambda _number: None)
+    ends, host, _ = started()
+    assert ends.run(4.0, lambda: host.mission.done)
+    assert ending(host).exit_status == 4
+    assert "unsupported" in ending(host).reason
+
+
+# ---- reactions --------------------------------------------------------------------------
+
+
+class Alarm:
+    """A supervisor that says once what it is told to."""
+
+    def __init__(self, *reactions: Reaction) -> None:
+        self.reactions = list(reactions)
+        self.holding = False
+        self.factor = 1.0
+
+    def step(self, _watched: object) -> list[Reaction]:
+        reactions, self.reactions = self.reactions, []
+        return reactions
+
+    def resume(self, _now_s: float) -> None:
+        self.holding = False
+
+    def restart(self) -> None:
+        """Nothing is judged."""
+
+
+def alarmed(host: Host, level: str) -> Alarm:
+    from bridge.supervise import Level, Reaction  # noqa: PLC0415 - to be told apart from the type
+
+    alarm = Alarm(Reaction("tilt", Level[level], "it leans", {"angle": 0.4}))
+    assert host.watch is not None
+    host.watch.supervisor = alarm  # type: ignore[assignment]  # what a watch asks of one
+    return alarm
+
+
+def told(sink: Collector) -> list[EventRecord]:
+    return [e for e in sink.of(EventRecord) if e.source == "supervise"]
+
+
+def test_telling_changes_nothing() -> None:
+    ends, host, sink = moving()
+    alarmed(host, "TELL")
+    ends.run(2.0)
+    assert host.mission.phase is Phase.DRIVING
+    (event,) = told(sink)
+    assert (event.kind, event.text, event.data) == (
+        *("tilt", "it leans"),
+        {"angle": 0.4, "level": "tell"},
+    )
+
+
+def test_stopping_latches_with_its_cause() -> None:
+    ends, host, sink = moving()
+    alarmed(host, "STOP")
+    assert ends.run(1.0, lambda: host.mission.done)
+    assert ends.device.firmware.latch.cause is StopCause.SUPERVISE
+    assert ending(host).exit_status == 5
+    assert "it leans" in ending(host).reason
+    assert told(sink)[0].data["level"] == "stop"
+
+
+def test_pausing_holds_the_devices_plan_until_somebody_looked() -> None:
+    ends, host, _ = moving()
+    alarmed(host, "PAUSE").holding = True
+    ends.run(1.5)
+    assert not ends.moving
+    assert ends.device.firmware.mode is Mode.ONBOARD, "the plan is kept"
+    ends.run(5.0)
+    assert not ends.moving
+    assert go_on(host, ends.host_ns)
+    assert ends.run(2.0, lambda: ends.moving)
+    assert not go_on(host, ends.host_ns), "once"
+
+
+def test_driving_slowly_sets_the_devices_top_speed_and_gives_it_back() -> None:
+    ends, host, _ = moving()
+    alarm = alarmed(host, "SLOW")
+    parameters = ends.device.firmware.parameters
+    before = parameters.value("max_speed")
+    ends.run(0.5)
+    alarm.factor = 0.5
+    assert ends.run(1.0, lambda: parameters.value("max_speed") < before)
+    assert parameters.value("max_speed") == pytest.approx(
+        0.5 * host.model.cruise_speed_m_s, rel=1e-6
+    )
+    alarm.factor = 1.0
+    assert ends.run(1.0, lambda: parameters.value("max_speed") == before)
+    alarm.factor = 0.5
+    assert ends.run(1.0, lambda: parameters.value("max_speed") < before)
+    host.end(Ending("stopped", "enough", 0), ends.host_ns)
+    assert ends.run(1.0, lambda: host.mission.done)
+    ends.run(0.1)
+    assert parameters.value("max_speed") == before, "the end gives it back too"
+
+
+def test_a_device_that_does_not_pause_is_stopped() -> None:
+    ends, host, _ = moving()
+    ends.device.firmware.control.fire(_abort())  # there is no plan to pause any more
+    alarmed(host, "PAUSE").holding = True
+    assert ends.run(1.0, lambda: host.mission.done)
+    assert ending(host).exit_status == 5
+    assert host.session.state is State.READY

@@ -1,0 +1,103 @@
+"""The bench's wire to an emulated device, in virtual time; and a person of its own."""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from typing import TYPE_CHECKING
+
+from bridge.bench.desk import Desk
+from protocol.clock import HostNs
+from sim_device.line import STRAIGHT
+from sim_device.rig import Rig
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from protocol.link import LinkBase
+    from sim_device.device import VirtualSweeper
+
+BOOT_NS = 7_000_000_000
+LATENCY_US = 1_000
+CALM_S = 1.0
+
+
+class RigWire:
+    """Host and device on one clock: what is sent arrives a millisecond later."""
+
+    def __init__(self, device: VirtualSweeper) -> None:
+        self.device = device
+        self.rig = Rig(device, STRAIGHT)
+        self.now_us = 0
+        self.closed = False
+        self._down: deque[tuple[int, bytes]] = deque()
+        self._up: deque[tuple[int, bytes]] = deque()
+
+    @property
+    def link(self) -> type[LinkBase]:
+        return type(self.device.firmware.link)
+
+    def now(self) -> HostNs:
+        return HostNs(self.now_us * 1000 + BOOT_NS)
+
+    def turn(self, data: bytes, until_ns: HostNs) -> bytes:
+        if data:
+            self._down.append((self.now_us + LATENCY_US, data))
+        until_us = max(self.now_us, -((BOOT_NS - until_ns) // 1000))
+        while True:
+            moments = [until_us, self.rig.next_deadline_us()]
+            moments += [queue[0][0] for queue in (self._down, self._up) if queue]
+            self.now_us = max(self.now_us, min(moments))
+            arrived = b""
+            while self._down and self._down[0][0] <= self.now_us:
+                arrived += self._down.popleft()[1]
+            said = self.rig.step(arrived, self.now_us)
+            if said:
+                self._up.append((self.now_us + LATENCY_US, said))
+            heard = b""
+            while self._up and self._up[0][0] <= self.now_us:
+                heard += self._up.popleft()[1]
+            if heard or self.now_us >= until_us:
+                return heard
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def desk_on(device: VirtualSweeper) -> tuple[Desk, RigWire]:
+    """A desk that has agreed with an emulated device."""
+    wire = RigWire(device)
+    ids = itertools.count(0x5EED_1000)
+    return Desk(wire, lambda: next(ids)), wire
+
+
+class Scripted:
+    """A person who does what the script says as he is spoken to."""
+
+    def __init__(
+        self,
+        *,
+        confirm: Callable[[str], bool] = lambda _text: True,
+        choose: Callable[[str], str] = lambda _text: "n",
+        number: Callable[[str], float] = lambda _text: 0.0,
+    ) -> None:
+        self.told: list[str] = []
+        self.asked: list[str] = []
+        self._confirm, self._choose, self._number = confirm, choose, number
+
+    def tell(self, text: str) -> None:
+        self.told.append(text)
+
+    def confirm(self, text: str) -> bool:
+        self.asked.append(text)
+        return self._confirm(text)
+
+    def choose(self, text: str, answers: Mapping[str, str]) -> str:
+        self.asked.append(text)
+        said = self._choose(text)
+        assert said in answers
+        return said
+
+    def number(self, text: str) -> float:
+        self.asked.append(text)
+        return self._number(text)

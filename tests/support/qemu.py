@@ -1,0 +1,90 @@
+"""The firmware built for its chips, and the emulator that runs it in QEMU."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from sim_device.ports import ask_control
+from support.c_build import ROOT, run, tool
+from support.cli import Done, end, start
+
+if TYPE_CHECKING:
+    import subprocess
+    from collections.abc import Callable, Iterator
+
+FIRMWARE = ROOT / "sim_device" / "firmware"
+READY_S = 60.0
+"""A busy machine starts QEMU and Python slowly."""
+
+
+def build(folder: Path) -> Path:
+    """Both boards' programs, with every warning an error; the test fails without its tools."""
+    tool("arm-none-eabi-gcc")
+    command = [tool("make"), "--silent", "-j2", "-C", FIRMWARE, "-f", "board.mk"]
+    run([*command, f"BUILD={folder}", f"PYTHON={sys.executable}"], timeout_s=110.0)
+    return folder
+
+
+class Emulated(NamedTuple):
+    """An emulator that has said ``ready``."""
+
+    process: subprocess.Popen[str]
+    port: str
+    control: Path
+
+    def ask(self, line: str) -> dict[str, Any]:
+        """Ask on the control socket; the answer is a yes."""
+        answer = ask_control(self.control, line)
+        assert answer["ok"], answer
+        return answer
+
+    def truth(self) -> dict[str, float]:
+        """Where the robot really is, and how it moves."""
+        truth: dict[str, float] = self.ask("truth")["truth"]
+        return truth
+
+    def qemu_pid(self) -> int:
+        """Of the emulator's only child."""
+        pid = self.process.pid
+        children = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
+        assert len(children) == 1, children
+        return int(children[0])
+
+
+@contextmanager
+def emulated(firmware: Path, cwd: Path, *arguments: str | Path) -> Iterator[Emulated]:
+    """``sweepctl emulate --target qemu`` for as long as the block; it must end in order."""
+    tool("qemu-system-arm")
+    control = cwd / "control"
+    process = start(
+        "emulate", "--target", "qemu", "--firmware", firmware, "--control", control, *arguments,
+        cwd=cwd,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line.startswith("ready "), process.communicate(timeout=READY_S)
+        yield Emulated(process, line.removeprefix("ready ").rstrip("\n"), control)
+    finally:
+        if process.poll() is None:
+            done = finish(process)
+            assert (done.status, done.out) == (0, ""), done
+            assert "Traceback" not in done.err, done.err
+
+
+def finish(process: subprocess.Popen[str]) -> Done:
+    """End it as a user does."""
+    return end(process, signal.SIGTERM)
+
+
+def until(so: Callable[[], bool], within_s: float, what: str) -> None:
+    """Wait for something that another process does."""
+    limit = time.monotonic() + within_s
+    while not so():
+        assert time.monotonic() < limit, f"not within {within_s:g} s: {what}"
+        time.sleep(0.01)

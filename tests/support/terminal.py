@@ -1,0 +1,95 @@
+"""A command on a terminal of its own: keys go in, what is drawn comes out."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from typing import TYPE_CHECKING, Self
+
+from support.cli import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from types import TracebackType
+
+PATIENCE_S = 60.0
+ASKED = b"\x1b[?u"
+KITTY_SAYS, XTERM_SAYS = b"\x1b[?0u\x1b[?62;c", b"\x1b[?64;1;2c"
+
+
+class OnTerminal:
+    """``sweepctl`` with its three streams on a pty of 120 × 40; ``kitty`` tells of releases."""
+
+    def __init__(self, *arguments: str | Path, cwd: Path, kitty: bool = False) -> None:
+        self._master, slave = pty.openpty()
+        self.drawn = b""
+        self._kitty = kitty
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color"}
+        environment |= {"COLUMNS": "120", "LINES": "40"}
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)],
+            cwd=cwd,
+            env=environment,
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+        )
+        os.close(slave)
+        self._news = threading.Condition()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        answered = False
+        while True:
+            if not select.select([self._master], [], [], 0.2)[0]:
+                if self.process.poll() is not None:
+                    return
+                continue
+            try:
+                data = os.read(self._master, 65536)
+            except OSError:  # the other end is closed
+                return
+            with self._news:
+                self.drawn += data
+                self._news.notify_all()
+            if not answered and ASKED in self.drawn:
+                answered = True
+                os.write(self._master, KITTY_SAYS if self._kitty else XTERM_SAYS)
+
+    def shows(self, text: str) -> None:
+        """Wait until this was drawn."""
+        with self._news:
+            found = self._news.wait_for(lambda: text.encode() in self.drawn, PATIENCE_S)
+        assert found, self.drawn[-3000:].decode("utf-8", "replace")
+
+    def press(self, data: bytes) -> None:
+        os.write(self._master, data)
+
+    def end(self) -> int:
+        """Wait for its end; its exit status."""
+        status = self.process.wait(PATIENCE_S)
+        self._thread.join(PATIENCE_S)
+        return status
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        self._thread.join(PATIENCE_S)
+        with suppress(OSError):
+            os.close(self._master)

@@ -1,0 +1,83 @@
+"""The robot file against the device: which key is which parameter, and files edited in place."""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+
+import pytest
+
+from bridge.bench.values import Difference, differences, edited, robot_key
+from bridge.config import parse_robot
+from bridge.errors import ConfigError
+from bridge.motion.robot_model import RobotModel
+from bridge.parameters import Parameter
+from sim_device.parameters import ParameterStore, table
+
+MODEL = RobotModel()
+
+
+def device(**changes: float) -> list[Parameter]:
+    store = ParameterStore(table(dataclasses.replace(MODEL, **changes), 1), {})  # type: ignore[arg-type]  # keys are its own
+    found = []
+    for number in range(len(store.parameters)):
+        message = store.describe(number)
+        assert message is not None
+        found.append(Parameter.from_message(message))
+    return found
+
+
+def test_every_parameter_of_the_model_has_its_key() -> None:
+    """The device's own table names the model's field of each parameter."""
+    named = {p.name: robot_key(p) for p in device()}
+    for parameter in table(MODEL, 1):
+        if parameter.model_key is not None:
+            assert named[parameter.name] == parameter.model_key
+
+
+def test_equal_values_do_not_differ_for_their_rounding() -> None:
+    assert differences(device(), MODEL) == []
+
+
+def test_what_differs_is_told_with_both_values() -> None:
+    found = differences(device(wheel_base_m=0.2345, counts_per_turn=1440), MODEL)
+    rounded = struct.unpack("<f", struct.pack("<f", 0.2345))[0]
+    assert found == [
+        Difference("wheel_base", "m", rounded, 0.23),
+        Difference("counts_per_turn", "count", 1440, 1560),
+    ]
+
+
+FILE = """\
+# my robot
+name = "bert"   # the red one
+wheel_base_m=0.23 # measured
+
+[ultrasonic]
+x_m = 0.11
+# the end
+"""
+
+
+def test_a_value_is_changed_where_it_stands() -> None:
+    assert edited(FILE, {"wheel_base_m": 0.23125}) == FILE.replace("=0.23 ", "=0.23125 ")
+    assert edited(FILE, {"ultrasonic.x_m": 0.12}) == FILE.replace("0.11", "0.12")
+
+
+def test_what_is_new_is_added_in_its_place() -> None:
+    text = edited(FILE, {"wheel_diameter_m": 0.0651, "infrared_left.y_m": 0.09})
+    model = parse_robot(text)
+    assert (model.name, model.wheel_base_m) == ("bert", 0.23)
+    assert (model.wheel_diameter_m, model.ultrasonic.x_m) == (0.0651, 0.11)
+    assert model.infrared_left.y_m == 0.09
+    assert "# the red one" in text
+    assert "# the end" in text
+
+
+def test_an_empty_file_takes_values_too() -> None:
+    assert edited("", {"wheel_base_m": 0.2}) == "wheel_base_m = 0.2\n"
+
+
+def test_a_file_that_would_be_none_is_refused() -> None:
+    with pytest.raises(ConfigError, match="wheel_base_m"):
+        edited(FILE, {"wheel_base_m": 7.0})

@@ -1,0 +1,275 @@
+"""Driving by hand: what is held drives, what is let go, late or unknown does not."""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bridge.coverage.planner import PlannerEvent, PlannerState
+from bridge.coverage.runner import PlanRunner
+from bridge.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
+from bridge.errors import PortError
+from bridge.io.gamepad import Gamepad, Layout, PadState, Sticks
+from bridge.motion.geometry import Pose2
+from bridge.motion.legs import Drive, LegResult
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.motion.robot_model import RobotModel
+from bridge.operator import Hand, Operator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MODEL = RobotModel()
+
+
+def dead_man(*, releases: bool) -> DeadMan:
+    return DeadMan(0.3, 0.2, releases)
+
+
+# ---- a terminal that tells of no release ------------------------------------------------
+
+
+def test_a_press_drives_for_seven_tenths_at_a_tenth() -> None:
+    hand = dead_man(releases=False)
+    hand.press("up", 10.0)
+    assert hand.wanted(10.0) == VelocityCommand(0.1, 0.0)
+    assert hand.wanted(10.7) == VelocityCommand(0.1, 0.0)
+    assert hand.wanted(10.71) == HALT
+    assert hand.wanted(10.2) == HALT, "once let go it stays so"
+
+
+def test_any_other_key_stops() -> None:
+    hand = dead_man(releases=False)
+    hand.press("up", 10.0)
+    hand.press("q", 10.1)
+    assert hand.wanted(10.1) == HALT
+
+
+def test_only_the_newest_press_counts() -> None:
+    hand = dead_man(releases=False)
+    hand.press("up", 10.0)
+    hand.press("left", 10.3)
+    found = hand.wanted(10.4)
+    assert found.v_m_s == 0.0
+    assert found.yaw_rate_rad_s > 0.0
+
+
+# ---- one that does ----------------------------------------------------------------------
+
+
+def test_a_held_key_drives_until_it_comes_up() -> None:
+    hand = dead_man(releases=True)
+    hand.press("up", 0.0)
+    for i in range(1, 50):
+        hand.press("up", 0.1 * i)
+        assert hand.wanted(0.1 * i).v_m_s == pytest.approx(0.2)
+    hand.release("up", 4.95)
+    assert hand.wanted(4.96) == HALT
+
+
+def test_two_held_keys_make_a_curve_and_one_goes_on() -> None:
+    hand = dead_man(releases=True)
+    hand.press("up", 0.0)
+    hand.press("left", 0.1)
+    assert hand.wanted(0.2) == VelocityCommand(0.2, 1.0)
+    hand.release("left", 0.3)
+    assert hand.wanted(0.35) == VelocityCommand(0.2, 0.0)
+
+
+def test_a_terminal_that_hangs_lets_go() -> None:
+    hand = dead_man(releases=True)
+    hand.press("down", 0.0)
+    assert hand.wanted(HELD_S).v_m_s == pytest.approx(-0.2)
+    assert hand.wanted(HELD_S + 0.01) == HALT
+
+
+def test_the_other_way_wins_at_once() -> None:
+    hand = dead_man(releases=True)
+    hand.press("up", 0.0)
+    hand.press("down", 0.1)
+    assert hand.wanted(0.1).v_m_s == pytest.approx(-0.2)
+
+
+def test_the_speed_stays_within_the_robots() -> None:
+    hand = dead_man(releases=True)
+    for _ in range(20):
+        hand.faster()
+    assert hand.speed_m_s == 0.3
+    for _ in range(30):
+        hand.slower()
+    assert hand.speed_m_s == pytest.approx(0.03)
+
+
+EVENTS = st.lists(
+    st.tuples(
+        st.sampled_from(["press", "release", "wait", "stick"]),
+        st.sampled_from([*DIRECTIONS, "q", "escape"]),
+        st.floats(0.0, 1.5),
+        st.floats(-3.0, 3.0),
+        st.booleans(),
+    ),
+    max_size=40,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(events=EVENTS, releases=st.booleans())
+def test_whatever_is_pressed_it_never_drives_long_alone(
+    events: list[tuple[str, str, float, float, bool]], *, releases: bool
+) -> None:
+    """Without a further event everything is at rest, and the limits hold all the time."""
+    hand, now_s = dead_man(releases=releases), 0.0
+    for what, key, wait_s, share, held in events:
+        now_s += wait_s
+        match what:
+            case "press":
+                hand.press(key, now_s)
+            case "release":
+                hand.release(key, now_s)
+            case "stick":
+                hand.stick(share, -share, now_s, held=held)
+            case _:
+                pass
+        found = hand.wanted(now_s)
+        assert abs(found.v_m_s) <= 0.2 + 1e-12
+        if not releases and not any(e[0] == "stick" for e in events):
+            assert abs(found.v_m_s) <= PRESS_M_S
+    assert hand.wanted(now_s + max(HELD_S, PRESS_S) + 0.01) == HALT
+
+
+# ---- the gamepad ------------------------------------------------------------------------
+
+
+def event(kind: int, number: int, value: int) -> bytes:
+    """As the kernel's joystick-api.rst lays it out, typed in by hand."""
+    return struct.pack("<I", 123) + struct.pack("<h", value) + bytes([kind, number])
+
+
+def test_sticks_and_buttons_of_the_kernels_events() -> None:
+    pad = PadState(Layout())
+    assert pad.feed(event(0x82, 1, 0) + event(0x81, 4, 0)) is False
+    assert pad.sticks == Sticks(0.0, 0.0, held=False)
+    pad.feed(event(2, 1, -32767))  # stick pushed up
+    pad.feed(event(1, 4, 1))
+    assert pad.sticks == Sticks(1.0, 0.0, held=True)
+    pad.feed(event(2, 0, 32767)[:3])
+    pad.feed(event(2, 0, 32767)[3:])  # to the right, in two pieces
+    assert pad.sticks.turn == -1.0
+    pad.feed(event(2, 0, 3000))
+    assert pad.sticks.turn == 0.0, "a stick at rest is not quite in the middle"
+    assert pad.feed(event(1, 1, 1)) is True
+    assert pad.feed(event(0x81, 1, 1)) is False, "its state at opening is no press"
+
+
+def test_a_device_file_drives_and_its_end_lets_go(tmp_path: Path) -> None:
+    path = str(tmp_path / "js0")
+    os.mkfifo(path)
+    seen: list[Sticks] = []
+    stopped = threading.Event()
+    news = threading.Event()
+
+    def take(sticks: Sticks) -> None:
+        seen.append(sticks)
+        news.set()
+
+    keeper = os.open(path, os.O_RDWR)
+    with Gamepad(path, take, stopped.set):
+        os.write(keeper, event(1, 4, 1) + event(2, 1, -32767))
+        assert news.wait(20.0)
+        assert seen[-1] == Sticks(1.0, 0.0, held=True)
+        news.clear()
+        assert news.wait(20.0), "what is held is told again"
+        os.write(keeper, event(1, 1, 1))
+        assert stopped.wait(20.0)
+        os.close(keeper)  # unplugged
+        while seen[-1].held:
+            news.clear()
+            assert news.wait(20.0)
+    assert seen[-1] == Sticks(0.0, 0.0, held=False)
+
+
+def test_no_such_gamepad() -> None:
+    with pytest.raises(PortError, match="plugged in"):
+        Gamepad("/dev/input/js99", lambda _s: None, lambda: None)
+
+
+# ---- a run in a person's hands ----------------------------------------------------------
+
+
+class Straight:
+    """A planner that drives ahead for ever."""
+
+    state = PlannerState("straight")
+
+    def start(self, obs: Observation) -> Drive:
+        return Drive(obs.pose.theta_rad, 5.0)
+
+    def next(self, result: LegResult, obs: Observation) -> Drive:  # noqa: ARG002 - a planner's
+        return self.start(obs)
+
+    def drain_events(self) -> list[PlannerEvent]:
+        return []
+
+
+def observed(time_s: float, *, bumped: bool = False) -> Observation:
+    still = Pose2(0.0, 0.0, 0.0)
+    return Observation(time_s, still, 0.0, 0.0, None, None, None, bumped, False, False)  # noqa: FBT003 - of the tuple
+
+
+def operator(*, manual: bool = False, plan: bool = True) -> Operator:
+    runner = PlanRunner(Straight(), MODEL) if plan else None
+    return Operator(MODEL, DeadMan(0.3, 0.2, releases=True), plan=runner, manual=manual)
+
+
+def run(person: Operator, start_s: float, steps: int) -> VelocityCommand:
+    command = HALT
+    for i in range(steps):
+        command = person.step(observed(start_s + 0.02 * i))
+    return command
+
+
+def test_a_plan_is_held_taken_over_and_goes_on() -> None:
+    person = operator()
+    assert run(person, 0.0, 30).v_m_s > 0.05
+    person.pause()
+    assert person.hand is Hand.HELD
+    assert run(person, 1.0, 5) == HALT
+    assert person.state.state == "held"
+    person.take_over()
+    person.dead_man.press("left", 2.0)
+    turning = run(person, 2.0, 20)
+    assert turning.v_m_s == 0.0
+    assert turning.yaw_rate_rad_s > 0.5
+    person.take_over()
+    assert person.hand is Hand.HELD
+    assert run(person, 3.0, 5) == HALT
+    person.start()
+    assert run(person, 4.0, 30).v_m_s > 0.05
+    kinds = [event.kind for event in person.drain_events()]
+    assert kinds == ["operator"] * 4
+
+
+def test_by_hand_from_the_beginning_nothing_moves_alone() -> None:
+    person = operator(manual=True, plan=False)
+    assert run(person, 0.0, 100) == HALT
+    assert not person.finished
+    person.dead_man.press("up", 2.0)
+    first = person.step(observed(2.0))
+    assert 0.0 < first.v_m_s <= MODEL.max_accel_m_s2 * 0.02 + 1e-9, "it starts gently"
+
+
+def test_nobody_drives_ahead_into_what_is_touched() -> None:
+    person = operator(manual=True, plan=False)
+    person.dead_man.press("up", 0.0)
+    assert person.step(observed(0.0, bumped=True)).v_m_s == 0.0
+    person.dead_man.press("down", 0.1)
+    backwards = [person.step(observed(0.1 + 0.02 * i, bumped=True)).v_m_s for i in range(10)]
+    assert backwards[-1] < 0.0, "back is the way out"
+    assert not math.isnan(sum(backwards))

@@ -1,0 +1,75 @@
+"""Parameters by name and in their unit, as the host shows and checks them."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from bridge.errors import ParameterError
+from bridge.parameters import Parameter, closest
+from protocol.messages import ParameterValue
+
+# IEEE 754 binary32, worked out by hand: 0.5 = 2^-1, 0.25 = 2^-2, 2.0 = 2^1.
+HALF, QUARTER, TWO = 0x3F00_0000, 0x3E80_0000, 0x4000_0000
+
+
+def told(kind: int, flags: int = 0, *values: int, name: str = "top_speed m/s") -> Parameter:
+    value, default, low, high = values or (HALF, HALF, QUARTER, TWO)
+    return Parameter.from_message(
+        ParameterValue(4, 13, kind, flags, value, default, low, high, name)
+    )
+
+
+def test_a_float() -> None:
+    speed = told(2, 0b1011)
+    assert (speed.number, speed.name, speed.unit, speed.kind) == (4, "top_speed", "m/s", "f32")
+    assert (speed.value, speed.low, speed.high) == (0.5, 0.25, 2.0)
+    assert (speed.stored, speed.changed, speed.read_only, speed.needs_reboot) == (
+        *(True, True, False, True),
+    )
+    assert speed.raw(0.25) == QUARTER
+    assert speed.raw("2") == TWO
+    assert Parameter.from_dict(speed.to_dict()) == speed
+
+
+def test_a_signed_number_travels_in_two_s_complement() -> None:
+    trim = told(1, 0, 0xFFFF_FFFE, 0, 0xFFFF_FF9C, 100)
+    assert (trim.value, trim.low, trim.high) == (-2, -100, 100)
+    assert trim.raw(-3) == 0xFFFF_FFFD
+
+
+def test_a_switch() -> None:
+    switch = told(3, 0, 1, 0, 0, 1)
+    assert switch.raw("on") == switch.raw(1) == switch.raw("TRUE") == 1
+    assert switch.raw("off") == switch.raw(0) == 0
+    with pytest.raises(ParameterError, match="true or false"):
+        switch.raw("perhaps")
+
+
+@pytest.mark.parametrize("value", [0.2, 2.1, math.inf, math.nan, 1e300, "fast", "nan"])
+def test_what_a_float_does_not_take(value: float | str) -> None:
+    with pytest.raises(ParameterError, match="top_speed"):
+        told(2).raw(value)
+
+
+def test_the_range_is_told_with_its_unit() -> None:
+    with pytest.raises(ParameterError, match=r"3 is not in 0\.25 to 2 m/s"):
+        told(2).raw(3)
+
+
+def test_a_whole_number_is_whole() -> None:
+    counts = told(0, 0, 1560, 1560, 4, 1_000_000)
+    assert counts.raw("1560") == 1560
+    with pytest.raises(ParameterError, match="whole"):
+        counts.raw(1560.5)
+
+
+def test_what_cannot_be_set() -> None:
+    with pytest.raises(ParameterError, match="read-only"):
+        told(0, 0b100, 1, 1, 1, 15).raw(2)
+
+
+def test_a_name_that_there_is_not() -> None:
+    assert "did you mean max_speed?" in closest("max_sped", ["max_speed", "node"])
+    assert "there are node" in closest("zzz", ["node"])

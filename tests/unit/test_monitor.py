@@ -1,0 +1,137 @@
+"""Listening: what the bytes say, against the wire's description typed in by hand."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from bridge.monitor import Monitor, UnknownTypeError
+from protocol.can_link import CanLink
+from protocol.clock import HostNs
+from protocol.link import Link
+from protocol.message import Direction
+from protocol.messages import Encoders, Hello, Stop, Sync
+from protocol.values import StopCause
+from support.reference_codec import cobs_encode, crc32
+
+MS = 1_000_000
+
+
+def framed(node: int, type_id: int, seq: int, t_us: int, payload: bytes) -> bytes:
+    """A frame as PROTOCOL.md describes it, made without ``protocol``."""
+    body = struct.pack("<BBBBI", 1 << 4, node, type_id, seq, t_us) + payload
+    return b"\0" + cobs_encode(body + struct.pack("<I", crc32(body))) + b"\0"
+
+
+RANGE = framed(3, 0x14, 7, 1_500_000, struct.pack("<HBBB", 1234, 80, 255, 0b101))
+
+
+def test_a_message_is_told_with_its_units_and_names() -> None:
+    seen = Monitor().receive(RANGE, HostNs(5 * MS))
+    assert len(seen) == 1
+    one = seen[0]
+    assert (one.kind, one.name, one.node, one.direction) == ("message", "range", 3, "device")
+    assert (one.t_us, one.host_ns) == (1_500_000, 5 * MS)
+    assert one.fields == {
+        "ultrasonic_m": pytest.approx(1.234),
+        "infrared_left_m": pytest.approx(0.1),  # 80 steps of 1.25 mm
+        "infrared_right_m": None,
+        "contacts": ["bumper_left", "cliff"],
+    }
+    assert one.text == (
+        "ultrasonic=1.234m infrared_left=0.1m infrared_right=- contacts=bumper_left|cliff"
+    )
+    assert one.raw == bytes.fromhex("d20450ff05")
+
+
+def test_both_directions_are_heard_in_their_order() -> None:
+    host = Link(Direction.HOST)
+    host.send(Stop(9, StopCause.OPERATOR), 0, node=3)
+    stop = host.data_to_send()
+    seen = Monitor().receive(RANGE + stop + RANGE, HostNs(0))
+    assert [(s.name, s.direction) for s in seen] == [
+        ("range", "device"),
+        ("stop", "host"),
+        ("range", "device"),
+    ]
+    assert seen[1].fields["cause"] == "operator"
+
+
+def test_however_the_bytes_are_cut_the_same_is_heard() -> None:
+    stream = RANGE + b"noise\0" + RANGE
+    whole = Monitor().receive(stream, HostNs(0))
+    monitor = Monitor()
+    cut = [s for byte in stream for s in monitor.receive(bytes([byte]), HostNs(0))]
+    assert [(s.kind, s.name, s.raw) for s in cut] == [(s.kind, s.name, s.raw) for s in whole]
+    assert [s.kind for s in whole] == ["message", "damaged", "message"]
+
+
+def test_broken_bytes_are_given_whole_and_counted_once() -> None:
+    spoilt = bytearray(RANGE)
+    spoilt[-3] ^= 0x40
+    monitor = Monitor()
+    seen = monitor.receive(bytes(spoilt), HostNs(0))
+    assert [s.kind for s in seen] == ["damaged"]
+    assert seen[0].raw == bytes(spoilt).strip(b"\0")
+    assert monitor.damaged == 1
+    assert monitor.newest_damage == seen[0]
+    assert "no frame (crc)" in seen[0].text
+
+
+def test_a_type_that_nobody_declared_is_told_once() -> None:
+    monitor = Monitor()
+    seen = monitor.receive(framed(1, 0x7A, 0, 0, b"\1\2"), HostNs(0))
+    assert [(s.kind, s.name, s.raw) for s in seen] == [("rejected", "type", b"\1\2")]
+    assert (monitor.rejected, monitor.damaged) == (1, 0)
+
+
+def test_types_that_were_not_asked_for_are_counted_and_not_told() -> None:
+    monitor = Monitor(types=["encoders"])
+    assert monitor.receive(RANGE, HostNs(0)) == []
+    assert monitor.types["range"].count == 1
+    with pytest.raises(UnknownTypeError, match="'rangee' is no message"):
+        Monitor(types=["rangee"])
+
+
+def test_another_nodes_messages_are_left_out() -> None:
+    assert Monitor(node=4).receive(RANGE, HostNs(0)) == []
+    assert len(Monitor(node=3).receive(RANGE, HostNs(0))) == 1
+
+
+def test_rates_are_those_of_the_last_two_seconds() -> None:
+    monitor = Monitor()
+    for i in range(300):  # 50 Hz for 6 s
+        monitor.receive(RANGE, HostNs(20 * i * MS))
+    assert monitor.rates_hz()["range"] == pytest.approx(50.0, rel=0.02)
+    monitor.tick(HostNs(7_000 * MS))  # silent for 1 s
+    assert monitor.rates_hz()["range"] == pytest.approx(25.0, rel=0.05)
+    monitor.tick(HostNs(9_000 * MS))
+    assert monitor.rates_hz()["range"] == 0.0
+
+
+def test_lost_frames_are_counted_by_their_numbers() -> None:
+    monitor = Monitor()
+    for seq in (1, 2, 6):
+        monitor.receive(framed(3, 0x13, seq, 0, struct.pack("<HH", 1, 2)), HostNs(0))
+    assert monitor.lost == 3
+
+
+def test_a_device_with_another_catalogue_is_named() -> None:
+    hello = Hello(0x1234, bytes(12), 1, 0, 0, 0, 1, 0, 0, "other")
+    link = Link(Direction.DEVICE)
+    link.send(hello, 0, node=2)
+    monitor = Monitor()
+    monitor.receive(link.data_to_send(), HostNs(0))
+    assert monitor.strangers == {2: 0x1234}
+
+
+def test_a_bus_is_heard_in_both_directions() -> None:
+    device, host = CanLink(Direction.DEVICE), CanLink(Direction.HOST)
+    device.send(Sync(1), 1_000_000, node=5)
+    device.send(Encoders(10, 20), 1_010_000, node=5)
+    host.send(Stop(1, StopCause.OPERATOR), 0, node=5)
+    monitor = Monitor(CanLink)
+    seen = monitor.receive(device.data_to_send() + host.data_to_send(), HostNs(0))
+    assert [s.name for s in seen] == ["sync", "encoders", "stop"]
+    assert seen[1].fields == {"left": 10, "right": 20}

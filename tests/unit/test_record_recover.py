@@ -1,0 +1,308 @@
+"""Recovering damaged logs: what is kept is judged by the mcap library's own reader."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Chunk, MessageIndex
+from mcap.records import Message as Record
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType, Writer
+
+from bridge.record.errors import LogExistsError, LogReadError, LogWriteError
+from bridge.record.reader import LogReader
+from bridge.record.recover import recover
+from bridge.record.writer import RunWriter
+from support.cli import sweepctl
+from support.synthetic_run import run_info, summary, synthetic_run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+Message = tuple[str, int, bytes]
+CHUNK = 0x06
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six seconds of a run."""
+    path = tmp_path_factory.mktemp("recover") / "run.mcap"
+    writer = RunWriter(path, run_info())
+    first = None
+    for record in synthetic_run():
+        first = first or record.log_ns
+        if record.log_ns - first > 6_000_000_000:
+            break
+        writer.write(record)
+    writer.close(summary())
+    return path
+
+
+def read_all(path: Path) -> list[Message]:
+    """Everything, by the library's reader, which checks every CRC and needs the summary."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        found = [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in reader.iter_messages()
+        ]
+        told = reader.get_summary()
+        assert told is not None
+        assert told.statistics is not None
+        assert told.statistics.message_count == len(found)
+        return found
+
+
+def chunks(data: bytes | bytearray) -> list[tuple[int, int]]:
+    """Offset and whole length of every chunk of an intact file."""
+    found, position = [], 8
+    while position < len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, position)
+        if opcode == CHUNK:
+            found.append((position, 9 + length))
+        position += 9 + length
+    return found
+
+
+def messages_in(data: bytes, offset: int, length: int) -> list[Message]:
+    """What one chunk of a whole file holds, by the library."""
+    told = make_reader(io.BytesIO(data)).get_summary()
+    assert told is not None
+    one = io.BytesIO(data[:8] + data[offset : offset + length])
+    chunk = next(StreamReader(one, emit_chunks=True).records)
+    assert isinstance(chunk, Chunk)
+    return [
+        (told.channels[record.channel_id].topic, record.log_time, record.data)
+        for record in breakup_chunk(chunk)
+        if isinstance(record, Record)
+    ]
+
+
+def without(everything: list[Message], lost: list[Message]) -> list[Message]:
+    left = everything.copy()
+    for message in lost:
+        left.remove(message)
+    return left
+
+
+def test_a_whole_file_stays_as_it_is(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    result = recover(log, out)
+    assert (result.losses, result.whole, result.undeclared) == ([], True, 0)
+    assert read_all(out) == read_all(log)
+    before, after = LogReader(log), LogReader(out)
+    assert after.attachments == before.attachments
+    assert after.metadata == before.metadata
+    assert not after.truncated
+
+
+@pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
+def test_a_chunk_damaged_in_its_content_is_left_out_and_told(
+    log: Path, tmp_path: Path, place: float
+) -> None:
+    data = bytearray(log.read_bytes())
+    found = chunks(data)
+    offset, length = found[round(place * (len(found) - 1))]
+    lost = messages_in(bytes(data), offset, length)
+    data[offset + length - 40] ^= 0x10
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    broken.write_bytes(data)
+    result = recover(broken, out)
+    assert read_all(out) == without(read_all(log), lost)
+    (loss,) = result.losses
+    assert (loss.offset, loss.bytes) == (offset, length)
+    assert sum(loss.messages.values()) == len(lost) > 20
+    assert loss.messages["/pose"] == sum(topic == "/pose" for topic, _, _ in lost)
+    assert loss.start_ns == min(time for _, time, _ in lost)
+    assert loss.end_ns == max(time for _, time, _ in lost)
+    assert LogReader(broken).problems == []
+    reader = LogReader(broken)
+    assert [(m.topic, m.log_ns, m.data) for m in reader.messages()] == read_all(out)
+    assert len(reader.problems) == 1
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(lambda d, o: d.__setitem__(o, 0x00), id="no opcode"),
+        pytest.param(lambda d, o: d.__setitem__(o + 3, 0xFF), id="a length beyond the file"),
+        pytest.param(lambda d, o: d.__setitem__(o + 1, d[o + 1] ^ 0x55), id="a wrong length"),
+        pytest.param(
+            lambda d, o: d.__setitem__(slice(o, o + 64), bytes(64)), id="the head overwritten"
+        ),
+    ],
+)
+def test_a_damaged_head_of_a_chunk_costs_that_chunk_only(
+    log: Path, tmp_path: Path, damage: Callable[[bytearray, int], None]
+) -> None:
+    data = bytearray(log.read_bytes())
+    found = chunks(data)
+    offset, length = found[len(found) // 2]
+    lost = messages_in(bytes(data), offset, length)
+    damage(data, offset)
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    broken.write_bytes(data)
+    result = recover(broken, out)
+    assert read_all(out) == without(read_all(log), lost)
+    assert result.lost_messages == len(lost), "the indexes after it say what it held"
+    reader = LogReader(broken)
+    assert [(m.topic, m.log_ns, m.data) for m in reader.messages()] == read_all(out)
+    assert "stepped over" in reader.problems[0]
+    assert not reader.truncated
+
+
+def test_channels_that_a_lost_chunk_declared_are_in_the_summary(log: Path, tmp_path: Path) -> None:
+    data = bytearray(log.read_bytes())
+    offset, length = chunks(data)[0]
+    lost = messages_in(bytes(data), offset, length)
+    data[offset + length // 2] ^= 1
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    broken.write_bytes(data)
+    result = recover(broken, out)
+    assert result.undeclared == 0
+    assert read_all(out) == without(read_all(log), lost)
+    assert next(iter(LogReader(out).messages(["/pose"]))).decoded.frame_id == "map"
+    assert next(iter(LogReader(broken).messages(["/pose"]))).decoded.frame_id == "map"
+
+
+def test_without_a_summary_such_messages_keep_their_bytes(log: Path, tmp_path: Path) -> None:
+    data = bytearray(log.read_bytes())
+    found = chunks(data)
+    offset, length = found[0]
+    data[offset + length // 2] ^= 1
+    end = sum(found[-1])
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    broken.write_bytes(data[:end])
+    result = recover(broken, out)
+    kept = read_all(out)
+    lost = messages_in(log.read_bytes(), offset, length)
+    whole = without(read_all(log), lost)
+    assert [message[1:] for message in kept] == [message[1:] for message in whole]
+    assert result.undeclared == sum(topic.startswith("/undeclared/") for topic, _, _ in kept) > 100
+
+
+def test_a_cut_file_keeps_what_is_whole(log: Path, tmp_path: Path) -> None:
+    data = log.read_bytes()
+    offset, length = chunks(data)[-3]
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    broken.write_bytes(data[: offset + length // 2])
+    result = recover(broken, out)
+    everything = read_all(log)
+    kept = read_all(out)
+    assert kept == everything[: len(kept)]
+    assert not result.whole
+    assert LogReader(broken).truncated
+    assert "cut" in result.losses[-1].what
+
+
+def foreign(path: Path, *, compression: CompressionType, chunked: bool = True) -> list[Message]:
+    """A file of another program: JSON, a channel without a schema, big chunks."""
+    with path.open("wb") as file:
+        writer = Writer(file, compression=compression, use_chunking=chunked, chunk_size=400_000)
+        writer.start(profile="other", library="somebody else")
+        schema = writer.register_schema("thing", "jsonschema", b"{}")
+        first = writer.register_channel("/json", "json", schema)
+        second = writer.register_channel("/bytes", "application/octet-stream", 0)
+        for i in range(4000):
+            writer.add_message(first, i, json.dumps({"i": i, "x": i / 3}).encode(), i, i)
+            writer.add_message(second, i + 1, bytes([i % 251]) * 190, i, i)
+        writer.add_attachment(5, 5, "notes", "text/plain", b"hello")
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+    return read_all(path)
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_files_of_other_programs(tmp_path: Path, compression: CompressionType) -> None:
+    path, out = tmp_path / "foreign.mcap", tmp_path / "out.mcap"
+    everything = foreign(path, compression=compression)
+    data = bytearray(path.read_bytes())
+    offset, length = chunks(data)[1]
+    lost = messages_in(bytes(data), offset, length)
+    data[offset + 60] ^= 0xFF
+    path.write_bytes(data)
+    result = recover(path, out)
+    assert read_all(out) == without(everything, lost)
+    assert result.lost_messages == len(lost)
+    with out.open("rb") as file:
+        reader = make_reader(file)
+        header = reader.get_header()
+        assert (header.profile, header.library) == ("other", "somebody else")
+        assert [a.data for a in reader.iter_attachments()] == [b"hello"]
+
+
+def test_messages_outside_chunks(tmp_path: Path) -> None:
+    path, out = tmp_path / "foreign.mcap", tmp_path / "out.mcap"
+    everything = foreign(path, compression=CompressionType.NONE, chunked=False)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    recover(path, out)
+    kept = read_all(out)
+    assert kept == everything[: len(kept)]
+    assert len(kept) > 0.45 * len(everything)
+
+
+def test_a_cut_chunk_gives_what_still_unpacks(tmp_path: Path) -> None:
+    path, out = tmp_path / "foreign.mcap", tmp_path / "out.mcap"
+    everything = foreign(path, compression=CompressionType.ZSTD)
+    data = path.read_bytes()
+    offset, length = chunks(data)[1]
+    path.write_bytes(data[: offset + length * 9 // 10])
+    result = recover(path, out)
+    kept = read_all(out)
+    assert kept == everything[: len(kept)]
+    assert result.rescued > 100, "whole zstd blocks of the cut chunk"
+
+
+def test_the_index_of_the_copy_leads_to_every_message(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    recover(log, out)
+    with out.open("rb") as file:
+        indexed = sum(
+            len(record.records)
+            for record in StreamReader(file, emit_chunks=True).records
+            if isinstance(record, MessageIndex)
+        )
+        file.seek(0)
+        ordered = list(make_reader(file).iter_messages(["/pose"]))
+    assert indexed == len(read_all(log))
+    assert len(ordered) == sum(topic == "/pose" for topic, _, _ in read_all(log))
+
+
+def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(log.read_bytes())
+    with pytest.raises(LogWriteError, match="it is the file to recover"):
+        recover(copy, copy, force=True)
+    assert copy.read_bytes() == log.read_bytes()
+    with pytest.raises(LogExistsError):
+        recover(log, copy)
+    with pytest.raises(LogReadError):
+        recover(tmp_path / "none.mcap", tmp_path / "out.mcap")
+    (tmp_path / "text").write_text("hello")
+    with pytest.raises(LogReadError, match="not an MCAP file"):
+        recover(tmp_path / "text", tmp_path / "out.mcap")
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_the_command(log: Path, tmp_path: Path) -> None:
+    data = bytearray(log.read_bytes())
+    offset, length = chunks(data)[4]
+    data[offset + length - 9] ^= 0x80
+    broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
+    broken.write_bytes(data)
+    done = sweepctl("recover", broken, "--out", out, "--json")
+    assert done.status == 0
+    assert done.json["lost_messages"] == sum(done.json["losses"][0]["messages"].values()) > 20
+    assert f"lost: a damaged chunk at byte {offset}" in done.err
+    assert done.json["messages"] == len(read_all(out))
+    again = sweepctl("recover", broken, "--out", out)
+    assert again.status == 1
+    assert "--force" in again.line
+    assert sweepctl("recover", broken, "--out", out, "--force").status == 0
+    assert sweepctl("recover", broken).status == 2

@@ -1,0 +1,229 @@
+"""A session that loses its device and finds it again: the same, in another boot, or changed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.host import Host
+from bridge.host_options import HostOptions
+from bridge.mission import LOST_TIMEOUT_S, Mission, Phase, Resume
+from bridge.motion.robot_model import RobotModel
+from bridge.session_events import Agreed, Failed, State, StateChanged
+from bridge.telemetry import EventRecord
+from protocol.messages import Power
+from protocol.values import Mode, StopCause
+from support.ends import (
+    Collector,
+    Ends,
+    HostEnd,
+    SessionEnd,
+    check_safe,
+    session_end,
+    spinning_host,
+    sweeper,
+)
+from support.peers import EXTRA, catalogue, hints_of, variant
+
+if TYPE_CHECKING:
+    from sim_device.device import VirtualSweeper
+
+RicherPower = variant(Power, {**hints_of(Power), "fan": EXTRA})
+
+
+def ready() -> tuple[Ends, SessionEnd]:
+    host = session_end()
+    ends = Ends(host, sweeper())
+    assert ends.run(3.0, lambda: host.session.state is State.READY)
+    return ends, host
+
+
+def unplug(ends: Ends) -> None:
+    """Cut both ways, and tell the session as the pump does."""
+    ends.to_host.cut = ends.to_device.cut = True
+    ends.host.session.unplugged(ends.host_ns)
+
+
+def replug(ends: Ends, device: VirtualSweeper | None = None) -> None:
+    if device is not None:
+        ends.device = device
+        ends._booted_us = ends.now_us  # noqa: SLF001 - it boots as it is plugged in
+    ends.to_host.cut = ends.to_device.cut = False
+    ends.host.session.replugged(ends.host_ns)
+
+
+def test_a_port_that_vanishes_is_a_loss_at_once() -> None:
+    ends, host = ready()
+    unplug(ends)
+    ends.run(0.01)
+    assert host.session.state is State.LOST
+    assert host.of(StateChanged)[-1].why == "its port is gone"
+
+
+def test_a_port_that_is_back_is_asked_at_once() -> None:
+    """Not after the two seconds that a silent line is left alone for by then."""
+    ends, host = ready()
+    unplug(ends)
+    ends.run(20.0)
+    before_us = ends.now_us
+    replug(ends)
+    assert ends.run(0.3, lambda: host.session.state is State.READY)
+    assert ends.now_us - before_us < 200_000
+    last = host.of(Agreed)[-1]
+    assert (last.again, last.rebooted, last.other_schema) == (True, False, False)
+
+
+def test_the_first_agreement_is_no_return() -> None:
+    _, host = ready()
+    (first,) = host.of(Agreed)
+    assert (first.again, first.rebooted, first.other_schema) == (False, False, False)
+
+
+def test_another_boot_is_told_apart() -> None:
+    ends, host = ready()
+    unplug(ends)
+    ends.run(1.5)
+    ends.reboot_device(77)
+    ends.run(1.0)
+    replug(ends)
+    assert ends.run(3.0, lambda: host.session.state is State.READY)
+    last = host.of(Agreed)[-1]
+    assert (last.again, last.rebooted, last.other_schema) == (True, True, False)
+
+
+def test_another_schema_is_told_apart() -> None:
+    ends, host = ready()
+    unplug(ends)
+    ends.run(1.5)
+    other = sweeper(catalogue=catalogue(more=[RicherPower]))  # equal seed, equal uid: reflashed
+    replug(ends, other)
+    assert ends.run(4.0, lambda: host.session.state is State.READY)
+    last = host.of(Agreed)[-1]
+    assert (last.again, last.other_schema) == (True, True)
+
+
+def test_another_device_is_never_taken_for_it() -> None:
+    ends, host = ready()
+    unplug(ends)
+    ends.run(1.5)
+    replug(ends, sweeper(seed=9))
+    assert ends.run(4.0, lambda: host.session.state is State.FAILED)
+    assert [f.kind for f in host.of(Failed)] == ["other_device"]
+
+
+# ---- what becomes of the run ------------------------------------------------------------
+
+
+def driving(resume: Resume) -> tuple[Ends, Host, Collector]:
+    sink = Collector()
+    host = spinning_host(sink, resume=resume)  # type: ignore[arg-type]  # by name
+    ends = Ends(HostEnd(host), sweeper())
+    ends.watch = lambda: check_safe(ends)
+    assert ends.run(8.0, lambda: ends.moving)
+    return ends, host, sink
+
+
+def kinds(sink: Collector) -> list[str]:
+    return [e.kind for e in sink.of(EventRecord) if e.source == "session"]
+
+
+def test_by_default_the_run_ends_when_the_device_is_back() -> None:
+    ends, host, sink = driving(Resume.NEVER)
+    unplug(ends)
+    ends.run(2.0)
+    assert host.mission.phase is Phase.HOLDING
+    replug(ends)
+    assert ends.run(2.0, lambda: host.mission.done)
+    assert host.mission.ending is not None
+    assert host.mission.ending.exit_status == 5
+    assert "same_boot" in kinds(sink)
+
+
+@pytest.mark.parametrize("gone_s", [0.05, 0.6, 2.5])
+def test_nothing_moves_before_a_person_has_said_so(gone_s: float) -> None:
+    ends, host, sink = driving(Resume.ASK)
+    unplug(ends)
+    ends.run(gone_s)
+    replug(ends)
+    assert ends.run(2.0, lambda: host.mission.asking)
+    assert "asking" in kinds(sink)
+    ends.run(1.0)
+    at_us = ends.now_us
+    ends.run(20.0)
+    assert ends.moving_us < at_us, "it stands"
+    assert host.mission.resume(ends.host_ns / 1e9)
+    assert ends.run(6.0, lambda: ends.moving)
+    assert host.mission.phase is Phase.DRIVING
+    assert ends.device.firmware.mode is Mode.VELOCITY
+
+
+def test_nobody_answers() -> None:
+    ends, host, _ = driving(Resume.ASK)
+    unplug(ends)
+    ends.run(2.0)
+    replug(ends)
+    assert ends.run(2.0, lambda: host.mission.asking)
+    asked_us = ends.now_us
+    assert ends.run(LOST_TIMEOUT_S + 2.0, lambda: host.mission.done)
+    assert ends.now_us - asked_us > (LOST_TIMEOUT_S - 0.5) * 1e6
+    assert host.mission.ending is not None
+    assert host.mission.ending.exit_status == 5
+    assert "nobody said" in host.mission.ending.reason
+
+
+def test_a_device_that_stays_away_ends_the_run() -> None:
+    ends, host, _ = driving(Resume.ASK)
+    unplug(ends)
+    lost_us = ends.now_us
+    assert ends.run(LOST_TIMEOUT_S + 2.0, lambda: host.mission.done)
+    assert ends.now_us - lost_us > (LOST_TIMEOUT_S - 0.5) * 1e6
+    assert host.mission.ending is not None
+    assert (host.mission.ending.outcome, host.mission.ending.exit_status) == ("fault", 3)
+
+
+def test_saying_so_unasked_changes_nothing() -> None:
+    ends, host, _ = driving(Resume.ASK)
+    assert not host.mission.resume(ends.host_ns / 1e9)
+    unplug(ends)
+    ends.run(0.5)
+    assert not host.mission.resume(ends.host_ns / 1e9), "it is not back"
+    assert host.mission.phase is Phase.HOLDING
+
+
+def test_an_operators_stop_is_not_cleared_by_going_on() -> None:
+    ends, host, _ = driving(Resume.ASK)
+    unplug(ends)
+    ends.run(2.0)
+    ends.device.firmware.stop(StopCause.OPERATOR)  # somebody pressed the button on the robot
+    replug(ends)
+    assert ends.run(2.0, lambda: host.mission.asking)
+    host.mission.resume(ends.host_ns / 1e9)
+    assert ends.run(3.0, lambda: host.mission.done)
+    assert ends.device.firmware.latch.cause is StopCause.OPERATOR
+    assert host.mission.ending is not None
+    assert "cause: operator" in host.mission.ending.reason
+
+
+def test_a_simulated_run_may_go_on_by_itself() -> None:
+    ends, host, sink = driving(Resume.AUTO)
+    unplug(ends)
+    ends.run(2.0)
+    replug(ends)
+    assert ends.run(8.0, lambda: host.mission.phase is Phase.DRIVING)
+    assert ends.run(2.0, lambda: ends.moving)
+    assert "same_boot" in kinds(sink)
+
+
+def test_a_run_without_motion_just_goes_on() -> None:
+    sink = Collector()
+    host = Host(RobotModel(), sink, HostOptions(0), Mission(None), lambda: 5)
+    ends = Ends(HostEnd(host), sweeper())
+    assert ends.run(3.0, lambda: host.session.state is State.READY)
+    unplug(ends)
+    ends.run(3.0)
+    replug(ends)
+    assert ends.run(3.0, lambda: host.session.state is State.READY)
+    ends.run(1.0)
+    assert not host.mission.done
+    assert host.state.imu is not None

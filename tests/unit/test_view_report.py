@@ -1,0 +1,155 @@
+"""A run's report: what it says is what the log holds."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING
+
+import pytest
+from matplotlib.image import imread
+
+from bridge.record.reader import LogReader
+from bridge.view.report import render
+from bridge.view.report_tables import holes
+from bridge.view.run_data import load_run
+from support.cli import case_1, plain_messages, short_runs, sweepctl
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class Page(HTMLParser):
+    """Text of the page, and everything that it would fetch."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.fetched: list[str] = []
+        self.svgs = 0
+        self.open_tags: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.svgs += tag == "svg"
+        for name, value in attrs:
+            if (
+                name in {"src", "href", "xlink:href", "data"}
+                and value
+                and not value.startswith(("#", "data:"))
+            ):
+                self.fetched.append(value)
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+def test_a_whole_run(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    run = case_1(tmp_path_factory)
+    html, png = tmp_path / "new" / "run.html", tmp_path / "run.png"
+    done = sweepctl("report", run.log, "--out", html, "--png", png, "--json")
+    assert done.status == 0, done.err
+    assert done.json["report"] == str(html)
+    page = Page(html.read_text())
+    told = run.done.json
+    assert page.fetched == [], "it needs nothing but itself"
+    assert "@import" not in html.read_text()
+    assert "url(" not in re.sub(r"url\(#", "", html.read_text()), "nor do its styles"
+    assert page.svgs >= 5
+    for words in (
+        "Sweeping case-1, planner paper, seed 1",
+        "The run finished by itself",
+        told["reason"],
+        f"{told['path_m']:.1f} m",
+        f"{100 * told['coverage']['mouth_sweepable']:.1f} %",
+        f"{100 * told['coverage']['body_free']:.2f} %",
+        "94.66 % (Table 2",
+        "Coverage against time",
+        "What was missed",
+        "Faults and events",
+        f"{told['energy_wh']:.2f} Wh",
+        "run is driving",
+        "none was lost",
+    ):
+        assert words in page.text, words
+    picture = imread(png)
+    assert picture.shape[0] > 900
+    assert picture[..., :3].std() > 0.05, "not an empty sheet"
+
+
+def test_figures_are_those_of_the_summary(tmp_path_factory: pytest.TempPathFactory) -> None:
+    run = case_1(tmp_path_factory)
+    data, told = load_run(run.log), run.done.json
+    assert data.coverage is not None
+    for name, share in data.coverage.coverage.to_dict().items():
+        if name != "eq8":
+            assert share == pytest.approx(told["coverage"][name], abs=2e-3)
+    assert data.coverage.t90_s == pytest.approx(told["t90_s"], abs=0.5)
+    assert data.coverage.largest_hole_cm2 == pytest.approx(told["largest_hole_cm2"], rel=0.05)
+    found = holes(data)
+    assert found[0].area_cm2 == pytest.approx(told["largest_hole_cm2"], rel=0.05)
+    assert [h.area_cm2 for h in found] == sorted((h.area_cm2 for h in found), reverse=True)
+    assert max(h.inradius_m for h in found) == pytest.approx(told["hole_inradius_m"], abs=0.003)
+    assert data.figure("energy_wh") == told["energy_wh"]
+    assert 0 < (data.motor_wh or 0) < told["energy_wh"]
+    assert max(e for _, e in data.pose_error) == pytest.approx(
+        told["pose_error_m"]["max"], abs=2e-3
+    )
+
+
+def test_streams_and_losses_are_counted(tmp_path: Path) -> None:
+    log = tmp_path / "lossy.mcap"
+    done = sweepctl(
+        *("simulate", "empty", "--planner", "u-shape", "--max-time", "9", "--out", log, "--json"),
+        *("--fault", "byte-loss@3:4:rate=0.002,way=up", "--fault", "silence@7.5:0.4:way=up"),
+    )
+    data = load_run(log)
+    imu = data.streams["imu"]
+    assert imu.count == len(plain_messages(log, "/device/imu"))
+    assert imu.longest_s == pytest.approx(0.4, abs=0.1)
+    assert imu.gaps >= 1
+    assert data.lost == pytest.approx(done.json["wire"]["lost"], abs=3)
+    assert data.lost > 10
+    assert data.damaged > 5
+    text = Page(render(data, holes(data))).text
+    assert "Faults that were asked for: byte-loss@3:4:rate=0.002,way=up silence@7.5" in text
+    assert "did not finish in the time that it was given" in text
+
+
+def test_a_log_without_its_end(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    whole = short_runs(tmp_path_factory)[0].log.read_bytes()
+    log = tmp_path / "cut.mcap"
+    log.write_bytes(whole[: len(whole) * 2 // 3])
+    assert sweepctl("report", log).status == 0
+    text = Page((tmp_path / "cut.html").read_text()).text
+    assert "its writer was killed or lost power" in text
+    assert "no: its end is missing" in text
+    again = sweepctl("report", log)
+    assert again.status == 1
+    assert "--force" in again.line
+
+
+def test_a_capture_without_room_or_summary(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    log = short_runs(tmp_path_factory)[0].log
+    capture = tmp_path / "capture.bin"
+    capture.write_bytes(b"".join(m.decoded.data for m in LogReader(log).messages({"/raw/uart/rx"})))
+    png = tmp_path / "capture.png"
+    done = sweepctl("report", capture, "--out", tmp_path / "capture.html", "--png", png)
+    assert done.status == 0, done.err
+    text = Page((tmp_path / "capture.html").read_text()).text
+    assert "The room is not known, so nothing can be said of what it swept" in text
+    assert png.read_bytes().startswith(b"\x89PNG")
+
+
+def test_no_log(tmp_path: Path) -> None:
+    done = sweepctl("report", tmp_path / "none.mcap")
+    assert done.status == 1
+    assert "none.mcap" in done.line
+    assert not (tmp_path / "none.html").exists()

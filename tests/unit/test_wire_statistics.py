@@ -1,0 +1,89 @@
+"""Rate, loss, order and age of each message, against series made by hand."""
+
+from __future__ import annotations
+
+import random
+
+from bridge.timesync import Fit
+from bridge.wire_statistics import MessageStatistics, Spread
+from protocol.catalogue import CATALOGUE
+from protocol.messages import Ack, Imu
+
+IMU = CATALOGUE.by_class[Imu]
+FIT = Fit(0, 5e9, 0.0, 0.0, 0.0)
+"""Device time 0 is host time 5 s, and both clocks run alike."""
+
+
+def series(*stamps_us: int, delay_us: int = 1_500) -> dict[str, object]:
+    kind = MessageStatistics(IMU)
+    for stamp_us in stamps_us:
+        kind.take(stamp_us & 0xFFFF_FFFF, 5_000_000_000 + (stamp_us + delay_us) * 1000, FIT)
+    return kind.to_dict()
+
+
+def test_a_whole_stream() -> None:
+    told = series(*range(0, 1_000_001, 10_000))
+    assert told["count"] == 101
+    assert told["rate_hz"] == 100.0
+    assert told["lost"] == 0
+    assert told["reordered"] == 0
+    assert told["age_ms"] == {"mean": 1.5, "max": 1.5}
+
+
+def test_holes_are_counted_by_the_period() -> None:
+    stamps = [k * 10_000 for k in range(200) if k not in {50, 90, 91, 92, 150}]
+    assert series(*stamps)["lost"] == 5
+
+
+def test_random_loss_is_counted_whole() -> None:
+    rng = random.Random(3)
+    kept = [k for k in range(20_000) if k < 10 or rng.random() > 0.05]
+    told = series(*(k * 10_000 for k in kept))
+    assert isinstance(told["lost"], int)
+    assert abs(told["lost"] - (kept[-1] + 1 - len(kept))) <= 2
+
+
+def test_a_rate_that_is_changed_is_no_loss() -> None:
+    quick = list(range(0, 1_000_000, 10_000))
+    slow = list(range(1_000_000, 3_000_000, 50_000))
+    assert series(*quick, *slow)["lost"] == 0
+    assert series(*quick, *slow, *range(3_000_000, 4_000_000, 10_000))["lost"] == 0
+
+
+def test_stamps_wrap() -> None:
+    first = (1 << 32) - 500_000
+    told = series(*range(first, first + 1_000_001, 10_000))
+    assert told["lost"] == 0
+    assert told["rate_hz"] == 100.0
+
+
+def test_what_comes_late_is_out_of_order() -> None:
+    told = series(0, 10_000, 20_000, 40_000, 30_000, 50_000, 60_000)
+    assert told["reordered"] == 1
+    assert told["count"] == 7
+
+
+def test_a_break_is_no_loss() -> None:
+    stamps = [*range(0, 1_000_000, 10_000), *range(60_000_000, 61_000_000, 10_000)]
+    assert series(*stamps)["lost"] == 0
+
+
+def test_what_is_no_stream_has_no_rate() -> None:
+    kind = MessageStatistics(CATALOGUE.by_class[Ack])
+    kind.take(0, 0, None)
+    kind.take(5_000_000, 0, None)
+    told = kind.to_dict()
+    assert (told["rate_hz"], told["lost"]) == (None, None)
+    assert told["age_ms"] == {"mean": None, "max": None}
+
+
+def test_a_spread_knows_its_percentiles_to_nine_percent() -> None:
+    rng, spread = random.Random(1), Spread()
+    values = sorted(rng.lognormvariate(14.0, 0.5) for _ in range(5_000))
+    for value in values:
+        spread.add(value)
+    for percent in (50.0, 99.0):
+        exact = values[int(len(values) * percent / 100.0)]
+        assert exact * 0.99 <= spread.percentile_ns(percent) <= exact * 1.1
+    assert spread.to_dict()["count"] == 5_000
+    assert Spread().to_dict() == {"count": 0, "min": None, "p50": None, "p99": None, "max": None}

@@ -1,0 +1,128 @@
+"""``sweepctl bringup``: whether everything is connected where it should be."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools import options
+from tools.bench import clear_stop_option
+from tools.port_options import PortAsked, port_options
+
+if TYPE_CHECKING:
+    from bridge.bench.bringup import BringUp
+    from bridge.bench.wheel_step import WheelStep
+
+_STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
+
+
+@click.command("bringup", epilog="Example:  sweepctl bringup /dev/ttyUSB0 --step motors")
+@port_options
+@click.option(
+    "--step",
+    "steps",
+    multiple=True,
+    type=click.Choice(_STEPS),
+    help="Take only this step; may be given again.  [default: all]",
+)
+@click.option(
+    "--plot",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Draw the wheels' step response into this file (needs the extra `plot`).",
+)
+@clear_stop_option
+@options.robot_option
+@options.json_option
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    port: PortAsked,
+    steps: tuple[str, ...],
+    plot: Path | None,
+    clear_stop: bool,
+    robot: Path | None,
+    as_json: bool,
+) -> int:
+    """Check a robot's wiring step by step, its WHEELS OFF THE FLOOR.
+
+    supply (rails, currents), rest (inertial sensor, encoders), motors (which output turns which
+    wheel and which way, encoder signs and sides), axes (of the inertial sensor, by hand), sensors
+    (each in turn), control (step response of the wheel control). Every turn of a wheel is asked
+    for first. Status 0: all well; 1: something is wired wrongly.
+    """
+    from bridge.bench.bringup import BringUp
+    from bridge.bench.wheel_step import as_text
+    from bridge.config import load_robot
+    from tools.bench import Terminal, desk_on
+    from tools.console import say
+
+    model, _ = load_robot(robot)
+    with desk_on(port) as desk:
+        bench = BringUp(desk, Terminal(desk), model, clear_stop=clear_stop)
+        bench.run(steps or _STEPS)
+    if bench.steps:
+        say(as_text(bench.steps))
+        if plot is not None:
+            _draw(bench.steps, plot)
+    if as_json:
+        sys.stdout.write(json.dumps(_account(bench, port.name)) + "\n")
+    else:
+        wrong = [f for f in bench.findings if f.ok is False]
+        skipped = [f for f in bench.findings if f.ok is None]
+        tail = f", {len(skipped)} left out" if skipped else ""
+        sys.stdout.write(f"{len(wrong)} of {len(bench.findings)} looks found a fault{tail}\n")
+    return 0 if bench.well else 1
+
+
+def _account(bench: BringUp, port: str) -> dict[str, Any]:
+    return {
+        "port": port,
+        "ok": bench.well,
+        "findings": [
+            {"step": f.step, "ok": f.ok, "text": f.text, "advice": f.advice or None}
+            for f in bench.findings
+        ],
+        "wheel_steps": [
+            {
+                "wheel": step.wheel,
+                "target_m_s": step.response.target,
+                "steady_m_s": step.steady_m_s,
+                "rise_s": _finite(step.rise_s),
+                "overshoot": step.overshoot,
+                "settled_s": _finite(step.settled_s),
+                "time_s": step.response.time_s,
+                "speed_m_s": step.response.value,
+            }
+            for step in bench.steps
+        ],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _draw(steps: tuple[WheelStep, ...], path: Path) -> None:
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise click.UsageError("--plot needs matplotlib: pip install 'sweepctl[plot]'") from None
+    from bridge.errors import BridgeError
+
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots()
+    for step in steps:
+        axes.plot(step.response.time_s, step.response.value, label=f"{step.wheel} wheel")
+    axes.axhline(steps[0].response.target, color="0.6", linestyle="--", label="wanted")
+    axes.set(xlabel="time since the step, s", ylabel="speed, m/s", title="Wheel control")
+    axes.grid(alpha=0.3)
+    axes.legend()
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise BridgeError(f"cannot write {path}: {reason}") from None

@@ -1,0 +1,335 @@
+"""``sweepctl calibrate``: gyro, odometry and range sensors."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools import options
+from tools.bench import clear_stop_option
+from tools.calibrating import writing_options
+from tools.port_options import PortAsked, port_options
+
+if TYPE_CHECKING:
+    from bridge.bench.applying import Change
+    from bridge.bench.square import Result
+    from bridge.bench.umbmark import Benchmark
+    from bridge.motion.robot_model import RangerMount, RobotModel
+
+_SENSORS = ("ultrasonic", "infrared-left", "infrared-right")
+_DISTANCES_M = {
+    "ultrasonic": (0.20, 0.50, 1.00),
+    "infrared-left": (0.06, 0.12, 0.20),
+    "infrared-right": (0.06, 0.12, 0.20),
+}
+
+
+@click.group("calibrate", epilog="Example:  sweepctl calibrate gyro /dev/ttyUSB0")
+def command() -> None:
+    """Measure what this very robot gets wrong, and write it down.
+
+    Each shows what it would change and asks before it writes, to the robot file and to the device.
+    """
+
+
+# ---- gyro -------------------------------------------------------------------------------
+
+
+@command.command("gyro", epilog="Example:  sweepctl calibrate gyro /dev/ttyUSB0 --robot robot.toml")
+@port_options
+@click.option(
+    "--seconds",
+    "duration_s",
+    type=options.Seconds(2.0, 3600.0),
+    default=10.0,
+    show_default=True,
+    help="How long the robot is watched at rest.",
+)
+@writing_options
+@options.json_option
+def _gyro(
+    *, port: PortAsked, duration_s: float, robot: Path | None, yes: bool, as_json: bool
+) -> int:
+    """Measure the gyro's bias on a robot that stands still. Nothing moves.
+
+    Each run measures the bias anew while it waits to start; the stored one is what an estimate
+    begins with, and shows how far the chip has wandered since.
+    """
+    from bridge.bench.applying import Change
+    from bridge.bench.gyro import biases, complaint
+    from bridge.errors import BridgeError
+    from protocol.messages import Encoders, Imu
+    from tools.bench import Terminal, desk_on
+    from tools.calibrating import load_existing, write_results
+
+    model, text = load_existing(robot)
+    with desk_on(port) as desk:
+        person = Terminal(desk, yes=yes)
+        person.tell(f"Let the robot stand still for {duration_s:g} s.")
+        turned = desk.watch(Encoders)
+        readings = desk.collect(Imu, duration_s)
+        desk.unwatch(turned)
+        if len({(m.left, m.right) for _, m in turned if isinstance(m, Encoders)}) > 1:
+            raise BridgeError("a wheel turned meanwhile; nothing was measured")
+        found = biases(
+            [(t_s, (m.gyro_x_rad_s, m.gyro_y_rad_s, m.gyro_z_rad_s)) for t_s, m in readings]
+        )
+        for axis in found:
+            bias, sure, wander = (
+                math.degrees(v) for v in (axis.bias_rad_s, axis.sure_rad_s, axis.wander_rad_s)
+            )
+            person.tell(f"{axis.name}: {bias:+.4f} ±{sure:.4f} °/s, wandered by {wander:.4f}")
+        wrong = complaint(found[2])
+        if wrong is not None:
+            raise BridgeError(wrong)
+        change = Change(
+            "gyro_bias", "gyro_bias_rad_s", "rad/s", model.gyro_bias_rad_s, found[2].bias_rad_s
+        )
+        written = write_results(desk, person, [change], robot, text)
+    axes = {a.name: {"bias_rad_s": a.bias_rad_s, "sure_rad_s": a.sure_rad_s} for a in found}
+    _report(as_json, {"gyro": axes, "written": written.to_dict()})
+    return 0
+
+
+# ---- odometry ---------------------------------------------------------------------------
+
+
+@command.command(
+    "odometry",
+    epilog="Example:  sweepctl calibrate odometry /dev/ttyUSB0 --robot robot.toml --side 2",
+)
+@port_options
+@click.option(
+    "--side",
+    "side_m",
+    type=options.Seconds(0.5, 10.0),
+    default=2.0,
+    show_default=True,
+    metavar="M",
+    help="Of the square.",
+)
+@click.option(
+    "--runs",
+    type=click.IntRange(1, 20),
+    default=5,
+    show_default=True,
+    help="Squares in each direction: what is not systematic is averaged out.",
+)
+@click.option(
+    "--speed",
+    "speed_m_s",
+    type=options.Seconds(0.05, 0.5),
+    default=0.15,
+    show_default=True,
+    metavar="M/S",
+    help="Slow: a wheel that slips is not a wheel that is measured.",
+)
+@click.option(
+    "--straight/--no-straight",
+    default=True,
+    show_default=True,
+    help="First measure a straight way too: no square shows the mean wheel diameter.",
+)
+@click.option("--verify", is_flag=True, help="Then drive the squares again with the new values.")
+@click.option(
+    "--truth",
+    type=click.Path(path_type=Path),
+    metavar="SOCKET",
+    help="Of an emulator: measure by its --control socket, not by tape.",
+)
+@clear_stop_option
+@writing_options
+@options.json_option
+def _odometry(  # noqa: PLR0913 - one parameter per option
+    *,
+    port: PortAsked,
+    side_m: float,
+    runs: int,
+    speed_m_s: float,
+    straight: bool,
+    verify: bool,
+    truth: Path | None,
+    clear_stop: bool,
+    robot: Path | None,
+    yes: bool,
+    as_json: bool,
+) -> int:
+    """Drive squares both ways (UMBmark) and find wheel base and diameters: THE ROBOT MOVES.
+
+    Before each way you put the robot on its mark, after it you measure where it stands. The
+    method is Borenstein and Feng's (1996); its closed form is then refined on the counts that were
+    recorded. Shown are the worst systematic error before, and after with the values found.
+    """
+    from bridge.bench.square import Asked, ByTape, Squares
+    from tools.bench import Terminal, desk_on
+    from tools.calibrating import ByTruth, load_existing, write_results
+
+    model, text = load_existing(robot)
+    with desk_on(port) as desk:
+        person = Terminal(desk, yes=yes)
+        measure = ByTape(person) if truth is None else ByTruth(truth)
+        squares = Squares(desk, person, model, measure, clear_stop=clear_stop)
+        asked = Asked(
+            side_m=side_m, runs=runs, speed_m_s=speed_m_s, straight=straight, verify=verify
+        )
+        found = squares.run(asked)
+        for line in _told(found):
+            person.tell(line)
+        written = write_results(desk, person, _odometry_changes(model, found.model), robot, text)
+    _report(as_json, {"odometry": _figures(found), "written": written.to_dict()})
+    return 0
+
+
+def _odometry_changes(old: RobotModel, new: RobotModel) -> list[Change]:
+    from bridge.bench.applying import Change
+
+    return [
+        Change("wheel_ratio", "wheel_ratio", "ratio", old.wheel_ratio, new.wheel_ratio),
+        Change("wheel_base", "wheel_base_m", "m", old.wheel_base_m, new.wheel_base_m),
+        Change(
+            "wheel_diameter", "wheel_diameter_m", "m", old.wheel_diameter_m, new.wheel_diameter_m
+        ),
+    ]
+
+
+def _told(found: Result) -> list[str]:
+    correction, first = found.correction, found.first
+    lines = []
+    if found.scale is not None:
+        lines.append(f"straight way: E_s = {found.scale:.5f}")
+    lines += [
+        f"alpha {math.degrees(first.alpha_rad):+.4f}°, beta {math.degrees(first.beta_rad):+.4f}°",
+        f"closed form: E_d = {first.wheel_ratio:.5f}, E_b = {first.base_factor:.5f}",
+        f"refined:     E_d = {correction.wheel_ratio:.5f}, E_b = {correction.base_factor:.5f}",
+        f"before: {_centres(found.before)}",
+        f"after:  {_centres(found.after)}",
+    ]
+    if found.verified is not None:
+        lines.append(f"driven again: {_centres(found.verified)}")
+    return lines
+
+
+def _centres(b: Benchmark) -> str:
+    (x_cw, y_cw), (x_ccw, y_ccw) = b.clockwise, b.counter_clockwise
+    return (
+        f"E_max,syst {1000 * b.worst_m:.1f} mm (clockwise {1000 * x_cw:+.1f} {1000 * y_cw:+.1f}, "
+        f"counter-clockwise {1000 * x_ccw:+.1f} {1000 * y_ccw:+.1f} mm)"
+    )
+
+
+def _figures(found: Result) -> dict[str, Any]:
+    def figures(b: Benchmark | None) -> dict[str, Any] | None:
+        if b is None:
+            return None
+        return {
+            "worst_m": b.worst_m,
+            "clockwise_m": list(b.clockwise),
+            "counter_clockwise_m": list(b.counter_clockwise),
+        }
+
+    return {
+        "straight_scale": found.scale,
+        "alpha_rad": found.first.alpha_rad,
+        "beta_rad": found.first.beta_rad,
+        "closed_form": {"e_d": found.first.wheel_ratio, "e_b": found.first.base_factor},
+        "refined": {"e_d": found.correction.wheel_ratio, "e_b": found.correction.base_factor},
+        "before": figures(found.before),
+        "after": figures(found.after),
+        "driven_again": figures(found.verified),
+        "wheel_ratio": found.model.wheel_ratio,
+        "wheel_base_m": found.model.wheel_base_m,
+        "wheel_diameter_m": found.model.wheel_diameter_m,
+    }
+
+
+# ---- range sensors ----------------------------------------------------------------------
+
+
+@command.command(
+    "range",
+    epilog="Example:  sweepctl calibrate range /dev/ttyUSB0 --sensor infrared-left",
+)
+@port_options
+@click.option(
+    "--sensor",
+    "sensors",
+    multiple=True,
+    type=click.Choice(_SENSORS),
+    help="Only this one; may be given again.  [default: all]",
+)
+@click.option(
+    "--at",
+    "distances_m",
+    multiple=True,
+    type=options.Seconds(0.02, 5.0),
+    metavar="M",
+    help="Distance of the wall from the sensor's face; give it two or three times.  [default: "
+    "0.2, 0.5 and 1 m for the ultrasonic, 0.06, 0.12 and 0.2 m for the infrared]",
+)
+@writing_options
+@options.json_option
+def _range(  # noqa: PLR0913 - one parameter per option
+    *,
+    port: PortAsked,
+    sensors: tuple[str, ...],
+    distances_m: tuple[float, ...],
+    robot: Path | None,
+    yes: bool,
+    as_json: bool,
+) -> int:
+    """Compare range sensors with a tape and find their scale and offset. Nothing moves.
+
+    You hold a flat wall at each distance from the sensor's own face. One distance gives an offset,
+    two or more a scale too.
+    """
+    from bridge.bench.ranging import fit
+    from tools.bench import Terminal, desk_on
+    from tools.calibrating import load_existing, write_results
+    from tools.range_points import measured
+
+    model, text = load_existing(robot)
+    found: dict[str, Any] = {}
+    changes: list[Change] = []
+    with desk_on(port) as desk:
+        person = Terminal(desk, yes=yes)
+        known = {p.name: p.value for p in desk.list_parameters()}
+        for sensor in sensors or _SENSORS:
+            name = sensor.replace("-", "_")
+            mount: RangerMount = getattr(model, name)
+            now = (
+                known.get(f"{name}_scale", mount.scale),
+                known.get(f"{name}_offset", mount.offset_m),
+            )
+            points = measured(desk, person, name, distances_m or _DISTANCES_M[sensor])
+            if not points:
+                person.tell(f"{sensor}: left out")
+                continue
+            result = fit(points, *now)
+            person.tell(
+                f"{sensor}: error {1000 * result.before_m:.1f} mm before, "
+                f"{1000 * result.after_m:.1f} mm after"
+            )
+            found[name] = {"points": [p._asdict() for p in points], **result._asdict()}
+            changes += _range_changes(name, now, (result.scale, result.offset_m))
+        written = write_results(desk, person, changes, robot, text) if changes else None
+    _report(as_json, {"range": found, "written": written.to_dict() if written else None})
+    return 0
+
+
+def _range_changes(name: str, old: tuple[float, float], new: tuple[float, float]) -> list[Change]:
+    from bridge.bench.applying import Change
+
+    return [
+        Change(f"{name}_scale", f"{name}.scale", "ratio", old[0], new[0]),
+        Change(f"{name}_offset", f"{name}.offset_m", "m", old[1], new[1]),
+    ]
+
+
+def _report(as_json: bool, found: dict[str, Any]) -> None:  # noqa: FBT001 - of every command
+    if as_json:
+        sys.stdout.write(json.dumps(found) + "\n")

@@ -1,0 +1,35 @@
+"""``sweepctl completion``: the shell's completion."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+SHELLS = ("bash", "zsh", "fish")
+VARIABLE = "_SWEEPCTL_COMPLETE"
+
+
+@click.command(
+    "completion",
+    epilog='Example:  eval "$(sweepctl completion bash)"',
+)
+@click.argument("shell", type=click.Choice(SHELLS))
+def command(*, shell: str) -> int:
+    r"""Print the script that lets SHELL complete commands, options, ports and message names.
+
+    \b
+    bash:  sweepctl completion bash > ~/.local/share/bash-completion/completions/sweepctl
+    zsh:   sweepctl completion zsh > "${fpath[1]}/_sweepctl"
+    fish:  sweepctl completion fish > ~/.config/fish/completions/sweepctl.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    from tools.sweepctl import cli
+
+    kind = get_completion_class(shell)
+    assert kind is not None  # noqa: S101 - the choices are click's own
+    made = kind(cli, {}, "sweepctl", VARIABLE)
+    # Not source(), which looks for a bash here: the script may be for another machine.
+    sys.stdout.write(made.source_template % made.source_vars() + "\n")
+    return 0

@@ -1,0 +1,188 @@
+"""``sweepctl doctor``: what is wrong with a device's line or a log, and what to do."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools import options
+
+if TYPE_CHECKING:
+    from bridge.doctor import Examination, Finding
+
+_NO_DEVICE = frozenset({"no_data", "no_answer", "wrong_baud", "echo", "words"})
+_NO_AGREEMENT = frozenset({"version"})
+
+
+@click.command("doctor", epilog="Example:  sweepctl doctor /dev/ttyUSB0 --duration 20")
+@click.argument("target", metavar="PORT|FILE")
+@click.option(
+    "--duration",
+    "duration_s",
+    type=options.Seconds(1.0, 86_400.0),
+    default=10.0,
+    show_default=True,
+    help="Of a PORT: examine it for so many seconds.",
+)
+@click.option("--listen", is_flag=True, help="Of a PORT: send nothing at all, only listen.")
+@click.option(
+    "--find-baud",
+    is_flag=True,
+    help="Of a serial PORT: listen at one rate after the other until a sweeper is heard.",
+)
+@options.port_options
+@options.json_option
+def command(  # noqa: PLR0913 - what a port can be asked for
+    *,
+    target: str,
+    duration_s: float,
+    listen: bool,
+    find_baud: bool,
+    node: int | None,
+    baud: int,
+    bitrate: int | None,
+    lan: bool,
+    dtr: bool,
+    rts: bool,
+    as_json: bool,
+) -> int:
+    """Say what is wrong with a device's line, its clock and its sensors, and what to do about it.
+
+    A FILE is a log of ours, an MCAP file of another program (as far as it goes), a `candump -l`
+    log or a serial line's raw bytes. A PORT is opened, agreed with and listened to: nothing that
+    is sent can move a wheel, and a robot that another host left moving stops.
+
+    Exit status: 0 nothing is wrong, 1 something is, 3 no device to examine, 4 no agreement.
+    """
+    path = Path(target)
+    if path.is_file():
+        from bridge.doctor.log_visit import examine_log
+
+        return _report(target, "log", examine_log(path), as_json=as_json)
+    if path.is_dir():
+        raise click.UsageError(f"{target} is a folder; give a log, or a port.")
+    if find_baud:
+        from bridge.io.attend import find_baud as search
+
+        found = search(target, tell=lambda rate: click.echo(f"listening at {rate} baud", err=True))
+        if found is None:
+            click.echo("no sweeper was heard at any rate", err=True)
+            return 3
+        click.echo(f"a sweeper is heard at {found} baud: --baud {found}", err=True)
+        baud = found
+    from bridge.io.attend import attend
+    from bridge.io.ports import open_port
+
+    port = open_port(target, baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
+    note = getattr(port, "latency_note", None)
+    if not as_json:
+        how = "listening" if listen else "asking and listening; nothing moves"
+        click.echo(f"{target}: {how}, {duration_s:g} s (Ctrl-C ends it sooner)", err=True)
+    interrupt = _Interrupt()
+    examination = attend(
+        port, target, duration_s, node=node, ask=not listen, ended=lambda: interrupt.came
+    )
+    return _report(target, "port", examination, as_json=as_json, note=note)
+
+
+class _Interrupt:
+    """The first Ctrl-C ends the examination, and what was seen is reported."""
+
+    def __init__(self) -> None:
+        import signal
+
+        self.came = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, number: int, frame: object) -> None:
+        del number, frame
+        self.came = True
+
+
+def _report(
+    target: str, kind: str, examination: Examination, *, as_json: bool, note: str | None = None
+) -> int:
+    findings = examination.conclude()
+    figures = examination.figures()
+    status = _status(findings)
+    if as_json:
+        report = {
+            "target": target,
+            "kind": kind,
+            "healthy": status == 0,
+            "findings": [finding.as_json() for finding in findings],
+            "figures": figures,
+            "exit_status": status,
+        }
+        sys.stdout.write(json.dumps(report) + "\n")
+        return status
+    _print(target, findings, figures, note)
+    return status
+
+
+def _status(findings: list[Finding]) -> int:
+    grave = [f for f in findings if f.severity.value in {"warning", "error"}]
+    if any(f.kind in _NO_DEVICE and f.severity.value == "error" for f in grave):
+        return 3
+    if any(
+        f.kind in _NO_AGREEMENT or (f.kind == "schema" and f.severity.value == "error")
+        for f in grave
+    ):
+        return 4
+    return 1 if grave else 0
+
+
+_COLOURS = {"error": "red", "warning": "yellow", "info": "cyan", "debug": "dim"}
+
+
+def _print(target: str, findings: list[Finding], figures: dict[str, Any], note: str | None) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"[bold]{escape(target)}[/]")
+    for finding in findings:
+        colour = _COLOURS[finding.severity.value]
+        name = finding.kind.replace("_", " ")
+        console.print(
+            f"[{colour}]{finding.severity.value:<8}[/][bold]{name}[/]: {escape(finding.text)}"
+        )
+        console.print(f"        [dim]what to do:[/] {escape(finding.advice)}")
+    if not findings:
+        console.print("[green]nothing is wrong[/]")
+    if note:
+        console.print(f"[yellow]note    [/]{escape(note)}")
+    _print_figures(console, figures)
+
+
+def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN401 - rich's console, imported late
+    trip, delay = figures["round_trip_ms"], figures["delay_ms"]
+    told = [
+        f"{figures['frames']} frames in {figures['duration_s']:.1f} s",
+        f"{figures['lost']} lost",
+        f"{figures['damaged']} damaged",
+    ]
+    if trip:
+        told.append(f"round trip {trip['p50']:.1f} ms (p99 {trip['p99']:.1f})")
+    if delay:
+        told.append(f"delay p95 {delay['p95']:.1f} ms")
+    if figures["drift_ppm"] is not None:
+        told.append(f"clock {figures['drift_ppm']:+.0f} ppm")
+    console.print(f"[dim]{', '.join(told)}[/]")
+    for boot in figures["boots"][:1]:
+        console.print(f"[dim]{boot['firmware']}, uid {boot['uid']}, booted by {boot['cause']}[/]")
+    off = [
+        f"{name} {stream['rate_hz']:g} Hz (default {stream['default_hz']:g})"
+        for name, stream in figures["streams"].items()
+        if stream["default_hz"]
+        and stream["rate_hz"] is not None
+        and not 0.9 < stream["rate_hz"] / stream["default_hz"] < 1.1  # noqa: PLR2004 - a tenth
+        and name != "hello"
+    ]
+    if off:
+        console.print(f"[dim]rates other than the defaults: {', '.join(off)}[/]")

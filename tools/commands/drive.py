@@ -1,0 +1,94 @@
+"""``sweepctl drive``: by hand, with a dead man."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from tools import options
+from tools.bench import clear_stop_option
+from tools.port_options import PortAsked, port_options
+
+
+@click.command("drive", epilog="Example:  sweepctl drive /dev/ttyUSB0 --gamepad /dev/input/js0")
+@port_options
+@click.option(
+    "--speed",
+    "speed_m_s",
+    type=options.Seconds(0.03, 2.0),
+    default=0.15,
+    show_default=True,
+    metavar="M/S",
+    help="Of a held key, or a stick at its end; + and - change it. A key that is tapped drives "
+    "at 0.1 m/s at most.",
+)
+@click.option(
+    "--gamepad",
+    metavar="DEVICE",
+    help="A Linux joystick (/dev/input/js0): left stick, left shoulder held, B stops.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    type=options.Seconds(0.1, 1e6),
+    help="End in order after this many seconds.",
+)
+@clear_stop_option
+@options.robot_option
+@options.out_option
+@options.json_option
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    port: PortAsked,
+    speed_m_s: float,
+    gamepad: str | None,
+    duration_s: float | None,
+    clear_stop: bool,
+    robot: Path | None,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Drive the robot on PORT by hand: THE ROBOT MOVES.
+
+    Arrow keys (or i j k l) drive while they are held, where the terminal tells of releases (kitty,
+    foot, WezTerm, Ghostty and others); elsewhere a press drives for 0.7 s at 0.1 m/s and any other
+    key stops. Space or s stops and latches, and ends the run. Nothing moves without a hand on it.
+    The run is recorded like any other.
+    """
+    from bridge.config import load_robot
+    from bridge.io.reopening import PortOptions
+    from bridge.mission import Resume
+    from tools.console import complain, print_summary
+    from tools.live_run import LiveOptions, run_live
+    from tools.terminal_keys import Keyboard
+
+    if gamepad is None and not Keyboard.possible():
+        raise click.UsageError("drive needs a terminal's keys, or --gamepad DEVICE")
+    model, robot_toml = load_robot(robot)
+    result = run_live(
+        LiveOptions(
+            port=port.name,
+            log=options.log_path(out, Path(port.name).name),
+            model=model,
+            robot_toml=robot_toml,
+            plan=None,
+            planner=None,
+            onboard=None,
+            supervise=None,
+            resume=Resume.NEVER,
+            duration_s=duration_s,
+            node=port.node,
+            opening=PortOptions(**port.how),
+            clear_stop=clear_stop,
+            force=force,
+            drive=True,
+            speed_m_s=speed_m_s,
+            gamepad=gamepad,
+        )
+    )
+    for line in result.complaints:
+        complain(line)
+    print_summary(result.summary, as_json=as_json)
+    return result.exit_status

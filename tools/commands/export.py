@@ -1,0 +1,66 @@
+"""``sweepctl export``: a log's topics as tables."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from tools import options
+
+
+@click.command(
+    "export", epilog="Example:  sweepctl export clean.mcap --out clean/ --topic '/device/*'"
+)
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for the tables, one a topic: /device/imu goes to device.imu.parquet.",
+)
+@click.option(
+    "--format",
+    "file_format",
+    type=click.Choice(["parquet", "csv"]),
+    default="parquet",
+    show_default=True,
+)
+@click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    metavar="PATTERN",
+    help="Only topics that match, with * for anything; may be given again.",
+)
+@click.option("--force", is_flag=True, help="Replace tables that exist.")
+@options.json_option
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    file: Path,
+    out: Path,
+    file_format: str,
+    topics: tuple[str, ...],
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Write every topic of FILE, of any program, as a Parquet or CSV table.
+
+    Times are UTC with nanoseconds; fields keep their names, with dots for fields of messages
+    within messages. A capture (candump, raw bytes) is decoded first.
+    """
+    from bridge.record.captures import readable
+    from bridge.record.export import as_json as exported_json
+    from bridge.record.export import export
+    from tools.console import say
+
+    with readable(file) as log:
+        result = export(log, out, file_format=file_format, topics=topics, force=force)
+    for problem in result.problems:
+        say(problem)
+    if as_json:
+        sys.stdout.write(exported_json(result) + "\n")
+    else:
+        say(f"wrote {result.messages} messages of {len(result.files)} topics to {out}")
+    return 0

@@ -1,0 +1,216 @@
+"""``sweepctl param``: what a device is set to."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools import options
+from tools.port_options import PortAsked, port_options
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from bridge.owner import Reached
+    from bridge.parameters import Parameter
+
+
+@click.group(
+    "param",
+    epilog="Example:  sweepctl param list /dev/ttyUSB0",
+)
+def command() -> None:
+    """Read and change a device's parameters.
+
+    Where another sweepctl has the port, it is asked; else the port is opened for the moment. A
+    change counts until the next boot; `param save` makes it stay. Nothing moves.
+    """
+
+
+@command.command("list", epilog="Example:  sweepctl param list /dev/ttyUSB0 --json")
+@port_options
+@click.option("--changed", is_flag=True, help="Only those that differ from the default.")
+@options.json_option
+def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
+    """Show every parameter with its value, unit, range, default and state."""
+    with _reach(port) as robot:
+        found = robot.list_parameters()
+    if changed:
+        found = [p for p in found if p.value != p.default]
+    _show(found, as_json=as_json)
+    return 0
+
+
+@command.command("get", epilog="Example:  sweepctl param get /dev/ttyUSB0 wheel_base")
+@port_options
+@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@options.json_option
+def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
+    """Show some parameters, by name or number; on a pipe the bare values."""
+    with _reach(port) as robot:
+        found = [robot.get_parameter(_name(name)) for name in names]
+    if as_json or sys.stdout.isatty():
+        _show(found, as_json=as_json)
+    else:
+        sys.stdout.write("".join(f"{_number(p, p.value)}\n" for p in found))
+    return 0
+
+
+@command.command("set", epilog="Example:  sweepctl param set /dev/ttyUSB0 wheel_base 0.2312 --save")
+@port_options
+@click.argument("pairs", nargs=-1, required=True, metavar="NAME VALUE...")
+@click.option("--save", is_flag=True, help="Then make every present value the next boot's.")
+@options.json_option
+def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) -> int:
+    """Change parameters until the next boot, or for good with --save.
+
+    A value must be of the parameter's type and in its range; the device refuses others.
+    """
+    from tools.console import say
+
+    if len(pairs) % 2:
+        raise click.UsageError(f"{pairs[-1]} has no value: give NAME VALUE pairs")
+    with _reach(port) as robot:
+        names = pairs[::2]
+        before = {name: robot.get_parameter(_name(name)) for name in names}
+        for name, value in zip(names, pairs[1::2], strict=True):
+            before[name].raw(value)  # nothing is changed where one of them cannot be
+        after = [
+            robot.set_parameter(_name(name), value)
+            for name, value in zip(names, pairs[1::2], strict=True)
+        ]
+        if save:
+            robot.save_parameters()
+            after = [robot.get_parameter(p.number) for p in after]
+    for name, now in zip(names, after, strict=True):
+        was = before[name]
+        say(f"{now.name}: {_number(was, was.value)} -> {_number(now, now.value)} {now.unit}")
+    _remind(after)
+    if as_json:
+        _show(after, as_json=True)
+    return 0
+
+
+@command.command("save", epilog="Example:  sweepctl param save /dev/ttyUSB0")
+@port_options
+@options.json_option
+def _save(*, port: PortAsked, as_json: bool) -> int:
+    """Make every present value the next boot's."""
+    from tools.console import say
+
+    with _reach(port) as robot:
+        kept = [p for p in robot.list_parameters() if p.changed]
+        robot.save_parameters()
+        found = robot.list_parameters()
+    names = ", ".join(p.name for p in kept)
+    say(f"saved: {names}" if names else "saved; nothing had changed")
+    if as_json:
+        _show(found, as_json=True)
+    return 0
+
+
+@command.command("diff", epilog="Example:  sweepctl param diff /dev/ttyUSB0 robot.toml")
+@port_options
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@options.json_option
+def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
+    """Compare a device with a robot file; status 0: the same, 1: they differ."""
+    from bridge.bench.values import differences
+    from bridge.config import load_robot
+    from tools.console import say
+
+    model, _ = load_robot(file)
+    with _reach(port) as robot:
+        found = differences(robot.list_parameters(), model)
+    if as_json:
+        rows = [{**d._asdict()} for d in found]
+        sys.stdout.write(json.dumps({"file": str(file), "differences": rows}) + "\n")
+    else:
+        rows_shown = [(d.name, _plain(d.device), _plain(d.file), d.unit) for d in found]
+        if rows_shown:
+            _table(("parameter", "device", str(file), "unit"), rows_shown)
+        else:
+            say("device and file agree")
+    return 1 if found else 0
+
+
+# ---- what they share --------------------------------------------------------------------
+
+
+def _reach(port: PortAsked) -> Reached:
+    from bridge.owner import reach
+
+    return reach(port.name, node=port.node, **port.how)
+
+
+def _name(text: str) -> str | int:
+    return int(text) if text.isascii() and text.isdigit() else text
+
+
+def _show(parameters: Sequence[Parameter], *, as_json: bool) -> None:
+    if as_json:
+        found: dict[str, Any] = {"parameters": [p.to_dict() for p in parameters]}
+        sys.stdout.write(json.dumps(found) + "\n")
+        return
+    rows = [
+        (
+            str(p.number),
+            p.name,
+            _number(p, p.value),
+            p.unit,
+            p.kind,
+            f"{_number(p, p.low)} to {_number(p, p.high)}",
+            _number(p, p.default),
+            _state(p),
+        )
+        for p in parameters
+    ]
+    _table(("no", "parameter", "value", "unit", "type", "range", "default", "state"), rows)
+
+
+def _state(p: Parameter) -> str:
+    words = [
+        "read-only" if p.read_only else "",
+        "not saved" if p.changed else "stored" if p.stored else "",
+        "needs a reboot" if p.needs_reboot else "",
+    ]
+    return ", ".join(word for word in words if word)
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for name in head:
+        right = name in {"no", "value", "default", "device"}
+        table.add_column(name, justify="right" if right else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    # On a pipe no line is folded, however narrow the reader.
+    Console(highlight=False, width=None if sys.stdout.isatty() else 200).print(table)
+
+
+def _number(parameter: Parameter, value: float) -> str:
+    if parameter.kind == "bool":
+        return "true" if value else "false"
+    return _plain(value) if parameter.kind == "f32" else str(int(value))
+
+
+def _plain(value: float | None) -> str:
+    """As few digits as tell a 32-bit float from its neighbours."""
+    return "-" if value is None else f"{value:.7g}"
+
+
+def _remind(parameters: Sequence[Parameter]) -> None:
+    from tools.console import say
+
+    if any(p.changed for p in parameters):
+        say("until the next boot; `sweepctl param save` makes it stay")
+    late = [p.name for p in parameters if p.needs_reboot]
+    if late:
+        say(f"{', '.join(late)}: counts from the device's next boot on, so save and reboot it")

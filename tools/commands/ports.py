@@ -1,0 +1,81 @@
+"""``sweepctl ports``: where a robot may be plugged in."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+import click
+
+from tools import options
+
+if TYPE_CHECKING:
+    from bridge.io.candidates import Candidate
+
+
+@click.command("ports", epilog="Example:  sweepctl ports --probe")
+@click.argument("named", nargs=-1, metavar="[PORT]...")
+@click.option(
+    "--probe",
+    type=click.Choice(["listen", "active"]),
+    is_flag=False,
+    flag_value="listen",
+    help="Open each port that nobody has, DTR and RTS inactive, and listen 1.5 s for a device's "
+    "hello. --probe=active also sends one, to whatever is there.",
+)
+@click.option("--baud", type=click.IntRange(1200, 12_000_000), default=921_600, show_default=True)
+@click.option("--udev-rule", is_flag=True, help="Print a udev rule for Linux, and end.")
+@options.json_option
+def command(
+    *, named: tuple[str, ...], probe: str | None, baud: int, udev_rule: bool, as_json: bool
+) -> int:
+    """List serial ports and CAN interfaces on which a robot may be, likely ones first.
+
+    Nothing is opened unless --probe asks for it; PORTs choose what to list or probe. A port is
+    given by its stable name where it has one: it stays the same however the adapters are plugged
+    in.
+    """
+    if udev_rule:
+        rule = files("tools").joinpath("data/70-sweepctl.rules").read_text(encoding="utf-8")
+        sys.stdout.write(rule)
+        return 0
+    from bridge.io.candidates import candidates
+    from bridge.io.candidates import probe as ask
+    from tools.console import say
+
+    found = candidates(named)
+    if probe == "active":
+        say("warning: a hello goes to every port listed, whatever device is on it")
+    if probe is not None:
+        found = ask(found, active=probe == "active", baud=baud)
+    if as_json:
+        sys.stdout.write(json.dumps({"ports": [one.to_dict() for one in found]}) + "\n")
+    elif not found:
+        say("no serial port and no CAN interface; is the robot plugged in?")
+    else:
+        _show(found)
+    return 0
+
+
+def _show(found: list[Candidate]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for title in ("port", "device", "adapter", "state"):
+        table.add_column(title, overflow="fold", no_wrap=title != "state")
+    for one in found:
+        style = "bold green" if one.found else "" if one.known else "dim"
+        device = "" if one.device == one.port else one.device
+        table.add_row(one.port, device, one.what, _state(one), style=style)
+    Console(highlight=False).print(table)
+
+
+def _state(one: Candidate) -> str:
+    if one.found is not None:
+        return f"{one.found['firmware']}, node {one.found['node']}, uid {one.found['uid']}"
+    if one.note is not None:
+        return one.note
+    return f"process {one.owner} has it open" if one.owner is not None else ""

@@ -1,0 +1,44 @@
+"""``sweepctl recover``: what can be saved of a damaged log."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from tools import options
+
+
+@click.command("recover", epilog="Example:  sweepctl recover cut.mcap --out whole.mcap")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="The file to write; FILE itself is never touched.",
+)
+@click.option("--force", is_flag=True, help="Replace the file to write if it exists.")
+@options.json_option
+def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
+    """Copy everything that is whole of FILE, of any program, into a file with its index.
+
+    Damaged chunks are left out, wherever they stand, and it is said what was in them.
+    """
+    from bridge.record.recover import recover
+    from tools.console import say
+
+    result = recover(file, out, force=force)
+    for loss in result.losses:
+        say(f"lost: {loss.text()}")
+    if result.undeclared:
+        say(f"{result.undeclared} messages have lost their channel's name: /undeclared/<channel>")
+    if result.rescued:
+        say(f"{result.rescued} messages were taken out of a chunk that was cut")
+    if as_json:
+        sys.stdout.write(json.dumps(result.as_json()) + "\n")
+    else:
+        end = "" if result.whole else " (the end was missing)"
+        say(f"wrote {out}: {result.messages} messages in {result.chunks} chunks{end}")
+    return 0

@@ -1,0 +1,51 @@
+"""``sweepctl report``: one run explained on one page."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from tools import options
+
+
+@click.command(
+    "report", epilog="Example:  sweepctl report clean.mcap --out clean.html --png clean.png"
+)
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Page to write; default: FILE with .html for its ending.",
+)
+@click.option(
+    "--png", type=click.Path(dir_okay=False, path_type=Path), help="Also draw it as one picture."
+)
+@click.option("--force", is_flag=True, help="Replace what exists.")
+@options.json_option
+def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_json: bool) -> int:
+    """Explain the run in FILE on one self-contained page, for somebody who was not there.
+
+    What was run, room and path, coverage against time, holes, energy, wire and clock, faults
+    and events, beside the paper's figures and the lower bound.
+    """
+    from bridge.record.captures import readable
+    from bridge.view.report import default_path, write_report
+    from tools.console import say
+
+    page = out or default_path(file)
+    with readable(file) as log:
+        data = write_report(log, page, png=png, force=force)
+    if as_json:
+        told: dict[str, object] = {
+            "report": str(page),
+            "png": str(png) if png else None,
+            "whole": data.whole,
+        }
+        told |= {"problems": data.problems, "events": len(data.happenings), "lost": data.lost}
+        sys.stdout.write(json.dumps(told) + "\n")
+    else:
+        say(f"wrote {page}" + (f" and {png}" if png else ""))
+    return 0

@@ -1,0 +1,44 @@
+"""``sweepctl stop``: stop a robot from any shell."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import click
+
+from tools import options
+
+
+@click.command("stop", epilog="Example:  sweepctl stop /dev/ttyUSB0")
+@click.argument("port")
+@options.port_options
+@options.json_option
+def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int:
+    """Stop the robot on PORT at once, and latch the stop.
+
+    Where another sweepctl has the port, it is asked to stop the robot and ends its run; else the
+    port is opened and the stop sent until the device confirms it. Without --node every robot on
+    a bus is stopped. The robot moves again only with --clear-stop, given by a person who looked.
+    """
+    from bridge.errors import NoOwnerError
+    from bridge.io.reopening import Opener, PortOptions
+    from bridge.io.stopping import stop_device
+    from bridge.owner import ask
+    from tools.console import complain, say
+
+    found: dict[str, object]
+    try:
+        found = {"by": "owner", **ask(port, {"do": "stop"})}
+        del found["ok"]
+    except NoOwnerError:
+        opened = Opener(port, PortOptions(**how))  # type: ignore[arg-type]  # as declared there
+        found = {"by": "wire", "confirmed": True, "node": stop_device(port, opened, node)}
+    found = {"port": port, **found}
+    if as_json:
+        sys.stdout.write(json.dumps(found) + "\n")
+    if not found["confirmed"]:
+        complain(f"{port}: {found['ending']}")
+        return 3
+    say(f"{port}: stopped; the device has confirmed it")
+    return 0

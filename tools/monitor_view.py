@@ -1,0 +1,204 @@
+"""What ``sweepctl monitor`` shows: lines, JSON, or a table that is kept up to date."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from typing import TYPE_CHECKING, Self
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from tools.console import say
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from bridge.monitor import Monitor, Seen
+    from protocol.clock import HostNs
+
+_REDRAW_NS = 250_000_000
+_RATES_NS = 1_000_000_000
+_SHOWN_BYTES = 32
+
+
+class Nothing:
+    """Shows nothing; the others are made from it."""
+
+    def show(self, seen: Seen) -> None:
+        """Take one message, or what was none."""
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
+        """Look at rates and time; called at least ten times a second."""
+
+    def sum_up(self, monitor: Monitor) -> None:
+        """Say at the end what came of it."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Give the terminal back."""
+
+
+class TextLines(Nothing):
+    """A line for each message on stdout, rates once a second on stderr."""
+
+    def __init__(self, *, raw: bool) -> None:
+        """With ``raw``, payloads in hex too."""
+        self._raw = raw
+        self._rates_ns = 0
+        self._start_ns: int | None = None
+        self._warned: set[int] = set()
+
+    def show(self, seen: Seen) -> None:
+        """Print it."""
+        if self._start_ns is None:
+            self._start_ns = seen.host_ns
+        since_s = (seen.host_ns - self._start_ns) / 1e9
+        if seen.kind == "message":
+            stamp_s = seen.t_us / 1e6
+            arrow = ">" if seen.direction == "host" else "<"
+            line = f"{since_s:9.3f} {arrow} {seen.node:2d} {stamp_s:12.6f} {seen.name} {seen.text}"
+            if self._raw:
+                line += f"  [{seen.raw.hex(' ')}]"
+        else:
+            line = f"{since_s:9.3f} ! {seen.kind}: {seen.text}: {seen.raw.hex(' ')}"
+        sys.stdout.write(line + "\n")
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
+        """Push out what was printed, and say the rates."""
+        sys.stdout.flush()
+        for node, value in monitor.strangers.items():
+            if node not in self._warned:
+                self._warned.add(node)
+                say(_stranger(node, value))
+        if now_ns - self._rates_ns >= _RATES_NS:
+            if self._rates_ns:
+                say(_rates(monitor))
+            self._rates_ns = now_ns
+
+    def sum_up(self, monitor: Monitor) -> None:
+        """Say the totals."""
+        say(_totals(monitor))
+
+
+class JsonLines(Nothing):
+    """A JSON object for each message on stdout."""
+
+    def __init__(self, *, raw: bool) -> None:
+        """With ``raw``, payloads in hex too."""
+        self._raw = raw
+
+    def show(self, seen: Seen) -> None:
+        """Print it."""
+        found = {
+            "host_s": seen.host_ns / 1e9,
+            "kind": seen.kind,
+            "name": seen.name,
+            "node": seen.node,
+            "from": seen.direction or None,
+            "t_us": seen.t_us,
+            "fields": seen.fields,
+        }
+        if self._raw or seen.kind != "message":
+            found["raw"] = seen.raw.hex()
+        sys.stdout.write(json.dumps(found) + "\n")
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - of every view
+        """Push out what was printed."""
+        sys.stdout.flush()
+
+    def sum_up(self, monitor: Monitor) -> None:
+        """Say the totals."""
+        say(_totals(monitor))
+
+
+class Table(Nothing):
+    """Each type's rate and newest content, and the newest broken bytes, on a terminal."""
+
+    def __init__(self, monitor: Monitor, port: str, types: tuple[str, ...]) -> None:
+        """Nothing is drawn before it is entered."""
+        self._monitor, self._port, self._types = monitor, port, types
+        self._drawn_ns = 0
+        self._live = Live(
+            self.picture(), console=Console(highlight=False), auto_refresh=False, screen=False
+        )
+
+    def picture(self) -> Group:
+        """The table as it is now."""
+        monitor = self._monitor
+        table = RichTable(title=f"{self._port} - listening, nothing is sent", title_justify="left")
+        table.add_column("message", style="cyan", no_wrap=True)
+        table.add_column("from", style="dim")
+        table.add_column("Hz", justify="right")
+        table.add_column("count", justify="right")
+        table.add_column("newest")
+        rates = monitor.rates_hz()
+        for name, count in sorted(monitor.types.items()):
+            if (self._types and name not in self._types) or count.newest is None:
+                continue
+            newest = count.newest
+            table.add_row(
+                name, newest.direction, f"{rates[name]:.1f}", str(count.count), Text(newest.text)
+            )
+        parts: list[RichTable | Text] = [table, Text(_totals(monitor), style="dim")]
+        parts += [Text(_stranger(n, h), style="yellow") for n, h in monitor.strangers.items()]
+        bad = monitor.newest_damage
+        if bad is not None:
+            more = "…" if len(bad.raw) > _SHOWN_BYTES else ""
+            shown = bad.raw[:_SHOWN_BYTES].hex(" ")
+            parts.append(Text(f"newest bad: {bad.text}: {shown}{more}", style="red"))
+        parts.append(Text("Ctrl-C: end", style="dim"))
+        return Group(*parts)
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - of every view
+        """Draw anew, four times a second."""
+        if now_ns - self._drawn_ns >= _REDRAW_NS:
+            self._drawn_ns = now_ns
+            self._live.update(self.picture(), refresh=True)
+
+    def __enter__(self) -> Self:
+        """Take the terminal."""
+        self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the last picture on it."""
+        with contextlib.suppress(OSError):
+            self._live.update(self.picture(), refresh=True)
+            self._live.stop()
+
+
+def _rates(monitor: Monitor) -> str:
+    rates = monitor.rates_hz()
+    found = ", ".join(f"{name} {rate:.1f}" for name, rate in sorted(rates.items()) if rate)
+    return f"rates (Hz): {found or 'nothing comes'}"
+
+
+def _totals(monitor: Monitor) -> str:
+    frames = sum(count.count for count in monitor.types.values())
+    return (
+        f"{frames} messages, {monitor.bytes} B, {monitor.damaged} damaged, "
+        f"{monitor.rejected} unusable, {monitor.lost} lost"
+    )
+
+
+def _stranger(node: int, value: int) -> str:
+    return (
+        f"node {node} declares other messages than this version (catalogue {value:08x}): "
+        "fields may be misread; `sweepctl connect` says which differ"
+    )
