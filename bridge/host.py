@@ -30,7 +30,7 @@ from bridge.session_events import (
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
 from bridge.wire_statistics import WireStatistics
-from protocol.clock import HostNs
+from protocol.clock import DeviceUs, HostNs
 from protocol.link import Medium, Rejected
 from protocol.messages import (
     Encoders,
@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
     from bridge.watching import Watch
-    from protocol.clock import DeviceUs
     from protocol.message import Message
     from protocol.messages import Hello
 
@@ -202,11 +201,15 @@ class Host:
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         observe, note = self.sync.observe, self._records.message
         listeners = self._listeners
+        stamp: int | None = None
+        device_us, mapped = DeviceUs(0), None
         for event in events:
             if event.__class__ is Data:  # nearly all of them
                 received = event[0]
                 message, frame, _ = received
-                device_us, mapped = observe(frame[4], now_ns)
+                if frame[4] != stamp:  # what is read at once mostly is of one moment
+                    stamp = frame[4]
+                    device_us, mapped = observe(stamp, now_ns)
                 note(received, mapped, now_ns)
                 listener = listeners.get(message.__class__)
                 if listener is not None and (not self._partial or understood(message)):

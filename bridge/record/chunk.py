@@ -62,9 +62,10 @@ class OpenChunk:
         self._entries: list[array[int]] = []
         """By channel: log time and place of each of its messages that came one by one."""
         self._rows: list[Rows] = []
-        self._waiting = 0
-        """Bytes that the rows will be."""
-        self._earliest_ns = self._deadline_ns = 0
+        self.size = 0
+        """Bytes of its messages, rows that wait included; appending a row adds its own."""
+        self.earliest_ns = self.deadline_ns = 0
+        """A message belongs into it whose log time is in between, while it is not full."""
 
     def declare(self, record: bytes) -> None:
         """Add a record that is no message."""
@@ -81,19 +82,10 @@ class OpenChunk:
         self._rows.append(made)
         return made
 
-    def takes(self, log_ns: int) -> bool:
-        """Whether a message of this time belongs into this chunk."""
-        full = self._waiting + len(self._pending) >= CHUNK_BYTES
-        return not full and self._earliest_ns <= log_ns < self._deadline_ns
-
     def begin(self, log_ns: int) -> None:
         """Begin with a message of this time."""
         # Also closed by a clock that was set back, or the chunk would stay open until it is full.
-        self._earliest_ns, self._deadline_ns = log_ns - CHUNK_NS, log_ns + CHUNK_NS
-
-    def expect(self, size: int) -> None:
-        """Count a row that is appended now."""
-        self._waiting += size
+        self.earliest_ns, self.deadline_ns = log_ns - CHUNK_NS, log_ns + CHUNK_NS
 
     def add(
         self, channel_id: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
@@ -102,6 +94,7 @@ class OpenChunk:
         pending = self._pending
         self._entries[channel_id - 1].extend((log_ns, len(pending)))
         size = _FIXED + len(data)
+        self.size += RECORD_HEAD + size
         pending += _MESSAGE.pack(OP_MESSAGE, size, channel_id, sequence, log_ns, publish_ns)
         pending += data
 
@@ -122,7 +115,7 @@ class OpenChunk:
                 spans += (packed.first_ns, packed.last_ns)
                 for channel_id, index in zip(rows.channels, packed.entries, strict=True):
                     indexes.setdefault(channel_id, []).append(index.tobytes())
-        self._waiting = self._earliest_ns = self._deadline_ns = 0
+        self.size = self.earliest_ns = self.deadline_ns = 0
         if not indexes:
             return None
         content, self._pending = self._pending, bytearray()

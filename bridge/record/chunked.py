@@ -31,7 +31,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from bridge.record.chunk import ZSTD_LEVEL, OpenChunk
+from bridge.record.chunk import CHUNK_BYTES, ZSTD_LEVEL, OpenChunk
 from bridge.record.errors import LogExistsError, LogWriteError
 
 if TYPE_CHECKING:
@@ -106,7 +106,8 @@ class ChunkedFile:
         """Bytes written so far, all of them whole records."""
         self.failure: LogWriteError | None = None
         self._file = _open(path, force=force)
-        self._chunk = OpenChunk()
+        self.chunk = OpenChunk()
+        """The one in progress, for who appends many rows."""
         self._schemas: dict[int, Schema] = {}
         self._schema_ids: dict[str, int] = {}
         self._channels: dict[int, Channel] = {}
@@ -157,7 +158,7 @@ class ChunkedFile:
         if schema_id is None:
             schema_id = self._schema_ids[name] = len(self._schemas) + 1
             self._schemas[schema_id] = Schema(id=schema_id, data=data, encoding=encoding, name=name)
-            self._chunk.declare(_bytes_of(self._schemas[schema_id]))
+            self.chunk.declare(_bytes_of(self._schemas[schema_id]))
         channel_id = len(self._channels) + 1
         self._channels[channel_id] = Channel(
             id=channel_id,
@@ -167,7 +168,7 @@ class ChunkedFile:
             schema_id=schema_id,
         )
         self._counts.append(0)
-        self._chunk.add_channel(_bytes_of(self._channels[channel_id]))
+        self.chunk.add_channel(_bytes_of(self._channels[channel_id]))
         return channel_id
 
     def add_message(
@@ -179,15 +180,14 @@ class ChunkedFile:
             LogWriteError: the file cannot be written.
 
         """
-        chunk = self._chunk
-        if not chunk.takes(log_ns):
-            self.flush()
-            chunk.begin(log_ns)
+        chunk = self.chunk
+        if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
+            self.next_chunk(log_ns)
         chunk.add(channel_id, log_ns, publish_ns, sequence, data)
 
     def rows(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> Rows:
         """Declare messages that always come together; see :class:`Rows`."""
-        return self._chunk.rows(ints, floats, messages)
+        return self.chunk.rows(ints, floats, messages)
 
     def begin_row(self, log_ns: int, size: int) -> None:
         """Make room for a row of this log time, before it is appended.
@@ -196,11 +196,20 @@ class ChunkedFile:
             LogWriteError: the file cannot be written.
 
         """
-        chunk = self._chunk
-        if not chunk.takes(log_ns):
-            self.flush()
-            chunk.begin(log_ns)
-        chunk.expect(size)
+        chunk = self.chunk
+        if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
+            self.next_chunk(log_ns)
+        chunk.size += size
+
+    def next_chunk(self, log_ns: int) -> None:
+        """Close the chunk in progress and begin one with a message of this time.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        self.flush()
+        self.chunk.begin(log_ns)
 
     # ---- what comes out
 
@@ -213,7 +222,7 @@ class ChunkedFile:
         """
         if self.failure is not None:
             raise self.failure
-        closed = self._chunk.close(self.offset)
+        closed = self.chunk.close(self.offset)
         if closed is None:
             return
         self._write(closed.data)

@@ -119,7 +119,7 @@ class LogReader:
             in_summary = False
             for found in records(data):
                 if isinstance(found, Damage):
-                    if not found.is_tail:
+                    if not found.is_tail and not in_summary:
                         size = found.end - found.offset
                         self._head_problems.append(
                             f"{size} bytes at offset {found.offset} are damaged, stepped over"
@@ -175,7 +175,7 @@ class LogReader:
             if opcode == Opcode.CHUNK:
                 found: list[LogMessage] = []
                 try:
-                    found.extend(self._within(chunk_content(record), state))
+                    found.extend(within(chunk_content(record), state))
                 except DAMAGE as error:
                     self.problems.append(f"damaged chunk stepped over: {error!r}")
                 # A writer may keep a chunk's topics apart, as ours does.
@@ -231,7 +231,7 @@ class ChunkReader:
         if opcode in _SKIP_INDEXES:
             return []
         if opcode == Opcode.CHUNK:
-            return list(within(chunk_content(record), self._state))
+            return sorted(within(chunk_content(record), self._state), key=_log_ns)
         if opcode == Opcode.MESSAGE:
             return list(within(HEAD.pack(opcode, len(record)) + record, self._state))
         self._state.take(opcode, record)

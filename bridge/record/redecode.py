@@ -114,7 +114,7 @@ def compare(path: Path) -> Comparison:
 def redecode(reader: LogReader) -> Iterator[Decoded]:
     """Every ``/device/*`` message that a log's raw bytes hold, as the live bridge gave it."""
     offset_ns = int(reader.run.get("clock_offset_ns", "0"))
-    records = list(wire_records(reader.messages(RAW_TOPICS)))
+    records = sorted(wire_records(reader.messages(RAW_TOPICS)), key=_in_order)
     if not records:
         return
     link = CanLink if records[0].is_can else Link
@@ -152,6 +152,11 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
                     sync.exchange(event.sent_ns, received, replied, event.arrived_ns)
                 case Agreed() if event.rebooted:
                     sync.reset()
+
+
+def _in_order(record: WireRecord) -> tuple[int, bool]:
+    """What came in was heard before an answer went out in the same moment."""
+    return record.log_ns, record.outgoing
 
 
 class _DeviceTopics:

@@ -123,9 +123,24 @@ def is_whole(data: Bytes) -> bool:
 def _next(data: Bytes, position: int) -> int | None:
     """The next place from here where a record stands."""
     for match in _CANDIDATE.finditer(data, position):
-        if _at(data, match.start()) is not None:
+        found = _at(data, match.start())
+        # Here chance could have a hand in it: it must be of a known kind, and followed by
+        # another record, not by the file's end.
+        if found is not None and found.opcode in _SHAPES and _is_followed(data, found.end):
             return match.start()
     return None
+
+
+def _is_followed(data: Bytes, position: int) -> bool:
+    """Whether another record stands there whole, or the file ends as it should."""
+    if data[position : position + len(MAGIC)] == MAGIC:
+        return True
+    if position + HEAD.size > len(data):
+        return False
+    opcode, length = HEAD.unpack_from(data, position)
+    shape = _SHAPES.get(opcode)
+    start, end = position + HEAD.size, position + HEAD.size + length
+    return shape is not None and end <= len(data) and shape(data, start, end)
 
 
 def _at(data: Bytes, position: int) -> Found | None:
@@ -222,9 +237,12 @@ _SHAPES: dict[int, Callable[[Bytes, int, int], bool]] = {
     Opcode.MESSAGE: _message,
     Opcode.CHUNK: _chunk,
     Opcode.MESSAGE_INDEX: _message_index,
+    Opcode.CHUNK_INDEX: _at_least(56),
     Opcode.ATTACHMENT: _attachment,
+    Opcode.ATTACHMENT_INDEX: _at_least(44),
     Opcode.STATISTICS: _at_least(46),
     Opcode.METADATA: _metadata,
+    Opcode.METADATA_INDEX: _at_least(20),
     Opcode.SUMMARY_OFFSET: _at_least(17),
     Opcode.DATA_END: _at_least(4),
 }
