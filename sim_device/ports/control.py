@@ -5,6 +5,8 @@ answer one line of JSON, ``{"ok": true, ...}`` or ``{"ok": false, "error": "..."
 
 ``start SPEC``
     begins a fault, at once where SPEC names no time; answers with its full text
+``check SPEC``
+    answers like ``start``, and begins nothing
 ``clear [KIND]``
     ends the faults of a kind, or all; answers with how many there were
 ``list``
@@ -139,6 +141,8 @@ def answer(line: str, rig: Rig) -> dict[str, Any]:  # noqa: PLR0911 - one for ea
         match verb:
             case "start":
                 return {"ok": True, "fault": rig.faults.start(rest).text}
+            case "check":
+                return {"ok": True, "fault": rig.faults.check(rest).text}
             case "clear":
                 return {"ok": True, "cleared": rig.faults.clear(rest or None)}
             case "list":
@@ -152,7 +156,7 @@ def answer(line: str, rig: Rig) -> dict[str, Any]:  # noqa: PLR0911 - one for ea
             case "line":
                 return {"ok": True, "line": dataclasses.asdict(rig.counts())}
             case _:
-                text = f"{verb[:40]!r} is none of start, clear, list, truth, line"
+                text = f"{verb[:40]!r} is none of start, check, clear, list, truth, line"
                 return {"ok": False, "error": text}
     except FaultSpecError as error:
         return {"ok": False, "error": str(error)}

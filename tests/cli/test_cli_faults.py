@@ -130,6 +130,14 @@ def test_what_the_control_refuses(device: Path, arguments: tuple[str, ...], says
     assert says in done.line
 
 
+@pytest.mark.parametrize("wrong", [("silense",), ("obstacle:index=9",), ("--clear", "silense")])
+def test_one_that_cannot_be_leaves_the_others_unbegun(device: Path, wrong: tuple[str, ...]) -> None:
+    done = sweepctl("fault", device, "wheel-slip::left", *wrong)
+    assert done.status == 2
+    done = sweepctl("fault", device, "--list")
+    assert "active: none" in done.out
+
+
 def test_nobody_there_and_somebody_else(device: Path, tmp_path: Path) -> None:
     done = sweepctl("fault", tmp_path / "none", "silence", "--json")
     assert done.status == 3

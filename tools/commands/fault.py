@@ -35,9 +35,14 @@ def command(  # noqa: PLR0913 - one parameter per option
     once, and @+2 is two seconds from now. What is to end is ended first.
     """
     from bridge.errors import PortError
+    from sim_device.faults.kinds import KINDS
     from sim_device.ports import PortUnavailableError, ask_control
     from sim_device.ports.control import MAX_LINE
 
+    unknown = [kind for kind in clear if kind not in KINDS]
+    if unknown:
+        text = f"{unknown[0]!r}: there is no such kind; they are {', '.join(KINDS)}"
+        raise click.BadParameter(text, param_hint="--clear")
     lines = ["clear"] if clear_all else []
     lines += [f"clear {_one_line(kind)}" for kind in clear]
     lines += [f"start {_one_line(spec)}" for spec in specs]
@@ -49,10 +54,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     cleared = 0
     found: dict[str, Any] = {}
     try:
-        for line in lines:
+        checks = [f"check {spec}" for spec in specs]
+        for line in checks + lines:  # one that cannot be leaves the others unbegun too
             reply = ask_control(control, line)
             if not reply["ok"]:
                 raise click.BadParameter(str(reply.get("error")))
+            if line in checks:
+                continue
             begun += [reply["fault"]] if "fault" in reply else []
             cleared += reply.get("cleared", 0)
         found = ask_control(control, "list")
