@@ -7,12 +7,12 @@ import secrets
 import signal
 import sys
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bridge.coverage.registry import make_planner
+from bridge.coverage.registry import make_planner, rehearse
 from bridge.coverage.runner import PlanRunner
 from bridge.dead_man import DeadMan
 from bridge.errors import BridgeError
@@ -29,17 +29,17 @@ from bridge.motion.geometry import Pose2
 from bridge.onboard_mission import OnboardMission
 from bridge.operator import Operator
 from bridge.owner import OwnerService
+from bridge.record.policy import LogWatch, RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
-from bridge.record.writer import RunWriter
 from bridge.summary import run_summary
 from bridge.supervise import Supervisor
 from bridge.telemetry import RoomRecord, RunInfo, Severity
 from bridge.watching import Watch, go_on
-from protocol.values import StopCause
 from tools.console import err
 from tools.live import LivePicture, Teller
 from tools.operating import Operating
 from tools.options import DEFAULT_PLANNER
+from tools.recording import check_view, live_view
 from tools.terminal_keys import Keyboard
 from tools.version import VERSION
 
@@ -85,6 +85,11 @@ class LiveOptions:
     speed_m_s: float = HAND_M_S
     """Of the drive by hand."""
     gamepad: str | None = None
+    recording: RecordOptions = field(default_factory=RecordOptions)
+    view: bool = False
+    """Show the run live in Rerun."""
+    serve: bool = False
+    """... in a browser on this machine."""
 
     @property
     def planner_name(self) -> str | None:
@@ -112,6 +117,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
         LogError: the log cannot be made; the robot was not spoken to.
 
     """
+    check_view(view=asked.view, serve=asked.serve)
     operator = _operator(asked)
     mission = _mission(asked, operator)
     opener = Opener(asked.port, asked.opening)
@@ -141,13 +147,21 @@ def run_live(asked: LiveOptions) -> LiveResult:
     if asked.supervise is not None and mission.runner is not None:
         host.watch = Watch(host, Supervisor(asked.model, asked.supervise))
     pump = Pump(host, opened, opener)
-    pump.watch = lambda: _log_failed(recorder)
+    pump.watch = LogWatch(
+        recorder,
+        lambda severity, source, kind, text: host.event(clock.now(), severity, source, kind, text),
+        stop_on_error=asked.recording.stop_on_error,
+    )
     operating = _operating(asked, pump, operator)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
     try:
         with _endings(pump, operating, asked.gamepad):  # the summary too is written whole
-            with _owner(asked.port, pump, opened), _picture(host, teller, operating):
+            with (
+                live_view(asked.log, view=asked.view, serve=asked.serve),
+                _owner(asked.port, pump, opened),
+                _picture(host, teller, operating),
+            ):
                 pump.run()
             if host.drive_pose is not None:
                 host.record_map(clock.now())
@@ -163,6 +177,7 @@ def _operator(asked: LiveOptions) -> Operator:
 
     def make_plan() -> PlanRunner:
         name = asked.planner or DEFAULT_PLANNER
+        rehearse(name, asked.model)
         return PlanRunner(make_planner(name, asked.model, np.random.default_rng()), asked.model)
 
     most_m_s = asked.model.max_speed_m_s
@@ -238,7 +253,7 @@ def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
         asked.robot_toml,
         asked.plan,
     )
-    recorder = ThreadedRecorder(RunWriter(asked.log, info, force=asked.force))
+    recorder = ThreadedRecorder(open_log(asked.log, info, asked.recording, force=asked.force))
     if asked.plan is not None:
         recorder.write(RoomRecord(opened_ns, asked.plan))
     return recorder, offset_ns
@@ -255,14 +270,10 @@ def _result(
         complaints.append(str(recorder.error))
     if recorder.dropped:
         complaints.append(f"{recorder.dropped} records did not reach the log")
-    return LiveResult(summary, ending.exit_status if ending else 1, complaints)
-
-
-def _log_failed(recorder: ThreadedRecorder) -> Ending | None:
-    """An end to the run where its log can no longer be written."""
-    if recorder.error is None:
-        return None
-    return Ending("fault", f"the log failed: {recorder.error}", 1, StopCause.SUPERVISE)
+    status = ending.exit_status if ending else 1
+    if recorder.error is not None and status == 0:
+        status = 1  # the run did what it was to do, its log did not
+    return LiveResult(summary, status, complaints)
 
 
 @contextlib.contextmanager

@@ -50,6 +50,14 @@ class UnknownPlannerError(ValueError):
         super().__init__(f"unknown planner '{name}'; there are: {', '.join(PLANNERS)}")
 
 
+def rehearse(name: str, model: RobotModel) -> None:
+    """Have what a planner needs compiled and loaded: before a robot waits for its decision."""
+    if name == "recovery":
+        from bridge.coverage.recovery.rehearse import rehearse as kernels  # noqa: PLC0415 - as above
+
+        kernels(model)
+
+
 def make_planner(name: str, model: RobotModel, rng: Dice) -> Planner:
     """A new planner. ``rng`` is used only by those that throw dice.
 

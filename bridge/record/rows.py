@@ -163,5 +163,13 @@ class Rows:
         return Packed(out, index, first_ns, last_ns)
 
 
+def rehearse() -> None:
+    """Have the kernel loaded: before a run, whose first chunk would wait for it."""
+    rows = Rows(1, 1, [RowMessage(0, Head(0, 0), [], [])])
+    rows.ints.append(0)
+    rows.floats.append(0.0)
+    rows.take(0)
+
+
 def _size(part: Part) -> int:
     return len(part) if isinstance(part, bytes) else struct.calcsize(f"<{part}")

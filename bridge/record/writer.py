@@ -10,9 +10,10 @@ from bridge.config import parse_robot
 from bridge.record import foxglove, ros, schemas
 from bridge.record.chunked import ChunkedFile
 from bridge.record.device_topics import DeviceTopics
+from bridge.record.disk import open_log_file
 from bridge.record.errors import LogWriteError
 from bridge.record.room import rasterise
-from bridge.record.rows import Head, RowMessage, half_angle, proto_stamp, real
+from bridge.record.rows import Head, RowMessage, half_angle, proto_stamp, real, rehearse
 from bridge.telemetry import (
     ClockRecord,
     CommandRecord,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from bridge.record.chunked import LogOpener
     from bridge.record.descriptors import MessageType
     from bridge.record.layout import FlatMessage
     from bridge.record.ros import RosTopic
@@ -60,7 +62,14 @@ class RunWriter:
     file cannot be written, and again for every record after it.
     """
 
-    def __init__(self, path: Path, info: RunInfo, *, force: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        info: RunInfo,
+        *,
+        force: bool = False,
+        opener: LogOpener = open_log_file,
+    ) -> None:
         """Create the file and write what it says of itself first.
 
         Raises:
@@ -70,8 +79,10 @@ class RunWriter:
 
         """
         model = parse_robot(info.robot_toml)
+        rehearse()
         self.path = path
-        self._file = ChunkedFile(path, force=force, library=f"sweepctl {info.version}")
+        library = f"sweepctl {info.version}"
+        self._file = ChunkedFile(path, force=force, library=library, opener=opener)
         self._ros = ros.RosTranslator(model)
         self._ros_channels: dict[str, int] = {}
         self._device: dict[str, DeviceTopics] = {}
@@ -123,6 +134,11 @@ class RunWriter:
                 topics.write(record)
                 return
         self._handlers[record.__class__](record)
+
+    @property
+    def bytes_written(self) -> int:
+        """Length of the file by now."""
+        return self._file.offset
 
     def flush(self) -> None:
         """Hand everything so far to the operating system: for when nothing more may come soon.

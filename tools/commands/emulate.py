@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.coverage.floorplan import FloorPlan
+    from bridge.motion.robot_model import RobotModel
     from bridge.record.writer import RunWriter
+    from protocol.link import LinkBase
+    from sim_device.device import VirtualSweeper
     from sim_device.faults.injector import FaultEvent
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
@@ -140,7 +143,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.errors import PortError
     from protocol.can_link import CanLink
     from protocol.link import Link
-    from sim_device.device import VirtualSweeper
     from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
     from tools import qemu_target
     from tools.rooms import load_room
@@ -173,7 +175,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                 )
                 rig = options.rig(chip, line, fault, seed, chip.cannot)
             else:
-                device = VirtualSweeper(
+                device = _sweeper(
                     plan, model, seed=seed, noise=noise, node=node, link=kind, boot_id=boot_id
                 )
                 rig = options.rig(device, line, fault, seed)
@@ -199,12 +201,31 @@ def command(  # noqa: PLR0913 - one parameter per option
             )
             _warn(link, listen, lan=lan)
             report = serve(rig, port, stopper, watchers, server, waker=chip)
-            _sum_up(rig, report, asked=stats)
+            _sum_up(rig, report, chip, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
     for number in _signals():  # a second one, as `timeout` sends, must not spoil the status
         signal.signal(number, signal.SIG_IGN)
     return 0
+
+
+def _sweeper(  # noqa: PLR0913 - what a device is made with
+    plan: FloorPlan,
+    model: RobotModel,
+    *,
+    seed: int,
+    noise: str,
+    node: int,
+    link: type[LinkBase],
+    boot_id: int,
+) -> VirtualSweeper:
+    from bridge.coverage.registry import rehearse
+    from sim_device.device import VirtualSweeper
+
+    rehearse(options.DEFAULT_PLANNER, model)  # it may be asked to run its own planner
+    return VirtualSweeper(
+        plan, model, seed=seed, noise=noise, node=node, link=link, boot_id=boot_id
+    )
 
 
 def _check(  # noqa: PLR0913 - the options that exclude each other
@@ -294,7 +315,7 @@ def _on_fault(writer: RunWriter | None) -> Callable[[FaultEvent, int], None]:
     return tell
 
 
-def _sum_up(rig: Rig, report: ServeReport, *, asked: bool) -> None:
+def _sum_up(rig: Rig, report: ServeReport, chip: QemuSweeper | None, *, asked: bool) -> None:
     counts, late = rig.counts(), report.lateness
     if asked and late.periods:
         _tell(
@@ -303,6 +324,8 @@ def _sum_up(rig: Rig, report: ServeReport, *, asked: bool) -> None:
             f"{late.worst_us / 1000:.2f} ms; "
             f"{counts.to_host} B to the host, {counts.from_host} B from it"
         )
+    if asked and chip is not None:
+        _tell(f"{chip.stack_free} B of the chip's stack were never used")
     lost = {
         "by the device, which had more to say than the line carries": counts.device_overrun,
         "in the adapter, because the host did not read": counts.adapter_overrun,
