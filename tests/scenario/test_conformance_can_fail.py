@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 
+from sim_device.ports import ask_control
 from support.broken_device import DEFECTS
 
 if TYPE_CHECKING:
@@ -158,6 +160,32 @@ def test_a_port_that_cannot_be_opened_is_one_line(tmp_path: Path, port: str, lin
     outcome = conformance(tmp_path, f"--port={port}")
     assert outcome.status == 4
     assert outcome.out.strip().splitlines() == [line]
+
+
+def test_a_device_that_dies_on_the_way_ends_the_run_with_one_line(tmp_path: Path) -> None:
+    emulate = [sys.executable, "-m", "tools.sweepctl", "emulate", "empty", "--control"]
+    control = tmp_path / "sweeper.ctl"
+    with subprocess.Popen([*emulate, control], cwd=ROOT, stdout=subprocess.PIPE, text=True) as fake:
+        assert fake.stdout is not None
+        port = fake.stdout.readline().removeprefix("ready ").strip()
+        with ThreadPoolExecutor(1) as pool:
+            running = pool.submit(conformance, tmp_path, f"--port={port}")
+            # Commands are refused from its first session on, so that a check is under way.
+            while not _in_session(control):
+                time.sleep(0.05)
+            fake.terminate()
+            outcome = running.result()
+        assert fake.wait(30) == 0
+    assert outcome.status == 4
+    assert "the device was lost during test_" in outcome.out
+    assert len(outcome.of("failed")) == 1
+    assert outcome.report["passed"] is False
+
+
+def _in_session(control: Path) -> bool:
+    """Whether a host has written a good deal to the device."""
+    counts = ask_control(control, "line")
+    return bool(counts["line"]["from_host"] > 500)
 
 
 def test_a_port_where_nobody_answers_is_one_line(tmp_path: Path) -> None:

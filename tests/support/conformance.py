@@ -14,7 +14,7 @@ import sys
 import threading
 from concurrent.futures import Future
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import pytest
 
@@ -283,7 +283,7 @@ class ConformancePlugin:
         if not in_suite(pyfuncitem.path) or "device" not in pyfuncitem.fixturenames:
             return None
         if self._probe is not None:
-            run_check(pyfuncitem, self._probe)
+            self._check(pyfuncitem, self._probe)
             return True
         if self._lanes is None:
             chosen = [
@@ -296,6 +296,26 @@ class ConformancePlugin:
             self._lanes = Lanes(chosen, self._config)
         self._lanes.result(pyfuncitem)
         return True
+
+    def _check(self, item: pytest.Function, probe: Probe) -> None:
+        """One check; where it fails because the device is gone, the others would only do so too."""
+        try:
+            run_check(item, probe)
+        except PortError as error:
+            self._lost(item, str(error))
+        except Exception:
+            try:
+                hello = identify(probe)
+            except PortError as error:
+                hello = str(error)
+            if isinstance(hello, str):
+                self._lost(item, hello)
+            raise
+
+    def _lost(self, item: pytest.Function, why: str) -> NoReturn:
+        text = f"the device was lost during {item.name}: {why}; the checks after it were not run"
+        self.report.note(item, "failed", text)
+        pytest.exit(text, returncode=4)
 
     # ---- what came of it
 
