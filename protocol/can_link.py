@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from protocol.authentication import CAN_AUTH_TYPE, GUARDED_TYPES
+from protocol.can_authentication import HeldMessages
 from protocol.can_frames import (
     CAN_FULL_STAMP,
     RECORD,
@@ -39,7 +41,7 @@ from protocol.errors import FieldRangeError, PayloadError
 from protocol.link import LinkBase, LinkStatistics, Medium, Received
 from protocol.message import Direction
 from protocol.messages import Stop, Sync
-from protocol.uart import Damage, DamagedFrame, Frame
+from protocol.uart import FLAG_AUTHENTICATED, Damage, DamagedFrame, Frame
 
 if TYPE_CHECKING:
     from protocol.codec import Codec
@@ -123,6 +125,9 @@ class CanLink(LinkBase):
         self._transfer_ids: dict[int, int] = {}
         self._slow_sent_us: dict[int, int] = {}
         self._frame_count = 0
+        self._held = HeldMessages()
+        self._unmarked: list[Received] = []
+        """Messages that were held for a tag, and another came in its place."""
 
     def _parts_of(self, spec: MessageSpec) -> tuple[Part, ...]:
         shared = self.codec.shared_fields(spec)
@@ -138,7 +143,7 @@ class CanLink(LinkBase):
         data = self._partial + data
         whole = len(data) - len(data) % RECORD.size
         self._partial = data[whole:]
-        events: list[LinkEvent] = []
+        events: list[LinkEvent] = [*self._held.late(now_us)]
         for offset in range(0, whole, RECORD.size):
             frame = from_record(data[offset : offset + RECORD.size])
             if frame is None:
@@ -147,6 +152,8 @@ class CanLink(LinkBase):
             event = self._frame(frame, now_us)
             if event is not None:
                 events.append(event)
+            events += self._unmarked
+            self._unmarked.clear()
         return events
 
     def _frame(self, frame: CanFrame, now_us: int) -> LinkEvent | None:
@@ -163,7 +170,7 @@ class CanLink(LinkBase):
         if spec is None:
             statistics.frames_in += 1
             self._sender(frame.node).frames += 1
-            return self._reject(Frame(_VERSION, frame.node, frame.can_type, 0, 0, data), "type")
+            return self._tag(frame, now_us)
         if spec.direction is self._sends:
             if self._sends is Direction.DEVICE:
                 return None  # another device on the bus, which a chip's filter keeps out
@@ -175,6 +182,14 @@ class CanLink(LinkBase):
         if native is not None:
             return self._take_native(frame, native, now_us)
         return self._take_segment(frame, spec, now_us)
+
+    def _tag(self, frame: CanFrame, now_us: int) -> LinkEvent:
+        """A frame of no message: the tag of the one before it, or of a type that we do not know."""
+        head = Frame(_VERSION, frame.node, frame.can_type, 0, 0, frame.data)
+        if frame.can_type != CAN_AUTH_TYPE or self.key is None:
+            return self._reject(head, "type")
+        tagged = self._held.tagged(frame.node, frame.data, self.key, now_us)
+        return self._reject(head, "key") if tagged is None else tagged
 
     def _sender(self, node: int) -> _Sender:
         # A device's frames name it; whatever node a host's frames name, the host is one.
@@ -228,7 +243,20 @@ class CanLink(LinkBase):
         event = self._interpret(spec, frame.node, _VERSION, stamp_us, payload)
         if isinstance(event, Received) and isinstance(event.message, Sync):
             self._count(sender, event.message.frame_count)
-        return event
+        return self._guarded(event, frame.can_id, frame.data, now_us)
+
+    def _guarded(
+        self, event: LinkEvent, can_id: int, covered: bytes, now_us: int
+    ) -> LinkEvent | None:
+        """Hold back what needs a tag until it comes, where there is a key to check it with."""
+        if self.key is None or not self.key.begun or not isinstance(event, Received):
+            return event
+        if event.spec.type_id not in GUARDED_TYPES:
+            return event
+        before = self._held.hold(can_id, covered, event, now_us)
+        if before is not None:
+            self._unmarked.append(before)
+        return None
 
     def _malformed(self, frame: CanFrame, spec: MessageSpec) -> LinkEvent:
         return self._reject(Frame(_VERSION, frame.node, spec.type_id, 0, 0, frame.data), "payload")
@@ -312,7 +340,11 @@ class CanLink(LinkBase):
         if stamp_us is None:
             statistics.stale += 1
             return None
-        return self._interpret(spec, frame.node, parsed.version_flags, stamp_us, parsed.payload)
+        flags = parsed.version_flags
+        if self.key is not None:
+            flags &= ~FLAG_AUTHENTICATED  # it is what the tag says, not what the frame says
+        event = self._interpret(spec, frame.node, flags, stamp_us, parsed.payload)
+        return self._guarded(event, frame.can_id, whole, now_us)
 
     def forget_sequence(self) -> None:
         """Forget counts, clocks and halves: the peer has booted anew, as its hello says.
@@ -350,6 +382,7 @@ class CanLink(LinkBase):
             spec = self.codec.catalogue.by_type[type_id]
             if is_native(spec):
                 frames = self._pack(spec, node, t_us, payload)
+                covered = [(frame.can_id, frame.data) for frame in frames]
             else:
                 can_id = type_id << 4 | node
                 transfer = self._transfer_ids.get(can_id, -1) + 1
@@ -357,6 +390,11 @@ class CanLink(LinkBase):
                 whole = content(_VERSION | flags, t_us, payload)
                 frames = [CanFrame(can_id, data) for data in segments(whole, transfer)]
                 self._frame_count += len(frames)
+                covered = [(can_id, whole)]
+            if flags & FLAG_AUTHENTICATED and self.key is not None:
+                tag = self.key.sign_can(covered)
+                frames.append(CanFrame(CAN_AUTH_TYPE << 4 | node, tag))
+                self._frame_count += 1
             records += [to_record(frame) for frame in frames]
             self.statistics.bytes_out += sum(_ID_SIZE + len(f.data) for f in frames)
         # Messages were counted as they were queued; what counts on a bus is frames.

@@ -15,11 +15,13 @@ from zlib import crc32
 
 from cobs import cobs
 
+from protocol.authentication import GUARDED_TYPES, TRAILER
 from protocol.catalogue import PROTOCOL_VERSION
 from protocol.codec import Codec
 from protocol.errors import LocalError, PayloadError
 from protocol.message import Direction, Message
 from protocol.uart import (
+    FLAG_AUTHENTICATED,
     MAX_NODE,
     MAX_PAYLOAD,
     OWN_VERSION,
@@ -35,12 +37,15 @@ from protocol.uart import (
 )
 
 if TYPE_CHECKING:
+    from protocol.authentication import Authenticator
     from protocol.message import MessageSpec
 
 NODE_ALL = 0
 """Addresses every device; for stop, hello and time requests only."""
 NODE_MAX = MAX_NODE
 _HALF_SEQ = 128
+_PLAIN = 0xF0 | FLAG_AUTHENTICATED
+"""Version and this flag: a frame that claims to be authenticated never goes the short way."""
 _new = tuple.__new__
 
 
@@ -63,7 +68,8 @@ class Rejected:
 
     frame: Frame
     reason: str
-    """``version``, ``direction``, ``type``, ``disabled`` or ``payload``."""
+    """``version``, ``direction``, ``type``, ``disabled``, ``payload``, or ``key``: it is marked as
+    authenticated, and there is no key here, or its tag or counter is wrong."""
 
 
 LinkEvent = Received | Rejected | DamagedFrame
@@ -116,6 +122,8 @@ class LinkBase(ABC):
         self._sends = sends
         self._own_types = {s.type_id for s in self.codec.catalogue if s.direction is sends}
         self._queue: list[_Waiting] = []
+        self.key: Authenticator | None = None
+        """Signs what needs it once its session has begun, and checks what comes signed."""
 
     @abstractmethod
     def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
@@ -153,6 +161,8 @@ class LinkBase(ABC):
             return False
         if type_id not in self._own_types:
             raise WrongDirectionError(type(message).__name__)
+        if self.key is not None and self.key.begun and type_id in GUARDED_TYPES:
+            flags |= FLAG_AUTHENTICATED
         if flags or not 0 <= node <= MAX_NODE or len(payload) > MAX_PAYLOAD:
             check_frame(node, type_id, payload, flags)
         statistics = self.statistics
@@ -164,6 +174,18 @@ class LinkBase(ABC):
             self._queue = kept
         self._queue.append((node, type_id, t_us, payload, flags))
         statistics.frames_out += 1
+        return True
+
+    def send_payload(self, type_id: int, payload: bytes, t_us: int, node: int) -> bool:
+        """Queue what a stream's own layout has packed; False as for :meth:`send`.
+
+        For a device's streams, of which there are hundreds a second and none is authenticated:
+        the caller answers for the type, its direction, and a node and a length that fit.
+        """
+        if type_id in self.disabled:
+            return False
+        self._queue.append((node, type_id, t_us, payload, 0))
+        self.statistics.frames_out += 1
         return True
 
     @property
@@ -227,7 +249,7 @@ class Link(LinkBase):
                 spec, cls, unpack = plain[type_id << 8 | len(payload)]
                 if (
                     expected[sender] == seq
-                    and version_flags >> 4 == PROTOCOL_VERSION
+                    and version_flags & _PLAIN == OWN_VERSION
                     and type_id not in disabled
                 ):
                     by_type[type_id] += 1
@@ -247,7 +269,7 @@ class Link(LinkBase):
         return found
 
     def _interpret(self, frame: Frame) -> LinkEvent:
-        version_flags, node, type_id, seq, _, payload = frame
+        version_flags, node, type_id, seq, *_ = frame
         if version_flags >> 4 != PROTOCOL_VERSION:
             return self._reject(frame, "version")
         codec = self.codec
@@ -267,12 +289,22 @@ class Link(LinkBase):
             self._out_of_sequence(sender, seq)
         if spec is None:
             return self._reject(frame, "type")
-        if type_id in self.disabled:
-            return self._reject(frame, "disabled")
+        genuine = True
+        if version_flags & FLAG_AUTHENTICATED and type_id not in self.disabled:
+            frame, genuine = self._opened(frame)
+        if not genuine or type_id in self.disabled:
+            return self._reject(frame, "disabled" if genuine else "key")
         try:
-            return _new(Received, (codec.decode(spec, payload), frame, spec))
+            return _new(Received, (codec.decode(spec, frame.payload), frame, spec))
         except PayloadError:
             return self._reject(frame, "payload")
+
+    def _opened(self, frame: Frame) -> tuple[Frame, bool]:
+        """A frame that says it is authenticated without its trailer, and whether it is."""
+        payload, trailer = frame.payload[: -TRAILER.size], frame.payload[-TRAILER.size :]
+        frame = frame._replace(payload=payload)
+        covered = PACK_BODY[len(payload)](*frame)
+        return frame, self.key is not None and self.key.check(covered, trailer)
 
     def _out_of_sequence(self, sender: int, seq: int) -> None:
         gap = (seq - self._expected_seq[sender]) & 0xFF
@@ -299,6 +331,8 @@ class Link(LinkBase):
             # As encode_frame does it, in the same breath.
             pack = PACK_BODY[len(payload)]
             body = pack(OWN_VERSION | flags, node, type_id, seq, t_us & 0xFFFF_FFFF, payload)
+            if flags & FLAG_AUTHENTICATED and self.key is not None:
+                body += self.key.sign(body)
             data += cobs.encode(body + pack_crc(crc32(body))) + b"\0"
             seq = (seq + 1) & 0xFF
         self._seq = seq

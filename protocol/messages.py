@@ -183,6 +183,17 @@ class Reboot(Message):
     kind: Annotated[int, number(U8, "enum", "how", enum=RebootKind, high=2)]
 
 
+@message(0x0F, _HOST, _COMMAND)
+class SetKey(Message):
+    """Set the key that motion is authenticated with; over a local UART only, never told again."""
+
+    command_id: Annotated[int, _ID]
+    key_0: Annotated[int, number(U32, "raw", "bytes 0 to 3 of the key; all words 0: no key")]
+    key_1: Annotated[int, number(U32, "raw", "bytes 4 to 7")]
+    key_2: Annotated[int, number(U32, "raw", "bytes 8 to 11")]
+    key_3: Annotated[int, number(U32, "raw", "bytes 12 to 15")]
+
+
 # ---- device to host ---------------------------------------------------------------------
 
 
@@ -334,7 +345,7 @@ class Nack(Message):
 
     command_id: Annotated[int, number(U16, "id", "of the command")]
     command_type: Annotated[int, number(U8, "id", "type of the command", high=0x7E)]
-    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason, high=9)]
+    reason: Annotated[int, number(U8, "enum", "why", enum=NackReason, high=10)]
 
 
 @message(0x1B, _DEVICE, _RARE, default_hz=1, bootstrap=True)
@@ -386,6 +397,13 @@ class ParameterValue(Message):
     name: Annotated[str, text('name, a blank, unit: "wheel_diameter m"')]
 
 
+@message(0x1F, _DEVICE, _RARE)
+class Challenge(Message):
+    """A key is set: from which count this session's authenticated frames go on; with each hello."""
+
+    counter: Annotated[int, number(U32, "count", "random, new for each session")]
+
+
 ALL_MESSAGES = (
     Stop,
     VelocitySetpoint,
@@ -401,6 +419,7 @@ ALL_MESSAGES = (
     SaveParameters,
     SetStreamRate,
     Reboot,
+    SetKey,
     Sync,
     Status,
     Imu,
@@ -416,4 +435,5 @@ ALL_MESSAGES = (
     DescribeReply,
     LogText,
     ParameterValue,
+    Challenge,
 )

@@ -68,6 +68,7 @@ class Capability(IntFlag):
     CLIFF = 1 << 5
     ONBOARD_PLANNER = 1 << 6
     AUTHENTICATION = 1 << 7
+    """A key is set: whatever moves the robot or changes it needs a tag."""
 
 
 class Contact(IntFlag):
@@ -96,6 +97,8 @@ class NackReason(IntEnum):
     UNKNOWN_PARAMETER = 8
     OTHER_MODE = 9
     """The command needs another mode."""
+    NOT_AUTHENTICATED = 10
+    """A key is set, and the command came without its tag."""
 
 
 class ParameterKind(IntEnum):

@@ -37,15 +37,17 @@ class Bumper:
 
     def read(self) -> Bumpers:
         """Halves that are pressed now, or have not come back far enough since they were."""
-        touched = bumpers(self._plant.touch_bearings_rad)
-        before = self._pressed
+        bearings, before = self._plant.touch_bearings_rad, self._pressed
+        if not bearings and before is _FREE:
+            return _FREE
+        touched = bumpers(bearings)
         if (before.left and not touched.left) or (before.right and not touched.right):
             near = bumpers(self._bearings_near())
             touched = Bumpers(
                 touched.left or (before.left and near.left),
                 touched.right or (before.right and near.right),
             )
-        self._pressed = touched
+        self._pressed = touched if touched.left or touched.right else _FREE
         return touched
 
     def _bearings_near(self) -> Iterator[float]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import exp
 from typing import TYPE_CHECKING
 
 from sim_device import drive_kernel as k
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from sim_device.motors import MotorParameters
 
 _MASSLESS = 1e12
+_set = object.__setattr__
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +52,43 @@ class PlantFaults:
     slip_right: float = 0.0
     lifted: bool = False
     """Held in the air: wheels turn freely, the body stands still and touches nothing."""
+    touched: bool = field(default=True, init=False, repr=False, compare=False)
+    """Whether any of them was set since the plant last looked."""
+
+    def __setattr__(self, name: str, value: float) -> None:
+        _set(self, name, value)
+        if name != "touched":
+            _set(self, "touched", True)  # noqa: FBT003 - what it is set to
 
 
 def fill_parameters(
-    p: NDArray[np.float64], motor: MotorParameters, chassis: Chassis, model: RobotModel
+    b: NDArray[np.float64], motor: MotorParameters, chassis: Chassis, model: RobotModel
 ) -> None:
-    """Fill in the kernel's parameters that are those of the parts."""
+    """Fill in what the kernel's body has of the parts."""
     radius_m = 0.5 * model.wheel_diameter_m
-    p[k.BACK_EMF], p[k.RESISTANCE] = motor.back_emf_v_s, motor.resistance_ohm
-    p[k.FRICTION_V] = motor.friction_v
-    p[k.LOAD_V_N] = radius_m * motor.resistance_ohm / motor.back_emf_v_s
-    p[k.BODY_RADIUS], p[k.WALL_FRICTION] = model.radius_m, chassis.wall_friction
-    p[k.TRACTION_N] = chassis.traction_n
+    b[k.BACK_EMF], b[k.RESISTANCE] = motor.back_emf_v_s, motor.resistance_ohm
+    b[k.FRICTION_V], b[k.DROP_V] = motor.friction_v, model.driver_drop_v
+    b[k.LOAD_V_N] = radius_m * motor.resistance_ohm / motor.back_emf_v_s
+    b[k.BODY_RADIUS], b[k.WALL_FRICTION] = model.radius_m, chassis.wall_friction
+    b[k.TRACTION_N], b[k.ELECTRONICS_W] = chassis.traction_n, chassis.electronics_w
     mass = chassis.mass_kg
-    p[k.RAD_S_PER_N] = k.TICK_S / (0.5 * mass * radius_m) if mass > 0.0 else _MASSLESS
-    p[k.CASTER_N], p[k.CASTER_X] = chassis.caster_drag_n, chassis.caster_x_m
+    b[k.RAD_S_PER_N] = k.TICK_S / (0.5 * mass * radius_m) if mass > 0.0 else _MASSLESS
+    b[k.CASTER_N], b[k.CASTER_X] = chassis.caster_drag_n, chassis.caster_x_m
+
+
+def set_lag(
+    b: NDArray[np.float64],
+    motor: MotorParameters,
+    chassis: Chassis,
+    model: RobotModel,
+    *,
+    lifted: bool,
+) -> None:
+    """Fill in how the wheels lag; in the air they carry their own inertia only."""
+    tau = motor.time_constant_s
+    if lifted:
+        radius_m = 0.5 * model.wheel_diameter_m
+        body = 0.5 * chassis.mass_kg * radius_m**2
+        tau -= body * motor.resistance_ohm / motor.back_emf_v_s**2
+        tau = max(tau, 0.1 * motor.time_constant_s)
+    b[k.TAU], b[k.DECAY] = tau, 1.0 - exp(-k.TICK_S / tau)

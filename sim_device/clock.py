@@ -63,4 +63,6 @@ class DeviceClock:
 
     def true_us(self, uptime_us: int) -> int:
         """First whole true microsecond at which the uptime has reached a value."""
+        if self._rate == 1.0 and self._own_us == 0.0:
+            return self._true_us + uptime_us
         return self._true_us - int((self._own_us - uptime_us) / self._rate // 1)

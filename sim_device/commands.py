@@ -14,6 +14,7 @@ from protocol.messages import (
     PlannerCommand,
     Reboot,
     SaveParameters,
+    SetKey,
     SetMode,
     SetParameter,
     SetStreamRate,
@@ -112,6 +113,13 @@ def _reboot(firmware: Firmware, command: Reboot) -> NackReason | None:
     return None
 
 
+def _key(firmware: Firmware, command: SetKey) -> NackReason | None:
+    # As for saving: the flash is not to be written while the robot may move.
+    if firmware.mode is not Mode.IDLE:
+        return NackReason.OTHER_MODE
+    return firmware.keyring.change(command)
+
+
 _ACTS: dict[type[Message], Act] = {
     ClearStop: _clear,
     SetMode: _choose,
@@ -121,5 +129,6 @@ _ACTS: dict[type[Message], Act] = {
     SaveParameters: _save,
     SetStreamRate: _rate,
     Reboot: _reboot,
+    SetKey: _key,
 }
 COMMANDS = tuple(_ACTS)

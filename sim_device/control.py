@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sim_device.safety import Watchdog
     from sim_device.sampling import Around, Sampler
 
+_BRINGUP, _VELOCITY = State.BRINGUP, State.VELOCITY
 _EXPIRED = int(Fault.SETPOINT_EXPIRED)
 _SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
 """What needs whole senses, no host looking after the heading."""
@@ -55,6 +56,7 @@ class Control:
         self._now_us = 0
         self.power = PowerReading(model.battery_v, 0.0, 0.0, 0.0)
         """As last measured."""
+        self._supply_v = model.battery_v
         self._base = model
         self._parameters = parameters
         self._model = parameters.applied_to(model)
@@ -169,16 +171,15 @@ class Control:
     ) -> tuple[float, float]:
         """One control period: left and right duty."""
         self._now_us = now_us
-        modes, health, wheels = self.modes, self.health, self.wheels
-        counts = sampler.counts
-        watchdog: Watchdog = self.duties if modes.state is State.BRINGUP else self.setpoints
+        health, wheels, counts, state = self.health, self.wheels, sampler.counts, self.modes.state
+        watchdog: Watchdog = self.duties if state is _BRINGUP else self.setpoints
         if watchdog.until_us <= now_us and watchdog.expired(now_us):
             self._expired = _EXPIRED
         elif self._expired and watchdog.left_us(now_us):
             self._expired = 0
-        if modes.state is State.VELOCITY and not self.latch.cause:
+        if state is _VELOCITY and not self.latch.cause:
             v, yaw = self.setpoints.wanted
-            duties = wheels.step(v, yaw, counts, self.power.battery_v)
+            duties = wheels.step(v, yaw, counts, self._supply_v)
         else:
             duties = self._drive(tick, now_us, sampler, around)
         health.tick(sampler.imu, counts, wheels)
@@ -186,7 +187,7 @@ class Control:
             health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
         if health.bits != self._told_bits:
             self._tell_faults(health.bits)
-        if (health.bits or health.battery_empty) and modes.state is not State.STOPPED:
+        if (health.bits or health.battery_empty) and self.modes.state is not State.STOPPED:
             self._judge()
         return duties
 
@@ -194,7 +195,7 @@ class Control:
         self, tick: int, now_us: int, sampler: Sampler, around: Around | None
     ) -> tuple[float, float]:
         """Duties of any state but a host's velocity, or while something is latched."""
-        counts, supply_v = sampler.counts, self.power.battery_v
+        counts, supply_v = sampler.counts, self._supply_v
         v = yaw = 0.0
         if self.latch.cause:
             return self.wheels.step(0.0, 0.0, counts, supply_v)
@@ -217,7 +218,7 @@ class Control:
 
     def on_power(self, reading: PowerReading) -> None:
         """Take a reading of the supply."""
-        self.power = reading
+        self.power, self._supply_v = reading, reading.battery_v
         self.health.on_power(reading, self._low_v, self._empty_v)
 
     def _judge(self) -> None:

@@ -36,6 +36,7 @@ BROWN_OUT_V = 4.0
 SUPPLY_GOOD_V = 4.3
 """Where it lets go of it again."""
 _HALF_TICK_US = TICK_US // 2
+_OFF = State.OFF
 _SUPPLY_CAUSES = frozenset({ResetCause.POWER_ON, ResetCause.BROWN_OUT})
 
 
@@ -64,11 +65,13 @@ class VirtualSweeper:
         catalogue: Catalogue = CATALOGUE,
         link: type[LinkBase] = Link,
         boot_id: int | None = None,
+        local: bool = True,
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
         ``catalogue`` is what the firmware's version of the project declares, ``link`` what the
-        device is connected by. Without a ``boot_id`` it follows from the seed.
+        device is connected by, and ``local`` whether that can be reached from nowhere but beside
+        the robot: a key is set only so. Without a ``boot_id`` it follows from the seed.
 
         Raises:
             FloorPlanError: the robot does not fit where it should start.
@@ -82,7 +85,7 @@ class VirtualSweeper:
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         self.clock = DeviceClock()
         self.flash = Flash()
-        self._model, self._catalogue, self._link = model, catalogue, link
+        self._model, self._catalogue, self._link, self._local = model, catalogue, link, local
         self._identity = Identity(node, identity_rng.bytes(12), boot_id or _boot_id(identity_rng))
         self._identity_rng = identity_rng
         self._modes = ModeMachine()
@@ -104,7 +107,7 @@ class VirtualSweeper:
         firmware = self.firmware
         if data:
             firmware.receive(data, self.clock.uptime_us(now_us))
-        out = firmware.data_to_send()
+        out = firmware.link.data_to_send()
         if firmware.reboot_wanted is not None:
             if firmware.reboot_wanted is RebootKind.FACTORY_RESET:
                 self.flash.erase()
@@ -170,7 +173,7 @@ class VirtualSweeper:
                 next_us = clock.true_us((ticks + 1) * TICK_US)
         self._next_tick_us = next_us
         plant.advance_ms(next_us // 1000 - now_us // 1000)
-        if plant.rail_5v_v < BROWN_OUT_V and modes.state is not State.OFF:
+        if plant.rail_5v_v < BROWN_OUT_V and modes.state is not _OFF:
             self.reset(ResetCause.BROWN_OUT)
 
     def _wait(self, now_us: int) -> int:
@@ -196,4 +199,5 @@ class VirtualSweeper:
             link=self._link,
             clock=self.clock,
             modes=self._modes,
+            local=self._local,
         )

@@ -31,6 +31,8 @@ class Flash:
     def __init__(self) -> None:
         """New from the factory: erased."""
         self.pages = [b"", b""]
+        self.key: bytes | None = None
+        """That motion is authenticated with, in a page of its own; None: there is none."""
         self._job: bytes | None = None
         self._page = 0
         self._erase_ms = 0
@@ -44,6 +46,7 @@ class Flash:
     def erase(self) -> None:
         """Forget everything, a save under way included."""
         self.pages = [b"", b""]
+        self.key = None
         self._job = None
 
     @property

@@ -40,6 +40,8 @@ MOTOR_STALL, BATTERY_LOW, LIFTED = (
     int(Fault.LIFTED),
 )
 _ENCODERS = ENCODER_LEFT | ENCODER_RIGHT
+_RANGERS = ULTRASONIC | INFRARED
+_HALF_WRAP, _MASK = 0x8000, 0xFFFF
 
 PERIOD_S = 0.01
 STALL_S = 1.0
@@ -86,9 +88,9 @@ class Health:
         self._currents_a = (0.0, 0.0)
         self._empty = 0
         self._imu: ImuCounts | None = None
-        self._ticks = self._repeats = self._longest = self._disagrees = self._strange = 0
-        self._rest_ticks = 0
-        self._jolt_ticks = JOLT_TICKS
+        self._tick = self._repeats = self._longest = self._disagrees = self._strange = 0
+        self._moved_tick, self._jolt_tick = 0, -JOLT_TICKS
+        """When the wheels last turned, and a jolt was last felt."""
         self._counts = self._range_counts = (0, 0)
         self._blows = 0
         self._touched = False
@@ -114,42 +116,40 @@ class Health:
 
     def tick(self, imu: ImuCounts, counts: tuple[int, int], wheels: WheelControl) -> None:
         """One 10 ms period, after the wheels were controlled."""
+        self._tick = tick = self._tick + 1
         if counts != self._counts:
-            self._turned(counts)
-        else:
-            self._rest_ticks += 1
-        self._jolt_ticks += 1
+            self._moved_tick = tick
+            if self.bits & _ENCODERS:
+                self._counted(counts)
+            self._counts = counts
         up = imu[2] - GRAVITY_LSB
         if up > JOLT_LSB or up < -JOLT_LSB:
-            self._jolt_ticks = 0
+            self._jolt_tick = tick
         if imu == self._imu:
             self._repeats += 1
+            self._judge_imu(imu, wheels)
         else:
             self._repeats = 0
             self._imu = imu
-        self._ticks += 1
-        if self._repeats or self._rest_ticks >= REST_TICKS or self.bits & IMU:
-            self._judge_imu(imu, wheels)
-        if wheels.left.stalled_s or wheels.right.stalled_s or self.bits & MOTOR_STALL:
+            if tick - self._moved_tick >= REST_TICKS or self.bits & IMU:
+                self._judge_imu(imu, wheels)
+        if wheels.stalling or self.bits & MOTOR_STALL:
             self._judge_stall(wheels)
 
-    def _turned(self, counts: tuple[int, int]) -> None:
-        self._rest_ticks = 0
-        if self.bits & _ENCODERS:
-            if counts[0] != self._counts[0]:
-                self.bits &= ~ENCODER_LEFT
-            if counts[1] != self._counts[1]:
-                self.bits &= ~ENCODER_RIGHT
-        self._counts = counts
+    def _counted(self, counts: tuple[int, int]) -> None:
+        if counts[0] != self._counts[0]:
+            self.bits &= ~ENCODER_LEFT
+        if counts[1] != self._counts[1]:
+            self.bits &= ~ENCODER_RIGHT
 
     def _judge_imu(self, imu: ImuCounts, wheels: WheelControl) -> None:
         self._strange = self._strange + 1 if self._strange_at_rest(imu) else 0
         repeats = self._repeats
-        if self._ticks <= LEARN_TICKS:
+        if self._tick <= LEARN_TICKS:
             self._longest = max(self._longest, repeats)
         apart = abs(wheels.yaw_rate_rad_s - imu[6] * _GYRO_RAD_S) > DISAGREE_RAD_S
         self._disagrees = self._disagrees + 1 if repeats >= QUIET_TICKS and apart else 0
-        lively = self._ticks > LEARN_TICKS and self._longest <= LIVELY_TICKS
+        lively = self._tick > LEARN_TICKS and self._longest <= LIVELY_TICKS
         dead = (lively and repeats >= REPEAT_TICKS) or self._disagrees >= STRANGE_TICKS
         if dead or self._strange >= STRANGE_TICKS:
             self.bits |= IMU
@@ -158,7 +158,7 @@ class Health:
 
     def _strange_at_rest(self, imu: ImuCounts) -> bool:
         """Whether a robot that stands reads what one that stands cannot."""
-        if self._rest_ticks < REST_TICKS or self.bits & LIFTED:
+        if self._tick - self._moved_tick < REST_TICKS or self.bits & LIFTED:
             return False
         gravity = math.sqrt(imu[0] * imu[0] + imu[1] * imu[1] + imu[2] * imu[2]) / GRAVITY_LSB
         return (
@@ -195,27 +195,44 @@ class Health:
 
     def on_around(self, around: Around, wheel_base_m: float, metres_per_count: float) -> None:
         """Take a reading of rangers and contacts, with how far the wheels went since the last."""
-        left, right = (
-            ((now - before + 0x8000) & 0xFFFF) - 0x8000
-            for now, before in zip(self._counts, self._range_counts, strict=True)
-        )
+        sonar_m, left_m, right_m, bumper_left, bumper_right, cliff = around
+        (left, right), (left_0, right_0) = self._counts, self._range_counts
         self._range_counts = self._counts
+        left = (left - left_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
+        right = (right - right_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
         ahead_m = 0.5 * (left + right) * metres_per_count
         turned_rad = (right - left) * metres_per_count / wheel_base_m
-        if around.cliff:
-            if self._jolt_ticks < JOLT_TICKS:
-                self.bits |= LIFTED
-        else:
-            self.bits &= ~LIFTED
-        self._judge_sonar(around, ahead_m, turned_rad)
-        self._judge_side(0, around.infrared_left_m, ahead_m, turned_rad)
-        self._judge_side(1, around.infrared_right_m, ahead_m, turned_rad)
-        stuck = any(turned >= TURN_RAD for turned in self._side_rad)
-        self._set(INFRARED, present=stuck)
+        bits = self.bits & ~_RANGERS
+        if not cliff:
+            bits &= ~LIFTED
+        elif self._tick - self._jolt_tick < JOLT_TICKS:
+            bits |= LIFTED
+        if self._sonar_lies(sonar_m, bumper_left and bumper_right, ahead_m, turned_rad):
+            bits |= ULTRASONIC
+        creeps = -CREEP_M <= ahead_m <= CREEP_M
+        for side, range_m in enumerate((left_m, right_m)):
+            before_m = self._side_m[side]
+            if range_m != before_m and not (
+                creeps
+                and range_m is not None
+                and before_m is not None
+                and abs(range_m - before_m) <= INFRARED_UNCHANGED_M
+            ):
+                self._side_m[side], self._side_rad[side] = range_m, 0.0
+            elif creeps and range_m is not None:
+                self._side_rad[side] += abs(turned_rad)
+            if self._side_rad[side] >= TURN_RAD:
+                bits |= INFRARED
+        self.bits = bits
 
-    def _judge_sonar(self, around: Around, ahead_m: float, turned_rad: float) -> None:
-        sonar_m = around.ultrasonic_m
-        touched = around.bumper_left and around.bumper_right
+    def _sonar_lies(
+        self,
+        sonar_m: float | None,
+        touched: bool,  # noqa: FBT001 - a reading
+        ahead_m: float,
+        turned_rad: float,
+    ) -> bool:
+        """Whether the ultrasonic tells what the rest contradicts, for long enough."""
         if touched and not self._touched:
             saw = sonar_m is not None and sonar_m <= NEAR_M
             self._blows = 0 if saw else self._blows + 1
@@ -227,21 +244,4 @@ class Health:
             self._sonar_m, self._unseen_m = sonar_m, 0.0
         elif sonar_m > NEAR_M and not touched and abs(turned_rad) <= 0.5 * abs(ahead_m):
             self._unseen_m += max(0.0, ahead_m)
-        wrong = self._blows >= BLOWS or self._unseen_m >= UNCHANGED_OVER_M
-        self._set(ULTRASONIC, present=wrong)
-
-    def _judge_side(
-        self, side: int, range_m: float | None, ahead_m: float, turned_rad: float
-    ) -> None:
-        before_m = self._side_m[side]
-        if (
-            range_m is None
-            or before_m is None
-            or abs(range_m - before_m) > INFRARED_UNCHANGED_M
-            or abs(ahead_m) > CREEP_M
-        ):
-            self._side_m[side] = range_m
-            if range_m != before_m:
-                self._side_rad[side] = 0.0
-        else:
-            self._side_rad[side] += abs(turned_rad)
+        return self._blows >= BLOWS or self._unseen_m >= UNCHANGED_OVER_M

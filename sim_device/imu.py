@@ -35,6 +35,7 @@ from sim_device.sensor_faults import SensorFaults
 if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
     from sim_device.plant import Plant
+    from sim_device.truth import Inertial
 
 GYRO_LSB_PER_DEG_S = {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}
 """By full scale, °/s: FS_SEL 0 to 3, section 6.1."""
@@ -48,8 +49,6 @@ WARMING_C = 6.0
 """How far the board warms above ambient, within ``imu_kernel.WARMING_TIME_S``: our choice
 for 1.5 W under a cover."""
 
-_MOVING_RAD_S = 0.05
-"""Mean wheel speed above which motion's own errors are present; 1.6 mm/s."""
 _BLOCK = 512 * k.DRAWS
 _DEG = 180.0 / math.pi
 _new = tuple.__new__
@@ -105,9 +104,6 @@ class ImuConfig:
 
 
 _CONFIG = ImuConfig()
-Felt = tuple[float, float, float, float, float, float]
-"""Means over an interval: acceleration x, y, z in g, rate x, y, z in °/s."""
-_AT_REST: Felt = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 class ImuCounts(NamedTuple):
@@ -147,74 +143,49 @@ class Imu:
         self._told_bias: tuple[object, object] = (None, None)
         self._normals = np.empty(_BLOCK)
         self._at = _BLOCK
-        self._rows = np.zeros((k.ROWS, 1 + k.AXES))
-        self._mean = np.zeros(k.AXES)
         self._interval_ms = 0
-        self._before = plant.inertial
-        self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
         self._set_interval(max(1, round(config.sample_period_ms)))
-        self._last = self._told = self._sample(_AT_REST, False)  # noqa: FBT003 - at rest
+        now = plant.inertial
+        self._chip[k.BEFORE : k.BEFORE + len(now) - 1] = now[1:]
+        self._was_ms = now.tick_ms
+        self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
+        self._last = self._told = self._sample(now)
 
     def read(self) -> ImuCounts:
         """Read the registers as they stand at this tick."""
         plant = self._plant
-        sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
+        tick_ms = plant.tick_ms
+        sample_no = _EIGHTHS * tick_ms // self._period_eighths
         if sample_no != self._sample_no:
             self._sample_no = sample_no
-            self._take(plant)
-        if self._faults.imu_frozen:
-            return self._told
-        self._told = self._last
-        return self._last
+            interval_ms = tick_ms - self._was_ms
+            if interval_ms != self._interval_ms:
+                self._set_interval(interval_ms)
+            self._was_ms = tick_ms
+            self._last = self._sample(plant.inertial)
+        if not self._faults.imu_frozen:
+            self._told = self._last
+        return self._told
 
-    def _take(self, plant: Plant) -> None:
-        now, before = plant.inertial, self._before
-        self._before = now
-        tick_ms, heading, impulse_x, impulse_y, left, right, pitch, roll, climb = now
-        was_ms, heading_0, impulse_x_0, impulse_y_0, left_0, right_0, pitch_0, roll_0, climb_0 = (
-            before
-        )
-        if tick_ms - was_ms != self._interval_ms:
-            self._set_interval(tick_ms - was_ms)
-        rate, per_g, per_deg = self._per_s, self._per_g, self._per_deg
-        # The plant's pitch is nose up, which is backwards about y.
-        felt = (
-            (impulse_x - impulse_x_0) * per_g,
-            (impulse_y - impulse_y_0) * per_g,
-            1.0 + (climb - climb_0) * per_g,
-            (roll - roll_0) * per_deg,
-            (pitch_0 - pitch) * per_deg,
-            (heading - heading_0) * per_deg,
-        )
-        turned_rad_s = (abs(left - left_0) + abs(right - right_0)) * rate
-        self._last = self._sample(felt, turned_rad_s > 2.0 * _MOVING_RAD_S)
-
-    def _sample(self, felt: Felt, moving: bool) -> ImuCounts:  # noqa: FBT001 - as the kernel
+    def _sample(self, now: Inertial) -> ImuCounts:
         at = self._at
         if at >= _BLOCK:
             self._rng.standard_normal(out=self._normals)
             at = 0
         self._at = at + k.DRAWS
-        faults, tick_ms = self._faults, self._before.tick_ms
+        if self._faults.touched or self._lift.active:
+            self._obey(now.tick_ms)
+        return _new(ImuCounts, k.sample(self._chip, self._normals, at, *now))
+
+    def _obey(self, tick_ms: int) -> None:
+        faults = self._faults
         if faults.lifted or self._lift.active:
             self._feel_lift(tick_ms)
+        else:
+            faults.touched = False
         gyro, accel = self._told_bias
         if faults.gyro_bias_deg_s != gyro or faults.accel_bias_g != accel:
             self._obey_bias()
-        return _new(
-            ImuCounts,
-            k.sample(
-                self._chip,
-                self._rows,
-                self._mean,
-                self._normals,
-                at,
-                float(self._interval_ms),
-                float(tick_ms),
-                *felt,
-                moving,
-            ),
-        )
 
     def _feel_lift(self, tick_ms: int) -> None:
         felt = self._lift.felt(tick_ms, self._interval_ms, lifted=self._faults.lifted)
@@ -232,8 +203,9 @@ class Imu:
         noise, chip = self._noise, self._chip
         interval_s = 0.001 * interval_ms
         self._interval_ms = interval_ms
-        self._per_s = rate = 1.0 / interval_s
-        self._per_g, self._per_deg = rate / GRAVITY_M_S2, rate * _DEG
+        rate = 1.0 / interval_s
+        chip[k.INTERVAL_MS], chip[k.PER_S] = interval_ms, rate
+        chip[k.PER_G], chip[k.PER_DEG] = rate / GRAVITY_M_S2, rate * _DEG
         white = self._alias / math.sqrt(2.0 * interval_s)
         gyro = noise.gyro_density_deg_s_sqrt_hz * white
         rest_g = 1e-6 * noise.accel_density_ug_sqrt_hz * white

@@ -251,6 +251,16 @@ class Draws:
             self._normals = self._rng.standard_normal(_BLOCK).tolist()
         return self._normals.pop()
 
+    def normals(self, count: int) -> list[float]:
+        """Next ``count`` standard normal values, as ``normal`` would give them."""
+        drawn: list[float] = []
+        while len(drawn) < count:
+            waiting = self._normals or self._rng.standard_normal(_BLOCK).tolist()
+            rest = max(0, len(waiting) - (count - len(drawn)))
+            drawn += waiting[: rest - len(waiting) - 1 : -1]
+            self._normals = waiting[:rest]
+        return drawn
+
     def uniform(self) -> float:
         """Next value uniform in [0, 1)."""
         if not self._uniforms:

@@ -42,6 +42,8 @@ _PHASES = {
     "drive": PlannerPhase.LANE,
     "turn": PlannerPhase.TURN,
     "step": PlannerPhase.STEP,
+    "travel": PlannerPhase.STEP,
+    "recovery-travel": PlannerPhase.RECOVERY_BACK,
     "recovery-back": PlannerPhase.RECOVERY_BACK,
     "recovery-lane": PlannerPhase.RECOVERY_LANE,
     "recovery-step": PlannerPhase.RECOVERY_LANE,

@@ -32,6 +32,10 @@ BATTERY_EMPTY_V = 12.0
 """3.0 V a cell: below it for a second, a pack is harmed and driving ends."""
 
 
+RANGERS = ("ultrasonic", "infrared_left", "infrared_right")
+"""In the order of their readings."""
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One line of the table; ``default``, ``low`` and ``high`` in ``unit``."""
@@ -110,6 +114,16 @@ def table(model: RobotModel, node: int) -> tuple[Parameter, ...]:
         robot("cleaning_width", "m", "cleaning_width_m", 0.02, 2.0, needs_reboot=True),
         robot("mouth_offset", "m", "mouth_offset_m", -1.0, 1.0, needs_reboot=True),
         Parameter("battery_empty", "V", f32, BATTERY_EMPTY_V, 3.0, 60.0),
+        robot("wheel_ratio", "ratio", "wheel_ratio", 0.8, 1.25, needs_reboot=True),
+        robot("gyro_bias", "rad/s", "gyro_bias_rad_s", -0.4, 0.4, needs_reboot=True),
+        *(
+            Parameter(f"{ranger}_{name}", unit, f32, value, low, high, needs_reboot=True)
+            for ranger in RANGERS
+            for name, unit, value, low, high in (
+                ("scale", "ratio", getattr(model, ranger).scale, 0.5, 2.0),
+                ("offset", "m", getattr(model, ranger).offset_m, -0.2, 0.2),
+            )
+        ),
     )
 
 
@@ -198,6 +212,11 @@ class ParameterStore:
         raw = (self._boot if parameter.needs_reboot else self._present)[number]
         # The default itself, not its 32-bit rounding.
         return parameter.default if raw == self._defaults[number] else from_raw(parameter.kind, raw)
+
+    def range_corrections(self) -> tuple[tuple[float, float], ...] | None:
+        """Scale and offset (m) of each ranger as in effect; None where they change nothing."""
+        found = tuple((self.value(f"{r}_scale"), self.value(f"{r}_offset")) for r in RANGERS)
+        return None if found == ((1.0, 0.0),) * len(RANGERS) else found
 
     def applied_to(self, model: RobotModel) -> RobotModel:
         """The robot model with the values in effect."""

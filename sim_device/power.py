@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from sim_device.noise import Draws, NoiseLevel
     from sim_device.plant import Plant
 
-_SECONDS_PER_HOUR = 3600.0
 RAIL_V, RAIL_DROPOUT_V = 5.0, 1.5
 """Of the logic rail: below 6.5 V at the battery it falls with it."""
 RAIL_WHOLE_V = RAIL_V + RAIL_DROPOUT_V
@@ -20,7 +19,13 @@ BRIDGE_LOGIC_V = 4.5
 
 @dataclass(frozen=True, slots=True)
 class BatteryParameters:
-    """A four-cell pack with a protection circuit; see ``Battery`` for its curve."""
+    """A four-cell pack with a protection circuit; ``slow_kernel`` has its state.
+
+    The open-circuit voltage falls in a straight line with the charge down to the knee, and
+    steeply below it, where the internal resistance grows as well: a load then sags what is
+    left. At 0 the pack's protection opens: no voltage at all, until it is charged. Over each
+    10 ms the terminals' voltage is constant: it follows the current of those before.
+    """
 
     full_v: float = 16.0
     """Open-circuit voltage when full."""
@@ -37,77 +42,6 @@ class BatteryParameters:
     """... by this share when empty: 8.2 V, about 2 V a cell, where protection circuits open."""
     knee_resistance: float = 4.0
     """Growth of the resistance at 0, as a multiple of itself."""
-
-
-class Battery:
-    """State of charge and terminal voltage.
-
-    The open-circuit voltage falls in a straight line with the charge down to the knee, and
-    steeply below it, where the internal resistance grows as well: a load then sags what is
-    left. At 0 the pack's protection opens: no voltage at all, until it is charged.
-    """
-
-    __slots__ = (
-        "_p",
-        "_slope_v",
-        "charge_ah",
-        "current_a",
-        "drawn_j",
-        "internal_j",
-        "open_v",
-        "terminal_v",
-    )
-
-    def __init__(self, parameters: BatteryParameters) -> None:
-        """Start at the parameters' state of charge, with no current."""
-        self._p = parameters
-        self._slope_v = 1.0 - parameters.empty_ratio
-        self.current_a = 0.0
-        self.drawn_j = 0.0
-        """Energy given at the terminals since power-on."""
-        self.internal_j = 0.0
-        """Energy lost in its own resistance since power-on."""
-        self.set_charge(parameters.state_of_charge)
-
-    @property
-    def state_of_charge(self) -> float:
-        """0..1."""
-        return self.charge_ah / self._p.capacity_ah
-
-    def set_charge(self, fraction: float) -> None:
-        """Make it that full, 0..1 (limited to it)."""
-        self.charge_ah = self._p.capacity_ah * min(1.0, max(0.0, fraction))
-        self._settle()
-
-    def draw(self, charge_c: float, duration_s: float) -> None:
-        """Give a charge at the present voltage, then let it lower the charge and sag the voltage.
-
-        Over each such period the voltage is constant: it follows the current of the one before.
-        """
-        terminal_v = self.terminal_v
-        self.drawn_j += charge_c * terminal_v
-        self.internal_j += charge_c * (self.open_v - terminal_v)
-        self.current_a = charge_c / duration_s
-        left_ah = self.charge_ah - charge_c / _SECONDS_PER_HOUR
-        self.charge_ah = left_ah if left_ah > 0.0 else 0.0  # noqa: FURB136 - each period: no call
-        self._settle()
-
-    def _settle(self) -> None:
-        p = self._p
-        charge = self.charge_ah / p.capacity_ah
-        ohm = p.resistance_ohm
-        open_v = p.full_v * (p.empty_ratio + self._slope_v * charge)
-        if charge < p.knee:
-            depth = 1.0 - charge / p.knee
-            open_v *= 1.0 - p.knee_fall * depth
-            ohm *= 1.0 + p.knee_resistance * depth
-        self.open_v = open_v
-        """Open-circuit voltage."""
-        terminal_v = open_v - self.current_a * ohm
-        if terminal_v < 0.0 or charge == 0.0:
-            terminal_v = 0.0
-        self.terminal_v = terminal_v
-        """Voltage under the present current."""
 
 
 def rail_5v_v(supply_v: float) -> float:

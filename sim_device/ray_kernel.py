@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 HIT_RANGE, HIT_COSINE, HIT_EDGE = 0, 1, 2
 """Columns of a hit: range in metres (``inf``: none), cosine of the angle between the ray and
 the normal of what it met (1: square on), index of the edge (-1: the walker, or nothing)."""
+(EAR_X, EAR_Y, EAR_YAW, EAR_HALF_ANGLE, EAR_COSINE, EAR_REACH, EAR_EDGE_REACH) = range(7)
+"""Where a ranger of sound sits, facing where, with which half angle (below π/2); the least cosine
+at which a wall echoes; and how far corners do: at all, and those that jut into the floor."""
 _SEAM = 1e-9
 """Relative: neighbouring edges share a corner, and no ray shall slip between them."""
 _IN_SIGHT_M = 1e-6
@@ -97,42 +100,56 @@ def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many 
 
 
 @compiled
-def nearest_corner(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
+def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
     edges: Floats,
     walker: Floats,
     corners: Floats,
     x_m: float,
     y_m: float,
-    bearing_rad: float,
-    half_angle_rad: float,
-    within_m: float,
-    jutting_within_m: float,
+    theta_rad: float,
+    beams: Floats,
+    ear: Floats,
 ) -> float:
-    """Distance from a point to the nearest corner in a cone and in sight; ``inf``: none.
+    """Distance to the nearest thing from which a fan of sound comes back; ``inf``: none.
 
     Args:
         edges: See the module.
         walker: See the module.
         corners: Per corner its place and 1 where it juts into the floor, else 0; ``(n, 3)``.
-        x_m: Where the cone starts; so ``y_m``.
+        x_m: The body's pose; so ``y_m``, ``theta_rad``.
         y_m: See ``x_m``.
-        bearing_rad: The cone's axis in the room's frame.
-        half_angle_rad: From the axis to the cone's side, below π/2.
-        within_m: Corners farther than this do not count ...
-        jutting_within_m: ... nor do those that jut into the floor and are farther than this.
+        theta_rad: See ``x_m``.
+        beams: The fan, as for ``cast_beams``.
+        ear: Laid out by ``EAR_…``.
 
     """
-    ax, ay, cosine = cos(bearing_rad), sin(bearing_rad), cos(half_angle_rad)
-    best = within_m
-    found = False
+    c, s = cos(theta_rad), sin(theta_rad)
+    nearest = inf
+    for k in range(beams.shape[0]):
+        bx, by, ux, uy = beams[k, 0], beams[k, 1], beams[k, 2], beams[k, 3]
+        far, cosine, _ = _first_hit(
+            edges,
+            walker,
+            x_m + (c * bx - s * by),
+            y_m + (s * bx + c * by),
+            c * ux - s * uy,
+            s * ux + c * uy,
+        )
+        if cosine >= ear[EAR_COSINE] and far < nearest:
+            nearest = far
+    x_m = x_m + c * ear[EAR_X] - s * ear[EAR_Y]
+    y_m = y_m + s * ear[EAR_X] + c * ear[EAR_Y]
+    bearing = theta_rad + ear[EAR_YAW]
+    ax, ay, narrow = cos(bearing), sin(bearing), cos(ear[EAR_HALF_ANGLE])
+    best = min(nearest, ear[EAR_REACH])
     for i in range(corners.shape[0]):
         to_x, to_y = corners[i, 0] - x_m, corners[i, 1] - y_m
         far = hypot(to_x, to_y)
-        if far > best or far == 0.0 or to_x * ax + to_y * ay < cosine * far:
+        if far > best or far == 0.0 or to_x * ax + to_y * ay < narrow * far:
             continue
-        if corners[i, 2] > 0.0 and far > jutting_within_m:
+        if corners[i, 2] > 0.0 and far > ear[EAR_EDGE_REACH]:
             continue
         hit, _, _ = _first_hit(edges, walker, x_m, y_m, to_x / far, to_y / far)
         if hit >= far - _IN_SIGHT_M:
-            best, found = far, True
-    return best if found else inf
+            best = nearest = far
+    return nearest

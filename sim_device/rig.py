@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,16 +23,17 @@ from sim_device.line import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
-    from sim_device.device import VirtualSweeper
     from sim_device.faults.spec import FaultSpec
     from sim_device.plant import Plant, Truth
+    from sim_device.rigged import RiggedDevice
 
 _RETRY_US = 1_000
 """How soon what the host did not take is offered again: a USB frame."""
 _SEED = 0x11E
 """Keeps the line's draws apart from the device's, which are made from the same seed."""
+_ALL: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(slots=True)
@@ -59,13 +61,14 @@ class Rig:
 
     def __init__(
         self,
-        device: VirtualSweeper,
+        device: RiggedDevice,
         settings: LineSettings = STRAIGHT,
         faults: Iterable[FaultSpec] = (),
         *,
         seed: int = 0,
+        cannot: Mapping[str, str] = _ALL,
     ) -> None:
-        """Connect ``device`` as ``settings`` say.
+        """Connect ``device`` as ``settings`` say; ``cannot``: kinds of fault it refuses, and why.
 
         Raises:
             FaultSpecError: a fault cannot be on this device.
@@ -73,7 +76,7 @@ class Rig:
         """
         self.device = device
         self.settings = settings
-        self.faults = FaultInjector(device, faults)
+        self.faults = FaultInjector(device, faults, cannot=cannot)
         up, down, up_delay, down_delay = np.random.default_rng((_SEED, seed)).spawn(4)
         self._damage_up, self._damage_down = Damage(up), Damage(down)
         self._delay_up, self._delay_down = Delay(up_delay), Delay(down_delay)

@@ -49,11 +49,18 @@ class Around(NamedTuple):
 class Sampler:
     """Reads the sensors; what is asked for twice in a period is read once."""
 
-    def __init__(self, sensors: Sensors) -> None:
-        """Nothing is read before the first period."""
+    def __init__(
+        self, sensors: Sensors, corrections: tuple[tuple[float, float], ...] | None = None
+    ) -> None:
+        """Nothing is read before the first period.
+
+        ``corrections`` are scale and offset (m) of each ranger, by calibration.
+        """
+        self._corrections = corrections
         self._sensors = sensors
         self._zero: tuple[int, int] | None = None
-        self._tick = -1
+        """Where the counters stood at the boot; None where that was 0, or is not known yet."""
+        self._begun = False
         self._around: Around | None = None
         self.counts = (0, 0)
         """Wheel counts of this period; the timers that hold them begin at 0 with a boot."""
@@ -64,8 +71,10 @@ class Sampler:
         """Start a period: counts and IMU are read in each."""
         sensors = self._sensors
         counts = sensors.encoders()
-        if self._zero != (0, 0):
-            zero_left, zero_right = self._zero = self._zero or counts
+        if not self._begun:
+            self._begun, self._zero = True, counts if counts != (0, 0) else None
+        if self._zero is not None:
+            zero_left, zero_right = self._zero
             counts = counts[0] - zero_left & _MASK, counts[1] - zero_right & _MASK
         self.counts = counts
         self.imu = sensors.imu()
@@ -75,7 +84,15 @@ class Sampler:
         """Rangers, bumpers and cliff in this period."""
         if self._around is None:
             sensors = self._sensors
-            self._around = Around(*sensors.ranges(), *sensors.bumpers(), sensors.cliff())
+            front_m, left_m, right_m = sensors.ranges()
+            if self._corrections is not None:
+                front_m, left_m, right_m = (
+                    None if range_m is None else max(0.0, scale * range_m + offset_m)
+                    for range_m, (scale, offset_m) in zip(
+                        (front_m, left_m, right_m), self._corrections, strict=True
+                    )
+                )
+            self._around = Around(front_m, left_m, right_m, *sensors.bumpers(), sensors.cliff())
         return self._around
 
     def contacts(self) -> tuple[bool, bool, bool]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 _HALF_WRAP = 1 << 15
 _MASK = 0xFFFF
+_set = object.__setattr__
 
 
 @dataclass(slots=True)
@@ -29,6 +30,13 @@ class SensorFaults:
     bumper_stuck_right: bool = False
     lifted: bool = False
     """Held up: the cliff sensor sees no floor, the accelerometer feels it (``lift``)."""
+    touched: bool = field(default=True, init=False, repr=False, compare=False)
+    """Whether any of them was set since the inertial sensor last looked."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        _set(self, name, value)
+        if name != "touched":
+            _set(self, "touched", True)  # noqa: FBT003 - what it is set to
 
     @property
     def gyro_bias(self) -> tuple[float, float, float]:
@@ -40,11 +48,12 @@ class SensorFaults:
 class CountDropout:
     """Loses a share of one encoder's edges."""
 
-    __slots__ = ("_before", "_lost")
+    __slots__ = ("_lost", "before")
 
     def __init__(self) -> None:
         """Nothing lost yet."""
-        self._before: int | None = None
+        self.before: int | None = None
+        """The counter as it was last."""
         self._lost = 0.0
 
     def apply(self, count: int, share: float) -> int:
@@ -52,11 +61,8 @@ class CountDropout:
 
         The wheel must turn less than half the counter's range between calls.
         """
-        if share == 0.0 and self._lost == 0.0:  # seldom anything is broken
-            self._before = count
-            return count
-        if self._before is not None and share > 0.0:
-            new = ((count - self._before + _HALF_WRAP) & _MASK) - _HALF_WRAP
+        if self.before is not None and share > 0.0:
+            new = ((count - self.before + _HALF_WRAP) & _MASK) - _HALF_WRAP
             self._lost += min(1.0, share) * new
-        self._before = count
+        self.before = count
         return (count - round(self._lost)) & _MASK

@@ -7,17 +7,20 @@ from typing import TYPE_CHECKING
 from sim_device.bumper import Bumper
 from sim_device.cliff import CliffSensor
 from sim_device.encoders import Encoders
-from sim_device.imu import Imu, ImuCounts
+from sim_device.imu import Imu
 from sim_device.noise import Draws
 from sim_device.power import PowerMonitor, PowerReading
 from sim_device.rangers import Rangers, Ranges
-from sim_device.sensor_faults import CountDropout, SensorFaults
+from sim_device.sensor_faults import SensorFaults
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
 
     from bridge.motion.robot_model import RobotModel
     from sim_device.contacts import Bumpers
+    from sim_device.imu import ImuCounts
     from sim_device.noise import NoiseLevel
     from sim_device.plant import Plant
 
@@ -43,27 +46,14 @@ class SensorSuite:
         self.faults = SensorFaults()
         """What is broken; may be changed at any time."""
         self._plant = plant
-        self._encoders = Encoders(plant, model)
-        self._dropouts = CountDropout(), CountDropout()
-        self._imu = Imu(plant, noise, imu_rng, self.faults)
+        self.encoders: Callable[[], tuple[int, int]] = Encoders(plant, model, self.faults).read
+        """Gives left and right count, 0..65535."""
+        self.imu: Callable[[], ImuCounts] = Imu(plant, noise, imu_rng, self.faults).read
+        """Gives the MPU6050's registers: acceleration, temperature, rotation."""
         self._rangers = Rangers(model, noise, range_rng)
         self._bumper = Bumper(plant, model.radius_m)
         self._cliff = CliffSensor(model.radius_m)
         self._power = PowerMonitor(plant, noise, Draws(power_rng))
-
-    def imu(self) -> ImuCounts:
-        """MPU6050 registers: acceleration, temperature, rotation."""
-        return self._imu.read()
-
-    def encoders(self) -> tuple[int, int]:
-        """Left and right count, 0..65535."""
-        left, right = self._encoders.read()
-        faults = self.faults
-        lost_left, lost_right = self._dropouts
-        return (
-            lost_left.apply(left, faults.encoder_dropout_left),
-            lost_right.apply(right, faults.encoder_dropout_right),
-        )
 
     def ranges(self) -> Ranges:
         """Ultrasonic, infrared left, infrared right, metres or ``None``."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING
 
+from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, LinkCounters, Status, Sync
-from sim_device.streams import TICK_HZ, power_message, range_message
-from sim_device.versions import blank
+from sim_device.streams import TICK_HZ, is_device_stream, power_message, range_message
+from sim_device.versions import as_spec, blank
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +27,7 @@ _TIME_TO_LIVE_MS_MAX = 250
 
 
 class Telemetry:
-    """Reads each stream's message by the stream's name."""
+    """Packs each stream's readings, by the stream's name."""
 
     def __init__(self, link: LinkBase, sampler: Sampler, control: Control) -> None:
         self.stale = 0
@@ -34,20 +35,41 @@ class Telemetry:
         self._link, self._sampler, self._control = link, sampler, control
         self._load_percent = 0
         self._frames_before = 0
-        self.readers: dict[str, Callable[[int], Message]] = {
+        self.streams = {
+            spec.name: (spec.type_id, self._packer(spec))
+            for spec in link.codec.catalogue
+            if is_device_stream(spec)
+        }
+        """By the stream's name: its type, and what gives its payload at a moment, microseconds
+        of uptime."""
+
+    def _packer(self, spec: MessageSpec) -> Callable[[int], bytes]:
+        """Give what packs a stream's readings as the catalogue declares it."""
+        sampler, codec, pack = self._sampler, self._link.codec, spec.layout.pack
+        if spec.cls is Imu:  # these two are most of the line
+            return lambda _now_us: pack(*sampler.imu)
+        if spec.cls is Encoders:
+            return lambda _now_us: pack(*sampler.counts)
+        reader = self._reader(spec)
+        if spec.cls in CATALOGUE.by_class:
+            return lambda now_us: codec.encode(reader(now_us))[1]
+        return lambda now_us: codec.encode(as_spec(reader(now_us), spec))[1]
+
+    def _reader(self, spec: MessageSpec) -> Callable[[int], Message]:
+        """Give what makes a stream's message, in this program's own class."""
+        control, sampler, statistics = self._control, self._sampler, self._link.statistics
+        readers: dict[str, Callable[[int], Message]] = {
             "imu": lambda _now_us: Imu(*sampler.imu),
             "encoders": lambda _now_us: Encoders(*sampler.counts),
             "range": lambda _now_us: range_message(sampler.around()),
             "power": lambda _now_us: power_message(control.power),
-            "sync": lambda _now_us: Sync((link.statistics.frames_out + 1) & 0xFFFF_FFFF),
+            "sync": lambda _now_us: Sync((statistics.frames_out + 1) & 0xFFFF_FFFF),
             "link_counters": self._counters,
             "status": self._status,
             "planner_state": lambda _now_us: control.planner_state(),
         }
-        """By the stream's name: gives its message at a moment, microseconds of uptime."""
-        for spec in link.codec.catalogue:
-            if spec.name not in self.readers:  # of another version of the project: zeros
-                self.readers[spec.name] = functools.partial(_blank, spec)
+        # A stream of another version of the project: zeros.
+        return readers.get(spec.name) or functools.partial(_blank, spec)
 
     def measure_load(self) -> None:
         """Work out the busy share of the last ten periods."""

@@ -34,9 +34,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.motion.compiled import compiled
 from bridge.motion.geometry import Pose2, wrap_angle
-from sim_device.ray_kernel import HIT_COSINE, HIT_RANGE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,26 +66,18 @@ def beam(mount: RangerMount, off_axis_rad: float = 0.0) -> tuple[float, float, f
     return mount.x_m, mount.y_m, math.cos(bearing), math.sin(bearing)
 
 
-@compiled
-def nearest_echo(hits: Floats, least_cosine: float) -> float:
-    """Range of the nearest hit that meets its wall squarely enough; ``inf``: none."""
-    nearest_m = math.inf
-    for i in range(hits.shape[0]):
-        if hits[i, HIT_COSINE] >= least_cosine and hits[i, HIT_RANGE] < nearest_m:
-            nearest_m = hits[i, HIT_RANGE]
-    return nearest_m
-
-
 class Ultrasonic:
     """The ranger at its mount."""
 
     def __init__(self, mount: RangerMount, noise: NoiseLevel, draws: Draws) -> None:
         """``draws`` is its own; nothing is heard before the first echo is back."""
         self._mount, self._noise, self._draws = mount, noise, draws
-        self._half_rad = 0.5 * mount.cone_rad
-        fan = np.linspace(-self._half_rad, self._half_rad, CONE_RAYS).tolist()
+        half_rad = 0.5 * mount.cone_rad
+        fan = np.linspace(-half_rad, half_rad, CONE_RAYS).tolist()
         self._beams: Floats = np.array([beam(mount, off) for off in fan])
-        self._hits: Floats = np.empty((CONE_RAYS, 3))
+        # In the order of ``ray_kernel.EAR_…``.
+        ear = (mount.x_m, mount.y_m, mount.yaw_rad, half_rad, _COS_SPECULAR, mount.max_range_m)
+        self._ear: Floats = np.array((*ear, EDGE_ECHO_M))
         self._ping = -1
         self._before: tuple[int, Pose2] | None = None
         self._told: float | None = None
@@ -111,19 +101,7 @@ class Ultrasonic:
 
     def exact(self, pose: Pose2, world: World) -> float | None:
         """Range that a ping at ``pose`` without any noise would give."""
-        mount, hits = self._mount, self._hits
-        world.cast_beams(pose, self._beams, hits)
-        nearest_m = nearest_echo(hits, _COS_SPECULAR)
-        x_m, y_m = pose.transform(mount.x_m, mount.y_m)
-        corner_m = world.nearest_corner_m(
-            x_m,
-            y_m,
-            pose.theta_rad + mount.yaw_rad,
-            self._half_rad,
-            min(nearest_m, mount.max_range_m),
-            EDGE_ECHO_M,
-        )
-        return _limited(min(nearest_m, corner_m), mount)
+        return _limited(world.echo_m(pose, self._beams, self._ear), self._mount)
 
     def _fire(self, ping: int, tick_ms: int, pose: Pose2, world: World) -> None:
         self._told = self._coming  # a cycle is longer than any flight

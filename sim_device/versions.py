@@ -30,9 +30,15 @@ def as_declared(message: Message, catalogue: Catalogue) -> Message | None:
     """A message in the class that ``catalogue`` declares; None where it does not."""
     if type(message) in catalogue.by_class:
         return message
-    own = CATALOGUE.spec(type(message))
-    declared = catalogue.by_name.get(own.name)
-    return None if declared is None else _filled(declared, _by_name(own, message))
+    declared = catalogue.by_name.get(CATALOGUE.spec(type(message)).name)
+    return None if declared is None else as_spec(message, declared)
+
+
+def as_spec(message: Message, declared: MessageSpec) -> Message:
+    """One of our messages as another version declares it."""
+    if message.__class__ is declared.cls:
+        return message
+    return _filled(declared, _by_name(CATALOGUE.spec(type(message)), message))
 
 
 def blank(spec: MessageSpec) -> Message:

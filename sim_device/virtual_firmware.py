@@ -21,7 +21,9 @@ from protocol.messages import (
     GetParameter,
     Hello,
     HostHello,
+    Nack,
     SaveParameters,
+    SetKey,
     SetParameter,
     Stop,
     TimeReply,
@@ -29,12 +31,22 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
-from protocol.values import Capability, Fault, LogLevel, Mode, RebootKind, ResetCause, StopCause
+from protocol.values import (
+    Capability,
+    Fault,
+    LogLevel,
+    Mode,
+    NackReason,
+    RebootKind,
+    ResetCause,
+    StopCause,
+)
 from sim_device import parameters, streams
 from sim_device.clock import DeviceClock
 from sim_device.commands import COMMANDS, carry_out
 from sim_device.control import Control
 from sim_device.flash import Flash
+from sim_device.keyring import Keyring
 from sim_device.log_lines import LogLines
 from sim_device.modes import Event, ModeMachine, State
 from sim_device.parameters import ParameterStore
@@ -71,6 +83,7 @@ CAPABILITIES = (
     | Capability.CLIFF
     | Capability.ONBOARD_PLANNER
 )
+_KEYED = int(Capability.AUTHENTICATION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,12 +110,14 @@ class Firmware:
         link: type[LinkBase] = Link,
         clock: DeviceClock | None = None,
         modes: ModeMachine | None = None,
+        local: bool = True,
     ) -> None:
         """Boot.
 
         ``catalogue`` is what this firmware's version of the project declares, ``flash`` the
         memory in which parameters outlive a boot, ``link`` what it is connected by, ``clock``
-        what its stamps are read from, ``modes`` the mode table's walker, which has booted.
+        what its stamps are read from, ``modes`` the mode table's walker, which has booted,
+        ``local`` whether the link can be reached from nowhere but beside the robot.
         """
         self.identity = identity
         self.agreed = False
@@ -121,10 +136,11 @@ class Firmware:
         self.schedule = streams.Schedule(catalogue, int(CAPABILITIES))
         self.reboot_wanted: RebootKind | None = None
         """Set once a reboot was accepted; whoever runs the firmware boots it anew."""
-        self._sampler = Sampler(sensors)
+        self._sampler = Sampler(sensors, self.parameters.range_corrections())
         self._clock = clock or DeviceClock()
         self._freshness = Freshness()
         self._commands = CommandLog()
+        self.keyring = Keyring(self._flash, self.link, identity.boot_id, local=local)
         self._heard_us = 0
         self._strange_us = -STRANGE_PERIOD_US
         self._saving: tuple[dict[str, int], Message] | None = None
@@ -164,11 +180,22 @@ class Firmware:
                 message, frame, spec = event
                 if frame.node in {node, NODE_ALL}:
                     self._heard_us = now_us
+                    if self.link.key is not None and self.keyring.refuses(frame):
+                        self._refuse(message, frame, now_us)
+                        continue
                     self._handle(as_ours(message, spec), frame, now_us)
 
     def data_to_send(self) -> bytes:
         """Bytes for the port."""
         return self.link.data_to_send()
+
+    def _refuse(self, message: Message, frame: Frame, now_us: int) -> None:
+        """A frame without the tag that a key asks for: nothing is done."""
+        command_id = getattr(message, "command_id", None)
+        if command_id is None:
+            self._telemetry.stale += 1
+            return
+        self._send(Nack(command_id, frame.type_id, NackReason.NOT_AUTHENTICATED), now_us)
 
     def _send(self, message: Message, now_us: int) -> None:
         if message.__class__ not in self._declared:
@@ -216,6 +243,8 @@ class Firmware:
             self._saving = self.parameters.image(), reply
             return
         self._send(reply, now_us)
+        if isinstance(message, SetKey) and self.link.key is not None:
+            self._send(self.keyring.challenge(), now_us)
 
     def _describe(self, question: Describe, _extra_us: float, now_us: int) -> None:
         codec = self.link.codec
@@ -242,6 +271,7 @@ class Firmware:
                 self.stop(StopCause.LINK, Event.NEW_SESSION)
             self.session_id = hello.session_id
             self.link.forget_sequence()  # another host, or the same begun anew
+            self.keyring.open(hello.session_id)
             self._forget_host()
         if hello.agreed and not self.agreed:
             self.agreed = True
@@ -257,17 +287,20 @@ class Firmware:
                 identity.boot_id,
                 self.session_id,
                 identity.reset_cause,
-                int(CAPABILITIES),
+                int(CAPABILITIES) | (_KEYED if self.link.key is not None else 0),
                 *VERSION,
                 NAME,
             ),
             now_us,
         )
+        if self.session_id and self.link.key is not None:
+            self._send(self.keyring.challenge(), now_us)
 
     def _close(self) -> None:
         """Nobody is there: be safe, and say hello until somebody is."""
         self.stop(StopCause.LINK, Event.SILENCE)
         self.session_id = 0
+        self.keyring.close()
         self._forget_host()
 
     def _forget_host(self) -> None:
@@ -344,23 +377,25 @@ class Firmware:
         if self.agreed:
             if due:
                 self._tell(due, now_us)
-            line = self._lines.take(now_us)
-            if line is not None:
-                self._send(line, now_us)
+            if self._lines.waiting:
+                self._say(now_us)
         elif tick % HELLO_TICKS == 0:
             self._hello(now_us)
         return duties
 
+    def _say(self, now_us: int) -> None:
+        """Send a line for people, if one may be sent now."""
+        line = self._lines.take(now_us)
+        if line is not None:
+            self._send(line, now_us)
+
     def _tell(self, due: tuple[str, ...], now_us: int) -> None:
         """Send the streams that are due."""
-        readers, declared, send = self._telemetry.readers, self._declared, self.link.send
+        known, send = self._telemetry.streams, self.link.send_payload
         stamp_us, node = now_us + self._clock.offset_us, self.identity.node
         for name in due:
-            message = readers[name](now_us)
-            if message.__class__ in declared:
-                send(message, stamp_us, node=node)
-            else:
-                self._send(message, now_us)
+            type_id, pack = known[name]
+            send(type_id, pack(now_us), stamp_us, node)
 
 
 def _cause(raw: int) -> StopCause:

@@ -5,19 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from sim_device import wheel_kernel as k
+from sim_device.wheel_kernel import LEAST_V, PERIODS_A_SECOND, REST_M_S, control
+
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from bridge.motion.robot_model import RobotModel
 
+
 PERIOD_S = 0.01
-STALL_S = 1.0
-STALL_TARGET_M_S = 0.03
-REST_M_S = 0.005
-"""Below one count a period: a wheel that is measured slower than this stands."""
-NOMINAL_V = 16.0
-"""Supply for which the gains are given; duties are scaled to the one measured."""
-LEAST_V = 8.0
-_HALF_WRAP = 1 << 15
-_MASK = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,83 +32,22 @@ class WheelGains:
 
 
 class Wheel:
-    """One wheel: measures its speed, holds the speed wanted."""
+    """One wheel, as it is measured."""
 
-    __slots__ = (
-        "_count",
-        "_feed_forward",
-        "_friction",
-        "_integral",
-        "_integral_gain",
-        "_integral_limit",
-        "_proportional",
-        "_speed_per_count",
-        "speed_m_s",
-        "stalled_s",
-    )
+    __slots__ = ("_side", "_w")
 
-    def __init__(self, metres_per_count: float, gains: WheelGains) -> None:
-        self.speed_m_s = 0.0
-        self.stalled_s = 0.0
+    def __init__(self, w: NDArray[np.float64], side: int) -> None:
+        self._w, self._side = w, side
+
+    @property
+    def speed_m_s(self) -> float:
+        """Forwards."""
+        return float(self._w[k.SPEED + self._side])
+
+    @property
+    def stalled_s(self) -> float:
         """How long it has been driven and has not turned."""
-        self._speed_per_count = metres_per_count / PERIOD_S
-        self._feed_forward, self._friction = gains.feed_forward, gains.friction
-        self._proportional = gains.proportional
-        self._integral_gain = gains.integral_s * PERIOD_S
-        self._integral_limit = gains.integral_limit
-        self._count: int | None = None
-        self._integral = 0.0
-
-    def measure(self, count: int) -> None:
-        """Take an absolute 16-bit count, one per period."""
-        before = self._count
-        if before is not None:
-            delta = (count - before + _HALF_WRAP & _MASK) - _HALF_WRAP
-            # One count a period is 13 mm/s: average two periods.
-            self.speed_m_s += 0.5 * (delta * self._speed_per_count - self.speed_m_s)
-        self._count = count
-
-    def let_go(self) -> None:
-        """Forget what was wanted and what came of it."""
-        self._integral = self.stalled_s = 0.0
-
-    def duty(self, count: int, target_m_s: float, scale: float) -> float:
-        """Duty for the next period; exactly 0 where the wheel should rest and does.
-
-        ``count`` is as for ``measure``, which this does first; ``scale`` is the nominal supply
-        over the present one.
-        """
-        before, speed = self._count, self.speed_m_s
-        if before is not None:  # as measure: each period, twice, and a call costs as much
-            delta = (count - before + _HALF_WRAP & _MASK) - _HALF_WRAP
-            speed += 0.5 * (delta * self._speed_per_count - speed)
-            self.speed_m_s = speed
-        self._count = count
-        if target_m_s > 0.0:
-            base, far = self._feed_forward * target_m_s + self._friction, target_m_s
-        elif target_m_s < 0.0:
-            base, far = self._feed_forward * target_m_s - self._friction, -target_m_s
-        elif -REST_M_S < speed < REST_M_S:
-            self._integral = self.stalled_s = 0.0
-            return 0.0
-        else:
-            base = far = 0.0
-        if far > STALL_TARGET_M_S and -0.1 * far < speed < 0.1 * far:
-            self.stalled_s += PERIOD_S
-        else:
-            self.stalled_s = 0.0
-        error = target_m_s - speed
-        limit = self._integral_limit
-        integral = self._integral + self._integral_gain * error
-        if integral > limit:
-            integral = limit
-        elif integral < -limit:
-            integral = -limit
-        self._integral = integral
-        duty = (base + integral + self._proportional * error) * scale
-        if duty > 1.0:
-            return 1.0
-        return duty if duty > -1.0 else -1.0  # noqa: FURB136 - each period, twice: no call
+        return float(self._w[k.STALLED + self._side] / PERIODS_A_SECOND)
 
 
 class WheelControl:
@@ -119,45 +57,43 @@ class WheelControl:
         self, model: RobotModel, stop_decel_m_s2: float, gains: WheelGains | None = None
     ) -> None:
         gains = gains or WheelGains()
-        self.left = Wheel(model.metres_per_count, gains)
-        self.right = Wheel(model.metres_per_count, gains)
-        self._half_base_m = 0.5 * model.wheel_base_m
-        self._v = 0.0
-        self._yaw = 0.0
+        self._w = w = np.zeros(k.SIZE)
+        w[k.SPEED_PER_COUNT] = model.left_metres_per_count / PERIOD_S
+        w[k.SPEED_PER_COUNT + 1] = model.right_metres_per_count / PERIOD_S
+        w[k.FEED_FORWARD], w[k.FRICTION] = gains.feed_forward, gains.friction
+        w[k.PROPORTIONAL], w[k.INTEGRAL_LIMIT] = gains.proportional, gains.integral_limit
+        w[k.INTEGRAL_GAIN] = gains.integral_s * PERIOD_S
+        w[k.HALF_BASE_M] = self._half_base_m = 0.5 * model.wheel_base_m
+        w[k.COUNT : k.COUNT + 2] = k.NO_COUNT
+        self.left, self.right = Wheel(w, 0), Wheel(w, 1)
+        self.stalling = False
+        """Whether a driven wheel does not turn."""
         self.limit(model, stop_decel_m_s2)
 
     def limit(self, model: RobotModel, stop_decel_m_s2: float) -> None:
         """Keep to other limits from now on; wheels and counts stay those of the boot."""
-        self._v_max, self._yaw_max = model.max_speed_m_s, model.max_yaw_rate_rad_s
-        self._v_step = stop_decel_m_s2 * PERIOD_S
-        self._yaw_step = self._v_step / self._half_base_m
-        self._limited = True
+        w = self._w
+        w[k.V_MAX], w[k.YAW_MAX] = model.max_speed_m_s, model.max_yaw_rate_rad_s
+        w[k.V_STEP] = stop_decel_m_s2 * PERIOD_S
+        w[k.YAW_STEP] = w[k.V_STEP] / self._half_base_m
 
     def coast(self, counts: tuple[int, int]) -> None:
         """One period in which somebody else gives the duties."""
-        self.left.measure(counts[0])
-        self.right.measure(counts[1])
-        self.left.let_go()
-        self.right.let_go()
-        self._v = self._yaw = 0.0
+        w = self._w
+        control(w, 0.0, 0.0, *counts, LEAST_V)  # for its measuring
+        w[k.V] = w[k.YAW] = 0.0
+        w[k.INTEGRAL : k.INTEGRAL + 2] = w[k.STALLED : k.STALLED + 2] = 0.0
+        self.stalling = False
 
     def step(
         self, v_m_s: float, yaw_rate_rad_s: float, counts: tuple[int, int], supply_v: float
     ) -> tuple[float, float]:
         """One 10 ms period: counts in, left and right duty out."""
         left_count, right_count = counts
-        v, yaw = self._v, self._yaw
-        if v_m_s != v or yaw_rate_rad_s != yaw or self._limited:
-            v = self._v = _towards(v, _clamp(v_m_s, self._v_max), self._v_step)
-            wanted = _clamp(yaw_rate_rad_s, self._yaw_max)
-            yaw = self._yaw = _towards(yaw, wanted, self._yaw_step)
-            self._limited = False
-        turn = self._half_base_m * yaw
-        scale = NOMINAL_V / (supply_v if supply_v > LEAST_V else LEAST_V)  # noqa: FURB136 - no call
-        return (
-            self.left.duty(left_count, v - turn, scale),
-            self.right.duty(right_count, v + turn, scale),
+        left, right, self.stalling = control(
+            self._w, v_m_s, yaw_rate_rad_s, left_count, right_count, supply_v
         )
+        return left, right
 
     @property
     def yaw_rate_rad_s(self) -> float:
@@ -173,16 +109,3 @@ class WheelControl:
     def stalled_s(self) -> float:
         """How long a driven wheel has not turned."""
         return max(self.left.stalled_s, self.right.stalled_s)
-
-
-def _clamp(value: float, limit: float) -> float:
-    if value > limit:
-        return limit
-    return value if value > -limit else -limit  # noqa: FURB136 - each period: no call
-
-
-def _towards(value: float, wanted: float, step: float) -> float:
-    """``wanted``, or as near to it as one step comes."""
-    if wanted > value + step:
-        return value + step
-    return max(value - step, wanted)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bridge.coverage.floorplan import FloorPlanError, contains, signed_area_m2
-from sim_device.ray_kernel import HIT_COSINE, HIT_RANGE, cast_beams, nearest_corner
+from sim_device.ray_kernel import HIT_COSINE, HIT_RANGE, cast_beams, echo
 from sim_device.terrain import carpet_rows, threshold_rows
 
 if TYPE_CHECKING:
@@ -156,31 +156,13 @@ class World:
         """
         cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
 
-    def nearest_corner_m(  # noqa: PLR0913, PLR0917 - a place, a cone, and two limits
-        self,
-        x_m: float,
-        y_m: float,
-        bearing_rad: float,
-        half_angle_rad: float,
-        within_m: float,
-        jutting_within_m: float,
-    ) -> float:
-        """Distance to the nearest corner in a cone and in sight; ``inf``: none.
+    def echo_m(self, pose: tuple[float, float, float], beams: Floats, ear: Floats) -> float:
+        """Distance to the nearest thing that echoes; ``inf``: none.
 
-        Corners that jut into the floor count up to ``jutting_within_m`` only, the others up to
-        ``within_m``.
+        ``pose`` and ``beams`` are as for ``cast_beams``, ``ear`` is laid out by ``ray_kernel``.
         """
-        return nearest_corner(
-            self.edges,
-            self.walker,
-            self._corners,
-            x_m,
-            y_m,
-            bearing_rad,
-            half_angle_rad,
-            within_m,
-            jutting_within_m,
-        )
+        x_m, y_m, theta_rad = pose
+        return echo(self.edges, self.walker, self._corners, x_m, y_m, theta_rad, beams, ear)
 
     def cast(
         self,

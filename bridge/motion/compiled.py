@@ -17,6 +17,7 @@ import inspect
 import os
 import sys
 import tempfile
+import types
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TypeVar, cast
 
@@ -102,8 +103,8 @@ class Kernel:
 
             path = keep(build(self, kinds), [place / name for place in self._places()])
             self.was_built = True
-        code, types = _load(path.read_bytes(), self.name)
-        return make_function(self.function.__name__, code, types, kinds, self._wrong)
+        code, table = _load(path.read_bytes(), self.name)
+        return make_function(self.function.__name__, code, table, kinds, self._wrong)
 
     def _wrong(self, *args: object) -> NoReturn:
         raise KernelArgumentError(self.name, self.kinds or (), self._kinds(args))
@@ -131,10 +132,11 @@ class Kernel:
         import llvmlite.binding as llvm  # noqa: PLC0415
 
         source = Path(self.function.__code__.co_filename).read_bytes()
+        constants = sorted(_constants(self.function).items())
         features = sorted(n for n, there in llvm.get_host_cpu_features().items() if there)
         # Each numba belongs to one llvmlite.
         version = _FORMAT, llvmlite.__version__, sys.implementation.cache_tag
-        on = repr((version, llvm.get_host_cpu_name(), features, kinds))
+        on = repr((version, llvm.get_host_cpu_name(), features, kinds, constants))
         digest = hashlib.sha256(source + on.encode()).hexdigest()[:20]
         return f"{self.name}.{digest}.kernel"
 
@@ -143,6 +145,24 @@ class Kernel:
         beside = Path(self.function.__code__.co_filename).parent / "__pycache__"
         cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         return [beside, Path(cache) / "sweepctl"]
+
+
+def _constants(function: Callable[..., Any]) -> dict[str, Any]:
+    """Numbers of other modules that a kernel and those it calls are compiled with, by name."""
+    found: dict[str, Any] = {}
+    scope = function.__globals__
+    named = function.__code__.co_names
+    for name in named:
+        value = scope.get(name)
+        if isinstance(value, int | float):
+            found[f"{function.__module__}.{name}"] = value
+        elif isinstance(value, types.ModuleType) and value.__name__ != "math":
+            kept = {n: getattr(value, n, None) for n in named}
+            own = {n: v for n, v in kept.items() if isinstance(v, int | float)}
+            found.update({f"{value.__name__}.{n}": v for n, v in own.items()})
+        elif callable(value) and value in KERNELS:
+            found.update(_constants(KERNELS[value].function))
+    return found
 
 
 def keep(code: bytes, paths: list[Path]) -> Path:

@@ -24,6 +24,10 @@ BUMP_SIGMAS = 6.0
 _VIBRATION_M_S2 = 0.15
 """What is believed of it at first."""
 _VIBRATION_SHARE = 0.01
+_LASTING_SHARE = 0.001
+"""A wall that is rubbed against for a second says nothing of the floor."""
+_RINGS = 15
+"""Samples after a jerk that tell nothing of the vibration."""
 _REST_SHARE = 0.01
 """Time constant of the accelerometer's offset at rest: 100 samples."""
 _HELD = 5
@@ -64,15 +68,25 @@ class Disturbance(NamedTuple):
 class BumpDetector:
     """Jerks, by the accelerometer alone."""
 
-    __slots__ = ("_held", "_last_x", "_last_y", "_offset_x", "_offset_y", "_rests", "_variance")
+    __slots__ = (
+        "_held",
+        "_last_x",
+        "_last_y",
+        "_lasting",
+        "_offset_x",
+        "_offset_y",
+        "_rests",
+        "_ringing",
+        "_variance",
+    )
 
     def __init__(self) -> None:
         """Nothing is known of offset and vibration."""
         self._offset_x = self._offset_y = 0.0
         self._last_x = self._last_y = 0.0
-        self._rests = 0
+        self._rests = self._ringing = 0
         self._held: list[tuple[float, float]] = []
-        self._variance = _VIBRATION_M_S2**2
+        self._variance = self._lasting = _VIBRATION_M_S2**2
 
     @property
     def ready(self) -> bool:
@@ -86,8 +100,8 @@ class BumpDetector:
 
     @property
     def vibration_m_s2(self) -> float:
-        """Strength of the vibration in motion, per axis."""
-        return math.sqrt(self._variance)
+        """Strength of the vibration in motion, per axis, over some ten seconds of driving."""
+        return math.sqrt(self._lasting)
 
     def rest(self, accel_x: float, accel_y: float) -> None:
         """Take a sample at rest, m/s²."""
@@ -116,9 +130,15 @@ class BumpDetector:
         by_x, by_y = ahead - self._last_x, aside - self._last_y
         self._last_x, self._last_y = ahead, aside
         if math.hypot(ahead, aside) > self.threshold_m_s2:
+            self._ringing = _RINGS
             return True
+        if self._ringing:
+            # the jerk's other flank, and what it stirred up: no vibration of the drive
+            self._ringing -= 1
+            return False
         power = 0.25 * (by_x * by_x + by_y * by_y)
         self._variance += _VIBRATION_SHARE * (power - self._variance)
+        self._lasting += _LASTING_SHARE * (power - self._lasting)
         return False
 
 

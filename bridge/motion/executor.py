@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import wrap_angle
+from bridge.motion.hidden_ahead import HiddenAhead
 from bridge.motion.legs import (
     Drive,
     FollowWall,
@@ -17,6 +17,7 @@ from bridge.motion.legs import (
     StopReason,
     Turn,
 )
+from bridge.motion.motion_tuning import MotionTuning
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.point_to_point import PointToPointController
 from bridge.motion.range_filter import RangeAhead
@@ -32,35 +33,6 @@ _FOLLOW = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radian
 for the beam is rounded whole."""
 _MAX_STEP_S = 0.1
 """A longer gap between steps (a pause) is not integrated into filters and timeouts."""
-
-
-@dataclass(frozen=True, slots=True)
-class MotionTuning:
-    """Gains and thresholds of the executor; lengths in metres, angles in radians."""
-
-    brake_share: float = 0.75
-    """Stop distances use this share of the acceleration limit: the rest is for control."""
-    lag_s: float = 0.10
-    """From a command to the wheels following it: link, smoothing, motor."""
-    creep_m_s: float = 0.025
-    """Slowest approach; touching at this speed is a touch, not a collision (< 0.03 m/s)."""
-    lookahead_m: float = 0.25
-    """Lane keeping aims at the heading line this far ahead."""
-    turn_rate_share: float = 0.75
-    """Share of the yaw rate limit used for turns, so that control keeps authority."""
-    min_turn_rad_s: float = 0.10
-    """Slowest turn: below it wheels of this size stick."""
-    heading_tolerance_rad: float = 0.004
-    point_tolerance_m: float = 0.006
-    lowpass: float = 0.6
-    """k of the velocity smoothing, per 20 ms step."""
-    rest_m_s: float = 0.01
-    rest_rad_s: float = 0.03
-    settle_s: float = 0.6
-    """A leg ends at the latest this long after its stop, at rest or not."""
-    stall_s: float = 1.5
-    stall_m: float = 0.003
-    stall_rad: float = 0.02
 
 
 class LegExecutor:
@@ -84,9 +56,14 @@ class LegExecutor:
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, tune.lowpass)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, tune.lowpass)
         self._ahead = RangeAhead()
+        self._hidden = HiddenAhead(model, self._brake_m_s2)
+        self._wary_m_s = math.inf
+        self.most_m_s = math.inf
+        """Fastest forward speed that the planner allows now."""
         self._leg: Leg | None = None
         self._result: LegResult | None = None
         self._lateral_m_s = 0.0
+        self._last_s = 0.0
 
     # -- what is known ---------------------------------------------------------------------
 
@@ -167,9 +144,11 @@ class LegExecutor:
         leg = self._leg
         if leg is None or self._result is not None:
             return HALT
-        dt = min(max(obs.time_s - self._last_s, 0.0), _MAX_STEP_S)
-        self._last_s = obs.time_s
+        dt = self._step_s(obs)
         self._elapsed_s += dt
+        self._wary_m_s = self._hidden.update(
+            obs.ultrasonic_m, obs.v_m_s * dt, obs.yaw_rate_rad_s * dt
+        )
         if isinstance(leg, Drive | GoTo):
             pose, origin = obs.pose, self._origin
             self._along_m = (pose.x_m - origin.x_m) * self._cos + (
@@ -188,10 +167,27 @@ class LegExecutor:
             self._bumped = (False, False)
             self._finish(obs)
 
+    def brake(self, obs: Observation) -> VelocityCommand:
+        """Bring the robot to rest within the acceleration limits, the leg under way kept.
+
+        Once for every observation, until it gives a halt; the next ``step`` goes on from there.
+        """
+        return self._slow_down(self._step_s(obs))
+
     def halt(self) -> None:
         """Tell that the robot was stopped from outside: the next step ramps up from rest."""
         self._smooth_v.reset()
         self._smooth_w.reset()
+
+    def _step_s(self, obs: Observation) -> float:
+        """Time since the last step; after a gap, in which others drove, what they left counts."""
+        since_s = max(obs.time_s - self._last_s, 0.0)
+        self._last_s = obs.time_s
+        if since_s <= _MAX_STEP_S:
+            return since_s
+        self._smooth_v.reset(obs.v_m_s)
+        self._smooth_w.reset(obs.yaw_rate_rad_s)
+        return _MAX_STEP_S
 
     # -- the kinds of leg -------------------------------------------------------------------
 
@@ -218,6 +214,7 @@ class LegExecutor:
             speed = self._approach(leg.stop_range_m, obs, dt, speed)
             if speed <= 0.0:
                 return self._stop(StopReason.RANGE, obs, dt)
+            speed = min(speed, self._allowed(wary=leg.wary))
         if leg.distance_m is not None:
             remaining = (leg.distance_m - self._along_m) * direction
             if remaining <= self._run_out_m(obs.v_m_s):
@@ -269,6 +266,7 @@ class LegExecutor:
             if most <= 0.0:
                 return self._stop(StopReason.RANGE, obs, dt)
             speed = min(max(speed, tune.creep_m_s), most, self._brake_speed(command.distance_m))
+            speed = min(speed, self._allowed(wary=False))
         if self._stalled(self._along_m + obs.pose.theta_rad, tune.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
         return self._send(speed, rate, dt)
@@ -277,7 +275,7 @@ class LegExecutor:
         self._along_m += abs(obs.v_m_s) * dt
         if leg.distance_m is not None and self._along_m >= leg.distance_m:
             return self._stop(StopReason.DISTANCE, obs, dt)
-        step = self._follower.step(obs, dt)
+        step = self._follower.step(obs, dt, self._allowed(wary=True))
         if step.state is FollowState.BLOCKED:
             return self._stop(self._hit(obs) or StopReason.RANGE, obs, dt)
         if step.state is FollowState.LOST:
@@ -305,6 +303,11 @@ class LegExecutor:
         if remaining <= self._run_out_m(obs.v_m_s):
             return 0.0
         return min(speed, self._brake_speed(remaining))
+
+    def _allowed(self, *, wary: bool) -> float:
+        """Fastest forward speed for what is known, and with ``wary`` suspected, ahead."""
+        most = min(self.most_m_s, self._wary_m_s) if wary else self.most_m_s
+        return max(most, self._tuning.creep_m_s)
 
     def _brake_speed(self, remaining_m: float) -> float:
         """Fastest speed that stops within ``remaining_m`` by the brake share, lag included.
@@ -353,13 +356,18 @@ class LegExecutor:
         """Ramp to zero; the leg ends at rest, where its distance and pose are final."""
         tune = self._tuning
         self._stopped_s += dt
-        command = self._send(0.0, 0.0, dt)
-        if abs(command.v_m_s) < tune.rest_m_s and abs(command.yaw_rate_rad_s) < tune.rest_rad_s:
-            self.halt()
-            command = HALT
+        command = self._slow_down(dt)
         rest = abs(obs.v_m_s) < tune.rest_m_s and abs(obs.yaw_rate_rad_s) < tune.rest_rad_s
         if (command is HALT and rest) or self._stopped_s > tune.settle_s:
             self._finish(obs)
+        return command
+
+    def _slow_down(self, dt: float) -> VelocityCommand:
+        tune = self._tuning
+        command = self._send(0.0, 0.0, dt)
+        if abs(command.v_m_s) < tune.rest_m_s and abs(command.yaw_rate_rad_s) < tune.rest_rad_s:
+            self.halt()
+            return HALT
         return command
 
     def _finish(self, obs: Observation) -> None:

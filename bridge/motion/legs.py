@@ -28,6 +28,8 @@ class Drive:
     """Stop where the ultrasonic reads this; ``None``: the ultrasonic does not stop the leg."""
     timeout_s: float | None = None
     """``None``: twice the time that the distance should take and 5 s, or 600 s without one."""
+    wary: bool = False
+    """Slow down for what left the ultrasonic's cone ahead: it may stand in the way beside it."""
     purpose: str = "drive"
     """For events and lane lengths; it changes nothing in the motion."""
 

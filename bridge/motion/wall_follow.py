@@ -138,6 +138,7 @@ class WallFollower:
         self._arcing = False
         self._silent_s = 0.0
         self._pressed_s = 0.0
+        self._straight_m = math.inf
 
     @property
     def state(self) -> FollowState:
@@ -149,12 +150,18 @@ class WallFollower:
         """What is known of the wall."""
         return self._track
 
-    def step(self, observation: Observation, dt_s: float) -> FollowStep:
-        """Velocity for this control step, and how it stands with the wall."""
+    def step(self, observation: Observation, dt_s: float, most_m_s: float = math.inf) -> FollowStep:
+        """Velocity for this control step, and how it stands with the wall.
+
+        ``most_m_s``: fastest forward speed allowed now.
+        """
         ahead_m, into_rad = self._motion(observation.pose)
         self._track.move(ahead_m, into_rad)
         self._see(observation, dt_s, ahead_m, into_rad)
-        command = self._drive(observation, dt_s)
+        self._straight_m += abs(ahead_m)
+        if self._state is FollowState.CORNER:
+            self._straight_m = 0.0
+        command = self._drive(observation, dt_s, most_m_s)
         distance = self._track.distance_m
         gap = None if distance is None else distance - self._radius_m
         return FollowStep(command, self._state, gap, self._track.yaw_rad)
@@ -258,8 +265,10 @@ class WallFollower:
 
     # -- driving ---------------------------------------------------------------------------
 
-    def _drive(self, obs: Observation, dt_s: float) -> VelocityCommand:
-        speed = self._speed
+    def _drive(self, obs: Observation, dt_s: float, most_m_s: float) -> VelocityCommand:
+        speed = min(self._speed, most_m_s)
+        if self._straight_m < _THIN_M:
+            speed = min(speed, _CORNER_SHARE * self._speed)
         if obs.ultrasonic_m is not None:
             room = obs.ultrasonic_m - self._front_m - self._tune.stop_gap_m
             if room <= self._brake.run_out(obs.v_m_s):
@@ -331,6 +340,8 @@ class WallFollower:
 
 _TOUCH_WAY_M = 0.01
 """The last way to a touch, made at the touching speed whatever the ranges say."""
+_THIN_M = 0.08
+"""What is found round a corner and followed for less may be a leg, which has no direction."""
 _INTEGRAL_BAND_M = 0.025
 _SURE_RAD = 0.1
 """A direction less sure than this is steered by in proportion."""

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from protocol.authentication import CAN_AUTH_TYPE, FREE, GUARDED_TYPES, TRAILER
+from protocol.can_authentication import TOGETHER_US
 from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.codec import Codec
 from protocol.generate import md_text
@@ -79,6 +81,13 @@ def _sections(catalogue: Catalogue, behaviour: Behaviour | None) -> Iterator[str
     yield md_text.AGREEMENT.format(hash=catalogue.hash)
     yield from hash_table(catalogue)
     yield md_text.RELIABILITY
+    yield md_text.AUTHENTICATION.format(
+        guarded=", ".join(f"`{s.name}`" for s in catalogue if s.type_id in GUARDED_TYPES),
+        free=", ".join(f"`{s.name}`" for s in catalogue if s.cls in FREE),
+        auth_type=f"{CAN_AUTH_TYPE:#04x}",
+        together_ms=TOGETHER_US // 1000,
+        trailer=TRAILER.size,
+    )
     if behaviour is not None:
         yield from _machines(behaviour)
         yield from _timing(behaviour)

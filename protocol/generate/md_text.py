@@ -83,6 +83,33 @@ of the two.
 - So fields are only ever appended, and an older or a newer peer can be talked to.
 """
 
+AUTHENTICATION = """\
+## Authentication
+
+A device may hold a key of 16 B, set with `set_key` over its local UART and never told. From then
+on it takes {guarded} only with a tag that its key has made; {free} need none, so that anybody can
+stop the robot. What comes without a tag is refused with `not_authenticated`; a cyclic message is
+dropped and counted as stale. Hello's capability `authentication` says that a key is set.
+
+With each hello that answers a host, such a device sends `challenge`: a counter, new for each
+session. The nonce is `boot_id u32 | session_id u32 | counter u32`, little-endian. A signed
+message has the challenge's counter plus 1, the next plus 2, and so on, modulo 2³²; a device takes
+one whose counter is ahead of the last it took by less than 2³¹. Tags are HMAC-SHA-256 (RFC 2104)
+under the key, cut short.
+
+- **UART**: flag bit 0 in the header, and behind the payload `counter u32 | tag 8 B`, {trailer} B in
+  all. The tag covers nonce, header, payload and counter. CRC and COBS go over everything.
+- **CAN**: after the last frame of the message one frame of type `{auth_type}`, same node:
+  `counter (its low 16 bits) u16 | tag 6 B`. The tag covers the nonce, the message's
+  `identifier u16 | length u8 | data` (of a transfer: its whole content, without tail bytes and
+  CRC), and the whole counter. The message is acted on when both have come within {together_ms} ms.
+
+A frame of another boot or session never fits, because its nonce is another; one that is played
+back in its own session does not, because its counter is behind. Hellos are not signed: whoever
+sends one ends the session, and a new session finds the robot standing.
+
+"""
+
 RELIABILITY = """\
 ## Reliability
 

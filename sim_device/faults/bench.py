@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.coverage.floorplan import FloorPlan
-    from sim_device.device import VirtualSweeper
     from sim_device.faults.knobs import Knobs, Walker
     from sim_device.faults.spec import Value
+    from sim_device.rigged import RiggedDevice
 
 STEP_US = 20_000
 """How often a person's place is renewed: 16 mm at 0.8 m/s."""
@@ -50,7 +50,7 @@ class UnknownObstacleError(ValueError):
 class Bench:
     """Hands for one device."""
 
-    def __init__(self, device: VirtualSweeper) -> None:
+    def __init__(self, device: RiggedDevice) -> None:
         """Touch nothing yet."""
         self._device = device
         self._world = device.plant.world
@@ -163,7 +163,7 @@ def moved_plan(plan: FloorPlan, moved: Mapping[int, tuple[float, float]]) -> Flo
 class _Path:
     """To and fro across the way that the robot faced as the person came."""
 
-    def __init__(self, walker: Walker, device: VirtualSweeper, now_us: int) -> None:
+    def __init__(self, walker: Walker, device: RiggedDevice, now_us: int) -> None:
         pose = device.plant.pose
         self._walker, self._device = walker, device
         c, s = math.cos(pose.theta_rad), math.sin(pose.theta_rad)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from sim_device.faults.bench import Bench, UnknownObstacleError
@@ -16,11 +17,12 @@ from sim_device.faults.knobs import Knobs
 from sim_device.faults.spec import FaultSpec, FaultSpecError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
-    from sim_device.device import VirtualSweeper
+    from sim_device.rigged import RiggedDevice
 
 _EVENTS_KEPT = 1000
+_ALL: Mapping[str, str] = MappingProxyType({})
 MAX_FAULTS = 1000
 """That wait or are active at once: what a runaway script could ask for is bounded."""
 
@@ -52,14 +54,21 @@ class _Injected:
 class FaultInjector:
     """Begins and ends faults on one device, at their times or when told to."""
 
-    def __init__(self, device: VirtualSweeper, specs: Iterable[FaultSpec] = ()) -> None:
-        """Plan ``specs``.
+    def __init__(
+        self,
+        device: RiggedDevice,
+        specs: Iterable[FaultSpec] = (),
+        *,
+        cannot: Mapping[str, str] = _ALL,
+    ) -> None:
+        """Plan ``specs``; ``cannot`` says which kinds this device refuses, and why.
 
         Raises:
             FaultSpecError: one of them cannot be on this device.
 
         """
         self._bench = Bench(device)
+        self._cannot = cannot
         self._now_us = 0
         self._faults: list[_Injected] = []
         self._changed = False
@@ -78,11 +87,7 @@ class FaultInjector:
             FaultSpecError: the text is none, or it cannot be on this device.
 
         """
-        spec = parse_fault_now(fault) if isinstance(fault, str) else fault
-        try:
-            self._bench.check(spec.values)
-        except UnknownObstacleError as error:
-            raise FaultSpecError(spec.text, str(error)) from None
+        spec = self.check(fault)
         if len(self._faults) >= MAX_FAULTS:
             raise FaultSpecError(spec.text, f"{MAX_FAULTS} faults wait or are active already")
         begin_us = self._now_us
@@ -91,6 +96,22 @@ class FaultInjector:
             begin_us = max(asked_us, begin_us)
         end_us = None if spec.for_s is None else begin_us + round(spec.for_s * 1e6)
         self._faults.append(_Injected(spec, begin_us, end_us))
+        return spec
+
+    def check(self, fault: FaultSpec | str) -> FaultSpec:
+        """Say what a fault would be, without beginning it.
+
+        Raises:
+            FaultSpecError: the text is none, or it cannot be on this device.
+
+        """
+        spec = parse_fault_now(fault) if isinstance(fault, str) else fault
+        if spec.kind.name in self._cannot:
+            raise FaultSpecError(spec.text, self._cannot[spec.kind.name])
+        try:
+            self._bench.check(spec.values)
+        except UnknownObstacleError as error:
+            raise FaultSpecError(spec.text, str(error)) from None
         return spec
 
     def clear(self, kind: str | None = None) -> int:

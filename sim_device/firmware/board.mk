@@ -26,11 +26,21 @@ CONFIG_board_f429 := -DSP_CRC_UNIT
 CONFIG_board_f405_qemu :=
 
 .DELETE_ON_ERROR:
-.PHONY: all
-all: $(BOARDS:%=$(BUILD)/%.elf) $(BOARDS:%=$(BUILD)/%.bin)
+.PHONY: all programs
+all: programs
 	@$(CROSS)size $(BOARDS:%=$(BUILD)/%.elf)
+programs: $(BOARDS:%=$(BUILD)/%.elf) $(BOARDS:%=$(BUILD)/%.bin)
 
-$(WIRE)/sweepctl_protocol.c:
+# What the compiler does not see; Debian's cppcheck.
+.PHONY: analyse
+analyse: $(WIRE)/sweepctl_protocol.c
+	@for board in $(BOARDS); do \
+		cppcheck --std=c99 --platform=arm32-wchar_t4 --enable=warning,style,performance,portability \
+			--inline-suppr --error-exitcode=1 --quiet --suppress=missingIncludeSystem \
+			-USP_CONFIG_FILE $(INCLUDES) -I$$board $$board/*.c board_common/*.c || exit 1; \
+	done
+
+$(WIRE)/sweepctl_protocol.c: $(wildcard $(HERE)../../protocol/*.py $(HERE)../../protocol/generate/c*.py)
 	@cd $(HERE)../.. && $(PYTHON) -m tools.sweepctl generate c --force --out $(abspath $(WIRE)) >/dev/null
 
 $(BUILD)/%.bin: $(BUILD)/%.elf

@@ -1,4 +1,4 @@
-"""The emulator's only I/O: pseudo-terminals, TCP, CAN buses, the control socket, the clock.
+"""The emulator's only I/O: pseudo-terminals, TCP, CAN buses, QEMU, the control socket, the clock.
 
 Like a UART, a port does not care whether anybody listens: what does not fit its buffers is
 dropped and counted.

@@ -6,18 +6,18 @@ import math
 import select
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from sim_device.rig import Rig
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim_device.device import VirtualSweeper
     from sim_device.faults.injector import FaultEvent
     from sim_device.plant import Truth
     from sim_device.ports.base import DevicePort, Stopper
     from sim_device.ports.control import ControlServer
+    from sim_device.rigged import RiggedDevice
 
 _STEPS = 8
 """Bins of lateness for each doubling: a percentile is known to 9 %."""
@@ -74,21 +74,33 @@ class Watchers:
 NOBODY = Watchers()
 
 
-def serve(
-    device: VirtualSweeper | Rig,
+class Waker(Protocol):
+    """A device that has something to say at its own times: its chip is another process."""
+
+    def filenos(self) -> list[int]:
+        """Become readable when it has."""
+
+    def poll(self, now_us: int) -> None:
+        """Note that one has: the device wants to be stepped at this moment."""
+
+
+def serve(  # noqa: PLR0913 - who takes part in a run
+    device: RiggedDevice | Rig,
     port: DevicePort,
     stopper: Stopper,
     watchers: Watchers = NOBODY,
     control: ControlServer | None = None,
+    *,
+    waker: Waker | None = None,
 ) -> ServeReport:
-    """Run the device in real time on a port until stopped.
+    """Run the device in real time on a port until stopped; ``waker``: the device, if it is one.
 
     Raises:
         PortUnavailableError: a port that was unplugged cannot come back.
 
     """
     rig = device if isinstance(device, Rig) else Rig(device)
-    served = _Served(rig, port, watchers, control)
+    served = _Served(rig, port, watchers, control, waker)
     while not stopper.stopped:
         served.turn(stopper)
     return served.report()
@@ -98,9 +110,15 @@ class _Served:
     """One device on one port, a turn at a time."""
 
     def __init__(
-        self, rig: Rig, port: DevicePort, watchers: Watchers, control: ControlServer | None
+        self,
+        rig: Rig,
+        port: DevicePort,
+        watchers: Watchers,
+        control: ControlServer | None,
+        waker: Waker | None,
     ) -> None:
         self._rig, self._port, self._watchers, self._control = rig, port, watchers, control
+        self._waker = waker
         self._lateness = Lateness()
         self._start_ns = time.monotonic_ns()
         self._unix_at_boot_ns = time.time_ns()
@@ -114,7 +132,10 @@ class _Served:
         room = rig.room()
         listened = port.filenos() if room else []
         asked = self._control.filenos() if self._control is not None else []
-        ready, _, _ = select.select([stopper.fileno(), *listened, *asked], [], [], wait_s)
+        awake = self._waker.filenos() if self._waker is not None else []
+        ready, _, _ = select.select([stopper.fileno(), *listened, *asked, *awake], [], [], wait_s)
+        if self._waker is not None and not set(awake).isdisjoint(ready):
+            self._waker.poll(self._now_us())
         data = port.read(room) if not set(listened).isdisjoint(ready) else b""
         now_us = self._now_us()
         late_us = now_us - rig.device.next_deadline_us()

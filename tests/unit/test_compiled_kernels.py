@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import subprocess
 import sys
@@ -156,6 +157,26 @@ def test_code_is_kept_until_its_file_changes(tmp_path: Path) -> None:
     scaled, was_built = fresh()
     assert was_built
     assert scaled(values.copy(), 1.0) == 6.0
+
+
+def test_code_is_not_kept_beyond_a_number_from_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    numbers, path = tmp_path / "kernel_numbers.py", tmp_path / "numbered_kernel.py"
+    path.write_text(
+        "import kernel_numbers\n" + SOURCE.replace("*= by", "*= kernel_numbers.GAIN * by")
+    )
+
+    def answer(gain: float) -> float:
+        numbers.write_text(f"GAIN = {gain}\n")
+        sys.modules.pop("kernel_numbers", None)
+        importlib.invalidate_caches()
+        result: float = module_of(path).scaled(np.array([1.0, 2.0]), 1.0)
+        return result
+
+    assert answer(2.0) == 6.0
+    assert answer(30.0) == 90.0
 
 
 def test_a_short_run_needs_no_compiler() -> None:

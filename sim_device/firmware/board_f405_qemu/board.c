@@ -48,9 +48,9 @@ void board_idle(void) {
 }
 
 static void request(uint32_t now_us, uint32_t sample_us) {
-    uint8_t payload[14];
+    uint8_t payload[18];
     const size_t unused = startup_stack_free();
-    uint8_t *end = put_u32(put_u32(payload, now_us), sample_us);
+    uint8_t *end = put_u32(put_u32(put_u32(payload, now_us), sample_us), plant_newest_us());
     end = put_u16(put_u16(end, (uint16_t)duty_left), (uint16_t)duty_right);
     (void)put_u16(end, unused > 0xFFFFu ? 0xFFFFu : (uint16_t)unused);
     plant_send(PLANT_REQUEST, payload, sizeof payload);
@@ -72,10 +72,11 @@ void systick_handler(void) {
         reset_for(SP_RESET_CAUSE_WATCHDOG);
     }
     const uint32_t now_us = board_now_us();
-    const uint32_t due_us = (now_us + LEAD_US) / PERIOD_US * PERIOD_US;
-    if (due_us != asked_for_us) {
-        asked_for_us = due_us;
-        request(now_us, due_us);
+    /* By differences, so that the periods go on as they are when the counter wraps. */
+    const uint32_t periods = (now_us + LEAD_US - asked_for_us) / PERIOD_US;
+    if (periods != 0) {
+        asked_for_us += periods * PERIOD_US;
+        request(now_us, asked_for_us);
     }
 }
 
@@ -115,6 +116,11 @@ void board_start(void) {
             asked_us = board_now_us();
             plant_send(PLANT_BOOT, &version, 1);
         }
+    }
+    /* Nothing is to be judged by readings that have never been taken. */
+    for (plant_readings_t now = {0}; now.power.sampled_us == 0; plant_readings(&now)) {
+        unfed_ms = 0;
+        wait_for_interrupt();
     }
     unfed_ms = 0;
 }
@@ -215,21 +221,26 @@ void board_flash_erase(unsigned page) {
     flash_takes(ERASE_US);
 }
 
-void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length) {
+static void write_chunk(unsigned page, size_t offset, const uint8_t *data, size_t length) {
     uint8_t payload[3u + PLANT_CHUNK];
-    for (size_t done = 0; done < length;) {
-        const size_t count = length - done < PLANT_CHUNK ? length - done : PLANT_CHUNK;
-        uint8_t *const to = &plant_pages[page][offset + done];
-        for (size_t i = 0; i < count; i++) {
-            to[i] &= data[done + i]; /* as flash: bits only fall */
-        }
-        payload[0] = (uint8_t)page;
-        (void)put_u16(payload + 1, (uint16_t)(offset + done));
-        memcpy(payload + 3, to, count);
-        plant_send(PLANT_WRITE, payload, 3u + count);
-        done += count;
+    uint8_t *const to = &plant_pages[page][offset];
+    for (size_t i = 0; i < length; i++) {
+        to[i] &= data[i]; /* as flash: bits only fall */
     }
+    payload[0] = (uint8_t)page;
+    memcpy(put_u16(payload + 1, (uint16_t)offset), to, length);
+    plant_send(PLANT_WRITE, payload, 3u + length);
+}
+
+void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length) {
     flash_takes(WRITE_WORD_US * (uint32_t)(length / 4u));
+    while (length > PLANT_CHUNK) {
+        write_chunk(page, offset, data, PLANT_CHUNK);
+        offset += PLANT_CHUNK;
+        data += PLANT_CHUNK;
+        length -= PLANT_CHUNK;
+    }
+    write_chunk(page, offset, data, length);
 }
 
 bool board_flash_busy(void) {

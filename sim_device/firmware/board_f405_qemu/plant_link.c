@@ -72,6 +72,8 @@ void plant_send(uint8_t type, const uint8_t *payload, size_t length) {
     irq_restore(state);
 }
 
+uint32_t plant_newest_us(void) { return coming.imu.sampled_us; }
+
 static uint16_t u16_at(const uint8_t *from) {
     return (uint16_t)(from[0] | from[1] << 8);
 }
@@ -86,6 +88,7 @@ static void take_sample(const uint8_t *p) {
     settle(); /* what nobody asked for */
     coming.encoders.left = u16_at(p + 4);
     coming.encoders.right = u16_at(p + 6);
+    coming.encoders.sampled_us = sampled_us;
     imu->accel_x = (int16_t)u16_at(p + 8);
     imu->accel_y = (int16_t)u16_at(p + 10);
     imu->accel_z = (int16_t)u16_at(p + 12);

@@ -19,8 +19,9 @@
 /* From the chip. */
 enum {
     PLANT_BOOT = 0x01,    /* version u8: who am I, what stands in my flash? */
-    PLANT_REQUEST = 0x02, /* now u32, sample u32, left i16, right i16, free stack u16: the plant
-                             may go on to `sample`, where the readings are to be taken */
+    PLANT_REQUEST = 0x02, /* now u32, sample u32, newest u32, left i16, right i16, free stack u16:
+                             the plant may go on to `sample`, where readings are to be taken;
+                             those of `newest` are the last that have come */
     PLANT_MOTORS = 0x03,  /* now u32, left i16, right i16: duties have changed */
     PLANT_ERASE = 0x04,   /* page u8 */
     PLANT_WRITE = 0x05,   /* page u8, offset u16, data */
@@ -48,6 +49,7 @@ typedef struct {
 /* What is so now. Readings come ahead of the moment at which they are taken; until then those of
  * the period before stand. */
 void plant_readings(plant_readings_t *out);
+uint32_t plant_newest_us(void); /* of the last that have come, that moment or not */
 /* Both of these are written by the interrupt. */
 extern volatile bool plant_known; /* the identity has come */
 extern volatile bool plant_hang;

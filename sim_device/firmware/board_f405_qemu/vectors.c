@@ -8,8 +8,8 @@ void usart2_handler(void);
 void systick_handler(void);
 
 typedef union {
-    uint32_t *stack;
-    handler_t handler;
+    uint32_t *stack;   // cppcheck-suppress unusedStructMember ; the processor reads it
+    handler_t handler; // cppcheck-suppress unusedStructMember
 } vector_t;
 
 #define EXCEPTIONS 16

@@ -8,7 +8,6 @@
 #define PRESCALER 6u
 #define BEFORE 11u
 #define AFTER 2u
-#define JUMP 1u
 #define TURNS 100000u
 
 /* A filter of 16 bits (32.7.4, figure 342): identifier 15:5, RTR 4, IDE 3. The node is the low
@@ -26,7 +25,7 @@ void can_start(uint8_t node) {
     }
     /* Frames leave in the order in which they were asked for; bus-off ends by itself. */
     CAN1->mcr = CAN_MCR_INRQ | CAN_MCR_TXFP | CAN_MCR_ABOM;
-    CAN1->btr = (JUMP - 1u) << 24 | (AFTER - 1u) << 20 | (BEFORE - 1u) << 16 | (PRESCALER - 1u);
+    CAN1->btr = (AFTER - 1u) << 20 | (BEFORE - 1u) << 16 | (PRESCALER - 1u); /* jump: one, 00 */
     CAN1->fmr |= CAN_FMR_FINIT;
     CAN1->fm1r &= ~1u; /* bank 0: masks */
     CAN1->fs1r &= ~1u; /* two of 16 bits */

@@ -28,7 +28,8 @@ void clocks_start(void) {
     RCC->cr |= RCC_CR_HSEON;
     const bool crystal = waits_for(&RCC->cr, RCC_CR_HSERDY, RCC_CR_HSERDY);
     const uint32_t divider = crystal ? BOARD_HSE_MHZ : 16u;
-    RCC->pllcfgr = divider | 336u << 6 | 0u << 16 | 7u << 24 | (crystal ? RCC_PLLCFGR_SRC_HSE : 0u);
+    RCC->pllcfgr = divider | 336u << 6 | 7u << 24 | /* P is 00: by two */
+                   (crystal ? RCC_PLLCFGR_SRC_HSE : 0u);
     RCC->cr |= RCC_CR_PLLON;
     /* 3.5.1, table 12: five wait states at 168 MHz and 3.3 V. */
     FLASH->acr = FLASH_ACR_LATENCY_5 | FLASH_ACR_PRFTEN | FLASH_ACR_ICEN | FLASH_ACR_DCEN;

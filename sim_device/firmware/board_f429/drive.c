@@ -64,4 +64,5 @@ void encoders_start(void) {
 void board_encoders(board_encoders_t *out) {
     out->left = (uint16_t)TIM3->cnt;
     out->right = (uint16_t)TIM4->cnt;
+    out->sampled_us = board_now_us();
 }

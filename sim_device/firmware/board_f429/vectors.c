@@ -16,8 +16,8 @@ void dma2_stream2_handler(void);
 void dma2_stream7_handler(void);
 
 typedef union {
-    uint32_t *stack;
-    handler_t handler;
+    uint32_t *stack;   // cppcheck-suppress unusedStructMember ; the processor reads it
+    handler_t handler; // cppcheck-suppress unusedStructMember
 } vector_t;
 
 #define EXCEPTIONS 16

@@ -186,6 +186,7 @@ void board_encoders(board_encoders_t *out)
     move();
     out->left = (uint16_t)(int64_t)floor(angle_rad[0] * COUNTS_PER_RAD);
     out->right = (uint16_t)(int64_t)floor(angle_rad[1] * COUNTS_PER_RAD);
+    out->sampled_us = board_now_us();
 }
 
 void board_imu(board_imu_t *out)

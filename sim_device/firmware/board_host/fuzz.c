@@ -1,6 +1,9 @@
 /* libFuzzer over scripts: what a host, a line and the sensors may do to the firmware, in any order.
- * Built with AddressSanitizer and UBSan; the findings are files that script_host takes too. */
+ * Built with AddressSanitizer and UBSan; what it finds are files that script_host takes too, less
+ * the first byte, which says where the script begins: with nothing, or in a session that drives. */
 #include "script.h"
+
+#define LIFE_US 30000000u /* three thousand control periods: enough for a plan's first legs */
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
@@ -11,9 +14,38 @@ static void to_nowhere(void *to, const uint8_t *data, size_t length)
     (void)length;
 }
 
+/* host_hello of session 7, agreed; clear_stop session_end; set_mode: velocity, or onboard and
+ * planner_command start; 3 s. */
+static const uint8_t driving[] = {
+    'F', 1, 0x04, 0, 0, 0, 0, 9, 0, 0, 0, 0, 7, 0, 0, 0, 1, /**/
+    'F', 1, 0x05, 0, 0, 0, 0, 3, 1, 0, 1,                   /**/
+    'F', 1, 0x06, 0, 0, 0, 0, 3, 2, 0, 1,                   /**/
+};
+static const uint8_t planning[] = {
+    'F', 1, 0x04, 0, 0, 0, 0, 9, 0, 0, 0, 0, 7, 0, 0, 0, 1, /**/
+    'F', 1, 0x05, 0, 0, 0, 0, 3, 1, 0, 1,                   /**/
+    'F', 1, 0x06, 0, 0, 0, 0, 3, 2, 0, 3,                   /**/
+    'F', 1, 0x09, 0, 0, 0, 0, 4, 3, 0, 0, 0,                /**/
+    'S', 0xB0, 0x71, 0x0B, 0, 0, 0,                         /* 750 ms, four times */
+    'F', 1, 0x07, 0, 0, 0, 0, 1, 0,                         /**/
+    'S', 0xB0, 0x71, 0x0B, 0, 0, 0,                         /**/
+    'F', 1, 0x07, 0, 0, 0, 0, 1, 0,                         /**/
+    'S', 0xB0, 0x71, 0x0B, 0, 0, 0,                         /**/
+    'F', 1, 0x07, 0, 0, 0, 0, 1, 0,                         /**/
+    'S', 0xB0, 0x71, 0x0B, 0, 0, 0,                         /**/
+};
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    script_begin();
-    (void)script_take(data, size, to_nowhere, NULL);
+    if (size == 0) {
+        return 0;
+    }
+    script_begin(LIFE_US);
+    if (data[0] % 4u == 1u) {
+        (void)script_take(driving, sizeof driving, to_nowhere, NULL);
+    } else if (data[0] % 4u >= 2u) {
+        (void)script_take(planning, sizeof planning, to_nowhere, NULL);
+    }
+    (void)script_take(data + 1, size - 1u, to_nowhere, NULL);
     return 0;
 }

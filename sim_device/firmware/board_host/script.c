@@ -8,6 +8,9 @@
  *                                               what the sensors read from now on (board.h)
  *   'S' u32 microseconds, u16 length, bytes     live for so long, then take what has come:
  *                                               bytes, or frames of 16 B (struct can_frame)
+ *   'F' u8 node, u8 type, u32 stamp, u8 length, payload
+ *                                               take a whole frame, sealed here (UART only): for a
+ *                                               fuzzer, which does not guess checks
  *   'P' u16 periods                             lose the supply so many control periods after the
  *                                               next save has begun: the flash stays as it is then
  * Each 'S' is answered by one record: see tell().
@@ -26,6 +29,7 @@
 static struct {
     board_identity_t identity;
     uint64_t now_us;
+    uint64_t end_us; /* of its life: no step goes beyond */
     uint64_t booted_us;
     uint8_t out[65536];
     size_t out_length;
@@ -115,6 +119,7 @@ void board_motors(int16_t left, int16_t right)
 void board_encoders(board_encoders_t *out)
 {
     *out = board.encoders;
+    out->sampled_us = board_now_us();
 }
 
 void board_imu(board_imu_t *out)
@@ -155,6 +160,9 @@ void board_flash_erase(unsigned page)
 
 void board_flash_write(unsigned page, size_t offset, const uint8_t *data, size_t length)
 {
+    if (board.supply_lost) {
+        return;
+    }
     if (board.supply_left == 1u) {
         length = length / 8u * 4u; /* half of it, in whole words */
     }
@@ -259,7 +267,8 @@ static void poll(void)
 /* Live for so long: in every control period that is due at its moment. */
 static void live(uint32_t for_us)
 {
-    const uint64_t until_us = board.now_us + for_us;
+    const uint64_t left_us = board.end_us - board.now_us;
+    const uint64_t until_us = board.now_us + (for_us < left_us ? for_us : left_us);
     for (;;) {
         const int64_t due_us = firmware_state()->due_us + (int64_t)board.booted_us;
         if (due_us > (int64_t)until_us) {
@@ -344,10 +353,23 @@ static void take_step(reader_t *reader, const writer_t *writer)
 {
     const uint32_t for_us = take(reader, 4);
     const size_t length = take(reader, 2);
-    live(for_us < SCRIPT_STEP_MAX_US ? for_us : SCRIPT_STEP_MAX_US);
+    live(for_us);
     deliver(reader->data, length);
     tell(writer);
     poll(); /* the line is idle now: a reboot that was answered happens */
+}
+
+static void take_frame(reader_t *reader)
+{
+    sp_sender_t host = {.node = (uint8_t)take(reader, 1)};
+    const uint8_t type = (uint8_t)take(reader, 1);
+    const uint32_t stamp_us = take(reader, 4);
+    const size_t length = take(reader, 1);
+    uint8_t frame[SP_FRAME_MAX];
+    if (length <= SP_PAYLOAD_MAX) {
+        memcpy(sp_payload(frame), reader->data, length);
+        deliver(frame, sp_seal(frame, &host, type, stamp_us, length));
+    }
 }
 
 /* Bytes of the record that begins here; 0: more are needed to tell; NO_RECORD: none does. */
@@ -359,6 +381,8 @@ static size_t record_size(const uint8_t *data, size_t length)
         return 7;
     case 'R':
         return 34;
+    case 'F':
+        return length < 8u ? 0u : 8u + (size_t)data[7];
     case 'P':
         return 3;
     case 'S':
@@ -368,11 +392,12 @@ static size_t record_size(const uint8_t *data, size_t length)
     }
 }
 
-void script_begin(void)
+void script_begin(uint64_t life_us)
 {
     static const uint8_t first_boot[] = {1, 0, 0, 0, SP_RESET_CAUSE_POWER_ON, 2};
     reader_t reader = {first_boot};
     memset(&board, 0, sizeof board);
+    board.end_us = life_us;
     take_boot(&reader);
 }
 
@@ -395,6 +420,9 @@ size_t script_take(const uint8_t *data, size_t length, script_write_t *write, vo
             break;
         case 'R':
             take_readings(&reader);
+            break;
+        case 'F':
+            take_frame(&reader);
             break;
         case 'P':
             board.supply_left = take_u16(&reader);

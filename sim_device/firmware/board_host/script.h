@@ -5,15 +5,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* A script's step is cut to this: a second of it is a hundred control periods. */
-#define SCRIPT_STEP_MAX_US 20000000u
 /* No record is longer. */
 #define SCRIPT_RECORD_MAX (7u + 65535u)
 
 typedef void script_write_t(void *to, const uint8_t *data, size_t length);
 
-/* Boot for the first time. */
-void script_begin(void);
+/* Boot for the first time; the life that follows is no longer than this, whatever steps say. */
+void script_begin(uint64_t life_us);
 
 /* Run the whole records among these bytes; what each step brought about goes to `write`. Gives how
  * many bytes were taken: the rest is the beginning of a record. */

@@ -20,7 +20,7 @@ int main(void)
     static uint8_t script[2u * SCRIPT_RECORD_MAX];
     size_t waiting = 0;
     ssize_t got;
-    script_begin();
+    script_begin(UINT64_MAX);
     while ((got = read(STDIN_FILENO, script + waiting, sizeof script - waiting)) > 0) {
         waiting += (size_t)got;
         const size_t taken = script_take(script, waiting, to_stdout, NULL);

@@ -141,6 +141,8 @@ static int carry_out(firmware_t *firmware, const sp_frame_t *frame)
         return set_stream_rate(firmware, frame);
     case SP_TYPE_REBOOT:
         return reboot(firmware, frame);
+    case SP_TYPE_SET_KEY: /* this firmware has no authentication, and says so in its hello */
+        return SP_NACK_REASON_UNSUPPORTED;
     default:
         return SP_NACK_REASON_UNKNOWN_COMMAND;
     }

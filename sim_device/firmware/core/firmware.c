@@ -75,7 +75,7 @@ static void carry_on_saving(void)
 static void tell(void)
 {
     for (unsigned i = 0; i < STREAMS; i++) {
-        if (schedule_due(&device.schedule, (stream_t)i, device.tick)) {
+        if (schedule_due(&device.schedule, (stream_t)i, device.tick, device.ticks)) {
             telemetry_send(&device, (stream_t)i);
         }
     }
@@ -87,41 +87,48 @@ static void tell(void)
     }
 }
 
+static bool due(uint32_t periods, uint32_t phase)
+{
+    return due_every(periods, phase, device.tick, device.ticks);
+}
+
 static void period(void)
 {
     board_watchdog_feed();
     session_tick(&device);
     readings_begin(&device.readings);
-    const bool sounded = device.agreed && device.tick % RANGE_PERIODS == RANGE_PHASE;
+    const bool sounded = device.agreed && due(RANGE_PERIODS, RANGE_PHASE);
     const motors_t motors = control_tick(&device.control, device.tick, device.now_us,
         &device.readings, sounded ? readings_around(&device.readings) : NULL);
     board_motors(motors.left, motors.right);
     carry_on_saving();
     /* The supply is looked after whether or not anybody is told. */
-    if (device.tick % POWER_PERIODS == POWER_PHASE
-        || schedule_due(&device.schedule, STREAM_POWER, device.tick)) {
+    if (due(POWER_PERIODS, POWER_PHASE)
+        || schedule_due(&device.schedule, STREAM_POWER, device.tick, device.ticks)) {
         read_power();
     }
-    if (device.tick % LOAD_PERIODS == 0) {
+    if (due(LOAD_PERIODS, 0)) {
         telemetry_measure_load(&device);
     }
     if (device.agreed) {
         tell();
-    } else if (device.tick % PERIODS_PER_SECOND == 0) {
+    } else if (due(PERIODS_PER_SECOND, 0)) {
         session_hello(&device, device.now_us);
     }
 }
 
-/* Periods that were missed are not made up for: what they would have measured is gone. */
+/* Periods that were missed are not made up for, what they would have measured being gone; but what
+ * was due in one of them is due now. */
 static void run_period_if_due(void)
 {
     if (device.now_us < device.due_us) {
         return;
     }
     const uint32_t missed = (uint32_t)(device.now_us - device.due_us) / PERIOD_US;
-    device.tick += missed + (device.ticked ? 1u : 0u);
+    device.ticks = missed + 1u;
+    device.tick += device.ticked ? device.ticks : missed;
     device.ticked = true;
-    device.due_us += (int64_t)(missed + 1u) * PERIOD_US;
+    device.due_us += (int64_t)device.ticks * PERIOD_US;
     period();
 }
 

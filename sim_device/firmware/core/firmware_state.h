@@ -23,6 +23,7 @@ typedef struct {
     int64_t now_us; /* uptime */
     int64_t due_us; /* of the next control period */
     uint32_t tick;  /* number of the period */
+    uint32_t ticks; /* since the one before: 1, or more where some were missed */
     bool ticked;    /* there was one */
 
     line_t line;
@@ -55,6 +56,8 @@ typedef struct {
     uint8_t load_percent;
     uint32_t load_busy_us; /* as it was last worked out */
     int64_t load_at_us;
+    bool imu_told;
+    uint32_t imu_told_us; /* stamp of the newest sample that was told */
 } firmware_t;
 
 /* The one there is. */

@@ -21,8 +21,8 @@
 
 void odometry_start(odometry_t *odometry, const model_t *model)
 {
-    const odometry_t at_rest = {0};
-    *odometry = at_rest;
+    const odometry_t nothing = {0};
+    *odometry = nothing;
     odometry->left_metres_per_count =
         model->metres_per_count * 2.0f / (1.0f + model->wheel_ratio);
     odometry->right_metres_per_count = odometry->left_metres_per_count * model->wheel_ratio;
@@ -132,6 +132,7 @@ static void roll(odometry_t *odometry, float left_m, float right_m, float dt_s)
 void odometry_encoders(odometry_t *odometry, board_encoders_t counts, int64_t now_us)
 {
     if (odometry->counted) {
+        const uint32_t since_us = counts.sampled_us - odometry->counts.sampled_us;
         const int16_t left = wrapped16((uint16_t)(counts.left - odometry->counts.left));
         const int16_t right = wrapped16((uint16_t)(counts.right - odometry->counts.right));
         if (left != 0 || right != 0) {
@@ -139,10 +140,8 @@ void odometry_encoders(odometry_t *odometry, board_encoders_t counts, int64_t no
             odometry->turned_us = now_us;
         }
         roll(odometry, (float)left * odometry->left_metres_per_count,
-            (float)right * odometry->right_metres_per_count,
-            (float)(now_us - odometry->counted_us) * 1e-6f);
+            (float)right * odometry->right_metres_per_count, (float)since_us * 1e-6f);
     }
     odometry->counted = true;
     odometry->counts = counts;
-    odometry->counted_us = now_us;
 }

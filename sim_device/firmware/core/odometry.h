@@ -34,7 +34,6 @@ typedef struct {
     uint32_t sampled_us;
     bool counted; /* the encoders */
     board_encoders_t counts;
-    int64_t counted_us;
     bool turned; /* the wheels, ever */
     int64_t turned_us;
 } odometry_t;

@@ -99,9 +99,9 @@ velocity_t onboard_step(onboard_t *plan, uint32_t tick, int64_t now_us, const re
         plan->ultrasonic_mm = around->ranges.ultrasonic_mm;
     }
     if (decides && plan->state == PLAN_RUNS) {
-        const observation_t seen = {now_us, plan->odometry.pose, plan->odometry.v_m_s,
+        const observation_t observed = {now_us, plan->odometry.pose, plan->odometry.v_m_s,
             plan->odometry.yaw_rate_rad_s, plan->ultrasonic_mm, board_contacts()};
-        plan->wanted = run(plan, &seen, log);
+        plan->wanted = run(plan, &observed, log);
     } else if (decides && plan->state == PLAN_RESTS && plan->looked && now_us >= plan->move_us) {
         plan->state = PLAN_RUNS; /* from the next decision on */
     }

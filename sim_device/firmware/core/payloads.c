@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#define FIELDS_MAX 4u
+#define FIELDS_MAX 5u
 
 /* The host's messages with the bytes of each field, a text left out. It is the catalogue's, and a
  * message that grows does not compile here until its new field is added. */
@@ -27,6 +27,7 @@ static const struct {
     {SP_TYPE_SAVE_PARAMETERS, SP_SAVE_PARAMETERS_SIZE, 1, {2}, false},
     {SP_TYPE_SET_STREAM_RATE, SP_SET_STREAM_RATE_SIZE, 3, {2, 1, 2}, false},
     {SP_TYPE_REBOOT, SP_REBOOT_SIZE, 2, {2, 1}, false},
+    {SP_TYPE_SET_KEY, SP_SET_KEY_SIZE, 5, {2, 4, 4, 4, 4}, false},
 };
 
 #define HOLDS(name, condition) typedef char name[(condition) ? 1 : -1]
@@ -44,6 +45,7 @@ HOLDS(set_parameter_is_so, SP_SET_PARAMETER_SIZE == 8u);
 HOLDS(save_parameters_is_so, SP_SAVE_PARAMETERS_SIZE == 2u);
 HOLDS(set_stream_rate_is_so, SP_SET_STREAM_RATE_SIZE == 5u);
 HOLDS(reboot_is_so, SP_REBOOT_SIZE == 3u);
+HOLDS(set_key_is_so, SP_SET_KEY_SIZE == 18u);
 
 /* Place of a type in the table; HOST_MESSAGES: it is none of the host's. */
 static unsigned place_of(uint8_t type)

@@ -8,8 +8,8 @@
 
 #include "sweepctl_protocol.h"
 
-#define HOST_MESSAGES 14u
-#define PAYLOAD_MAX_SIZE 9u /* of a host's message, its text left out */
+#define HOST_MESSAGES 15u
+#define PAYLOAD_MAX_SIZE 18u /* of a host's message, its text left out */
 
 typedef struct {
     uint8_t known_fields[HOST_MESSAGES]; /* that the host knows, plus 1; 0: all */

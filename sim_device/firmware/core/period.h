@@ -2,8 +2,18 @@
 #ifndef PERIOD_H
 #define PERIOD_H
 
+#include <stdbool.h>
+#include <stdint.h>
+
 #define PERIOD_US 10000
 #define PERIOD_S 0.01f
 #define PERIODS_PER_SECOND 100u
+
+/* Whether what is due every so many periods, with a phase, is due in period `tick` or was in one of
+ * the `ticks` - 1 before it. */
+static inline bool due_every(uint32_t periods, uint32_t phase, uint32_t tick, uint32_t ticks)
+{
+    return (tick % periods + periods - phase) % periods < ticks;
+}
 
 #endif

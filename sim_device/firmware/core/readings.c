@@ -29,15 +29,13 @@ static uint16_t corrected(uint16_t range, const correction_t *by, float per_m)
 
 void readings_begin(readings_t *readings)
 {
-    board_encoders_t now;
-    board_encoders(&now);
-    readings->counted_us = board_now_us();
+    board_encoders(&readings->counts);
     if (!readings->begun) {
         readings->begun = true;
-        readings->zero = now;
+        readings->zero = readings->counts;
     }
-    readings->counts.left = (uint16_t)(now.left - readings->zero.left);
-    readings->counts.right = (uint16_t)(now.right - readings->zero.right);
+    readings->counts.left = (uint16_t)(readings->counts.left - readings->zero.left);
+    readings->counts.right = (uint16_t)(readings->counts.right - readings->zero.right);
     board_imu(&readings->imu);
     readings->around_known = false;
 }

@@ -25,7 +25,6 @@ typedef struct {
     bool begun;          /* `zero` is known */
     board_encoders_t zero;
     board_encoders_t counts; /* since boot */
-    uint32_t counted_us;
     board_imu_t imu;
     bool around_known;
     around_t around;

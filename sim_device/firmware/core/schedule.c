@@ -45,8 +45,8 @@ void schedule_set_rate(schedule_t *schedule, stream_t stream, uint16_t rate)
     schedule->phase[stream] = (uint16_t)(period == 0 ? 0u : (unsigned)stream % period);
 }
 
-bool schedule_due(const schedule_t *schedule, stream_t stream, uint32_t tick)
+bool schedule_due(const schedule_t *schedule, stream_t stream, uint32_t tick, uint32_t ticks)
 {
     const uint32_t period = schedule->period[stream];
-    return period != 0 && tick % period == schedule->phase[stream];
+    return period != 0 && due_every(period, schedule->phase[stream], tick, ticks);
 }

@@ -32,6 +32,8 @@ stream_t schedule_stream(uint8_t type);
 /* Send a stream at `rate` tenths of a hertz, as near as whole periods allow; 0: not. */
 void schedule_set_rate(schedule_t *schedule, stream_t stream, uint16_t rate);
 
-bool schedule_due(const schedule_t *schedule, stream_t stream, uint32_t tick);
+/* Whether it is due in period `tick`, or was in one of those that were missed before it: `ticks`
+ * periods have begun since the loop was last here. */
+bool schedule_due(const schedule_t *schedule, stream_t stream, uint32_t tick, uint32_t ticks);
 
 #endif

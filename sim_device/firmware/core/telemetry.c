@@ -7,7 +7,7 @@
 #define TIME_TO_LIVE_MS_MAX 250u
 
 typedef struct {
-    int length; /* of the payload */
+    int length; /* of the payload; -1: there is nothing to tell */
     uint32_t t_us;
 } encoded_t;
 
@@ -48,13 +48,17 @@ static encoded_t power(const firmware_t *firmware, uint8_t *payload)
     return encoded;
 }
 
-static encoded_t imu(const firmware_t *firmware, uint8_t *payload)
+/* A sample is told once: where the chip's clock is slower than ours there is none now and then. */
+static encoded_t imu(firmware_t *firmware, uint8_t *payload)
 {
     const board_imu_t *const imu = &firmware->readings.imu;
+    const bool told = firmware->imu_told && firmware->imu_told_us == imu->sampled_us;
+    firmware->imu_told = true;
+    firmware->imu_told_us = imu->sampled_us;
     const sp_imu_t message = {imu->accel_x, imu->accel_y, imu->accel_z, imu->temperature,
         imu->gyro_x, imu->gyro_y, imu->gyro_z};
     const encoded_t encoded = {
-        sp_imu_encode(&message, payload, SP_PAYLOAD_MAX), imu->sampled_us};
+        told ? -1 : sp_imu_encode(&message, payload, SP_PAYLOAD_MAX), imu->sampled_us};
     return encoded;
 }
 
@@ -63,7 +67,7 @@ static encoded_t encoders(const firmware_t *firmware, uint8_t *payload)
     const readings_t *const readings = &firmware->readings;
     const sp_encoders_t message = {readings->counts.left, readings->counts.right};
     const encoded_t encoded = {
-        sp_encoders_encode(&message, payload, SP_PAYLOAD_MAX), readings->counted_us};
+        sp_encoders_encode(&message, payload, SP_PAYLOAD_MAX), readings->counts.sampled_us};
     return encoded;
 }
 

@@ -85,10 +85,12 @@ void board_motors(int16_t left, int16_t right);
 /* Each gives its newest reading at once and the moment at which that was taken. The board samples by
  * itself: the IMU when its data is ready, the echo by a timer's capture. */
 
-/* Counts after x4 of both wheels now, rising forward, from 0 at boot; they wrap. */
+/* Counts after x4 of both wheels, rising forward, from whatever they were at boot; they wrap. Read
+ * each control period. */
 typedef struct {
     uint16_t left;
     uint16_t right;
+    uint32_t sampled_us;
 } board_encoders_t;
 void board_encoders(board_encoders_t *out);
 

@@ -1,0 +1,34 @@
+"""Gains and thresholds of the leg executor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class MotionTuning:
+    """Gains and thresholds of the executor; lengths in metres, angles in radians."""
+
+    brake_share: float = 0.75
+    """Stop distances use this share of the acceleration limit: the rest is for control."""
+    lag_s: float = 0.10
+    """From a command to the wheels following it: link, smoothing, motor."""
+    creep_m_s: float = 0.025
+    """Slowest approach; touching at this speed is a touch, not a collision (< 0.03 m/s)."""
+    lookahead_m: float = 0.25
+    """Lane keeping aims at the heading line this far ahead."""
+    turn_rate_share: float = 0.75
+    """Share of the yaw rate limit used for turns, so that control keeps authority."""
+    min_turn_rad_s: float = 0.10
+    """Slowest turn: below it wheels of this size stick."""
+    heading_tolerance_rad: float = 0.004
+    point_tolerance_m: float = 0.006
+    lowpass: float = 0.6
+    """k of the velocity smoothing, per 20 ms step."""
+    rest_m_s: float = 0.01
+    rest_rad_s: float = 0.03
+    settle_s: float = 0.6
+    """A leg ends at the latest this long after its stop, at rest or not."""
+    stall_s: float = 1.5
+    stall_m: float = 0.003
+    stall_rad: float = 0.02

@@ -1,0 +1,53 @@
+"""Messages on a bus that need a tag, held until it has come."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.uart import FLAG_AUTHENTICATED
+
+if TYPE_CHECKING:
+    from protocol.authentication import Authenticator
+    from protocol.link import Received
+
+TOGETHER_US = 10_000
+"""Message and tag are acted on when both have come within this."""
+
+
+class _Held(NamedTuple):
+    came_us: int
+    can_id: int
+    covered: bytes
+    event: Received
+
+
+class HeldMessages:
+    """At most one for each node."""
+
+    def __init__(self) -> None:
+        self._held: dict[int, _Held] = {}
+
+    def hold(self, can_id: int, covered: bytes, event: Received, now_us: int) -> Received | None:
+        """Hold a message; gives one that was held already, which has no tag."""
+        node = can_id & 0x0F
+        before = self._held.get(node)
+        self._held[node] = _Held(now_us, can_id, covered, event)
+        return None if before is None else before.event
+
+    def tagged(self, node: int, data: bytes, key: Authenticator, now_us: int) -> Received | None:
+        """A tag has come: the message that it belongs to, marked; None where it is of none."""
+        held = self._held.pop(node, None)
+        if held is None or now_us - held.came_us > TOGETHER_US:
+            return None
+        if not key.check_can([(held.can_id, held.covered)], data):
+            return None
+        frame = held.event.frame
+        flags = frame.version_flags | FLAG_AUTHENTICATED
+        return held.event._replace(frame=frame._replace(version_flags=flags))
+
+    def late(self, now_us: int) -> list[Received]:
+        """Messages whose tag did not come in time; they are what they would be without."""
+        if not self._held:
+            return []
+        late = [n for n, held in self._held.items() if now_us - held.came_us > TOGETHER_US]
+        return [self._held.pop(node).event for node in late]

@@ -1,0 +1,246 @@
+"""The link to the plant, frame by frame: what the emulated chip's second UART carries.
+
+A frame is 0xA5, type, length of the payload, payload, CRC-32 of zlib over type to payload; all
+numbers little-endian. The chip's end is ``firmware/board_f405_qemu/plant_link.h``, which holds
+the same numbers. No clock and no socket here.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from typing import TYPE_CHECKING, NamedTuple
+from zlib import crc32
+
+from protocol.values import Contact
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from sim_device.contacts import Bumpers
+    from sim_device.imu import ImuCounts
+    from sim_device.power import PowerReading
+    from sim_device.rangers import Ranges
+
+VERSION = 1
+CHUNK = 128
+"""Bytes of flash in a frame."""
+DUTY_ONE = 10_000
+NO_RANGE = 0xFFFF
+PAGES, PAGE_SIZE = 2, 1024
+_SYNC = 0xA5
+_HEAD = struct.Struct("<BBB")
+_CHECK = struct.Struct("<I")
+_REQUEST = struct.Struct("<IIIhhH")
+_MOTORS = struct.Struct("<Ihh")
+_SAMPLE = struct.Struct("<IHH7hHHHB")
+_POWER = struct.Struct("<IHHHH")
+_BYTE = struct.Struct("<B")
+_PLACE = struct.Struct("<BH")
+_IDENTITY = struct.Struct("<12sIBBB")
+
+
+class FromChip(IntEnum):
+    """Types of the chip's frames."""
+
+    BOOT = 0x01
+    REQUEST = 0x02
+    MOTORS = 0x03
+    ERASE = 0x04
+    WRITE = 0x05
+    RESET = 0x06
+
+
+class ToChip(IntEnum):
+    """Types of the plant's frames."""
+
+    IDENTITY = 0x81
+    PAGE = 0x82
+    SAMPLE = 0x83
+    POWER = 0x84
+    HANG = 0x85
+
+
+class Boot(NamedTuple):
+    """The chip has begun and asks who it is."""
+
+    version: int
+
+
+class Request(NamedTuple):
+    """The plant may go on to ``sample_us``, where readings are to be taken."""
+
+    now_us: int
+    """The chip's clock, 32 bits, as are all its times."""
+    sample_us: int
+    newest_us: int
+    """Of the last readings that have come."""
+    left: int
+    """Duty, of ``DUTY_ONE``."""
+    right: int
+    stack_free: int
+    """Bytes of the chip's stack that were never used."""
+
+
+class Motors(NamedTuple):
+    """Duties have changed."""
+
+    now_us: int
+    left: int
+    right: int
+
+
+class Erase(NamedTuple):
+    """A page of flash is erased."""
+
+    page: int
+
+
+class Write(NamedTuple):
+    """Bytes stand in a page of flash."""
+
+    page: int
+    offset: int
+    data: bytes
+
+
+class Reset(NamedTuple):
+    """The chip is about to begin anew, for this cause."""
+
+    cause: int
+
+
+Message = Boot | Request | Motors | Erase | Write | Reset
+
+
+def frame(kind: int, payload: bytes = b"") -> bytes:
+    """Bytes of a frame."""
+    body = bytes((kind, len(payload))) + payload
+    return bytes((_SYNC,)) + body + _CHECK.pack(crc32(body))
+
+
+def identity(uid: bytes, boot_id: int, cause: int, node: int, chunks: int) -> bytes:
+    """Who the chip is; ``chunks`` counts the pages' frames sent before this one."""
+    return frame(ToChip.IDENTITY, _IDENTITY.pack(uid, boot_id, cause, node, chunks))
+
+
+def pages(content: Sequence[bytes | bytearray]) -> list[bytes]:
+    """Frames that fill the chip's copy of its flash; what is erased needs none."""
+    frames = []
+    for number, page in enumerate(content):
+        used = len(bytes(page).rstrip(b"\xff"))
+        for offset in range(0, used, CHUNK):
+            data = bytes(page[offset : min(used, offset + CHUNK)])
+            frames.append(frame(ToChip.PAGE, _PLACE.pack(number, offset) + data))
+    return frames
+
+
+def sample(  # noqa: PLR0913 - all that is sampled together
+    at_us: int,
+    counts: tuple[int, int],
+    imu: ImuCounts,
+    ranges: Ranges,
+    bumpers: Bumpers,
+    *,
+    cliff: bool,
+) -> bytes:
+    """One period's readings, taken at ``at_us`` of the chip's clock."""
+    contacts = (
+        (Contact.BUMPER_LEFT if bumpers.left else 0)
+        | (Contact.BUMPER_RIGHT if bumpers.right else 0)
+        | (Contact.CLIFF if cliff else 0)
+    )
+    payload = _SAMPLE.pack(
+        at_us & 0xFFFF_FFFF,
+        *counts,
+        *imu,
+        _range(ranges.ultrasonic_m, 1000.0),
+        _range(ranges.infrared_left_m, 10_000.0),
+        _range(ranges.infrared_right_m, 10_000.0),
+        contacts,
+    )
+    return frame(ToChip.SAMPLE, payload)
+
+
+def power(at_us: int, reading: PowerReading) -> bytes:
+    """Rails and currents in millivolts and milliamperes; a current has no sign."""
+    milli = (
+        _milli(v) for v in (reading.battery_v, reading.rail_v, reading.left_a, reading.right_a)
+    )
+    return frame(ToChip.POWER, _POWER.pack(at_us & 0xFFFF_FFFF, *milli))
+
+
+def _milli(value: float) -> int:
+    return min(0xFFFF, round(1000.0 * abs(value)))
+
+
+def _range(range_m: float | None, per_m: float) -> int:
+    return NO_RANGE if range_m is None else min(NO_RANGE - 1, max(0, round(range_m * per_m)))
+
+
+class Parser:
+    """Frames from the chip's bytes; what is damaged is passed over and counted."""
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+        self.damaged = 0
+        """Frames whose check did not hold, or that say what there is not."""
+
+    def clear(self) -> None:
+        """Forget half a frame: the chip begins anew."""
+        self._data.clear()
+
+    def feed(self, data: bytes) -> Iterator[Message]:
+        """Messages that are whole by now."""
+        self._data += data
+        while (start := self._data.find(_SYNC)) >= 0:
+            del self._data[:start]
+            if len(self._data) < _HEAD.size:
+                return
+            _, kind, length = _HEAD.unpack_from(self._data)
+            end = _HEAD.size + length
+            if len(self._data) < end + _CHECK.size:
+                return
+            body, payload = bytes(self._data[1:end]), bytes(self._data[_HEAD.size : end])
+            if _CHECK.unpack_from(self._data, end)[0] != crc32(body):
+                self.damaged += 1
+                del self._data[:1]
+                continue
+            del self._data[: end + _CHECK.size]
+            message = _message(kind, payload)
+            if message is None:
+                self.damaged += 1
+            else:
+                yield message
+        self._data.clear()
+
+
+def _write(payload: bytes) -> Write:
+    page, offset = _PLACE.unpack_from(payload)
+    return Write(page, offset, payload[_PLACE.size :])
+
+
+_READERS: dict[int, Callable[[bytes], Message]] = {
+    FromChip.BOOT: lambda payload: Boot(*_BYTE.unpack(payload)),
+    FromChip.REQUEST: lambda payload: Request(*_REQUEST.unpack(payload)),
+    FromChip.MOTORS: lambda payload: Motors(*_MOTORS.unpack(payload)),
+    FromChip.ERASE: lambda payload: Erase(*_BYTE.unpack(payload)),
+    FromChip.WRITE: _write,
+    FromChip.RESET: lambda payload: Reset(*_BYTE.unpack(payload)),
+}
+
+
+def _message(kind: int, payload: bytes) -> Message | None:
+    """None where a frame says what there is not: another type, length, or place in flash."""
+    reader = _READERS.get(kind)
+    if reader is None:
+        return None
+    try:
+        message = reader(payload)
+    except struct.error:
+        return None
+    if isinstance(message, Erase | Write) and message.page >= PAGES:
+        return None
+    if isinstance(message, Write) and message.offset + len(message.data) > PAGE_SIZE:
+        return None
+    return message

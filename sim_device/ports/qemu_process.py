@@ -1,0 +1,201 @@
+"""A QEMU that emulates the chip, as a process of this one's own."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from sim_device.ports.base import PortUnavailableError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+PROGRAM = "qemu-system-arm"
+MACHINE = "netduinoplus2"
+"""An STM32F405 with a Cortex-M4."""
+END_S = 5.0
+_PR_SET_PDEATHSIG = 1
+_READ = 65_536
+_BACKLOG = 65_536
+"""Bytes kept for a chip that does not take them; more is lost, as in an adapter."""
+
+
+class QemuGoneError(PortUnavailableError):
+    """QEMU could not be started, or has ended by itself; one line for people."""
+
+
+class Lane:
+    """One end of a serial line of the chip: never waits."""
+
+    def __init__(self) -> None:
+        ours, self.theirs = socket.socketpair()
+        ours.setblocking(False)  # noqa: FBT003 - positional in C
+        self._socket = ours
+        self._waiting = bytearray()
+        self.gone = False
+
+    def fileno(self) -> int:
+        """Becomes readable when the chip has said something, or QEMU has ended."""
+        return self._socket.fileno()
+
+    def write(self, data: bytes) -> None:
+        """Send, or keep what does not go yet."""
+        self._waiting += data[: _BACKLOG - len(self._waiting)]
+        if self._waiting:
+            with suppress(BlockingIOError, InterruptedError, BrokenPipeError, ConnectionError):
+                del self._waiting[: self._socket.send(self._waiting)]
+
+    def read(self) -> bytes:
+        """All that has come."""
+        if self._waiting:
+            self.write(b"")
+        data = b""
+        with suppress(BlockingIOError, InterruptedError):
+            try:
+                while chunk := self._socket.recv(_READ):
+                    data += chunk
+            except ConnectionError:
+                pass
+            self.gone = True  # the end of the stream: otherwise recv had raised
+        return data
+
+    def close(self) -> None:
+        """Hang up."""
+        self._socket.close()
+        self.theirs.close()
+
+
+def find_qemu() -> str:
+    """Path of the program.
+
+    Raises:
+        QemuGoneError: it is not installed; says how to get it.
+
+    """
+    if sys.platform == "win32":
+        raise QemuGoneError("--target qemu needs Linux or macOS")
+    path = shutil.which(PROGRAM)
+    if path is None:
+        raise QemuGoneError(
+            f"{PROGRAM} is not installed, and --target qemu runs in it "
+            "(Debian: apt install qemu-system-arm)"
+        )
+    return path
+
+
+class QemuProcess:
+    """QEMU with a firmware: USART1 is ``wire``, USART2 ``plant``; told what to do by QMP."""
+
+    def __init__(self, firmware: Path) -> None:
+        """Start it; the chip runs at once.
+
+        Raises:
+            QemuGoneError: QEMU is not installed or cannot be started.
+
+        """
+        program = find_qemu()
+        self.wire, self.plant, self._orders = Lane(), Lane(), Lane()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        lanes = {"wire": self.wire, "plant": self.plant, "orders": self._orders}
+        command = [program, "-M", MACHINE, "-nodefaults", "-display", "none"]
+        for name, lane in lanes.items():
+            command += ["-chardev", f"socket,id={name},fd={lane.theirs.fileno()}"]
+        command += ["-serial", "chardev:wire", "-serial", "chardev:plant"]
+        command += ["-mon", "chardev=orders,mode=control", "-kernel", str(firmware)]
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - our own command
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=self._said,
+                stderr=self._said,
+                pass_fds=[lane.theirs.fileno() for lane in lanes.values()],
+                start_new_session=True,  # Ctrl-C is for us, who then end it in order
+                preexec_fn=_end_with_parent(),  # noqa: PLW1509 - one system call, no lock, no memory
+            )
+        except OSError as error:
+            self._close_lanes()
+            self._said.close()
+            raise QemuGoneError(f"cannot start {program}: {error.strerror}") from None
+        for lane in lanes.values():
+            lane.theirs.close()
+        self._order("qmp_capabilities")
+
+    @property
+    def pid(self) -> int:
+        """Of QEMU."""
+        number: int = self._process.pid
+        return number
+
+    def filenos(self) -> list[int]:
+        """Become readable when there is something to do."""
+        return [self.wire.fileno(), self.plant.fileno()]
+
+    def check(self) -> None:
+        """Note what QEMU has answered.
+
+        Raises:
+            QemuGoneError: it has ended.
+
+        """
+        self._orders.read()
+        if self.wire.gone or self.plant.gone or self._process.poll() is not None:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(1.0)
+            self._said.seek(0)
+            lines = self._said.read().decode(errors="replace").strip().splitlines()
+            # A crash ends in a page of registers; what it was stands before them.
+            lines = [line for line in lines if line.startswith("qemu")] or lines
+            why = lines[0] if lines else f"status {self._process.returncode}"
+            raise QemuGoneError(f"QEMU has ended by itself: {why}")
+
+    def reset(self) -> None:
+        """Reset the chip."""
+        self._order("system_reset")
+
+    def halt(self) -> None:
+        """Let the chip and its clock stand still."""
+        self._order("stop")
+
+    def go_on(self) -> None:
+        """Let it run again."""
+        self._order("cont")
+
+    def close(self) -> None:
+        """End QEMU and leave nothing behind."""
+        if self._process.poll() is None:
+            self._process.terminate()
+            try:
+                self._process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        self._close_lanes()
+        self._said.close()
+
+    def _order(self, what: str) -> None:
+        self._orders.write(json.dumps({"execute": what}).encode() + b"\n")
+
+    def _close_lanes(self) -> None:
+        for lane in (self.wire, self.plant, self._orders):
+            lane.close()
+
+
+def _end_with_parent() -> Callable[[], None] | None:
+    """What makes the kernel end QEMU when this process is killed; nothing where it cannot."""
+    if sys.platform != "linux":
+        return None
+    prctl = ctypes.CDLL(None).prctl
+
+    def ask() -> None:
+        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+    return ask

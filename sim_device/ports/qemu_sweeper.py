@@ -1,0 +1,338 @@
+"""The virtual sweeper's body with the real firmware: its binary runs on a chip that QEMU emulates.
+
+To the line, the faults and the port it is what :class:`sim_device.device.VirtualSweeper` is. The
+chip's clock paces the body: before each control period the chip asks for the readings at its
+begin; the plant goes on to that moment, as duties stay until then, and answers. While the chip is
+silent (it boots, is off, or the computer is too busy to run it) the body follows this computer's
+clock, so that a robot whose chip is dead still rolls on.
+"""
+
+from __future__ import annotations
+
+import time
+from enum import Enum, auto
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bridge.motion.robot_model import RobotModel
+from protocol.values import ResetCause
+from sim_device.clock import DeviceClock
+from sim_device.noise import noise_level
+from sim_device.plant import Plant, Truth
+from sim_device.ports import qemu_link as link
+from sim_device.ports.qemu_process import QemuGoneError, QemuProcess
+from sim_device.sensors import SensorSuite
+from sim_device.world import World
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bridge.coverage.floorplan import FloorPlan
+
+CANNOT = "the emulated chip keeps its own time; --target python has this fault"
+START_S = 10.0
+"""From QEMU's start to the chip's first word; measured 0.2 s on an idle computer."""
+TURN_US = 10_000
+"""How often the body is seen to while the chip is silent."""
+SILENCE_US = 50_000
+"""Five requests missed: the body goes on without the chip."""
+LOST_US = 200_000
+"""Readings that have not come by then never will: a reset has cut them."""
+DEAD_US = 2_000_000
+"""A chip that runs and asks for nothing: its interrupts are off for good. Its own watchdog, which
+counts in an interrupt, cannot see that. Long, as a busy computer may stop QEMU for so long."""
+GATHER_S = 0.0002
+"""QEMU hands over byte by byte: wait for the rest of a frame instead of waking for each."""
+POWER_PERIODS = 10
+BROWN_OUT_V, SUPPLY_GOOD_V = 4.0, 4.3
+"""See ``sim_device.device``."""
+_WRAP = 1 << 32
+
+
+class _Chip(Enum):
+    BOOTING = auto()
+    RUNNING = auto()
+    OFF = auto()
+
+
+def _boot_id(rng: np.random.Generator) -> int:
+    return int(rng.integers(1, _WRAP))
+
+
+class QemuSweeper:
+    """A body in a room, with a chip in a process of its own. Time passed in is since its start."""
+
+    def __init__(  # noqa: PLR0913 - what a device can be made with
+        self,
+        firmware: Path,
+        plan: FloorPlan,
+        model: RobotModel | None = None,
+        *,
+        seed: int = 0,
+        noise: str = "typical",
+        node: int = 1,
+        boot_id: int | None = None,
+    ) -> None:
+        """Start QEMU with ``firmware``; the chip waits for :meth:`step` to be told who it is.
+
+        Raises:
+            FloorPlanError: the robot does not fit where it should start.
+            QemuGoneError: QEMU is not installed, or does not run this firmware.
+
+        """
+        model = model or RobotModel()
+        level = noise_level(noise)
+        identity_rng, plant_rng, sensor_rng = np.random.default_rng(seed).spawn(3)
+        self.plant = Plant(World(plan, model), model, level, plant_rng)
+        self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
+        self.clock = DeviceClock()
+        """Not the chip's own, which nobody can turn; see ``cannot``."""
+        self.cannot = {"clock-drift": CANNOT, "clock-jump": CANNOT}
+        """Faults that this device refuses, by kind, and why."""
+        self.flash = [bytearray(b"\xff" * link.PAGE_SIZE) for _ in range(link.PAGES)]
+        self.stack_free = 0
+        """Bytes of the chip's stack that were never used, as it says."""
+        self._node, self._uid = node, identity_rng.bytes(12)
+        self._boot_id = boot_id or _boot_id(identity_rng)
+        self._identity_rng = identity_rng
+        self._cause = ResetCause.POWER_ON
+        self._state = _Chip.BOOTING
+        self._on_us = 0
+        """When a chip that is off comes back."""
+        self._now_us = self._deadline_us = 0
+        self._heard_us = 0
+        """When the chip last asked for readings, or booted."""
+        self._base_us: int | None = None
+        """The body's time when the chip's clock was 0; None until its first request."""
+        self._chip_us = 0
+        """The chip's clock at its last request, extended beyond 32 bits."""
+        self._told_us = 0
+        """Of what moment of the chip's clock the last readings are that were sent ..."""
+        self._told_at_us = -LOST_US
+        """... and when that was."""
+        self._periods = 0
+        self._parser = link.Parser()
+        self._out = bytearray()
+        self._asked = False
+        self._qemu = QemuProcess(firmware)
+        try:
+            self._await_chip()
+        except QemuGoneError as error:
+            self._qemu.close()
+            raise QemuGoneError(f"{firmware} does not run: {error}") from None
+
+    # ---- like a virtual sweeper -----------------------------------------------------------
+
+    def step(self, data: bytes, now_us: int) -> bytes:
+        """Live until ``now_us``, then take ``data``; give what the chip has said meanwhile.
+
+        Raises:
+            QemuGoneError: QEMU has ended.
+
+        """
+        self._now_us = now_us
+        self._deadline_us = now_us + TURN_US
+        self._listen()
+        self._keep_pace()
+        if data and self._state is _Chip.RUNNING:
+            self._qemu.wire.write(data)
+        out = bytes(self._out)
+        self._out.clear()
+        return out
+
+    def next_deadline_us(self) -> int:
+        """When there is something to do next."""
+        return self._deadline_us
+
+    @property
+    def truth(self) -> Truth:
+        """What is really so."""
+        return self.plant.truth
+
+    def reset(self, cause: ResetCause, off_s: float = 0.0, *, boot_id: int | None = None) -> None:
+        """Reset the chip where the body stands; it comes back ``off_s`` later.
+
+        After ``POWER_ON`` and ``BROWN_OUT`` it also waits for its supply.
+        """
+        self._begin_anew(cause, boot_id)
+        self._out.clear()
+        if cause in {ResetCause.POWER_ON, ResetCause.BROWN_OUT}:
+            self._state = _Chip.OFF
+            self._on_us = self._now_us + round(off_s * 1e6)
+            self._qemu.halt()
+        else:
+            self._qemu.reset()
+
+    def hang(self) -> None:
+        """Let the firmware stand still, its outputs as they are, until its watchdog resets it."""
+        self._qemu.plant.write(link.frame(link.ToChip.HANG))
+
+    # ---- the serving loop's ----------------------------------------------------------------
+
+    def filenos(self) -> list[int]:
+        """Become readable when the chip has said something."""
+        return self._qemu.filenos()
+
+    def poll(self, now_us: int) -> None:
+        """Note that it has: what it says is fetched by the next step, at ``now_us``."""
+        time.sleep(GATHER_S)
+        self._deadline_us = min(self._deadline_us, now_us)
+
+    @property
+    def pid(self) -> int:
+        """QEMU's."""
+        return self._qemu.pid
+
+    def close(self) -> None:
+        """End QEMU."""
+        self._qemu.close()
+
+    # ---- the chip ---------------------------------------------------------------------------
+
+    def _await_chip(self) -> None:
+        """Wait for its first word."""
+        until_s = time.monotonic() + START_S
+        while not self._asked:
+            if time.monotonic() > until_s:
+                raise QemuGoneError(f"the chip said nothing for {START_S:g} s")
+            time.sleep(0.005)
+            self._qemu.check()
+            for message in self._parser.feed(self._qemu.plant.read()):
+                if isinstance(message, link.Boot):
+                    if message.version != link.VERSION:
+                        raise QemuGoneError(
+                            f"it speaks version {message.version} of the link to the plant, this "
+                            f"emulator {link.VERSION}; build it anew"
+                        )
+                    self._asked = True
+
+    def _begin_anew(self, cause: ResetCause, boot_id: int | None = None) -> None:
+        """What a reset means to the body and to what is under way."""
+        self.plant.set_duty(0.0, 0.0)
+        self._cause, self._boot_id = cause, boot_id or _boot_id(self._identity_rng)
+        self._state = _Chip.BOOTING
+        self._base_us = None
+        self._asked = False
+        self._heard_us = self._now_us
+
+    def _listen(self) -> None:
+        self._qemu.check()
+        messages = list(self._parser.feed(self._qemu.plant.read()))
+        said = self._qemu.wire.read()  # second: with all that was said before a chip's own reset
+        if self._state is _Chip.RUNNING:
+            self._out += said
+        newest = max((i for i, m in enumerate(messages) if isinstance(m, link.Request)), default=0)
+        for place, message in enumerate(messages):
+            self._take(message, answered=place >= newest)
+        if self._asked and self._state is _Chip.BOOTING:
+            self._asked = False
+            self._tell_identity()
+
+    def _take(self, message: link.Message, *, answered: bool) -> None:
+        if isinstance(message, link.Boot):
+            if self._state is _Chip.RUNNING:  # it began anew without a word: a fault of its own
+                self._begin_anew(ResetCause.SOFTWARE)
+            self._asked = True
+        elif self._state is not _Chip.RUNNING:
+            return  # the last words of a program that is reset
+        elif isinstance(message, link.Request):
+            self._request(message)
+            if answered and self._wanted(message):
+                self._tell_readings(self._extended(message.sample_us))
+        elif isinstance(message, link.Motors):
+            self._advance(self._extended(message.now_us))
+            self._set_duty(message.left, message.right)
+        elif isinstance(message, link.Erase):
+            self.flash[message.page][:] = b"\xff" * link.PAGE_SIZE
+        elif isinstance(message, link.Write):
+            end = message.offset + len(message.data)
+            self.flash[message.page][message.offset : end] = message.data
+        else:
+            known = message.cause in set(ResetCause)
+            self._begin_anew(ResetCause(message.cause) if known else ResetCause.SOFTWARE)
+
+    def _tell_identity(self) -> None:
+        plant = self._qemu.plant
+        chunks = link.pages(self.flash)
+        for chunk in chunks:
+            plant.write(chunk)
+        plant.write(link.identity(self._uid, self._boot_id, self._cause, self._node, len(chunks)))
+        self._state = _Chip.RUNNING
+        self._heard_us = self._now_us
+
+    def _request(self, request: link.Request) -> None:
+        if self._base_us is None:
+            self._chip_us = request.now_us
+            self._base_us = self._now_us - request.now_us
+        chip_us = self._extended(request.now_us)
+        ahead_us = 1000 * self.plant.tick_ms - (self._base_us + chip_us)
+        if ahead_us > SILENCE_US:  # the chip's clock stood still, and the body went on
+            self._base_us += ahead_us
+        self._chip_us = chip_us
+        self._heard_us = self._now_us
+        self.stack_free = request.stack_free
+        self._set_duty(request.left, request.right)
+        self._advance(self._extended(request.sample_us))
+
+    def _wanted(self, request: link.Request) -> bool:
+        """Whether the chip has had the last readings: a busy computer is late, and more so by more.
+
+        Without this what QEMU takes too slowly would queue up, and all of it come too late.
+        """
+        had = request.newest_us == self._told_us % _WRAP
+        return had or self._now_us - self._told_at_us > LOST_US
+
+    def _tell_readings(self, at_us: int) -> None:
+        """Answer a request."""
+        self._told_us, self._told_at_us = at_us, self._now_us
+        sensors, plant = self.sensors, self._qemu.plant
+        plant.write(
+            link.sample(
+                at_us,
+                sensors.encoders(),
+                sensors.imu(),
+                sensors.ranges(),
+                sensors.bumpers(),
+                cliff=sensors.cliff(),
+            )
+        )
+        if self._periods % POWER_PERIODS == 0:
+            plant.write(link.power(at_us, sensors.power()))
+        self._periods += 1
+
+    def _set_duty(self, left: int, right: int) -> None:
+        self.plant.set_duty(left / link.DUTY_ONE, right / link.DUTY_ONE)
+
+    # ---- time -------------------------------------------------------------------------------
+
+    def _extended(self, chip_us: int) -> int:
+        """The chip's clock beyond 32 bits, nearest to where it was."""
+        return self._chip_us + (chip_us - self._chip_us + (_WRAP >> 1)) % _WRAP - (_WRAP >> 1)
+
+    def _advance(self, chip_us: int) -> None:
+        """Let the body live until a moment of the chip's clock; never back."""
+        if self._base_us is not None:
+            self._advance_to(self._base_us + chip_us)
+
+    def _advance_to(self, body_us: int) -> None:
+        missing_ms = body_us // 1000 - self.plant.tick_ms
+        if missing_ms > 0:
+            self.plant.advance_ms(missing_ms)
+
+    def _keep_pace(self) -> None:
+        """See to the body and the supply, whatever the chip does."""
+        silent_us = self._now_us - self._heard_us
+        if self._state is not _Chip.RUNNING or silent_us > SILENCE_US:
+            self._advance_to(self._now_us)
+        if self._state is _Chip.OFF:
+            if self._now_us >= self._on_us and self.plant.rail_5v_v >= SUPPLY_GOOD_V:
+                self._state = _Chip.BOOTING
+                self._heard_us = self._now_us
+                self._qemu.reset()
+                self._qemu.go_on()
+        elif self.plant.rail_5v_v < BROWN_OUT_V:
+            self.reset(ResetCause.BROWN_OUT)
+        elif silent_us > DEAD_US:
+            self._begin_anew(ResetCause.WATCHDOG)
+            self._qemu.reset()
