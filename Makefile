@@ -25,7 +25,7 @@ COMPILE := $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test demo lint types imports unit coverage bench campaign fmt lock clean
+.PHONY: help venv test demo lint types imports unit coverage bench firmware qemu campaign docs fmt lock clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' \
@@ -58,8 +58,17 @@ coverage: venv ## the tests with branch coverage, which takes them half as long 
 
 bench: venv ## speed of the wire and of a simulated run, and its memory over an hour
 	@PYTHONPATH=tests $(BIN)/python -m bench.wire
+	@PYTHONPATH=tests $(BIN)/python -m bench.round_trip
 	@PYTHONPATH=tests $(BIN)/python -m bench.simulate
 	@PYTHONPATH=tests $(BIN)/python -m bench.memory
+
+firmware: venv ## the firmware for its chips, in build/firmware: flash, RAM, stack of both boards
+	@$(MAKE) --no-print-directory --silent -C sim_device/firmware -f board.mk programs \
+		BUILD=$(CURDIR)/build/firmware PYTHON=$(CURDIR)/$(BIN)/python
+	@$(BIN)/python -m tools.firmware_report build/firmware
+
+qemu: venv ## a clean of case 1 by the firmware in QEMU, in real time: four minutes
+	@PYTHONPATH=tests $(BIN)/python -m bench.qemu_clean
 
 FUZZ_S ?= 60
 campaign: venv ## ten million damaged frames, then FUZZ_S=60 seconds of fuzzing for each reader
@@ -69,6 +78,11 @@ campaign: venv ## ten million damaged frames, then FUZZ_S=60 seconds of fuzzing 
 		PYTHONPATH=tests nice $(BIN)/python -m fuzz.run $$target -max_total_time=$(FUZZ_S) \
 			-verbosity=0 -print_final_stats=1 || exit 1; \
 	done
+
+docs: venv ## the documentation as a site in build/docs; a broken link is an error
+	@$(BIN)/python -m tools.command_help
+	@$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	@echo 'open build/docs/index.html'
 
 fmt: venv ## let ruff format and fix what it can
 	@$(BIN)/ruff format

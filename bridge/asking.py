@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from bridge.errors import BridgeError, CommandRejectedError, DeviceLostError, ParameterError
 from bridge.io import clock
 from bridge.parameters import Parameter, closest
+from bridge.refusals import refusal
 from protocol.catalogue import CATALOGUE
 from protocol.message import Direction, RateClass
 from protocol.messages import (
@@ -20,17 +21,16 @@ from protocol.messages import (
     PlannerCommand,
     Reboot,
     SaveParameters,
+    SetKey,
     SetParameter,
     SetStreamRate,
 )
 from protocol.values import (
-    NackReason,
     OnboardPlanner,
     ParameterKind,
     PlannerAction,
     RebootKind,
     StopCause,
-    label,
 )
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ _NAMES = {
     Reboot: "reboot",
     ClearStop: "clear stop",
     PlannerCommand: "planner",
+    SetKey: "set key",
 }
 
 
@@ -248,4 +249,4 @@ def _check(what: str, outcome: Outcome | None) -> None:
         return
     if outcome.reason is None:
         raise DeviceLostError(f"the device did not answer {what}")
-    raise CommandRejectedError(what, label(NackReason, outcome.reason))
+    raise CommandRejectedError(what, refusal(outcome.reason))

@@ -84,7 +84,9 @@ class Host:
         """Make everything, closed; :meth:`open` begins."""
         self.model = model
         self.mission = mission
-        self.session = Session(new_session_id, node=options.node, link=options.link)
+        self.session = Session(
+            new_session_id, node=options.node, link=options.link, key=options.key
+        )
         self.dialogue = Dialogue(self.session)
         self.sync = TimeSync(*options.least_delay_ns)
         self.state = RobotState()

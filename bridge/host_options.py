@@ -22,5 +22,7 @@ class HostOptions:
     node: int | None = None
     link: type[LinkBase] = Link
     """What the device is connected by."""
+    key: bytes | None = None
+    """Signs what moves the robot, where the device asks for it."""
     least_delay_ns: tuple[int, int] = (0, 0)
     """Declared: no frame to the device, none from it is quicker (:class:`TimeSync`)."""

@@ -11,6 +11,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.refusals import refusal
 from bridge.runners import hold, release
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause, label
@@ -212,7 +213,7 @@ class Mission:
             if outcome.reason is None:
                 ending = Ending("fault", f"the device did not answer {what}", 4)
             else:
-                text = f"the device refused {what}: {label(NackReason, outcome.reason)}"
+                text = f"the device refused {what}: {refusal(outcome.reason)}"
                 stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}
                 ending = Ending("stopped", text, 5) if stopped else Ending("fault", text, 4)
             self._end(now_s, ending)

@@ -12,8 +12,9 @@ from bridge.coverage.planner import PlannerEvent
 from bridge.coverage.planner import PlannerState as RunnerState
 from bridge.mission import DATA_TIMEOUT_S, Ending, Mission, Phase, Request
 from bridge.motion.observation import HALT
+from bridge.refusals import refusal
 from protocol.messages import PlannerCommand, PlannerState, SetMode
-from protocol.values import Mode, NackReason, PlannerAction, PlannerPhase, StopCause, label
+from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause, label
 
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation, VelocityCommand
@@ -102,7 +103,7 @@ class OnboardMission(Mission):
                 self._go(Phase.SETTLING, now_s)
             else:
                 reason = outcome.reason
-                why = "no answer" if reason is None else label(NackReason, reason)
+                why = "no answer" if reason is None else refusal(reason)
                 text = f"the device did not start its planner: {why}"
                 self._end(now_s, Ending("fault", text, 4))
         else:

@@ -45,7 +45,8 @@ from bridge.record.sink import NullSink
 from bridge.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
 from bridge.session_events import State
 from bridge.snapshot import snapshot
-from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.authentication import KEY_SIZE, key_words
+from protocol.messages import Encoders, Imu, Power, Range, SetKey, Status
 from protocol.values import StopCause
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from bridge.parameters import Parameter
     from bridge.record.sink import Sink
     from bridge.robot_state import RobotState
+    from bridge.session import Session
     from bridge.telemetry import EventRecord
 
 __all__ = ["LET_GO_S", "Latest", "ManualDrive", "Robot"]
@@ -81,13 +83,15 @@ class Robot:
         rts: bool = False,
         bitrate: int | None = None,
         lan: bool = False,
+        key: bytes | None = None,
         timeout_s: float = OPEN_TIMEOUT_S,
     ) -> None:
         """Open the port and agree with the device.
 
         ``sink`` gets every record of the session; ``node`` chooses one of several devices on
         a bus, ``bitrate`` is the bus's. ``dtr`` and ``rts`` are left inactive unless asked
-        for: many boards reset on them.
+        for: many boards reset on them. ``key`` (16 bytes) signs what moves the robot, where the
+        device has one.
 
         Raises:
             PortError: the port cannot be opened.
@@ -97,7 +101,7 @@ class Robot:
         """
         self.model = model or RobotModel()
         self._name, self._timeout_s = port, timeout_s
-        self._events, self._node = EventTap(sink or NullSink()), node
+        self._events, self._node, self._key = EventTap(sink or NullSink()), node, key
         self._open = Opener(
             port, PortOptions(baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
         )
@@ -117,7 +121,14 @@ class Robot:
         self.host = Host(
             self.model,
             self._events,
-            HostOptions(clock.unix_offset_ns(), "manual", start, self._node, link_of(self._name)),
+            HostOptions(
+                clock.unix_offset_ns(),
+                "manual",
+                start,
+                self._node,
+                link_of(self._name),
+                self._key,
+            ),
             self._mission,
             lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
         )
@@ -320,6 +331,27 @@ class Robot:
         """
         self.asker.reboot(factory_reset=factory_reset)
 
+    def set_key(self, key: bytes | None) -> None:
+        """Have the device obey only what is signed with this key, 16 bytes; None: no key any more.
+
+        A device takes a key over its local UART only, and never tells it. Where it has one
+        already, this robot must have been opened with it. A stop is obeyed without it.
+
+        Raises:
+            ValueError: not 16 bytes, or 16 zeros.
+            CommandRejectedError: the device refused.
+            DeviceLostError: it did not answer.
+
+        """
+        if key is not None and (len(key) != KEY_SIZE or not any(key)):
+            raise ValueError(f"a key has {KEY_SIZE} bytes that are not all 0")
+        self.asker.command(SetKey, *key_words(key or bytes(KEY_SIZE)))
+        self._key = key
+        session = self.host.session
+        self._pump.call(lambda: session.set_key(key, clock.now()))
+        if key is not None and not self._until(lambda: _signs(session), STATUS_TIMEOUT_S):
+            raise DeviceLostError("the device did not answer with its challenge")
+
     # ---- the end --------------------------------------------------------------------------
 
     def close(self) -> None:
@@ -358,6 +390,10 @@ class Robot:
         if ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
             return CommandRejectedError("to move", ending.reason)
         return StoppedForSafetyError(ending.reason)
+
+
+def _signs(session: Session) -> bool:
+    return session.link.key is not None and session.link.key.begun
 
 
 def _limited(value: float, limit: float) -> float:

@@ -22,6 +22,7 @@ from bridge.session_events import (
     StateChanged,
 )
 from bridge.session_evidence import Evidence
+from bridge.session_key import SessionKey
 from bridge.session_requests import SessionRequests
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.clock import HostNs
@@ -31,6 +32,7 @@ from protocol.link import Link, LinkBase, Medium, Received, Rejected
 from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
+    Challenge,
     DescribeReply,
     Hello,
     HostHello,
@@ -60,7 +62,7 @@ _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 class Session(SessionRequests):
     """The host's end of a conversation with one device."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a session can be made with
         self,
         new_session_id: Callable[[], int],
         *,
@@ -68,10 +70,19 @@ class Session(SessionRequests):
         node: int | None = None,
         catalogue: Catalogue = CATALOGUE,
         link: type[LinkBase] = Link,
+        key: bytes | None = None,
     ) -> None:
-        """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids."""
+        """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids.
+
+        With a ``key`` what moves the robot is signed, where the device asks for it.
+
+        Raises:
+            BadKeyError: the key has not 16 bytes.
+
+        """
         self.state = State.CLOSED
         self.link = link(Direction.HOST, codec=Codec(catalogue))
+        self._key = SessionKey(self.link, key)
         super().__init__(self.link, node, catalogue)
         self.hello: Hello | None = None
         self.session_id = 0
@@ -97,6 +108,7 @@ class Session(SessionRequests):
             Ack: self._reply,
             Nack: self._reply,
             TimeReply: self._time_reply,
+            Challenge: self._challenge,
         }
         """What the session itself listens to; all else is telemetry."""
 
@@ -273,6 +285,8 @@ class Session(SessionRequests):
         if handler is not None:
             handler(event.message, event, now_ns)
         elif self.state is State.AGREEING and self._agreement.settled and self._joined:
+            if not self._key.allows(self.hello):
+                return  # the next hello brings the challenge
             # Telemetry flows once the device knows that we agree; but what comes before it has
             # named our session may still be of an earlier one.
             self._ready(now_ns)
@@ -298,6 +312,15 @@ class Session(SessionRequests):
             self._answers.note(hello, event, self._opened_ns, now_ns)
             return
         self._accept(hello, event.frame.node, now_ns)
+
+    def set_key(self, key: bytes | None, now_ns: HostNs) -> None:
+        """Sign with this key from now on, and ask for the challenge; None: sign nothing."""
+        self._key.use(key)
+        if key is not None and self.state is State.READY:
+            self._send_hello(now_ns, agreed=1)
+
+    def _challenge(self, message: Challenge, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+        self._key.take(message, self.hello, self.session_id)
 
     @property
     def _others_talk(self) -> bool:
@@ -352,6 +375,7 @@ class Session(SessionRequests):
             self.link.forget_sequence()
         self.hello = hello
         self._joined = False
+        self._key.end()
         self._outbox.forget()
         self._agreement.begin(hello)
         self._send_hello(now_ns, agreed=0)
@@ -382,7 +406,7 @@ class Session(SessionRequests):
         other_schema = again and self._schema_known != hello.catalogue_hash
         self._boot_known, self._schema_known = hello.boot_id, hello.catalogue_hash
         self._tries = 0
-        self._next_ns = 0
+        self._next_ns = now_ns
         self._move("agreed", "both ends agree")
         differences = self._agreement.differences
         self._events.append(Agreed(hello, self.node, rebooted, differences, again, other_schema))

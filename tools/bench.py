@@ -34,9 +34,10 @@ def desk_on(asked: PortAsked) -> Iterator[Desk]:
     from bridge.bench.desk import Desk
     from bridge.io.wire import PortWire
 
+    key = asked.key
     wire = PortWire(asked.open())
     try:
-        desk = Desk(wire, lambda: secrets.randbelow(0xFFFF_FFFE) + 1, node=asked.node)
+        desk = Desk(wire, lambda: secrets.randbelow(0xFFFF_FFFE) + 1, node=asked.node, key=key)
     except BaseException:
         wire.close()
         raise

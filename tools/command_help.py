@@ -48,6 +48,13 @@ the key for it, given by a person who looked.
 | 4 | the device refused or disagreed |
 | 5 | stopped for safety |
 
+**Files**: logs go to `runs/<UTC>-<room or port>.mcap` unless `--out` says otherwise, and none is
+replaced without `--force`. A robot file is TOML: the keys of the robot's model, a table for each
+range sensor, `[supervise.RULE]` for rules. A room is a small [JSON file](rooms.md).
+
+**Environment**: with `NO_COLOR` set nothing is coloured. A run that owns its port can be reached by
+other shells through a Unix socket in the user's runtime directory (`XDG_RUNTIME_DIR`).
+
 **Completion**: `eval "$(sweepctl completion bash)"`, and the same for zsh and fish.
 """
 
@@ -59,7 +66,8 @@ def reference() -> str:
     """The whole page."""
     from tools.sweepctl import cli
 
-    context = click.Context(cli, info_name="sweepctl")
+    # With its settings: a command keeps the help option that it was first asked for.
+    context = click.Context(cli, info_name="sweepctl", **cli.context_settings)
     parts = [_HEAD, "## All commands\n", _index(cli, context)]
     for name, command in _commands(cli, context):
         inner = _context(command, context, name)

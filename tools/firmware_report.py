@@ -94,7 +94,10 @@ def _output(*command: str) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table; 1 where a stack may outgrow its reserve."""
+    """Print the table; 1 where a stack may outgrow its reserve, 2 where there is no build."""
+    if len(arguments) != 1:
+        print("usage: python -m tools.firmware_report BUILD", file=sys.stderr)
+        return 2
     build = Path(arguments[0])
     worst = 0
     row = "{:<18} {:>15} {:>16} {:>20}"
@@ -102,6 +105,9 @@ def main(arguments: list[str]) -> int:
     for name, board in BOARDS.items():
         try:
             took = taken(build, name)
+        except (OSError, subprocess.CalledProcessError) as error:
+            print(f"{build} holds no build of {name}, or no compiler: {error}", file=sys.stderr)
+            return 2
         except UnboundedStackError as error:
             print(f"{name}: the stack has no bound: {error}", file=sys.stderr)
             return 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import secrets
 import signal
 import sys
@@ -35,6 +36,7 @@ from bridge.summary import run_summary
 from bridge.supervise import Supervisor
 from bridge.telemetry import RoomRecord, RunInfo, Severity
 from bridge.watching import Watch, go_on
+from tools.comparing import compared
 from tools.console import err
 from tools.live import LivePicture, Teller
 from tools.operating import Operating
@@ -85,6 +87,10 @@ class LiveOptions:
     speed_m_s: float = HAND_M_S
     """Of the drive by hand."""
     gamepad: str | None = None
+    key: bytes | None = None
+    """Signs what moves the robot, where the device asks for it."""
+    compare: bool = False
+    """Tell where the device's parameters are not those of the robot file."""
     recording: RecordOptions = field(default_factory=RecordOptions)
     view: bool = False
     """Show the run live in Rerun."""
@@ -137,6 +143,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
             asked.plan.start if asked.plan else Pose2(0.0, 0.0, 0.0),
             asked.node,
             link_of(asked.port),
+            asked.key,
         ),
         mission,
         lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
@@ -160,8 +167,10 @@ def run_live(asked: LiveOptions) -> LiveResult:
             with (
                 live_view(asked.log, view=asked.view, serve=asked.serve),
                 _owner(asked.port, pump, opened),
+                compared(pump, asked.model) if asked.compare else contextlib.nullcontext(),
                 _picture(host, teller, operating),
             ):
+                gc.freeze()  # what start-up left is not walked through again while driving
                 pump.run()
             if host.drive_pose is not None:
                 host.record_map(clock.now())

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 TWICE_NS = 4_000_000_000
 """Within this a key that lets the robot move must be pressed again."""
 _STOP = {"space", "s"}
+_WIDE = 112
+"""Columns that the long line of keys needs."""
 _ORDERLY = {StopCause.NONE, StopCause.SESSION_END}
 
 
@@ -66,6 +68,14 @@ class Operating:
     def dead_man(self) -> DeadMan:
         """Of the drive by hand."""
         return self.operator.dead_man
+
+    @property
+    def note(self) -> str:
+        """What the newest key came to; before that, what the run waits for."""
+        watch = self._host.watch
+        if self._host.mission.asking or (watch is not None and watch.supervisor.holding):
+            return "the run waits for you: look, then r lets it go on"
+        return self.message
 
     def on_key(self, key: Key) -> None:
         """Take one event of the keyboard."""
@@ -152,6 +162,8 @@ class Operating:
             if key == "g" and not self.operator.has_plan:
                 self.message = "there is no plan here: sweepctl connect has one"
                 return
+            if key == "g" and not self._twice(key, "g again lets the plan drive"):
+                return
             then()
             self.message = _SAID[self.operator.hand]
         elif mission.phase is not Phase.WAITING:
@@ -209,15 +221,20 @@ class Operating:
         self.message = text
         return False
 
-    @property
-    def help(self) -> str:
-        """The keys, for the picture's last line."""
+    def help(self, width: int) -> str:
+        """The keys, for the picture's last line, in so many columns."""
+        wide = width >= _WIDE
         if self.operator.hand is Hand.MANUAL:
             held = "hold" if self.dead_man.releases else "tap (0.7 s each)"
+            speed = f"{self.dead_man.speed_m_s:.2f} m/s"
+            if not wide:
+                return f"arrows: {held}  {speed} +/-  space STOP  m mark  d leave  ^C end"
             return (
-                f"arrows: {held} to drive, {self.dead_man.speed_m_s:.2f} m/s   +/-: speed   "
+                f"arrows: {held} to drive, {speed}   +/-: speed   "
                 "space s: STOP   m: mark   d: end of the drive   Ctrl-C: end"
             )
+        if not wide:
+            return "space STOP  g start  p pause  d drive  m mark  c clear  r go on  ^C end"
         return (
             "space s: STOP   g: start plan   p: pause   d: drive by hand   m: mark   "
             "c: clear stop   r: go on   Ctrl-C: end"

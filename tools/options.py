@@ -162,7 +162,7 @@ def json_option(f: Callable[..., object]) -> Callable[..., object]:
 
 
 def port_options(f: Callable[..., object]) -> Callable[..., object]:
-    """How a port is opened: ``--node``, ``--baud``, ``--bitrate``, ``--lan``, ``--dtr``, ``--rts``."""
+    """``--node``, ``--baud``, ``--bitrate``, ``--lan``, ``--dtr``, ``--rts`` of opening a port."""
     for option in (
         click.option("--rts", is_flag=True, help="Set RTS (many boards reset on it)."),
         click.option("--dtr", is_flag=True, help="Set DTR (many boards reset on it)."),
@@ -185,6 +185,15 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
     ):
         f = option(f)
     return f
+
+
+def key_option(f: Callable[..., object]) -> Callable[..., object]:
+    """``--key-file``."""
+    return click.option(
+        "--key-file",
+        type=click.Path(dir_okay=False, path_type=Path),
+        help="Authenticate motion with the key in this file (sweepctl key makes one).",
+    )(f)
 
 
 def robot_option(f: Callable[..., object]) -> Callable[..., object]:

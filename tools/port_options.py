@@ -12,6 +12,7 @@ from tools import options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from bridge.io.ports import BytePort
 
@@ -24,6 +25,19 @@ class PortAsked:
     node: int | None
     how: dict[str, Any]
     """Keywords of ``bridge.io.reopening.PortOptions`` and of ``bridge.open``."""
+    key_file: Path | None = None
+
+    @property
+    def key(self) -> bytes | None:
+        """What motion and changes are signed with; None: they are not.
+
+        Raises:
+            ConfigError: the file cannot be read or holds no key.
+
+        """
+        from tools.keyfile import read_key
+
+        return read_key(self.key_file)
 
     def open(self) -> BytePort:
         """Open it.
@@ -42,12 +56,17 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
     """``PORT`` and how to open it; the command gets one ``port: PortAsked``."""
 
     def gathered(**given: Any) -> object:  # noqa: ANN401 - click's values
-        name, node = given.pop("port"), given.pop("node")
+        name, node, key_file = given.pop("port"), given.pop("node"), given.pop("key_file", None)
         how = {key: given.pop(key) for key in ("baud", "bitrate", "lan", "dtr", "rts")}
-        return f(port=PortAsked(name, node, how), **given)
+        return f(port=PortAsked(name, node, how, key_file), **given)
 
     made = options.port_options(functools.update_wrapper(gathered, f))
     return port_argument(made)
+
+
+def keyed_port_options(f: Callable[..., object]) -> Callable[..., object]:
+    """The same with ``--key-file``, for commands that move the robot or change it."""
+    return port_options(options.key_option(f))
 
 
 def port_argument(f: Callable[..., object]) -> Callable[..., object]:

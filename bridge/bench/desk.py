@@ -1,14 +1,15 @@
 """One device in hand: ask it, listen to it, move it a little; time passes only in calls.
 
-Sans-I/O: a :class:`Wire` carries bytes and tells the time, so that the same procedure runs on
-a port and in virtual time against the emulated device. Single-threaded, without planner, log
-or estimate: for those there is :class:`bridge.host.Host`.
+Sans-I/O: a :class:`bridge.bench.wire.Wire` carries bytes and tells the time, so that the same
+procedure runs on a port and in virtual time against the emulated device. Single-threaded, without
+planner, log or estimate: for those there is :class:`bridge.host.Host`.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
+from bridge.bench.wire import InterruptedByPersonError
 from bridge.errors import (
     BridgeError,
     CommandRejectedError,
@@ -40,9 +41,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
+    from bridge.bench.wire import Wire
     from bridge.session_events import SessionEvent
     from protocol.commands import Outcome
-    from protocol.link import LinkBase
     from protocol.message import Message
 
 CYCLE_NS = 20_000_000
@@ -56,29 +57,6 @@ _DAMAGE_IS_NOISE = frozenset({"silence", "garbage", "echo", "deaf"})
 M = TypeVar("M", bound="Message")
 
 
-class Wire(Protocol):
-    """What carries bytes to the device and back, and knows the time."""
-
-    @property
-    def link(self) -> type[LinkBase]:
-        """What is spoken over it."""
-
-    def now(self) -> HostNs:
-        """Monotonic time."""
-
-    def turn(self, data: bytes, until_ns: HostNs) -> bytes:
-        """Send, and give what comes; returns as soon as something has, or at that time."""
-
-    def close(self) -> None:
-        """Give it back."""
-
-
-class InterruptedByPersonError(StoppedForSafetyError):
-    """A person ended the procedure; the robot was stopped."""
-
-    exit_status = 0
-
-
 class Desk:
     """A session with one device; use it as a context manager, which leaves it stopped."""
 
@@ -88,9 +66,10 @@ class Desk:
         new_session_id: Callable[[], int],
         *,
         node: int | None = None,
+        key: bytes | None = None,
         timeout_s: float = 10.0,
     ) -> None:
-        """Agree with the device; nothing moves.
+        """Agree with the device; nothing moves. ``key`` signs what moves it, where it has one.
 
         Raises:
             NoDeviceError: none answered.
@@ -98,7 +77,9 @@ class Desk:
 
         """
         self._wire = wire
-        self.session = Session(new_session_id, name="sweepctl bench", node=node, link=wire.link)
+        self.session = Session(
+            new_session_id, name="sweepctl bench", node=node, link=wire.link, key=key
+        )
         self.newest: dict[type[Message], Message] = {}
         self._arrived: dict[type[Message], HostNs] = {}
         self._taps: list[tuple[tuple[type[Message], ...], list[tuple[float, Message]]]] = []
@@ -231,14 +212,14 @@ class Desk:
             self.lines.append(message.line)
         elif isinstance(message, Status) and self._free and message.stop_cause != StopCause.NONE:
             cause = label(StopCause, message.stop_cause)
-            why = f": {self.lines[-1]}" if self.lines else ""
+            told = [line for line in self.lines if not line.startswith("stop latched")]
+            why = f": {told[-1]}" if told else ""
             self._free = False
             self._failed = Failed("latched", f"the device latched a stop (cause: {cause}){why}")
 
     def latest(self, kind: type[M]) -> M | None:
         """The newest message of a kind."""
-        found = self.newest.get(kind)
-        return found if isinstance(found, kind) else None
+        return found if isinstance(found := self.newest.get(kind), kind) else None
 
     def await_newest(self, kind: type[M], timeout_s: float = 3.0) -> M:
         """The newest message of a kind, waited for where there is none yet.

@@ -38,6 +38,7 @@ REST_S = 0.6
 _LEG_S = 120.0
 _FINE = frozenset({StopReason.DONE, StopReason.DISTANCE})
 _LOWPASS = 0.5
+_SCALE_ROUNDS = 3
 
 
 class Measure(Protocol):
@@ -170,17 +171,27 @@ class Squares:
             f"its right, then to its left: it needs {room_m:.1f} m of free floor on both sides. "
             "Is it free?"
         )
-        scale = None
-        if asked.straight:
-            scale = self._straight(model, asked)
-            model = replace(model, wheel_diameter_m=model.wheel_diameter_m * scale)
+        straight = self._straight(model, asked) if asked.straight else None
         runs = self._squares(model, asked)
         before = benchmark(model, runs)
         first = borenstein(model, runs, side_m)
-        correction = refine(model, runs, first)
-        corrected = correction.applied_to(model)
+        scaled, scale, correction = model, 1.0, refine(model, runs, first)
+        if straight is not None:
+            # A robot with uneven wheels drives an arc: its chord tells the scale only once the
+            # ratio is known, and the base is known only with the scale.
+            for _ in range(_SCALE_ROUNDS):
+                scale *= straight_scale(correction.applied_to(scaled), *straight)
+                scaled = replace(model, wheel_diameter_m=model.wheel_diameter_m * scale)
+                correction = refine(scaled, runs, correction)
+        corrected = correction.applied_to(scaled)
         result = Result(
-            scale, runs, before, first, correction, benchmark(corrected, runs), corrected
+            None if straight is None else scale,
+            runs,
+            before,
+            first,
+            correction,
+            benchmark(corrected, runs),
+            corrected,
         )
         if asked.verify:
             self._person.tell("The same again with the corrected model.")
@@ -192,12 +203,14 @@ class Squares:
         if not self._person.confirm(text):
             raise BridgeError("ended: nothing was driven and nothing changed")
 
-    def _straight(self, model: RobotModel, asked: Asked) -> float:
+    def _straight(
+        self, model: RobotModel, asked: Asked
+    ) -> tuple[tuple[tuple[int, int], ...], float]:
+        """Counts of a straight way, and how far the robot really went, metres."""
         self._agree("STRAIGHT AHEAD next. Put the robot on its mark. Ready?")
         self._measure.begin()
         counts = self._drive(model, asked, (Drive(0.0, asked.side_m, asked.speed_m_s),))
-        ahead_m, left_m = self._measure.end()
-        return straight_scale(model, counts, math.hypot(ahead_m, left_m))
+        return counts, math.hypot(*self._measure.end())
 
     def _squares(self, model: RobotModel, asked: Asked) -> tuple[Run, ...]:
         runs = []

@@ -24,6 +24,7 @@ _SUFFIX = {
     "rad/s": "_rad_s",
     "V": "_v",
     "count": "",
+    "ratio": "",
     "": "",
 }
 """Unit of a parameter → ending of the robot file's key."""

@@ -76,6 +76,11 @@ class Planner(Protocol):
 class Watcher(Protocol):
     """A planner that looks at every observation, not only at the ends of legs."""
 
+    @property
+    def most_m_s(self) -> float:
+        """Fastest forward speed allowed by what is known ahead, as of the last observation."""
+        ...
+
     def watch(self, obs: Observation) -> bool:
         """Take an observation; true: the leg under way is to be cancelled."""
         ...

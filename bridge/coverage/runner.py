@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import Finish, Planner, PlannerEvent, PlannerState, Watcher
-from bridge.motion.executor import LegExecutor, MotionTuning
+from bridge.motion.executor import LegExecutor
 from bridge.motion.legs import Drive, Turn
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 
 if TYPE_CHECKING:
+    from bridge.motion.motion_tuning import MotionTuning
     from bridge.motion.robot_model import RobotModel
 
 _MAX_DECISIONS = 16
@@ -19,7 +20,8 @@ _MAX_DECISIONS = 16
 class PlanRunner:
     """Runs a plan to its end: one call of ``step`` per observation.
 
-    Halts before the first leg, while paused and after the end. Legs are only begun in ``step``.
+    At rest before the first leg, while paused and after the end, to which it brakes within the
+    acceleration limits. Legs are only begun in ``step``.
     """
 
     def __init__(
@@ -89,9 +91,8 @@ class PlanRunner:
         return self._planner.drain_events()
 
     def pause(self) -> None:
-        """Hold: ``step`` halts until ``resume``; the leg under way is kept."""
+        """Hold: ``step`` brakes to rest and stays there until ``resume``; the leg is kept."""
         self._paused = True
-        self._executor.halt()
 
     def resume(self) -> None:
         """Go on with the leg that was held, along its own line."""
@@ -99,11 +100,13 @@ class PlanRunner:
 
     def step(self, obs: Observation) -> VelocityCommand:
         """Command for this observation."""
-        if self._paused or self._finish is not None:
-            return HALT
         executor = self._executor
-        if self._watcher is not None and self._watcher.watch(obs):
-            executor.cancel(obs)
+        if self._paused or self._finish is not None:
+            return executor.brake(obs)
+        if self._watcher is not None:
+            if self._watcher.watch(obs):
+                executor.cancel(obs)
+            executor.most_m_s = self._watcher.most_m_s
         if self._started:
             command = executor.step(obs)
             if executor.result is None:
@@ -111,7 +114,7 @@ class PlanRunner:
         for _ in range(_MAX_DECISIONS):
             self._decide(obs)
             if self.finished:
-                return HALT
+                return executor.brake(obs)
             command = executor.step(obs)
             if executor.result is None:
                 return command

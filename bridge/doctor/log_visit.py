@@ -8,6 +8,7 @@ nobody here knows, pauses are still found.
 from __future__ import annotations
 
 import contextlib
+import heapq
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from protocol.catalogue import CATALOGUE
 from protocol.link import Medium
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
     from bridge.record.reader import LogMessage
@@ -32,6 +34,8 @@ PAUSE_TIMES = 20.0
 PAUSE_S = 1.0
 """A topic that pauses for longer than this, and for so many of its usual periods."""
 LEAST_MESSAGES = 20
+WINDOW_NS = 2_000_000_000
+"""By which messages of a file may be out of order: eight chunks of ours."""
 FROZEN = 60
 _FAILURES = frozenset(
     {"silence", "garbage", "echo", "words", "version", "deaf", "disagreement", "other_host"}
@@ -98,7 +102,7 @@ class _Log:
         self._raw = bool(first)
         medium = Medium.CAN if first == _CAN else Medium.UART
         examination = self._examination = Examination(medium, raw=self._raw)
-        for message in reader.messages():
+        for message in _in_order(reader.messages()):
             if self._begin_ns is None:
                 self._begin_ns = message.log_ns
             self._take(message)
@@ -209,6 +213,19 @@ class _Log:
             )
             data = {"topic": name, "pauses": len(pauses), "longest_s": wait_ns * _NANO}
             examination.extra.append(Finding("topic_gap", Severity.WARNING, text, data))
+
+
+def _in_order(messages: Iterable[LogMessage]) -> Iterator[LogMessage]:
+    """Messages by their time: a writer may put those of a topic together, chunk by chunk."""
+    waiting: list[tuple[int, int, LogMessage]] = []
+    newest_ns = 0
+    for number, message in enumerate(messages):
+        newest_ns = max(newest_ns, message.log_ns)
+        heapq.heappush(waiting, (message.log_ns, number, message))
+        while waiting[0][0] < newest_ns - WINDOW_NS:
+            yield heapq.heappop(waiting)[2]
+    while waiting:
+        yield heapq.heappop(waiting)[2]
 
 
 def _note_equal(topic: _Topic, imu: Any) -> None:  # noqa: ANN401 - a ROS message of any maker

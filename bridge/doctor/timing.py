@@ -27,6 +27,8 @@ HOLE_S = 0.3
 """Without a frame of a device that sends one every 4 ms."""
 STALL_S = 0.1
 """A host that reads a device's frames so much later than they were sent, all at once."""
+AFTER_STALL_S = 0.1
+_MS = 0.001
 LEAST_FRAMES = 50
 _WRAP, _HALF = 1 << 32, 1 << 31
 _AROUND = 3
@@ -102,9 +104,10 @@ def measure(view: WireView) -> Timing:
     trips_at = [((at - begin_ns) * 1e-9, trip * 1e-6) for at, trip in view.round_trips]
     delays: list[Floats] = []
     slopes: list[tuple[int, float]] = []
+    late = _of_stalls(timing, at_s)
     for first, last in zip(boots, [*boots[1:], len(at_s)], strict=True):
         piece = slice(first, last)
-        _judge_clock(timing, at_s[piece], stamp_s[piece], trips_at, delays, slopes)
+        _judge_clock(timing, at_s[piece], stamp_s[piece], late[piece], trips_at, delays, slopes)
     if delays:
         extra = np.concatenate(delays) * 1e3
         timing.delay_ms = {
@@ -158,10 +161,20 @@ def _find_holes(
             timing.holes.append(hole)
 
 
+def _of_stalls(timing: Timing, at_s: Floats) -> NDArray[np.bool_]:
+    """Which frames had waited for a host that was held up: they say nothing of the line."""
+    late = np.zeros(len(at_s), np.bool_)
+    for stall in timing.stalls:
+        end_s = stall.at_s + stall.for_s
+        late |= (at_s > stall.at_s + _MS) & (at_s < end_s + AFTER_STALL_S)
+    return late
+
+
 def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
     timing: Timing,
     at_s: Floats,
     stamp_s: Floats,
+    late: NDArray[np.bool_],
     trips: list[tuple[float, float]],
     delays: list[Floats],
     slopes: list[tuple[int, float]],
@@ -193,7 +206,9 @@ def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
         begin = firsts[first]
         end = firsts[last] if last < len(firsts) else len(at_s)
         rest = offset[begin:end] - slope * at_s[begin:end]
-        delays.append(rest - np.percentile(rest, 0.5))
+        rest = rest[~late[begin:end]]
+        if len(rest):
+            delays.append(rest - np.percentile(rest, 0.5))
 
 
 def _steps(least: Floats) -> list[int]:

@@ -197,6 +197,7 @@ class WireView:
             self._message(event, at_ns)
         elif isinstance(event, Rejected):
             self.foreign[event.reason] += 1
+            self._sequence(event.frame.seq, event.frame.t_us, at_ns)
             if event.reason == "version":
                 self.versions.add(event.frame.version)
         else:

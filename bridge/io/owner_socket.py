@@ -146,8 +146,8 @@ class OwnerSocket:
                     self._clients[client] = thread
                     thread.start()
                     continue
-            _say(client, {"ok": False, "error": f"{MAX_CLIENTS} clients are connected already"})
-            client.close()
+            with client, suppress(OSError):
+                _say(client, {"ok": False, "error": f"{MAX_CLIENTS} clients are connected already"})
 
     def _serve(self, client: socket.socket) -> None:
         try:

@@ -147,10 +147,18 @@ class SerialPort:
         """Give the port back."""
         self._closed = True  # before the pipe goes: its number may soon be another file's
         with suppress(OSError):
+            self._hang_up()
             self._port.close()
         for end in (self._wake_read, self._wake_write):
             with suppress(OSError):
                 os.close(end)
+
+    def _hang_up(self) -> None:
+        """Close a socket ourselves: pyserial sleeps 0.3 s after it has."""
+        connection = getattr(self._port, "_socket", None)
+        if connection is not None:
+            self._port.is_open = False
+            connection.close()
 
     def __enter__(self) -> Self:
         return self

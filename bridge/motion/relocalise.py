@@ -27,8 +27,8 @@ ECHO_AGE_S = 0.03
 """Of an ultrasonic reading that differs from the last: it pings every 60 ms, and is asked when
 the stream is due. One that repeats is older still, and fixes nothing."""
 ECHO_AGE_SIGMA_S = 0.02
-"""What is not known of that age, common to readings that follow one another: a wall approached
-at cruise speed seems 4 mm off when the robot has come to rest before it."""
+"""What is not known of that age: a wall approached at cruise speed seems 4 mm off when the robot
+has come to rest before it."""
 GRAZE_M = 0.005
 """A wall abeam that is nearer to the rim than this may be rubbed against, ..."""
 GRAZE_SHARE = 0.15

@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import struct
 import zlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -32,7 +32,8 @@ from mcap.records import (
 )
 
 from bridge.record.chunk import CHUNK_BYTES, ZSTD_LEVEL, OpenChunk
-from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.disk import open_log_file
+from bridge.record.errors import LogWriteError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -50,13 +51,11 @@ def _bytes_of(record: McapRecord) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
 
 
-def _open(path: Path, *, force: bool) -> FileIO:
-    try:
-        return path.open("wb" if force else "xb", buffering=0)
-    except FileExistsError:
-        raise LogExistsError(path) from None
-    except OSError as error:
-        raise LogWriteError(path, error.strerror or str(error)) from None
+class LogOpener(Protocol):
+    """Creates a log's file."""
+
+    def __call__(self, path: Path, *, force: bool) -> FileIO:
+        """Open it for writing, or raise a :class:`LogError`."""
 
 
 class _Packed:
@@ -93,7 +92,14 @@ class ChunkedFile:
     :meth:`finish` still tries to close the file whole.
     """
 
-    def __init__(self, path: Path, *, force: bool = False, library: str = "sweepctl") -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        force: bool = False,
+        library: str = "sweepctl",
+        opener: LogOpener = open_log_file,
+    ) -> None:
         """Create the file.
 
         Raises:
@@ -105,7 +111,7 @@ class ChunkedFile:
         self.offset = 0
         """Bytes written so far, all of them whole records."""
         self.failure: LogWriteError | None = None
-        self._file = _open(path, force=force)
+        self._file = opener(path, force=force)
         self.chunk = OpenChunk()
         """The one in progress, for who appends many rows."""
         self._schemas: dict[int, Schema] = {}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.io import clock
 from bridge.record.errors import LogReadError
 from bridge.record.reader import DAMAGE, ChunkReader
+from bridge.record.rotation import part_name
 from bridge.record.scan import Damage, opened, records
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from bridge.record.reader import LogMessage
 
 POLL_S = 0.1
+_PATIENCE = 5
 _NS = 1e9
 
 
@@ -30,6 +32,8 @@ class Follower:
         self.path = path
         self.ended = False
         """Its end has been written."""
+        self._first, self._number = path, 1
+        self._topics = topics
         self._chunks = ChunkReader(topics)
         self._position: int | None = None
 
@@ -55,6 +59,18 @@ class Follower:
                 with contextlib.suppress(*DAMAGE):
                     found += self._chunks.messages(record.opcode, data[record.start : record.end])
         return found
+
+    def go_on(self) -> bool:
+        """Turn to the file in which the run goes on, where there is one."""
+        following = part_name(self._first, self._number + 1)
+        for _ in range(_PATIENCE):  # it is begun just after this one was ended
+            if following.exists():
+                self.path, self.ended, self._position = following, False, None
+                self._number += 1
+                self._chunks = ChunkReader(self._topics)
+                return True
+            clock.pause(POLL_S)
+        return False
 
 
 def wait_for_log(path: Path, timeout_s: float) -> None:

@@ -12,7 +12,7 @@ from bridge.telemetry import EventRecord, Severity
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.record.writer import RunWriter
+    from bridge.record.sink import LogWriter
     from bridge.telemetry import Record
 
 QUEUE_LIMIT = 50_000
@@ -38,7 +38,7 @@ class ThreadedRecorder:
     records after it are counted in ``dropped`` too.
     """
 
-    def __init__(self, writer: RunWriter, *, limit: int = QUEUE_LIMIT) -> None:
+    def __init__(self, writer: LogWriter, *, limit: int = QUEUE_LIMIT) -> None:
         self._writer = writer
         self._limit = limit
         self._queue: queue.SimpleQueue[Record] = queue.SimpleQueue()

@@ -49,3 +49,8 @@ def find_records(content: Bytes, starts: Ints, channels: Ints) -> int:
         count += 1
         position += _FRONT + length
     return count
+
+
+def rehearse() -> None:
+    """Compile, or load what was compiled, before it is needed."""
+    find_records(np.zeros(1, np.uint8), np.zeros(1, np.int64), np.zeros(1, np.int64))

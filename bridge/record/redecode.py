@@ -114,7 +114,7 @@ def compare(path: Path) -> Comparison:
 def redecode(reader: LogReader) -> Iterator[Decoded]:
     """Every ``/device/*`` message that a log's raw bytes hold, as the live bridge gave it."""
     offset_ns = int(reader.run.get("clock_offset_ns", "0"))
-    records = sorted(wire_records(reader.messages(RAW_TOPICS)), key=_in_order)
+    records = sorted(wire_records(reader.messages(RAW_TOPICS)), key=in_order)
     if not records:
         return
     link = CanLink if records[0].is_can else Link
@@ -129,11 +129,14 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
             session.data_to_send()
         else:
             events = session.receive(record.data, now_ns)
+        stamp, mapped = None, None
         for event in events:
             match event:
                 case Data():
                     message, frame, spec = event.received
-                    _, mapped = sync.observe(frame.t_us, now_ns)
+                    if frame.t_us != stamp:  # as the host does: one moment, one mapping
+                        stamp = frame.t_us
+                        _, mapped = sync.observe(stamp, now_ns)
                     publish_ns = bound_ns = None
                     if mapped is not None:
                         publish_ns, bound_ns = mapped.host_ns + offset_ns, mapped.bound_ns
@@ -154,7 +157,7 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
                     sync.reset()
 
 
-def _in_order(record: WireRecord) -> tuple[int, bool]:
+def in_order(record: WireRecord) -> tuple[int, bool]:
     """What came in was heard before an answer went out in the same moment."""
     return record.log_ns, record.outgoing
 

@@ -20,6 +20,13 @@ class Sink(Protocol):
         """End the recording, with the run's summary where it came to one."""
 
 
+class LogWriter(Sink, Protocol):
+    """A log's file, or several: not for more than one thread at once."""
+
+    def flush(self) -> None:
+        """Hand everything so far to the operating system."""
+
+
 class NullSink:
     """Records nothing, for runs that need no log."""
 

@@ -34,7 +34,8 @@ GAP_S = 0.7
 """Between two planner states, of 5 Hz: longer, and a decision may have passed unseen."""
 KEEP_S = 2.0
 """How long a finding is held, for the rule that watches it."""
-_MM = 0.001
+_MM = 0.001 + 1e-9
+"""Two figures rounded to a millimetre differ by so much less or more than they say."""
 _LENGTH_STEP_M = 0.02
 """Of the wire; the last step says "that or more"."""
 _LENGTH_MOST = 255
@@ -163,7 +164,7 @@ class Shadow:
 
     def _judge_case(self, told: PlannerState, previous_m: float, now_s: float) -> None:
         distance_m, case = told.lane_distance_m, told.lane_case
-        # Each figure is rounded to a millimetre: at a limit either side may be right.
+        # At a limit either side may be right.
         cases = {self._case(distance_m, previous_m + off) for off in (-_MM, 0.0, _MM)}
         if case not in cases:
             expected = min(cases)

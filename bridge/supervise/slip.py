@@ -27,7 +27,7 @@ JUMP_M = 0.03
 """From reading to reading beyond the way made: another thing reflects now."""
 STRAIGHT_RAD = 0.06
 """On a run that bends by more, the cone sweeps over other things."""
-_FAR_M = 3.5
+FAR_M = 3.5
 """Near the end of its range the sensor loses the echo now and then."""
 
 
@@ -44,9 +44,8 @@ class Slip:
 
     def restart(self) -> None:
         """Nothing is known."""
-        self._readings.clear()
+        self._forget()
         self._turn_rad = 0.0
-        self._lost = 0.0
         self._slip_m_s = 0.0
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
@@ -59,30 +58,32 @@ class Slip:
 
     def _see(self, watched: Watched, measured: Measured) -> None:
         range_m = None if watched.range is None else watched.range.ultrasonic_m
+        if range_m is None or range_m > FAR_M:
+            self._forget()
+            return
         readings = self._readings
-        bent = abs(measured.turn_rad - self._turn_rad) > STRAIGHT_RAD
-        if range_m is None or range_m > _FAR_M or bent:
-            readings.clear()
-            self._lost = 0.0
-            if range_m is None or range_m > _FAR_M:
-                return
+        if readings and not self._goes_on(range_m, measured):
+            self._forget()
         if not readings:
             self._turn_rad = measured.turn_rad
-        else:
-            way_m, before_m = readings[-1]
-            made_m = measured.way_m - way_m
-            closed_m = before_m - range_m
-            if abs(closed_m) > JUMP_M + abs(made_m) or made_m < 0.0:
-                readings.clear()
-                self._turn_rad = measured.turn_rad
-                self._lost = 0.0
-            elif made_m == 0.0:
-                return
+        elif measured.way_m == readings[-1][0]:
+            return  # it stands: nothing to be learnt
         readings.append((measured.way_m, range_m))
-        if readings[-1][0] - readings[0][0] >= RUN_M and len(readings) >= LEAST_READINGS:
+        if measured.way_m - readings[0][0] >= RUN_M and len(readings) >= LEAST_READINGS:
             self._lost = _lost(list(readings))
-            while readings[-1][0] - readings[0][0] >= RUN_M:
-                readings.popleft()
+            readings.popleft()
+
+    def _forget(self) -> None:
+        """No run is under way."""
+        self._readings.clear()
+        self._lost = 0.0
+
+    def _goes_on(self, range_m: float, measured: Measured) -> bool:
+        """Whether it drives straight ahead, towards the same thing as at the last reading."""
+        way_m, before_m = self._readings[-1]
+        made_m = measured.way_m - way_m
+        straight = abs(measured.turn_rad - self._turn_rad) <= STRAIGHT_RAD
+        return straight and made_m >= 0.0 and abs(before_m - range_m) <= JUMP_M + made_m
 
     def tell(self) -> Evidence:
         """Which pair, and by how much."""
@@ -112,7 +113,6 @@ def _slope(points: list[tuple[float, float]]) -> float:
     """Least-squares slope of range over way: -1 where the range closes by all of it."""
     count = len(points)
     mean_x = sum(x for x, _ in points) / count
-    mean_y = sum(y for _, y in points) / count
-    across = sum((x - mean_x) * (y - mean_y) for x, y in points)
+    across = sum((x - mean_x) * y for x, y in points)
     square = sum((x - mean_x) ** 2 for x, _ in points)
     return across / square

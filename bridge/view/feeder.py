@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import uuid
+from collections.abc import Callable  # noqa: TC003 - of a field of a dataclass
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +27,7 @@ from bridge.view.errors import ViewerFailedError
 from bridge.view.launch import APPLICATION, viewer_environment, viewer_program
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     import rerun as rr
 
@@ -39,6 +40,7 @@ _BEGIN_S = 10.0
 """How long a log may take to be begun."""
 _MEMORY = "1GB"
 """Of the viewer: the oldest is dropped beyond it."""
+_NICE = 10
 _BATCH = 5_000
 """Messages that are converted at a time: after a viewer was frozen there are many."""
 
@@ -60,6 +62,8 @@ class FeedOptions:
     """Draw off screen, for tests."""
     address_file: Path | None = None
     """Where to write the viewer's address once it is started."""
+    tell: Callable[[str], None] = lambda _text: None
+    """Told where a browser finds it."""
 
 
 class Viewer:
@@ -127,6 +131,8 @@ def feed(options: FeedOptions, ended: Callable[[], bool] = lambda: False) -> Non
     viewer = Viewer(serve=options.serve, headless=options.headless)
     if options.address_file is not None:
         _write_address(options.address_file, viewer)
+    if viewer.page:
+        options.tell(f"open {viewer.page}")
     try:
         _Feed(viewer, reader, options).run(ended)
         while options.serve and not viewer.ended and not ended():
@@ -175,10 +181,10 @@ class _Feed:
             yield from paced(messages, speed, start_s=options.start_s, end_s=options.end_s)
             return
         follower = Follower(options.log, topics)
-        while not follower.ended:
+        while True:
             last = ended()
             yield follower.more()
-            if last:
+            if last or (follower.ended and not follower.go_on()):
                 return
             clock.pause(POLL_S)
 
@@ -227,6 +233,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--headless", action="store_true")
     parser.add_argument("--address-file", type=Path)
     asked = parser.parse_args(arguments)
+    with contextlib.suppress(AttributeError, OSError):
+        os.nice(_NICE)  # the viewer, which this process starts, too: drawing is dear, driving first
     left = threading.Event()
 
     def watch() -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.patches import Patch
 
+    from bridge.coverage.metrics import CoverageReport
     from bridge.view.run_track import RunTrack
 
 _WALL, _OBSTACLE = "#30343b", "#9aa2ad"
@@ -72,15 +73,24 @@ def draw_run(log: Path, png: Path) -> Path:
     return png
 
 
-def draw_floor(axes: Axes, track: RunTrack) -> None:
-    """Draw swept and missed floor, walls and obstacles; nothing where the room is not known."""
+def draw_floor(
+    axes: Axes,
+    track: RunTrack,
+    measured: tuple[CoverageMeter, CoverageReport] | None = None,
+) -> None:
+    """Draw swept and missed floor, walls and obstacles; nothing where the room is not known.
+
+    ``measured`` is the run's coverage where that is known already.
+    """
     from matplotlib.colors import ListedColormap  # noqa: PLC0415 - an extra
     from matplotlib.patches import Polygon  # noqa: PLC0415 - an extra
 
     if track.plan is None:
         return
-    meter = CoverageMeter(track.plan, track.model, 0.01)
-    report = meter.measure((t, *pose) for t, pose in track.best)
+    if measured is None:
+        meter = CoverageMeter(track.plan, track.model, 0.01)
+        measured = meter, meter.measure((t, *pose) for t, pose in track.best)
+    meter, report = measured
     swept = np.isfinite(report.first_swept_s)
     layers = np.zeros(swept.shape)
     layers[report.body_swept] = 1

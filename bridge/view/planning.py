@@ -114,10 +114,21 @@ class Shadows:
         if hidden_m > self._diameter_m:
             self._draw(time_ns, pose, hidden_m)
 
-    def _draw(self, time_ns: int, pose: Pose, hidden_m: float) -> None:
+    def told(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
+        """Take a shadow that the planner itself has noted, along the way it was driving."""
+        try:
+            data = json.loads(data_json)
+            x_m, y_m = float(data["x_m"]), float(data["y_m"])
+            length_m = float(data["length_m"])
+        except (ValueError, KeyError, TypeError):
+            return
+        if pose is not None:
+            self._draw(time_ns, (x_m, y_m, pose[2]), length_m, near=0.0)
+
+    def _draw(self, time_ns: int, pose: Pose, hidden_m: float, near: float | None = None) -> None:
         # The obstacle's own depth is not known: the shadow is drawn from its face on.
         x_m, y_m, theta = pose
-        near, half = self._diameter_m / 2, self._width_m / 2
+        near, half = self._diameter_m / 2 if near is None else near, self._width_m / 2
         far = near + hidden_m
         corners = ((near, -half), (far, -half), (far, half), (near, half), (near, -half))
         cosine, sine = math.cos(theta), math.sin(theta)

@@ -46,15 +46,21 @@ def write_report(log: Path, out: Path, *, png: Path | None = None, force: bool =
             raise LogExistsError(path)
     data = load_run(log)
     found = rows.holes(data)
-    _write(out, render(data, found).encode())
+    write(out, render(data, found).encode())
     if png is not None:
         from bridge.view.report_png import picture  # noqa: PLC0415 - loads matplotlib
 
-        _write(png, picture(data, found))
+        write(png, picture(data, found))
     return data
 
 
-def _write(path: Path, content: bytes) -> None:
+def write(path: Path, content: bytes) -> None:
+    """Write a file, its folder made where it is missing.
+
+    Raises:
+        LogWriteError: it cannot be.
+
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

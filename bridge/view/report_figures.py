@@ -27,6 +27,7 @@ INK, SOFT, BLUE, RED, GREEN, ORANGE = (
 )
 OTHER = "#b03a48"
 _POINTS = 400
+_DPI = 110
 
 
 def blank(width: float, height: float) -> Figure:
@@ -64,9 +65,18 @@ def as_svg(figure: Figure) -> str:
     return text[text.index("<svg") :]
 
 
+def as_png(figure: Figure) -> bytes:
+    """A figure as a PNG."""
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=_DPI)
+    return out.getvalue()
+
+
 def draw_room(axes: Axes, data: RunData) -> None:
     """The room with what was swept and missed, the path, and a legend below."""
-    draw_floor(axes, data.track)
+    meter, report = data.meter, data.coverage
+    measured = None if meter is None or report is None else (meter, report)
+    draw_floor(axes, data.track, measured)
     draw_path(axes, data.track)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import textwrap
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ if TYPE_CHECKING:
     from bridge.view.report_tables import Hole
     from bridge.view.run_data import RunData
 
-_WIDTH, _HEIGHT, _DPI = 14.0, 10.0, 110
+_WIDTH, _HEIGHT = 14.0, 10.0
 _LETTERS = 165
 
 
@@ -57,9 +56,7 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
             at = 1
         for axis, (_, _, draw) in zip(axes[at:], panels, strict=True):
             draw(data, axis)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=_DPI)
-    return out.getvalue()
+    return report_figures.as_png(figure)
 
 
 def _shares(count: int, data: RunData) -> list[float]:

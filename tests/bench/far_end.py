@@ -9,6 +9,7 @@ import fcntl
 import os
 import struct
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import serial
@@ -68,7 +69,8 @@ def device() -> None:
 
 if __name__ == "__main__":
     kind, _, sizes = sys.argv[1].partition(":")
-    if kind == "echo":
-        echo(*map(int, sizes.split(":")))
-    else:
-        device()
+    with suppress(OSError):  # the near end has hung up
+        if kind == "echo":
+            echo(*map(int, sizes.split(":")))
+        else:
+            device()

@@ -6,8 +6,8 @@ Two Python processes and a pseudo-terminal between them, both times. Bare: pyser
 many bytes as a command has and reads as many as its answer has, from a process that echoes.
 Ours: an acknowledged command, from the program that asks to the program's own function that is
 told the outcome, through session, link, pump and recorder; the far end decodes, checks and
-acknowledges it with the same wire library. Both ask once in a control period of 20 ms. Rounds are interleaved, percentiles are of each
-round, and the ratio is the median of the rounds' own.
+acknowledges it with the same wire library. Both ask once in a control period of 20 ms. Rounds
+are interleaved, percentiles are of each round, and the ratio is the median of the rounds' own.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ from bridge.mission import Ending, Mission
 from bridge.motion.robot_model import RobotModel
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.writer import RunWriter
-from bridge.record.sink import NullSink
 from bridge.session_events import State
 from bridge.telemetry import RunInfo
 from protocol.link import Link
@@ -132,7 +131,7 @@ def ours(count: int, folder: Path) -> list[int]:
     recorder = ThreadedRecorder(RunWriter(folder / "run.mcap", info, force=True))
     try:
         with FarEnd("device") as far:
-            host = Host(RobotModel(), NullSink(), HostOptions(offset_ns), Mission(None), lambda: 7)
+            host = Host(RobotModel(), recorder, HostOptions(offset_ns), Mission(None), lambda: 7)
             port = SerialPort(far.port)
             pump = Pump(host, port, lambda: SerialPort(far.port))
             asking = Asking(host, pump, count)

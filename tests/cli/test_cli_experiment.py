@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from support.cli import end, start, sweepctl
-from tools.experiment import runs, zimablue_run
+from tools.experiment import output, runs, zimablue_run
 from tools.experiment.store import LINES, Store
 from tools.experiment.trials import Trial
 
@@ -68,20 +68,34 @@ def wait_for_a_line(path: Path, process: subprocess.Popen[str]) -> None:
         time.sleep(0.05)
 
 
-def test_ctrl_c_keeps_what_is_done(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_keep_what_is_done(tmp_path: Path, number: signal.Signals) -> None:
     process = start(
         *("experiment", "compare", "--rooms", "case-1", "--planners", "u-shape", "--seeds", "200"),
         *("--max-time", "3", "--jobs", "1", "--out", tmp_path),
         cwd=tmp_path,
     )
     wait_for_a_line(tmp_path / LINES, process)
-    done = end(process, signal.SIGINT)
+    done = end(process, number)
     assert done.status == 0
     assert "Traceback" not in done.err
     kept = len(rows(tmp_path))
     assert 0 < kept < 200
-    assert f"{kept} of 200 runs done; the same command goes on from there" in done.err
+    assert f"{kept} of 200 runs done, kept in {tmp_path}; the same command" in done.err
     assert (tmp_path / "report.html").exists()
+
+
+def test_interrupted_again_it_says_where_the_runs_are(
+    two_jobs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(output, "write_results", interrupted)
+    done = sweepctl("experiment", "compare", *SHORT, "--out", two_jobs)
+    assert done.status == 1
+    assert f"the runs done are kept in {two_jobs}" in done.err
+    assert "before anything was started" not in done.err
 
 
 def test_a_run_that_fails_is_named_and_the_others_go_on(tmp_path: Path) -> None:

@@ -44,9 +44,8 @@ def test_the_reference_is_fresh() -> None:
 def test_the_reference_links_to_sections_that_it_has() -> None:
     text = reference()
     links = set(re.findall(r"\]\(#([a-z0-9-]+)\)", text))
-    headings = {
-        heading.lower().replace(" ", "-") for heading in re.findall(r"^##+ (.+)$", text, re.MULTILINE)
-    }
+    found = re.findall(r"^##+ (.+)$", text, re.MULTILINE)
+    headings = {heading.lower().replace(" ", "-") for heading in found}
     assert links
     assert links <= headings
 

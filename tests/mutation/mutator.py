@@ -11,11 +11,11 @@ from __future__ import annotations
 import ast
 import copy
 from collections import Counter
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 _COMPARE: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
@@ -42,7 +42,13 @@ _ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
     ast.LShift: ast.RShift,
     ast.Pow: ast.Mult,
 }
+_DECLARING = frozenset({"annotation", "returns", "decorator_list", "bases", "type_params"})
 _SWAPPED = {"min": "max", "max": "min"}
+
+
+Step = tuple[str, int | None]
+Path = tuple[Step, ...]
+"""From the module to one of its nodes."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +62,18 @@ class Mutant:
     number: int
     """Among equal changes of one place, from 0."""
     line: int
-    source: str
-    """The whole module with the change."""
+    tree: ast.Module = field(compare=False, repr=False)
+    """Of the module as it is."""
+    path: Path = field(compare=False, repr=False)
+    replacement: ast.AST = field(compare=False, repr=False)
+
+    @property
+    def source(self) -> str:
+        """The whole module with the change."""
+        changed = copy.deepcopy(self.tree)
+        holder, _ = _locate(changed, self.path)
+        _put(holder, self.path[-1], copy.deepcopy(self.replacement))
+        return ast.unparse(ast.fix_missing_locations(changed))
 
     @property
     def name(self) -> str:
@@ -72,21 +88,13 @@ def mutants(source: str, exclude: frozenset[str] = frozenset()) -> list[Mutant]:
     seen: Counter[tuple[str, str, str]] = Counter()
     found = []
     for path, where, replacement in _changes(tree, exclude):
-        changed = copy.deepcopy(tree)
-        holder, original = _locate(changed, path)
-        before = ast.unparse(original)
+        _, original = _locate(tree, path)
+        before, after = ast.unparse(original), ast.unparse(replacement)
         line = getattr(original, "lineno", 0)
-        _put(holder, path[-1], replacement)
-        after = ast.unparse(replacement)
         key = where, before, after
-        text = ast.unparse(ast.fix_missing_locations(changed))
-        found.append(Mutant(where, before, after, seen[key], line, text))
+        found.append(Mutant(where, before, after, seen[key], line, tree, path, replacement))
         seen[key] += 1
     return found
-
-
-Step = tuple[str, int | None]
-Path = tuple[Step, ...]
 
 
 def _changes(tree: ast.Module, exclude: frozenset[str]) -> Iterator[tuple[Path, str, ast.AST]]:
@@ -105,16 +113,21 @@ def _walk(
     if path:
         for replacement in _mutations(node):
             yield path, where, replacement
+    for name, index, child in _children(node):
+        yield from _walk(child, (*path, (name, index)), where, exclude)
+
+
+def _children(node: ast.AST) -> Iterator[tuple[str, int | None, ast.AST]]:
+    """What stands within and is run, with its place."""
     for name, value in ast.iter_fields(node):
-        if name in {"annotation", "returns", "decorator_list", "args", "bases", "type_params"}:
-            if not (name == "args" and isinstance(node, ast.Call)):
-                continue
+        if name in _DECLARING or (name == "args" and not isinstance(node, ast.Call)):
+            continue
         if isinstance(value, ast.AST):
-            yield from _walk(value, (*path, (name, None)), where, exclude)
+            yield name, None, value
         elif isinstance(value, list):
-            for index, item in enumerate(value):
-                if isinstance(item, ast.AST):
-                    yield from _walk(item, (*path, (name, index)), where, exclude)
+            yield from (
+                (name, i, item) for i, item in enumerate(value) if isinstance(item, ast.AST)
+            )
 
 
 def _left_alone(node: ast.AST) -> bool:
@@ -131,56 +144,96 @@ def _left_alone(node: ast.AST) -> bool:
 
 
 def _mutations(node: ast.AST) -> Iterator[ast.AST]:
-    match node:
-        case ast.Compare(ops=ops):
-            for index, op in enumerate(ops):
-                for other in _COMPARE.get(type(op), ()):
-                    changed = copy.deepcopy(node)
-                    changed.ops[index] = other()
-                    yield changed
-        case ast.BinOp(op=op) if type(op) in _ARITHMETIC:
-            changed_op = copy.deepcopy(node)
-            changed_op.op = _ARITHMETIC[type(op)]()
-            yield changed_op
-        case ast.AugAssign(op=op) if type(op) in _ARITHMETIC:
-            changed_assign = copy.deepcopy(node)
-            changed_assign.op = _ARITHMETIC[type(op)]()
-            yield changed_assign
-            yield ast.Pass()
-        case ast.BoolOp(op=op, values=values):
-            changed_bool = copy.deepcopy(node)
-            changed_bool.op = ast.Or() if isinstance(op, ast.And) else ast.And()
-            yield changed_bool
-            for value in values:
-                if not isinstance(value, ast.BoolOp):
-                    yield value
-        case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
-            yield operand
-        case ast.Constant(value=bool() as flag):
-            yield ast.Constant(value=not flag)
-        case ast.Constant(value=int() | float() as number):
-            yield ast.Constant(value=number + 1)
-            if number not in {0, 1}:
-                yield ast.Constant(value=type(number)(number / 2))
-        case ast.Call(func=ast.Name(id=name)) if name in _SWAPPED:
-            changed_call = copy.deepcopy(node)
-            changed_call.func = ast.Name(id=_SWAPPED[name], ctx=ast.Load())
-            yield changed_call
-        case ast.IfExp(body=body, orelse=orelse):
-            yield body
-            yield orelse
-        case ast.Assign() | ast.Expr() | ast.Raise() | ast.Delete() | ast.Continue() | ast.Break():
-            yield ast.Pass()
-        case ast.AnnAssign(target=ast.Attribute() as target) if node.value is not None:
-            if not (isinstance(node.value, ast.Constant) and node.value.value is None):
-                yield ast.Assign(
-                    targets=[target], value=ast.Constant(value=None), lineno=node.lineno
-                )
-        case ast.Return(value=value) if value is not None:
-            if not (isinstance(value, ast.Constant) and value.value is None):
-                yield ast.Return(value=ast.Constant(value=None))
-        case _:
-            return
+    kind = type(node)
+    if kind in _OF:
+        yield from _OF[kind](node)
+
+
+def _compare(node: Any) -> Iterator[ast.AST]:
+    for index, op in enumerate(node.ops):
+        for other in _COMPARE.get(type(op), ()):
+            changed = copy.deepcopy(node)
+            changed.ops[index] = other()
+            yield changed
+
+
+def _arithmetic(node: Any) -> Iterator[ast.AST]:
+    other = _ARITHMETIC.get(type(node.op))
+    if other is not None:
+        changed = copy.deepcopy(node)
+        changed.op = other()
+        yield changed
+    if isinstance(node, ast.AugAssign):
+        yield ast.Pass()
+
+
+def _boolean(node: Any) -> Iterator[ast.AST]:
+    changed = copy.deepcopy(node)
+    changed.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+    yield changed
+    yield from (value for value in node.values if not isinstance(value, ast.BoolOp))
+
+
+def _unary(node: Any) -> Iterator[ast.AST]:
+    if isinstance(node.op, ast.Not | ast.USub):
+        yield node.operand
+
+
+def _constant(node: Any) -> Iterator[ast.AST]:
+    value = node.value
+    if isinstance(value, bool):
+        yield ast.Constant(value=not value)
+    elif isinstance(value, int | float):
+        yield ast.Constant(value=value + 1)
+        if value not in {0, 1}:
+            yield ast.Constant(value=type(value)(value / 2))
+
+
+def _call(node: Any) -> Iterator[ast.AST]:
+    name = getattr(node.func, "id", "")
+    if name in _SWAPPED:
+        changed = copy.deepcopy(node)
+        changed.func = ast.Name(id=_SWAPPED[name], ctx=ast.Load())
+        yield changed
+
+
+def _choice(node: Any) -> Iterator[ast.AST]:
+    yield node.body
+    yield node.orelse
+
+
+def _nothing(_node: Any) -> Iterator[ast.AST]:
+    yield ast.Pass()
+
+
+def _is_none(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and node.value is None
+
+
+def _declared(node: Any) -> Iterator[ast.AST]:
+    if isinstance(node.target, ast.Attribute) and not _is_none(node.value):
+        none = ast.Constant(value=None)
+        yield ast.Assign(targets=[node.target], value=none, lineno=node.lineno)
+
+
+def _returned(node: Any) -> Iterator[ast.AST]:
+    if node.value is not None and not _is_none(node.value):
+        yield ast.Return(value=ast.Constant(value=None))
+
+
+_OF: dict[type[ast.AST], Callable[[Any], Iterator[ast.AST]]] = {
+    ast.Compare: _compare,
+    ast.BinOp: _arithmetic,
+    ast.AugAssign: _arithmetic,
+    ast.BoolOp: _boolean,
+    ast.UnaryOp: _unary,
+    ast.Constant: _constant,
+    ast.Call: _call,
+    ast.IfExp: _choice,
+    ast.AnnAssign: _declared,
+    ast.Return: _returned,
+    **dict.fromkeys((ast.Assign, ast.Expr, ast.Raise, ast.Continue, ast.Break), _nothing),
+}
 
 
 def _locate(tree: ast.AST, path: Path) -> tuple[ast.AST, ast.AST]:

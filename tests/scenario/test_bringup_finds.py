@@ -7,10 +7,17 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.bench.bringup import BringUp
+from bridge.bench.wire import InterruptedByPersonError
+from bridge.errors import CommandRejectedError, ParameterError, StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
+from protocol.authentication import key_words
+from protocol.can_link import CanLink
+from protocol.clock import HostNs
+from protocol.messages import ClearStop, Imu, SetKey
 from protocol.values import Mode, StopCause
+from sim_device.device import VirtualSweeper
 from support.bench_wire import Scripted, desk_on
-from support.miswired import Stand
+from support.miswired import PLAN, Stand
 
 if TYPE_CHECKING:
     from bridge.bench.wiring import Finding
@@ -162,3 +169,68 @@ def test_the_step_response_is_that_of_the_wheels() -> None:
         # the ramp of 1 m/s² alone takes 0.12 s from 10 to 90 % of 0.15 m/s
         assert 0.08 < step.rise_s < 0.35
         assert step.settled_s < 0.8
+
+
+def test_a_bus_does_as_well_as_a_line() -> None:
+    device = VirtualSweeper(PLAN, noise="none", seed=1, link=CanLink)
+    desk, wire = desk_on(device)
+    with desk:
+        names = [p.name for p in desk.list_parameters()]
+        assert names[:3] == ["node", "wheel_diameter", "wheel_base"]
+        assert desk.set_parameter("cruise_speed", 0.15).value == pytest.approx(0.15)
+        assert len(desk.collect(Imu, 1.0)) == pytest.approx(100, abs=2)
+        with pytest.raises(CommandRejectedError, match="other_cause"):
+            desk.ask("clear stop", ClearStop, StopCause.OPERATOR)
+        with pytest.raises(ParameterError, match="did you mean cruise_speed"):
+            desk.set_parameter("cruise_sped", 0.1)
+    assert wire.closed
+
+
+def test_a_person_who_has_enough_leaves_a_robot_that_stands() -> None:
+    device = VirtualSweeper(PLAN, noise="none", seed=1)
+    desk, wire = desk_on(device)
+    with desk:
+        desk.enable(Mode.VELOCITY)
+        desk.steer(lambda: (0.1, 0.0))
+        desk.run(2.0)
+        assert device.truth.v_m_s == pytest.approx(0.1, abs=0.02)
+        desk.interrupt()
+        with pytest.raises(InterruptedByPersonError):
+            desk.run(2.0)
+    assert device.firmware.latch.cause is StopCause.SESSION_END
+    wire.turn(b"", HostNs(wire.now() + 1_000_000_000))
+    assert InterruptedByPersonError.exit_status == 0
+
+
+def test_a_device_that_stops_by_itself_ends_the_procedure() -> None:
+    device = VirtualSweeper(PLAN, noise="none", seed=1)
+    desk, _ = desk_on(device)
+    with desk:
+        desk.enable(Mode.VELOCITY)
+        desk.steer(lambda: (0.05, 0.0))
+        desk.run(0.5)
+        device.firmware.stop(StopCause.HARDWARE)
+        with pytest.raises(StoppedForSafetyError, match="cause: hardware"):
+            desk.run(5.0)
+        desk.stop()
+        with pytest.raises(StoppedForSafetyError, match="add --clear-stop"):
+            desk.enable(Mode.VELOCITY)
+
+
+def test_a_device_with_a_key_is_moved_by_whoever_has_it() -> None:
+    device = VirtualSweeper(PLAN, noise="none", seed=1)
+    key = bytes(range(1, 17))
+    desk, _ = desk_on(device)
+    with desk:
+        desk.ask("set key", SetKey, *key_words(key))
+    desk, _ = desk_on(device)
+    with desk, pytest.raises((CommandRejectedError, StoppedForSafetyError)):
+        desk.enable(Mode.BRINGUP)
+    desk, _ = desk_on(device, key=key)
+    with desk:
+        desk.enable(Mode.BRINGUP)
+        desk.duties(0.3, 0.0)
+        desk.run(0.5)
+        assert device.plant.wheel_angles_rad[0] > 0.5
+        desk.stop()
+        assert desk.set_parameter("cruise_speed", 0.1).value == pytest.approx(0.1)

@@ -54,36 +54,35 @@ def calibrated(device: VirtualSweeper, asked: Asked, person: Person | None = Non
         return squares.run(asked)
 
 
-@pytest.mark.parametrize("seed", [2, 5])
-def test_ratio_base_and_diameter_are_recovered(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+def test_ratio_base_and_diameter_are_recovered(monkeypatch: pytest.MonkeyPatch) -> None:
     wide = NoiseLevel(
         name="wide", wheel_diameter_error=0.01, wheel_mismatch=0.03, wheel_base_error=0.03
     )
-    device = wrong_wheels(monkeypatch, seed, wide)
+    device = wrong_wheels(monkeypatch, 2, wide)
     plant = device.plant
     ratio = plant.right_radius_m / plant.left_radius_m
     assert abs(ratio - 1.0) > 0.003, "an error worth looking for"
     assert abs(plant.wheel_base_m / MODEL.wheel_base_m - 1.0) > 0.003
-    found = calibrated(device, Asked(side_m=1.5, runs=1, speed_m_s=0.2, verify=seed == 2))
+    found = calibrated(device, Asked(side_m=1.2, runs=1, speed_m_s=0.2, verify=True))
     assert found.model.wheel_ratio == pytest.approx(ratio, rel=1e-3)
     assert found.model.wheel_base_m == pytest.approx(plant.wheel_base_m, rel=1e-3)
     mean_m = plant.right_radius_m + plant.left_radius_m
     assert found.model.wheel_diameter_m == pytest.approx(mean_m, rel=1e-3)
     assert found.before.worst_m > 0.02
     assert found.after.worst_m < 0.1 * found.before.worst_m
-    if found.verified is not None:  # driven anew, and measured anew
-        assert found.verified.worst_m < 0.1 * found.before.worst_m
+    assert found.verified is not None  # driven anew, and measured anew
+    assert found.verified.worst_m < 0.1 * found.before.worst_m
     assert device.firmware.latch.cause is StopCause.SESSION_END
 
 
 def test_a_good_robot_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     found = calibrated(
         wrong_wheels(monkeypatch, 1, NoiseLevel(name="none")),
-        Asked(side_m=1.0, runs=1, straight=False),
+        Asked(side_m=0.6, runs=1, straight=False),
     )
     assert found.scale is None
-    assert found.model.wheel_ratio == pytest.approx(1.0, abs=2e-4)
-    assert found.model.wheel_base_m == pytest.approx(MODEL.wheel_base_m, rel=5e-4)
+    assert found.model.wheel_ratio == pytest.approx(1.0, abs=4e-4)
+    assert found.model.wheel_base_m == pytest.approx(MODEL.wheel_base_m, rel=1e-3)
     assert found.model.wheel_diameter_m == MODEL.wheel_diameter_m
 
 

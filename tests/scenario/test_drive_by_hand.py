@@ -11,7 +11,7 @@ import pytest
 
 from bridge.record.reader import LogReader
 from protocol.values import StopCause
-from support.cli import end, start, sweepctl
+from support.cli import sweepctl
 from support.served import Served
 from support.terminal import OnTerminal
 
@@ -37,6 +37,11 @@ def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None
         time.sleep(0.05)
 
 
+def latched(served: Served) -> int:
+    """What the device itself has latched."""
+    return int(served.device.firmware.latch.cause)
+
+
 def rests(served: Served) -> bool:
     return served.device.truth.v_m_s == 0.0
 
@@ -52,12 +57,12 @@ def test_a_tap_drives_a_little_and_space_stops(served: Served, tmp_path: Path) -
         until(lambda: rests(served))  # by itself
         # 0.7 s at 0.1 m/s, the ramps, and what a busy machine adds to a repeated setpoint
         assert 0.03 < served.device.truth.path_m < 0.15
-        assert served.device.firmware.latch.cause is StopCause.NONE, "letting go is no stop"
+        assert latched(served) == StopCause.NONE, "letting go is no stop"
         terminal.press(b"m")
         terminal.shows("mark 1 is on record")
         terminal.press(b" ")
         assert terminal.end() == 5
-    assert served.device.firmware.latch.cause is StopCause.OPERATOR
+    assert latched(served) == StopCause.OPERATOR
     messages = list(LogReader(tmp_path / "d.mcap").messages(["/events"]))
     assert any("mark 1 at" in str(message.decoded) for message in messages)
 
@@ -67,11 +72,23 @@ def test_a_tap_drives_a_little_and_space_stops(served: Served, tmp_path: Path) -
     with OnTerminal("drive", served.port, cwd=tmp_path) as again:
         assert again.end() == 5
         assert b"add --clear-stop" in again.drawn
-    assert served.device.firmware.latch.cause is StopCause.OPERATOR
+    assert latched(served) == StopCause.OPERATOR
 
 
-def test_a_held_key_drives_until_its_release(served: Served, tmp_path: Path) -> None:
-    with OnTerminal("drive", served.port, "--speed", "0.2", cwd=tmp_path, kitty=True) as terminal:
+def pad_event(kind: int, number: int, value: int) -> bytes:
+    return struct.pack("<IhBB", 0, value, kind, number)
+
+
+def test_a_held_key_or_stick_drives_until_it_is_let_go(served: Served, tmp_path: Path) -> None:
+    pad = tmp_path / "js0"
+    os.mkfifo(pad)
+    keeper = os.open(pad, os.O_RDWR)
+
+    def push() -> None:
+        os.write(keeper, pad_event(1, 4, 1) + pad_event(2, 1, -20000))
+
+    asked = ("drive", served.port, "--speed", "0.2", "--gamepad", pad)
+    with OnTerminal(*asked, cwd=tmp_path, kitty=True) as terminal:
         terminal.shows("run driving")
         terminal.shows("hold")
         terminal.press(UP)
@@ -79,21 +96,30 @@ def test_a_held_key_drives_until_its_release(served: Served, tmp_path: Path) -> 
         assert served.device.truth.v_m_s == pytest.approx(0.2, abs=0.03)
         terminal.press(UP_RELEASED)
         until(lambda: rests(served))
-        assert served.device.firmware.latch.cause is StopCause.NONE
+        assert latched(served) == StopCause.NONE
+        before_m = served.device.truth.path_m
+        until(lambda: served.device.truth.path_m > before_m + 0.05, push)
+        os.write(keeper, pad_event(1, 4, 0))  # the pad's dead man is let go
+        until(lambda: rests(served))
+        assert latched(served) == StopCause.NONE
         terminal.press(b"\x1b[99;5u")  # Ctrl-C, as this protocol tells it
         assert terminal.end() == 0
         assert b"\x1b[>11u" in terminal.drawn
         assert terminal.drawn.count(b"\x1b[<u") == 1, "the terminal is put back"
-    assert served.device.firmware.latch.cause is StopCause.SESSION_END
+    os.close(keeper)
+    assert latched(served) == StopCause.SESSION_END
 
 
 def test_connect_shows_and_starts_only_when_told_twice(served: Served, tmp_path: Path) -> None:
-    with OnTerminal("connect", served.port, cwd=tmp_path) as terminal:
+    file = tmp_path / "robot.toml"
+    file.write_text("wheel_base_m = 0.25\n")
+    with OnTerminal("connect", served.port, "--robot", file, cwd=tmp_path) as terminal:
+        terminal.shows("wheel_base: the device has 0.23 m, the robot file 0.25 m")
         for text in ("run waiting", "battery", "front", "lost", "events", "both ends agree"):
             terminal.shows(text)
         terminal.press(b"g")
         terminal.shows("g again lets the plan begin")
-        assert served.device.firmware.latch.cause is StopCause.SESSION_END, "nothing was asked"
+        assert latched(served) == StopCause.SESSION_END, "nothing was asked"
         terminal.press(b"g")
         terminal.shows("run driving")
         until(lambda: served.device.truth.path_m > 0.05)
@@ -102,31 +128,4 @@ def test_connect_shows_and_starts_only_when_told_twice(served: Served, tmp_path:
         until(lambda: rests(served))
         terminal.press(b"s")
         assert terminal.end() == 5
-    assert served.device.firmware.latch.cause is StopCause.OPERATOR
-
-
-def test_a_gamepad_drives_without_a_terminal(served: Served, tmp_path: Path) -> None:
-    def event(kind: int, number: int, value: int) -> bytes:
-        return struct.pack("<IhBB", 0, value, kind, number)
-
-    def push() -> None:
-        os.write(keeper, event(1, 4, 1) + event(2, 1, -20000))
-
-    pad = tmp_path / "js0"
-    os.mkfifo(pad)
-    keeper = os.open(pad, os.O_RDWR)
-    process = start("drive", served.port, "--gamepad", pad, "--json", cwd=tmp_path)
-    try:
-        until(
-            lambda: served.device.truth.path_m > 0.05,
-            push,
-        )
-        os.write(keeper, event(1, 4, 0))  # the dead man is let go
-        until(lambda: rests(served))
-        os.write(keeper, event(1, 1, 1))
-        done = end(process)
-    finally:
-        os.close(keeper)
-    assert done.status == 5
-    assert done.json["outcome"] == "stopped"
-    assert served.device.firmware.latch.cause is StopCause.OPERATOR
+    assert latched(served) == StopCause.OPERATOR

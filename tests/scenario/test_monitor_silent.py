@@ -7,16 +7,19 @@ import os
 import pty
 import signal
 import threading
+import time
 import tty
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
 
+import bridge
 from protocol.link import Link
 from protocol.message import Direction
 from protocol.messages import Hello, Imu, Status
 from support.cli import end, start, sweepctl
+from support.served import Served
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -116,3 +119,16 @@ def test_what_cannot_be_asked_for() -> None:
     assert sweepctl("monitor", "/dev/null", "imuu").status == 2
     assert sweepctl("monitor", "/dev/none-such").status == 3
     assert sweepctl("monitor", "/dev/null", "--json", "--jsonl").status == 2
+
+
+def test_on_a_port_with_an_owner_its_knowledge_is_shown() -> None:
+    with Served() as served, bridge.open(served.port) as robot:
+        while robot.power.latest is None or robot.range.latest is None:
+            time.sleep(0.02)
+        done = sweepctl("monitor", served.port, "--duration", "0.3")
+        told = sweepctl("monitor", served.port, "--duration", "0.3", "--json")
+    assert done.status == told.status == 0
+    assert "another sweepctl's" in done.err
+    assert "ready/waiting mode=idle stop=session_end" in done.out
+    assert "range=2.8" in done.out
+    assert told.json["owner"]["session"] == "ready"

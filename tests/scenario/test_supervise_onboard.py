@@ -19,6 +19,7 @@ from bridge.watching import Watch, go_on
 from protocol.messages import VelocitySetpoint
 from protocol.values import Mode, OnboardPlanner, StopCause
 from sim_device.device import VirtualSweeper
+from sim_device.modes import Event
 from support.ends import Collector, Ends, HostEnd
 
 if TYPE_CHECKING:
@@ -112,16 +113,10 @@ def test_a_loss_that_is_not_judged_ends_the_run_when_the_device_is_back() -> Non
 
 def test_a_plan_that_is_aborted_by_others_ends_the_run() -> None:
     ends, host, _ = moving()
-    ends.device.firmware.control.fire(_abort())
+    ends.device.firmware.control.fire(Event.ABORT)
     assert ends.run(2.0, lambda: host.mission.done)
     assert "aborted" in ending(host).reason
     assert ending(host).exit_status == 5
-
-
-def _abort() -> object:
-    from sim_device.modes import Event  # noqa: PLC0415 - of this one test
-
-    return Event.ABORT
 
 
 def test_a_planner_that_the_device_lacks_is_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,7 +220,7 @@ def test_driving_slowly_sets_the_devices_top_speed_and_gives_it_back() -> None:
 
 def test_a_device_that_does_not_pause_is_stopped() -> None:
     ends, host, _ = moving()
-    ends.device.firmware.control.fire(_abort())  # there is no plan to pause any more
+    ends.device.firmware.control.fire(Event.ABORT)  # there is no plan to pause any more
     alarmed(host, "PAUSE").holding = True
     assert ends.run(1.0, lambda: host.mission.done)
     assert ending(host).exit_status == 5

@@ -64,11 +64,11 @@ class RigWire:
         self.closed = True
 
 
-def desk_on(device: VirtualSweeper) -> tuple[Desk, RigWire]:
+def desk_on(device: VirtualSweeper, key: bytes | None = None) -> tuple[Desk, RigWire]:
     """A desk that has agreed with an emulated device."""
     wire = RigWire(device)
     ids = itertools.count(0x5EED_1000)
-    return Desk(wire, lambda: next(ids)), wire
+    return Desk(wire, lambda: next(ids), key=key), wire
 
 
 class Scripted:

@@ -31,6 +31,7 @@ _PACKAGES = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi",
     "arm-none-eabi-size": "binutils-arm-none-eabi",
     "arm-none-eabi-nm": "binutils-arm-none-eabi",
+    "cppcheck": "cppcheck",
     "make": "make",
     "qemu-system-arm": "qemu-system-arm",
 }

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bridge.doctor import Examination
+from bridge.doctor.visit import Visit as DoctorVisit
 from bridge.motion.robot_model import RobotModel
-from bridge.session import Session
-from bridge.session_events import Agreed, Failed
 from bridge.telemetry import EventRecord, RawBytes
+from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
 from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import parse_fault
@@ -24,6 +24,8 @@ from tools.rooms import load_room
 from tools.virtual_run import run_virtual
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bridge.telemetry import Record
     from protocol.catalogue import Catalogue
 
@@ -67,7 +69,7 @@ class _Recorder:
         elif isinstance(record, EventRecord) and record.kind == "port_lost":
             self.examination.port_lost.append(record.text)
 
-    def close(self) -> None:
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
         """Nothing is open."""
 
 
@@ -87,53 +89,64 @@ def _drive(visit: Visit, seed: int) -> Examination:
     return recorder.examination
 
 
-def _listen(visit: Visit, seed: int) -> Examination:
-    catalogue = {} if visit.catalogue is None else {"catalogue": visit.catalogue}
-    device = VirtualSweeper(load_room(visit.room), seed=seed, noise=visit.noise, **catalogue)
-    faults = [parse_fault(text) for text in visit.faults]
-    rig = Rig(device, visit.line, faults, seed=seed)
-    session = Session(itertools.count(0x5EED + seed).__next__)
-    examination = Examination()
-    now_us, end_us = 0, round(visit.seconds * 1e6)
-    pending = waiting = b""
-    read_us: int | None = None
+class _Desk:
+    """A host that examines a device, in virtual time, and may be held up."""
 
-    def host_ns() -> HostNs:
-        return HostNs((now_us + BOOT_US) * 1000)
-
-    session.open(host_ns())
-    while now_us < end_us:
-        deadline_ns = session.next_deadline()
-        held_until = next(
-            (round(1e6 * (at + lasts)) for at, lasts in visit.stalls if at <= now_us / 1e6 < at + lasts),
-            None,
+    def __init__(self, visit: Visit, seed: int) -> None:
+        device = VirtualSweeper(
+            load_room(visit.room),
+            seed=seed,
+            noise=visit.noise,
+            catalogue=visit.catalogue or CATALOGUE,
         )
-        host_us = end_us if deadline_ns is None else -(-deadline_ns // 1000) - BOOT_US
-        moments = [rig.next_deadline_us(), end_us, host_us if held_until is None else held_until]
-        if read_us is not None:
-            moments.append(read_us)
-        now_us = max(now_us, min(moments)) if not pending else now_us
-        came = rig.step(pending, now_us)
+        faults = [parse_fault(text) for text in visit.faults]
+        self._rig = Rig(device, visit.line, faults, seed=seed)
+        self._stalls = [(round(1e6 * at), round(1e6 * (at + lasts))) for at, lasts in visit.stalls]
+        self._end_us = round(visit.seconds * 1e6)
+        self.doctor = DoctorVisit(itertools.count(0x5EED + seed).__next__)
+        self._now_us = 0
+        self._waiting = b""
+        self._read_us: int | None = None
+        """When what waits is read."""
+
+    @property
+    def _host_ns(self) -> HostNs:
+        return HostNs((self._now_us + BOOT_US) * 1000)
+
+    def _free_us(self, at_us: int) -> int:
+        """The first moment from then on in which the host is not held up."""
+        return max([at_us, *(end for begin, end in self._stalls if begin <= at_us < end)])
+
+    def run(self) -> None:
+        """Until the visit's end."""
+        doctor, rig = self.doctor, self._rig
+        doctor.open(self._host_ns)
         pending = b""
-        if came:
-            waiting += came
-            read_us = read_us or now_us + READ_US
-        held = any(at <= now_us / 1e6 < at + lasts for at, lasts in visit.stalls)
-        if held:
-            read_us = round(1e6 * max(at + lasts for at, lasts in visit.stalls if at <= now_us / 1e6))
-            continue
-        if read_us is not None and now_us >= read_us:
-            examination.received(waiting, host_ns())
-            events = session.receive(waiting, host_ns())
-            waiting, read_us = b"", None
-        else:
-            events = []
-        for event in [*events, *session.poll(host_ns())]:
-            if isinstance(event, Agreed):
-                examination.differences = [d.report() for d in event.differences]
-            elif isinstance(event, Failed):
-                examination.failure = event.kind, event.text
-        pending = session.data_to_send()
-        if pending:
-            examination.sent(pending, host_ns())
-    return examination
+        while self._now_us < self._end_us:
+            if not pending:
+                self._now_us = max(self._now_us, self._next_us())
+            came = rig.step(pending, self._now_us)
+            pending = b""
+            if came:
+                self._waiting += came
+                self._read_us = self._read_us or self._now_us + READ_US
+            if self._free_us(self._now_us) > self._now_us:
+                continue
+            if self._read_us is not None and self._now_us >= self._read_us:
+                doctor.receive(self._waiting, self._host_ns)
+                self._waiting, self._read_us = b"", None
+            doctor.poll(self._host_ns)
+            pending = doctor.data_to_send(self._host_ns)
+
+    def _next_us(self) -> int:
+        deadline_ns = self.doctor.next_deadline()
+        host_us = self._end_us if deadline_ns is None else -(-deadline_ns // 1000) - BOOT_US
+        wants = [host_us] if self._read_us is None else [host_us, self._read_us]
+        free = [self._free_us(max(at_us, self._now_us)) for at_us in wants]
+        return min(self._rig.next_deadline_us(), self._end_us, *free)
+
+
+def _listen(visit: Visit, seed: int) -> Examination:
+    desk = _Desk(visit, seed)
+    desk.run()
+    return desk.doctor.examination

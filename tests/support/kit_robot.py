@@ -84,18 +84,25 @@ class KitRobot:
             | (Contact.BUMPER_RIGHT if pressed.right else 0)
             | (Contact.CLIFF if sensors.cliff() else 0)
         )
-        ranges = before.ultrasonic_mm, before.infrared_dmm
+        ultrasonic_mm, infrared_dmm = before.ultrasonic_mm, before.infrared_dmm
         if self._ticks % _RANGE_PERIODS == _RANGE_PHASE:
             now = sensors.ranges()
-            left, right = (_steps(r, 1e4) for r in (now.infrared_left_m, now.infrared_right_m))
-            ranges = _steps(now.ultrasonic_m, 1e3), (left, right)
-        power = before.battery_mv, before.logic_mv, before.motors_ma
+            ultrasonic_mm = _steps(now.ultrasonic_m, 1e3)
+            infrared_dmm = _steps(now.infrared_left_m, 1e4), _steps(now.infrared_right_m, 1e4)
+        battery_mv, logic_mv, motors_ma = before.battery_mv, before.logic_mv, before.motors_ma
         if self._ticks % _POWER_PERIODS == _POWER_PHASE:
             supply = sensors.power()
-            currents = round(1e3 * abs(supply.left_a)), round(1e3 * abs(supply.right_a))
-            power = round(1e3 * supply.battery_v), round(1e3 * supply.rail_v), currents
+            battery_mv, logic_mv = round(1e3 * supply.battery_v), round(1e3 * supply.rail_v)
+            motors_ma = round(1e3 * abs(supply.left_a)), round(1e3 * abs(supply.right_a))
         self._readings = Readings(
-            sensors.encoders(), tuple(sensors.imu()), *ranges, int(contacts), *power
+            sensors.encoders(),
+            sensors.imu(),
+            ultrasonic_mm,
+            infrared_dmm,
+            int(contacts),
+            battery_mv,
+            logic_mv,
+            motors_ma,
         )
 
     def _ask(self, records: bytes) -> Told:

@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cobs import cobs
 
-from bridge.motion.robot_model import RobotModel
 from protocol.can_frames import RECORD
-from sim_device.parameters import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -136,20 +134,26 @@ def read(data: bytes) -> list[Told]:
     while at < len(data):
         values = TOLD.unpack_from(data, at)
         at += TOLD.size
-        wrote = data[at : at + values[-1]]
-        at += values[-1]
+        now_us, session_id, agreed, state, stop_cause, faults, stale, reboots = values[:8]
+        left, right, length = values[-3:]
         told.append(
             Told(
-                *values[:2],
-                bool(values[2]),
-                *values[3:8],
+                now_us,
+                session_id,
+                bool(agreed),
+                state,
+                stop_cause,
+                faults,
+                stale,
+                reboots,
                 Held(*values[8:12]),
                 Held(*values[12:16]),
-                values[16 : 16 + PARAMETERS],
-                (values[-3], values[-2]),
-                wrote,
+                values[16:-3],
+                (left, right),
+                data[at : at + length],
             )
         )
+        at += length
     return told
 
 
@@ -167,11 +171,13 @@ def frames(wrote: bytes, *, can: bool = False) -> Sequence[bytes]:
 def _uart_frame(piece: bytes) -> bytes:
     if not piece:
         return piece
-    body = cobs.decode(piece)
+    body: bytes = cobs.decode(piece)
     if body[2] == _STATUS:
         return body[: _HEADER + _LOAD] + body[_HEADER + _LOAD + 1 : -_CRC]
     if body[2] == _TIME_REPLY:
-        sent_us, came_us = (int.from_bytes(body[i : i + 4], "little") for i in (_STAMP, _HEADER + 1))
+        sent_us, came_us = (
+            int.from_bytes(body[i : i + 4], "little") for i in (_STAMP, _HEADER + 1)
+        )
         assert (sent_us - came_us) & 0xFFFF_FFFF <= 1
         return body[:_STAMP] + body[_HEADER:-_CRC]
     return piece

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import struct
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
+from cobs import cobs
 from hypothesis import strategies as st
 
 from protocol.can_link import CanLink
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from support.kit_script import Act
 
 HOST_AHEAD_US = 5_000_000
+HELLO = 0x04
 F32 = struct.Struct("<f")
 
 
@@ -67,9 +70,7 @@ class Writer:
         """Let the sensors read this from now on."""
         self.acts.append(readings)
 
-    def say(
-        self, *messages: Message, after_us: int = 1000, age_us: int = 0, node: int = 1
-    ) -> None:
+    def say(self, *messages: Message, after_us: int = 1000, age_us: int = 0, node: int = 1) -> None:
         """Send messages together, stamped as the host's clock stood ``age_us`` ago."""
         for message in messages:
             self._link.send(message, self.now_us + after_us + HOST_AHEAD_US - age_us, node=node)
@@ -98,6 +99,15 @@ class Writer:
         """Send the last saying again without its tail."""
         if self._said and self._said[-1]:
             self.raw(self._said[-1][: kept % len(self._said[-1])])
+
+    def frame(self, node: int, type_id: int, payload: bytes, flags: int = 0) -> None:
+        """Send any payload in a whole frame."""
+        stamp_us = self.now_us + HOST_AHEAD_US
+        self.raw(b"\0" + encode_frame(node, type_id, 0, stamp_us, payload, flags))
+
+    def hello(self, name: bytes) -> None:
+        """A hello whose name may be no UTF-8."""
+        self.frame(1, HELLO, struct.pack("<IIB", 1, 9, 1) + name)
 
     def begin(self, session_id: int = 7) -> None:
         """From nothing to driving."""
@@ -231,28 +241,14 @@ def _do_setpoint(  # noqa: PLR0913, PLR0917 - a setpoint's fields
     writer.say(kind(first, second, time_to_live, writer.counter), age_us=age_us)
 
 
-def _do_frame(writer: Writer, node: int, type_id: int, payload: bytes, flags: int) -> None:
-    stamp_us = writer.now_us + HOST_AHEAD_US
-    writer.raw(b"\0" + encode_frame(node, type_id, 0, stamp_us, payload, flags))
-
-
 def _do_version(writer: Writer, version: int) -> None:
     """A stop of another version of the protocol."""
     writer.raw(b"\0" + _sealed(bytes((version << 4, 1, 0, 0)) + bytes(4) + b"\1\0\4"))
 
 
-def _do_hello(writer: Writer, name: bytes) -> None:
-    """A hello whose name may be no UTF-8."""
-    payload = struct.pack("<IIB", 1, 9, 1) + name
-    writer.raw(b"\0" + encode_frame(1, 4, 0, writer.now_us + HOST_AHEAD_US, payload))
-
-
 def _sealed(body: bytes) -> bytes:
-    from zlib import crc32
-
-    from cobs import cobs
-
-    return cobs.encode(body + crc32(body).to_bytes(4, "little")) + b"\0"
+    sealed: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
+    return sealed + b"\0"
 
 
 _DEEDS: dict[str, Callable[..., None]] = {
@@ -266,6 +262,6 @@ _DEEDS: dict[str, Callable[..., None]] = {
     "cut": Writer.cut,
     "raw": Writer.raw,
     "version": _do_version,
-    "hello": _do_hello,
-    "frame": _do_frame,
+    "hello": Writer.hello,
+    "frame": Writer.frame,
 }

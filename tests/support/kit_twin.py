@@ -58,9 +58,7 @@ class PaperSensors:
 
     def bumpers(self) -> Bumpers:
         contacts = self.now.contacts
-        return Bumpers(
-            bool(contacts & Contact.BUMPER_LEFT), bool(contacts & Contact.BUMPER_RIGHT)
-        )
+        return Bumpers(bool(contacts & Contact.BUMPER_LEFT), bool(contacts & Contact.BUMPER_RIGHT))
 
     def cliff(self) -> bool:
         return bool(self.now.contacts & Contact.CLIFF)
@@ -146,6 +144,8 @@ class Twin:
 
     def _tell(self, wrote: bytes) -> Told:
         firmware, control = self.firmware, self.firmware.control
+        stale = firmware._telemetry.stale  # noqa: SLF001 - told on the wire once a second only
+        present = firmware.parameters._present  # noqa: SLF001 - each is told when it is asked for
         left, right = self._duties
         return Told(
             self._now_us - self._booted_us,
@@ -154,21 +154,21 @@ class Twin:
             _STATES.index(control.modes.state),
             int(control.latch.cause),
             control.fault_bits,
-            firmware._telemetry.stale & 0xFFFF,
+            stale & 0xFFFF,
             self._reboots,
             _held(control.setpoints, _V_STEP, _YAW_STEP),
             _held(control.duties, _DUTY_STEP, _DUTY_STEP),
-            tuple(firmware.parameters._present),
+            tuple(present),
             (round(left * _DUTY_ONE), round(right * _DUTY_ONE)),
             wrote,
         )
 
 
 def _held(watchdog: Watchdog, first_step: float, second_step: float) -> Held:
-    counter = watchdog._counter
+    counter = watchdog._counter  # noqa: SLF001 - decides what is taken next
     return Held(
-        round(watchdog._first / first_step),
-        round(watchdog._second / second_step),
+        round(watchdog._first / first_step),  # noqa: SLF001 - drives
+        round(watchdog._second / second_step),  # noqa: SLF001 - likewise
         0x100 if counter is None else counter,
         watchdog.until_us,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
@@ -9,9 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from bridge.coverage.metrics import CoverageMeter
+from bridge.motion.robot_model import RobotModel
 from sim_device.ports import ask_control
 from support.c_build import ROOT, run, tool
-from support.cli import Done, end, start
+from support.cli import Done, decoded, end, start
+from tools.rooms import load_room
 
 if TYPE_CHECKING:
     import subprocess
@@ -25,7 +29,7 @@ READY_S = 60.0
 def build(folder: Path) -> Path:
     """Both boards' programs, with every warning an error; the test fails without its tools."""
     tool("arm-none-eabi-gcc")
-    command = [tool("make"), "--silent", "-j2", "-C", FIRMWARE, "-f", "board.mk"]
+    command: list[str | Path] = [tool("make"), "--silent", "-j2", "-C", FIRMWARE, "-f", "board.mk"]
     run([*command, f"BUILD={folder}", f"PYTHON={sys.executable}"], timeout_s=110.0)
     return folder
 
@@ -80,6 +84,16 @@ def emulated(firmware: Path, cwd: Path, *arguments: str | Path) -> Iterator[Emul
 def finish(process: subprocess.Popen[str]) -> Done:
     """End it as a user does."""
     return end(process, signal.SIGTERM)
+
+
+def true_coverage(log: Path, room: str) -> float:
+    """Share of the sweepable floor that the mouth has passed over, from the truth's log."""
+    poses = []
+    for plain, value in decoded(log, "/truth/pose"):
+        turn = value.pose.orientation
+        theta = 2.0 * math.atan2(turn.z, turn.w)
+        poses.append((plain.log_ns / 1e9, value.pose.position.x, value.pose.position.y, theta))
+    return CoverageMeter(load_room(room), RobotModel()).measure(poses).coverage.mouth_sweepable
 
 
 def until(so: Callable[[], bool], within_s: float, what: str) -> None:

@@ -212,6 +212,17 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
         [("command_id", "u16"), ("stream_type", "u8"), ("rate", "u16", "rate_hz", 0.1)],
     ),
     0x0E: ("reboot", "host", [("command_id", "u16"), ("kind", "u8")]),
+    0x0F: (
+        "set_key",
+        "host",
+        [
+            ("command_id", "u16"),
+            ("key_0", "u32"),
+            ("key_1", "u32"),
+            ("key_2", "u32"),
+            ("key_3", "u32"),
+        ],
+    ),
     0x10: ("sync", "device", [("frame_count", "u32")]),
     0x11: (
         "status",
@@ -322,6 +333,7 @@ LAYOUTS: dict[int, tuple[str, str, list[Row]]] = {
             ("name", "text"),
         ],
     ),
+    0x1F: ("challenge", "device", [("counter", "u32")]),
 }
 
 OFFSETS = {"temperature_deg_c": 36.53}

@@ -69,7 +69,8 @@ def test_what_the_device_corrects_already_is_counted_in() -> None:
 
 def test_one_distance_gives_an_offset_alone() -> None:
     found = fit([Point(0.1, 0.107, 0.0, 40)])
-    assert (found.scale, found.offset_m) == (1.0, pytest.approx(-0.007))
+    assert found.scale == 1.0
+    assert found.offset_m == pytest.approx(-0.007)
 
 
 def test_what_cannot_be_is_refused() -> None:
@@ -84,7 +85,8 @@ def test_what_cannot_be_is_refused() -> None:
 def test_a_stray_echo_is_not_counted() -> None:
     readings = [0.50, 0.501, 0.499, 0.50, 1.9, None, 0.50]
     found = point(0.5, readings)
-    assert (found.read_m, found.readings) == (pytest.approx(0.5, abs=3e-4), 5)
+    assert found.read_m == pytest.approx(0.5, abs=3e-4)
+    assert found.readings == 5
     with pytest.raises(BridgeError, match="saw something in 2 of 8"):
         point(0.5, [0.5, 0.5, *[None] * 6])
 
@@ -126,4 +128,5 @@ def test_a_wheel_that_falls_short_or_runs_away_is_named() -> None:
 def test_speeds_know_that_counters_wrap() -> None:
     samples = [(0.01 * i, (65500 + 10 * i) & 0xFFFF, (100 - 10 * i) & 0xFFFF) for i in range(20)]
     for _, left, right in wheel_speeds(samples, 0.001):
-        assert (left, right) == (pytest.approx(1.0), pytest.approx(-1.0))
+        assert left == pytest.approx(1.0)
+        assert right == pytest.approx(-1.0)

@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from bridge.bench.values import Difference, differences, edited, robot_key
+from bridge.bench.values import Difference, differences, edited, file_values, robot_key
 from bridge.config import parse_robot
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
@@ -81,3 +81,13 @@ def test_an_empty_file_takes_values_too() -> None:
 def test_a_file_that_would_be_none_is_refused() -> None:
     with pytest.raises(ConfigError, match="wheel_base_m"):
         edited(FILE, {"wheel_base_m": 7.0})
+
+
+def test_a_tables_values_are_parameters_too() -> None:
+    plain = table(MODEL, 1)
+    names = {robot_key(p) for p in device()} & set(file_values(MODEL))
+    assert {"ultrasonic_scale", "ultrasonic_offset_m", "infrared_left_offset_m"} <= names
+    mount = dataclasses.replace(MODEL.ultrasonic, offset_m=-0.01)
+    found = differences(device(), dataclasses.replace(MODEL, ultrasonic=mount))
+    assert [(d.name, d.device, d.file) for d in found] == [("ultrasonic_offset", 0.0, -0.01)]
+    assert len(plain) == len({p.name for p in plain})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 
@@ -307,7 +308,13 @@ def test_runner_halts_while_paused_and_after_the_end() -> None:
     legs = runner.legs
     runner.pause()
     assert runner.paused
-    assert runner.step(seen(Pose2(0, 0, 0.2), 0.42)) == HALT
+    # it stops as fast as the acceleration limit allows and no faster, and then stands
+    speeds = [commands[-1].v_m_s]
+    speeds += [runner.step(seen(Pose2(0, 0, 0.2), 0.40 + 0.02 * k)).v_m_s for k in range(40)]
+    falls = [a - b for a, b in itertools.pairwise(speeds)]
+    assert max(falls[:-20]) <= MODEL.max_accel_m_s2 * 0.02 + 0.01 + 1e-9
+    assert max(falls[:5]) == pytest.approx(MODEL.max_accel_m_s2 * 0.02)
+    assert speeds[-20:] == [0.0] * 20
     runner.resume()
     again = runner.step(seen(Pose2(0, 0, 0.2), 60.0))
     # the same leg, from rest

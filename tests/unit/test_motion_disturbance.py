@@ -159,3 +159,18 @@ def test_no_false_alarm_in_a_minute_of_ordinary_driving(level: str) -> None:
         drive.straight(1.2)
     assert drive.tick > 4000
     assert drive.estimator.disturbances == ()
+
+
+def test_a_bump_is_no_vibration_of_the_drive() -> None:
+    bumps = BumpDetector()
+    for _ in range(100):
+        bumps.rest(0.0, 0.0)
+    before = bumps.vibration_m_s2
+    assert bumps.moving(-25.0, 0.0)
+    for ring in (8.0, -4.0, 1.5, -1.0, 0.5):
+        bumps.moving(ring, 0.0)
+    assert bumps.vibration_m_s2 == before
+    # a rough floor is: 0.6 m/s² from sample to sample, for half a minute
+    for k in range(3000):
+        bumps.moving(0.6 * (-1) ** k, 0.0)
+    assert bumps.vibration_m_s2 > 0.5

@@ -181,7 +181,7 @@ def test_a_runtime_folder_that_others_may_enter_is_passed_over(
     runtime: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     runtime.chmod(0o777)
-    monkeypatch.setattr(owner_names.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr("bridge.io.owner_names.tempfile.gettempdir", lambda: str(tmp_path))
     assert folder() == tmp_path / f"sweepctl-{os.getuid()}"
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from bridge.errors import PortError
 from bridge.io import candidates as module
 from bridge.io import ports
 from bridge.io.candidates import ADAPTERS, Candidate, candidates, probe
@@ -53,7 +54,7 @@ def test_likely_ones_come_first_by_their_stable_names(
         info(str(tmp_path / "ttyUSB0"), 0x0403, 0x6001, serial_number="A5"),
         info("/dev/ttyUSB9", 0x1234, 0x5678, manufacturer="Acme", product="Modem"),
     ]
-    monkeypatch.setattr(module.list_ports, "comports", lambda: listed)
+    monkeypatch.setattr("bridge.io.candidates.list_ports.comports", lambda: listed)
     monkeypatch.setattr(module, "NET", tmp_path / "net")
     (tmp_path / "net" / "can0").mkdir(parents=True)
     (tmp_path / "net" / "can0" / "type").write_text("280\n")
@@ -195,8 +196,8 @@ def test_denied_access_says_what_to_do(line: Pty, monkeypatch: pytest.MonkeyPatc
     def denied(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(ports.serial, "serial_for_url", denied)
-    with pytest.raises(ports.PortError, match="permission denied") as error:
+    monkeypatch.setattr("bridge.io.ports.serial.serial_for_url", denied)
+    with pytest.raises(PortError, match="permission denied") as error:
         ports.SerialPort(line.name)
     text = str(error.value)
     assert "sweepctl ports --udev-rule" in text

@@ -24,8 +24,8 @@ def framed(kind: int, payload: bytes) -> bytes:
 
 SAID = {
     link.Boot(1): framed(0x01, b"\x01"),
-    link.Request(70_000, 80_000, -10_000, 2500, 7000): framed(
-        0x02, bytes.fromhex("70110100 80380100 f0d8 c409 581b")
+    link.Request(70_000, 80_000, 60_000, -10_000, 2500, 7000): framed(
+        0x02, bytes.fromhex("70110100 80380100 60ea0000 f0d8 c409 581b")
     ),
     link.Motors(0xFFFF_FFFF, 1, -1): framed(0x03, bytes.fromhex("ffffffff 0100 ffff")),
     link.Erase(1): framed(0x04, b"\x01"),
@@ -61,11 +61,11 @@ def test_the_same_however_the_bytes_are_split(parts: list[bytes], cuts: list[int
 QUIET = st.binary(max_size=64).filter(lambda noise: b"\xa5" not in noise)
 
 
-@given(QUIET, st.integers(0, 21 * 8 - 1))
+@given(QUIET, st.integers(0, 25 * 8 - 1))
 def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
     frames = list(SAID.values())
     broken = bytearray(frames[1])
-    assert len(broken) == 21
+    assert len(broken) == 25
     broken[bit // 8] ^= 1 << bit % 8
     parser = link.Parser()
     found = list(parser.feed(noise + bytes(broken) + b"".join(frames) * 14))
@@ -77,7 +77,7 @@ def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
     ("kind", "payload"),
     [
         (0x07, b""),  # no such type
-        (0x02, bytes(13)),  # one byte short
+        (0x02, bytes(17)),  # one byte short
         (0x04, b"\x02"),  # no such page
         (0x05, struct.pack("<BH", 0, 1021) + bytes(4)),  # beyond the page's end
         (0x05, b"\x00"),

@@ -15,9 +15,11 @@ from bridge.coverage.recovery.evidence_kernels import (
     bump_lens,
     clear_body,
     fresh_ahead,
+    pace,
     sweep,
 )
 from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.motion.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
@@ -123,6 +125,35 @@ def test_the_share_not_swept_ahead() -> None:
     assert fresh_ahead(swept, 20.0, 20.0, 0.0, 2.0, 10.0, 0.5, 3.0) == 0.0
     assert fresh_ahead(swept, 20.0, 20.0, 0.0, 2.0, 10.0, -3.0, -0.5) == 1.0
     assert fresh_ahead(swept, 20.0, 20.0, math.pi, 2.0, 10.0, 0.5, 3.0) == 1.0
+
+
+def test_the_pace_meets_known_things_softly() -> None:
+    (wall,) = layers(81, 81, 1)
+    wall[40, 60] = 2  # its centre is 20 cells, 0.4 m, ahead of the axle at (40.5, 40.5)
+    given = (0.02, 0.17, 0.17, 0.17, 0.026, 0.3, 0.0, 0.3)
+
+    def at(x: float, y: float = 40.5, heading: float = 0.0) -> float:
+        return pace(wall, x, y, heading, *given)
+
+    assert at(40.5) == pytest.approx(0.3)  # stops from 0.3 m/s in 0.15 m
+    assert at(47.5) == pytest.approx(math.sqrt(0.026**2 + 2 * 0.3 * (0.26 - 0.17)))
+    assert at(52.0) == pytest.approx(0.026)
+    assert at(52.0, heading=math.pi) == pytest.approx(0.3)
+    # passed 9 cells aside it does not count, 6 cells aside it is met at 45° and more
+    assert at(55.0, 40.5 - 9.0) == pytest.approx(0.3)
+    assert at(55.0, 40.5 - 6.0) == pytest.approx(0.026 / math.sqrt(1 - (0.12 / 0.17) ** 2))
+    wall[40, 60] = 1
+    assert at(52.0) == pytest.approx(0.3)  # seen once is not known
+
+
+def test_the_wall_that_is_followed_does_not_slow_the_robot() -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
+    for k in range(40):
+        memory.update(observed(0.02 * k, 0.0, time_s=0.1 * k, right_m=0.06))
+    pose, brake = Pose2(0.3, 0.0, 0.0), Braking(0.3, 0.1)
+    assert memory.pace(pose, -1, brake) == pytest.approx(MODEL.max_speed_m_s)
+    assert memory.pace(pose, 0, brake) < 0.2
+    assert memory.pace(Pose2(0.3, 0.0, -0.5 * math.pi), 0, brake) < 0.03
 
 
 def test_the_infrared_maps_a_wall_where_it_stands() -> None:

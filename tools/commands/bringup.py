@@ -12,7 +12,7 @@ import click
 
 from tools import options
 from tools.bench import clear_stop_option
-from tools.port_options import PortAsked, port_options
+from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from bridge.bench.bringup import BringUp
@@ -22,7 +22,7 @@ _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
 
 
 @click.command("bringup", epilog="Example:  sweepctl bringup /dev/ttyUSB0 --step motors")
-@port_options
+@keyed_port_options
 @click.option(
     "--step",
     "steps",

@@ -13,7 +13,7 @@ import click
 from tools import options
 from tools.bench import clear_stop_option
 from tools.calibrating import writing_options
-from tools.port_options import PortAsked, port_options
+from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from bridge.bench.applying import Change
@@ -41,7 +41,7 @@ def command() -> None:
 
 
 @command.command("gyro", epilog="Example:  sweepctl calibrate gyro /dev/ttyUSB0 --robot robot.toml")
-@port_options
+@keyed_port_options
 @click.option(
     "--seconds",
     "duration_s",
@@ -103,7 +103,7 @@ def _gyro(
     "odometry",
     epilog="Example:  sweepctl calibrate odometry /dev/ttyUSB0 --robot robot.toml --side 2",
 )
-@port_options
+@keyed_port_options
 @click.option(
     "--side",
     "side_m",
@@ -204,8 +204,8 @@ def _told(found: Result) -> list[str]:
         lines.append(f"straight way: E_s = {found.scale:.5f}")
     lines += [
         f"alpha {math.degrees(first.alpha_rad):+.4f}°, beta {math.degrees(first.beta_rad):+.4f}°",
-        f"closed form: E_d = {first.wheel_ratio:.5f}, E_b = {first.base_factor:.5f}",
-        f"refined:     E_d = {correction.wheel_ratio:.5f}, E_b = {correction.base_factor:.5f}",
+        f"closed form: E_d = {first.wheel_ratio:.5f}, E_b = {first.base_factor:.5f} (as told)",
+        f"refined: E_d = {correction.wheel_ratio:.5f}, E_b = {correction.base_factor:.5f}",
         f"before: {_centres(found.before)}",
         f"after:  {_centres(found.after)}",
     ]
@@ -254,7 +254,7 @@ def _figures(found: Result) -> dict[str, Any]:
     "range",
     epilog="Example:  sweepctl calibrate range /dev/ttyUSB0 --sensor infrared-left",
 )
-@port_options
+@keyed_port_options
 @click.option(
     "--sensor",
     "sensors",

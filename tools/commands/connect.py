@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from tools import options
+from tools.recording import recording_options, take_record_options, viewing_options
 from tools.supervising import rule_option
 
 
@@ -55,6 +56,9 @@ from tools.supervising import rule_option
     help="With --plan, when the device was lost and is back: ask whether to go on (key r), for "
     "30 s, or end.  [default: ask on a terminal]",
 )
+@viewing_options
+@recording_options
+@options.key_option
 @options.robot_option
 @options.out_option
 @options.json_option
@@ -70,23 +74,28 @@ def command(  # noqa: PLR0913 - one parameter per option
     node: int | None,
     clear_stop: bool,
     resume: str | None,
+    key_file: Path | None,
+    view: bool,
+    serve: bool,
     robot: Path | None,
     out: Path | None,
     force: bool,
     as_json: bool,
-    **opening: Any,  # noqa: ANN401 - baud, bitrate, lan, dtr and rts, as declared
+    **opening: Any,  # noqa: ANN401 - of the port (baud, dtr...) and of the recording, as declared
 ) -> int:
     """Open PORT, agree with the robot, record and show it.
 
-    Nothing moves unless --plan or --supervise asks for it. PORT is a device path, socket://HOST:PORT,
-    rfc2217://HOST:PORT, or can:INTERFACE:CHANNEL for a CAN bus (can:slcan:/dev/ttyACM0,
-    can:socketcan:can0, can:udp_multicast:239.74.163.2).
+    Nothing moves unless --plan or --supervise asks for it, or a key of the live picture that is
+    pressed twice. PORT is a device path, socket://HOST:PORT, rfc2217://HOST:PORT, or
+    can:INTERFACE:CHANNEL for a CAN bus (can:slcan:/dev/ttyACM0, can:socketcan:can0,
+    can:udp_multicast:239.74.163.2).
     """
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
     from bridge.mission import Resume
     from bridge.robot_parts import planner_number
     from tools.console import complain, print_summary
+    from tools.keyfile import read_key
     from tools.live_run import LiveOptions, run_live
     from tools.rooms import load_room
     from tools.supervising import supervise_rules
@@ -104,6 +113,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     plan = load_room(room) if room else None
     if resume is None:
         resume = "ask" if sys.stdin.isatty() else "never"
+    recording = take_record_options(opening)
     result = run_live(
         LiveOptions(
             port=port,
@@ -117,9 +127,14 @@ def command(  # noqa: PLR0913 - one parameter per option
             resume=Resume(resume),
             duration_s=duration_s,
             node=node,
+            recording=recording,
+            view=view,
+            serve=serve,
             opening=PortOptions(**opening),
+            key=read_key(key_file),
             clear_stop=clear_stop,
             force=force,
+            compare=robot is not None,
         )
     )
     for line in result.complaints:

@@ -8,11 +8,11 @@ import click
 
 from tools import options
 from tools.bench import clear_stop_option
-from tools.port_options import PortAsked, port_options
+from tools.port_options import PortAsked, keyed_port_options
 
 
 @click.command("drive", epilog="Example:  sweepctl drive /dev/ttyUSB0 --gamepad /dev/input/js0")
-@port_options
+@keyed_port_options
 @click.option(
     "--speed",
     "speed_m_s",
@@ -80,12 +80,14 @@ def command(  # noqa: PLR0913 - one parameter per option
             resume=Resume.NEVER,
             duration_s=duration_s,
             node=port.node,
+            key=port.key,
             opening=PortOptions(**port.how),
             clear_stop=clear_stop,
             force=force,
             drive=True,
             speed_m_s=speed_m_s,
             gamepad=gamepad,
+            compare=robot is not None,
         )
     )
     for line in result.complaints:

@@ -93,6 +93,7 @@ _SERIAL = {"pty", "tcp"}
     type=click.Path(dir_okay=False, path_type=Path),
     help="Make this Unix socket, on which `sweepctl fault` switches faults while it runs.",
 )
+@options.key_option
 @click.option(
     "--truth",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -124,6 +125,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     fault: tuple[FaultSpec, ...],
     list_faults: bool,
     control: Path | None,
+    key_file: Path | None,
     truth: Path | None,
     force: bool,
     pty_link: Path | None,
@@ -145,6 +147,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from protocol.link import Link
     from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
     from tools import qemu_target
+    from tools.keyfile import read_key
     from tools.rooms import load_room
 
     qemu_target.check(target, link, firmware)
@@ -176,7 +179,15 @@ def command(  # noqa: PLR0913 - one parameter per option
                 rig = options.rig(chip, line, fault, seed, chip.cannot)
             else:
                 device = _sweeper(
-                    plan, model, seed=seed, noise=noise, node=node, link=kind, boot_id=boot_id
+                    plan,
+                    model,
+                    seed=seed,
+                    noise=noise,
+                    node=node,
+                    link=kind,
+                    boot_id=boot_id,
+                    local=link == "pty",
+                    key=read_key(key_file),
                 )
                 rig = options.rig(device, line, fault, seed)
             writer = None
@@ -199,7 +210,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                 on_fault=_on_fault(writer),
                 on_plug=_on_plug,
             )
-            _warn(link, listen, lan=lan)
+            _warn(link, listen, lan=lan, keyed=key_file is not None)
             report = serve(rig, port, stopper, watchers, server, waker=chip)
             _sum_up(rig, report, chip, asked=stats)
     except PortUnavailableError as error:
@@ -218,14 +229,19 @@ def _sweeper(  # noqa: PLR0913 - what a device is made with
     node: int,
     link: type[LinkBase],
     boot_id: int,
+    local: bool,
+    key: bytes | None,
 ) -> VirtualSweeper:
     from bridge.coverage.registry import rehearse
     from sim_device.device import VirtualSweeper
 
     rehearse(options.DEFAULT_PLANNER, model)  # it may be asked to run its own planner
-    return VirtualSweeper(
-        plan, model, seed=seed, noise=noise, node=node, link=link, boot_id=boot_id
+    device = VirtualSweeper(
+        plan, model, seed=seed, noise=noise, node=node, link=link, boot_id=boot_id, local=local
     )
+    device.flash.key = key
+    device.firmware.keyring.take()
+    return device
 
 
 def _check(  # noqa: PLR0913 - the options that exclude each other
@@ -251,11 +267,13 @@ def _check(  # noqa: PLR0913 - the options that exclude each other
         raise click.UsageError("--json goes with --list-faults")
 
 
-def _warn(link: str, listen: tuple[str, int] | None, *, lan: bool) -> None:
+def _warn(link: str, listen: tuple[str, int] | None, *, lan: bool, keyed: bool) -> None:
     from sim_device.ports.tcp import is_loopback
 
     if link == "tcp" and (lan or (listen is not None and not is_loopback(listen[0]))):
-        _tell("warning: whoever reaches this port over the network can drive the robot")
+        allowed = "stop the robot and hear what it says" if keyed else "drive the robot"
+        hint = "" if keyed else "; --key-file lets only those who have the key"
+        _tell(f"warning: whoever reaches this port over the network can {allowed}{hint}")
 
 
 def _signals() -> list[signal.Signals]:

@@ -70,7 +70,13 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     show_default=True,
     help="Levels, by commas; limits adds a perfect one.",
 )
-@click.option("--seeds", type=click.IntRange(1, 10_000), default=3, show_default=True)
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, 10_000),
+    default=3,
+    show_default=True,
+    help="Runs of each combination, with seeds from 0 on.",
+)
 @click.option("--zimablue", is_flag=True, help="Compare with that package's online planners too.")
 @click.option("--jobs", type=click.IntRange(1, 256), help="Processes.  [default: one per core]")
 @click.option(
@@ -112,11 +118,12 @@ def command(  # noqa: PLR0913 - one parameter per option
     noise level and seed. limits: the same with a perfect pose and ranges beside it, and the loss
     split by cause.
 
-    Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C keeps what is done: the same
-    command goes on from there.
+    Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C (or SIGTERM) keeps what is
+    done and reports on it: the same command goes on from there.
     """
+    from tools.console import say
     from tools.experiment import figures, output
-    from tools.experiment.runs import run_all
+    from tools.experiment.runs import run_all, sigterm_interrupts
     from tools.experiment.store import Store, code_version
     from tools.experiment.trials import generated_rooms, paper_trials, room_of
 
@@ -133,14 +140,20 @@ def command(  # noqa: PLR0913 - one parameter per option
     for name in dict.fromkeys(trial.room for trial in trials):
         room_of(name)  # a wrong name is told now, not after an hour
     store = Store(out, code_version(), force=force)
-    outcome = run_all(store, trials, jobs)
-    rows = store.rows(trials)
-    if rows or as_json:
-        made = output.write_results(out, _TITLES[what], _typed(what), rows)
-        if as_json:
-            output.print_json(made, out, rows, outcome.failed)
-        else:
-            output.print_tables(made, out)
+    try:
+        with sigterm_interrupts():
+            outcome = run_all(store, trials, jobs)
+            rows = store.rows(trials)
+            if rows or as_json:
+                made = output.write_results(out, _TITLES[what], _typed(what), rows)
+                if as_json:
+                    output.print_json(made, out, rows, outcome.failed)
+                else:
+                    output.print_tables(made, out)
+    except KeyboardInterrupt:
+        say(f"interrupted again, before the report: the runs done are kept in {out}")
+        say("the same command goes on from there")
+        return 1
     return _close(outcome, f"{len(rows)} of {len(trials)} runs done", out)
 
 
@@ -150,7 +163,7 @@ def _close(outcome: Outcome, done: str, out: Path) -> int:
     from tools.experiment.runs import ERRORS
 
     if outcome.interrupted:
-        say(f"{done}; the same command goes on from there")
+        say(f"{done}, kept in {out}; the same command goes on from there")
     for line in outcome.failed:
         complain(line)
     if outcome.failed:

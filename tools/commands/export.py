@@ -26,6 +26,7 @@ from tools import options
     type=click.Choice(["parquet", "csv"]),
     default="parquet",
     show_default=True,
+    help="Of the tables.",
 )
 @click.option(
     "--topic",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -60,11 +60,13 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     TYPE is a message's name (imu, range, status, velocity_setpoint, ...); without one, all. A
     device on a serial line that no host has agreed with says only hello, once a second. On a CAN
-    bus both sides are heard. With --json one object is printed at the end.
+    bus both sides are heard. Where another sweepctl has the port, what it knows is shown, four
+    times a second. With --json one object is printed at the end.
     """
     from bridge.io.listen import Listener
     from bridge.io.ports import link_of
     from bridge.monitor import Monitor, UnknownTypeError
+    from bridge.owner import has_owner
     from tools.monitor_view import JsonLines, Nothing, Table, TextLines
     from tools.stopping import until_signalled
 
@@ -82,6 +84,8 @@ def command(  # noqa: PLR0913 - one parameter per option
         view = TextLines(raw=raw)
     else:
         view = Table(monitor, port.name, types)
+    if has_owner(port.name):
+        return _look_on(port.name, duration_s, as_json=as_json, jsonl=jsonl)
     opened = port.open()
     try:
         listener = Listener(opened)
@@ -101,6 +105,48 @@ def command(  # noqa: PLR0913 - one parameter per option
     else:
         view.sum_up(monitor)
     return 0
+
+
+def _look_on(port: str, duration_s: float | None, *, as_json: bool, jsonl: bool) -> int:
+    """Show what the process that owns the port knows; the device is not asked for anything."""
+    from bridge.io import clock
+    from bridge.owner import watch
+    from tools.console import say
+    from tools.stopping import until_signalled
+
+    say(f"{port} is another sweepctl's: what it knows is shown, not what passes")
+    ended: list[bool] = []
+    newest: dict[str, Any] = {}
+    end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)
+    with until_signalled(lambda: ended.append(True)):
+        for newest in watch(port, hz=4.0):
+            if jsonl:
+                sys.stdout.write(json.dumps(newest) + "\n")
+            elif not as_json:
+                sys.stdout.write(_line(newest) + "\n")
+            sys.stdout.flush()
+            if ended or (end_ns is not None and clock.now() >= end_ns):
+                break
+    if as_json:
+        sys.stdout.write(json.dumps({"port": port, "owner": newest}) + "\n")
+    return 0
+
+
+def _line(known: dict[str, Any]) -> str:
+    pose, ranges, power = known["pose"], known["range"], known["power"]
+    parts = [f"{known['session']}/{known['run']}", f"mode={known['mode']}", f"stop={known['stop']}"]
+    if known["faults"]:
+        parts.append("faults=" + "|".join(known["faults"]))
+    parts.append(f"pose={pose['x_m']:+.3f}m,{pose['y_m']:+.3f}m,{pose['theta_rad']:+.3f}rad")
+    parts.append(f"v={known['v_m_s']:+.3f}m/s")
+    if ranges is not None:
+        seen = [ranges[k] for k in ("ultrasonic_m", "infrared_left_m", "infrared_right_m")]
+        parts.append("range=" + ",".join("-" if r is None else f"{r:.3f}m" for r in seen))
+    if power is not None:
+        parts.append(f"battery={power['battery_v']:.2f}V")
+    wire = known["wire"]
+    parts.append(f"lost={wire['lost']} damaged={wire['crc_errors']}")
+    return " ".join(parts)
 
 
 def _account(monitor: Monitor, port: str) -> dict[str, object]:

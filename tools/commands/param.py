@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
-from tools.port_options import PortAsked, port_options
+from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -32,7 +32,7 @@ def command() -> None:
 
 
 @command.command("list", epilog="Example:  sweepctl param list /dev/ttyUSB0 --json")
-@port_options
+@keyed_port_options
 @click.option("--changed", is_flag=True, help="Only those that differ from the default.")
 @options.json_option
 def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
@@ -46,7 +46,7 @@ def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
 
 
 @command.command("get", epilog="Example:  sweepctl param get /dev/ttyUSB0 wheel_base")
-@port_options
+@keyed_port_options
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @options.json_option
 def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
@@ -61,7 +61,7 @@ def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
 
 
 @command.command("set", epilog="Example:  sweepctl param set /dev/ttyUSB0 wheel_base 0.2312 --save")
-@port_options
+@keyed_port_options
 @click.argument("pairs", nargs=-1, required=True, metavar="NAME VALUE...")
 @click.option("--save", is_flag=True, help="Then make every present value the next boot's.")
 @options.json_option
@@ -96,7 +96,7 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
 
 
 @command.command("save", epilog="Example:  sweepctl param save /dev/ttyUSB0")
-@port_options
+@keyed_port_options
 @options.json_option
 def _save(*, port: PortAsked, as_json: bool) -> int:
     """Make every present value the next boot's."""
@@ -114,7 +114,7 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
 
 
 @command.command("diff", epilog="Example:  sweepctl param diff /dev/ttyUSB0 robot.toml")
-@port_options
+@keyed_port_options
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @options.json_option
 def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
@@ -144,7 +144,7 @@ def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
 def _reach(port: PortAsked) -> Reached:
     from bridge.owner import reach
 
-    return reach(port.name, node=port.node, **port.how)
+    return reach(port.name, node=port.node, key=port.key, **port.how)
 
 
 def _name(text: str) -> str | int:

@@ -25,7 +25,13 @@ if TYPE_CHECKING:
     help="Open each port that nobody has, DTR and RTS inactive, and listen 1.5 s for a device's "
     "hello. --probe=active also sends one, to whatever is there.",
 )
-@click.option("--baud", type=click.IntRange(1200, 12_000_000), default=921_600, show_default=True)
+@click.option(
+    "--baud",
+    type=click.IntRange(1200, 12_000_000),
+    default=921_600,
+    show_default=True,
+    help="Of the serial lines that are probed.",
+)
 @click.option("--udev-rule", is_flag=True, help="Print a udev rule for Linux, and end.")
 @options.json_option
 def command(

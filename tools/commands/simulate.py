@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     type=click.Choice(options.PLANNERS),
     default=options.DEFAULT_PLANNER,
     show_default=True,
+    help="Which planner runs.",
 )
 @options.seed_option
 @options.noise_option

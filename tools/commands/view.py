@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from pathlib import Path
 
 import click
@@ -24,27 +26,55 @@ import click
     type=click.Path(dir_okay=False, path_type=Path),
     help="Save what the window would show as a PNG; needs no display.",
 )
-def command(*, file: Path, save: Path | None, png: Path | None, screenshot: Path | None) -> int:
-    """Open FILE in Rerun: the room with path and swept map, sensors, planner and link."""
-    from bridge.record.reader import LogReader
-    from tools.console import say
+@click.option("--serve", is_flag=True, help="Serve it to a browser on this machine, until Ctrl-C.")
+def command(
+    *, file: Path, save: Path | None, png: Path | None, screenshot: Path | None, serve: bool
+) -> int:
+    """Open FILE in Rerun: the room with path and swept map, sensors, planner and link.
 
-    LogReader(file)  # a file that is no log is told before a display that is missing
+    FILE is a log, a `candump -l` log, or the raw bytes of a serial line.
+    """
+    from bridge.record.captures import readable
+    from bridge.record.reader import LogReader
+
+    with readable(file) as log:
+        LogReader(log)  # a file that is no log is told before a display that is missing
+        return _show(log, save, png, screenshot, serve=serve)
+
+
+def _show(
+    log: Path, save: Path | None, png: Path | None, screenshot: Path | None, *, serve: bool
+) -> int:
+    from tools.console import say
 
     if png is not None:
         from bridge.view.picture import draw_run
 
-        say(f"wrote {draw_run(file, png)}")
-        return 0
-    if screenshot is not None:
+        say(f"wrote {draw_run(log, png)}")
+    elif screenshot is not None:
         from bridge.view.screenshot import save_screenshot
 
-        save_screenshot(file, screenshot)
+        save_screenshot(log, screenshot)
         say(f"wrote {screenshot}")
-        return 0
-    from bridge.view.launch import open_viewer
+    elif serve:
+        _serve(log)
+    else:
+        from bridge.view.launch import open_viewer
 
-    open_viewer(file, save=save)
-    if save is not None:
-        say(f"wrote {save}")
+        open_viewer(log, save=save)
+        if save is not None:
+            say(f"wrote {save}")
     return 0
+
+
+def _serve(log: Path) -> None:
+    """Until Ctrl-C."""
+    from bridge.view.feeder import FeedOptions, feed
+    from tools.console import say
+    from tools.recording import check_view
+
+    check_view(view=False, serve=True)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    feed(FeedOptions(log, serve=True, tell=say), ended.is_set)

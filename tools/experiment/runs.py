@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
@@ -19,6 +20,9 @@ from tools.experiment.trials import room_of, work
 from tools.experiment.worker import run_trial
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import FrameType
+
     from rich.progress import Task, TaskID
 
     from tools.experiment.store import Store
@@ -142,6 +146,20 @@ def _time_left(task: Task) -> str:
         return f"{left} s left"
     hours, minutes = divmod(round(left / 60), 60)
     return f"{hours} h {minutes:02d} min left" if hours else f"{minutes} min left"
+
+
+@contextlib.contextmanager
+def sigterm_interrupts() -> Iterator[None]:
+    """Meanwhile let SIGTERM end the runs as Ctrl-C does: what is done is kept, and reported."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _leave_ctrl_c_to_parent() -> None:

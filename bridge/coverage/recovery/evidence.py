@@ -14,13 +14,16 @@ from bridge.coverage.recovery.evidence_kernels import (
     bump_lens,
     clear_body,
     fresh_ahead,
+    pace,
     sweep,
 )
+from bridge.motion.hidden_ahead import TOUCH_M_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.coverage.recovery.options import RecoveryOptions
+    from bridge.motion.braking import Braking
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RangerMount, RobotModel
@@ -40,6 +43,8 @@ _SPAN_RAD = math.radians(87.0)
 _OVERLAP_RAD = math.radians(10.0)
 _RIM_CELLS = 1.75
 """Evidence this near to the rim may be what was touched."""
+_BESIDE, _BESIDE_STRAIGHT = 0.9, 0.6
+"""Of the radius: what is farther aside is the wall that is followed, round a corner or straight."""
 _LAYERS = ("swept", "wall", "near", "lens", "been", "tried")
 
 
@@ -217,6 +222,36 @@ class EvidenceMap:
             ahead_m[1] * per,
             aside_m[0] * per,
             aside_m[1] * per,
+        )
+
+    def pace(self, pose: Pose2, following: int, brake: Braking, *, straight: bool = False) -> float:
+        """Fastest forward speed that touches nothing known harder than is harmless, m/s.
+
+        Args:
+            pose: where the robot is.
+            following: a wall on the left (1) or right (-1), which is meant to be touched; 0: none.
+            brake: how it can be stopped.
+            straight: whether that wall is followed straight on. Then what was known of it before
+                the estimate was set right, some centimetres off, does not count.
+
+        """
+        x, y = self.to_cells(pose.x_m, pose.y_m)
+        cell = self._options.cell_m
+        rim_m = self._model.radius_m + 0.5 * cell
+        beside = (_BESIDE_STRAIGHT if straight else _BESIDE) * self._model.radius_m
+        return pace(
+            self.wall,
+            x,
+            y,
+            pose.theta_rad,
+            cell,
+            rim_m,
+            beside if following < 0 else rim_m,
+            beside if following > 0 else rim_m,
+            TOUCH_M_S,
+            brake.decel,
+            brake.latency_s,
+            self._model.max_speed_m_s,
         )
 
     def packed(self) -> bytes:

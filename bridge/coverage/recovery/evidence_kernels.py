@@ -200,3 +200,45 @@ def fresh_ahead(  # noqa: PLR0913, PLR0917 - a layer and a pose in cells
             u += 1.0
         t += 1.0
     return fresh / max(seen, 1)
+
+
+@compiled
+def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
+    wall: Layer,
+    x: float,
+    y: float,
+    th: float,
+    cell: float,
+    rim: float,
+    right: float,
+    left: float,
+    touch: float,
+    decel: float,
+    latency: float,
+    fast: float,
+) -> float:
+    """Fastest forward speed (m/s) that meets no occupied cell harder than ``touch`` head on.
+
+    Braking with ``decel`` after ``latency``. ``cell``: its edge; ``rim``: the body's radius and
+    half a cell; what lies farther aside than ``right`` or ``left`` does not count (m).
+    """
+    rows, cols = wall.shape
+    c, s = math.cos(th), math.sin(th)
+    push = decel * latency
+    most = fast
+    # from the top speed to a touch
+    far = (rim + ((push + fast) ** 2 - push * push) / (2.0 * decel)) / cell
+    for row in range(max(int(y - far), 0), min(int(y + far) + 1, rows)):
+        for col in range(max(int(x - far), 0), min(int(x + far) + 1, cols)):
+            if wall[row, col] < SURE:
+                continue
+            dx, dy = (col + 0.5 - x) * cell, (row + 0.5 - y) * cell
+            ahead, aside = dx * c + dy * s, dy * c - dx * s
+            if ahead <= 0.0 or aside >= left or -aside >= right or abs(aside) >= rim:
+                continue
+            reach = math.sqrt(rim * rim - aside * aside)
+            soft = touch * rim / reach
+            way = max(ahead - reach, 0.0)
+            speed = math.sqrt((push + soft) ** 2 + 2.0 * decel * way) - push
+            most = min(most, max(speed, soft))
+    return most

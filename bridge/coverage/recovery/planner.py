@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.shadows import LEAST_M, Shadow, ShadowBook
 from bridge.coverage.recovery.watch import WatchfulPlanner
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, Rest, StopReason, Turn
@@ -46,14 +47,22 @@ _LEAST_TURN_RAD = math.radians(2.0)
 class RecoveryPlanner(WatchfulPlanner):
     """See the module."""
 
+    _recovering: Shadow | None = None
+    """The shadow that is gone back for just now."""
+    _lane_m = 0.0
+    """Length of the last lane."""
+
     # -- the plan ------------------------------------------------------------------------------
 
     def script(self, obs: Observation) -> Script:
         """The plan from the pose in ``obs``."""
         self._reset()
+        self._recovering = None
         self._obs = obs
         self._memory = EvidenceMap(self.model, self.options, obs.pose)
         memory = self._memory
+        self._shadows = ShadowBook(self.model.cleaning_width_m)
+        self._stand("approach")
         self.decide("start", "looking for a wall to follow")
         yield from self._first_wall(obs)
         futile = forgotten = 0
@@ -61,26 +70,38 @@ class RecoveryPlanner(WatchfulPlanner):
             choice = yield from self._think()
             if futile >= _FUTILE or self._chooser.shut_in:
                 if forgotten >= _MOST_FORGOTTEN:
-                    return "shut in: nothing that was tried led anywhere"
+                    return self._end("shut in: nothing that was tried led anywhere")
                 memory.forget(self._pose, _FORGET_M)
                 self.decide("forget", "nothing leads anywhere: what is known near here is doubted")
                 futile = 0
                 forgotten += 1
                 continue
             if choice is None:
-                return "no reachable unswept piece is worth its time"
+                return self._end("no reachable unswept piece is worth its time")
             before = memory.new_cells
             self._tell(choice)
             part = self._lane if choice.kind == "lane" else self._begin_outline
+            self._go_back(choice)
             arrived = yield from part(choice)
             gained = memory.new_cells - before
+            self._come_back(choice, gained, arrived=arrived)
             self._judge(choice, gained, arrived=arrived)
             futile = futile + 1 if gained < self.options.least_cells else 0
-        return f"{self.options.max_decisions} decisions, the limit"
+        return self._end(f"{self.options.max_decisions} decisions, the limit")
+
+    def _end(self, reason: str) -> str:
+        self._stand("finished")
+        return reason
+
+    def _stand(self, state: str, target: tuple[float, float] | None = None) -> None:
+        """Say where the planner stands, for the log and for whoever looks on."""
+        if self._recovering is not None and state in {"travel", "lane"}:
+            state = f"recovery-{state}"
+        if (state, target) != (self._state.state, self._state.target):
+            self._state = replace(self._state, state=state, target=target)
 
     def _tell(self, choice: Choice) -> None:
         x, y = choice.way[-1]
-        self._state = replace(self._state, state=choice.kind, target=(x, y))
         reason = (
             "the lane that sweeps most per time"
             if choice.kind == "lane"
@@ -95,6 +116,33 @@ class RecoveryPlanner(WatchfulPlanner):
             new_cm2=round(choice.new_m2 * 1e4),
             rate_cm2_s=round(choice.rate_m2_s * 1e4, 1),
         )
+
+    def _go_back(self, choice: Choice) -> None:
+        """Tell where a choice goes back for what an obstacle hid."""
+        begin = Pose2(*choice.way[-1], choice.heading_rad)
+        self._recovering = None
+        if choice.kind == "lane":
+            self._recovering = self._shadows.met(begin, choice.length_m)
+        if self._recovering is not None:
+            self.decide(
+                "recovery-begin",
+                "back for what an obstacle hid",
+                shadow=self._recovering.number,
+                left_m=round(self._recovering.left_m, 2),
+            )
+
+    def _come_back(self, choice: Choice, new_cells: int, *, arrived: bool) -> None:
+        shadow, self._recovering = self._recovering, None
+        if shadow is None:
+            return
+        begin = Pose2(*choice.way[-1], choice.heading_rad)
+        closed = arrived and self._shadows.swept(shadow, begin, self._lane_m)
+        if not arrived:
+            why = "no way to it was found"
+        else:
+            why = "what was hidden is swept" if closed else "a part of it is swept"
+        area_cm2 = round(new_cells * self.options.cell_m**2 * 1e4)
+        self.decide("recovery-end", why, shadow=shadow.number, new_cm2=area_cm2)
 
     def _judge(self, choice: Choice, new_cells: int, *, arrived: bool) -> None:
         """Set a place aside that gave next to nothing."""
@@ -126,6 +174,7 @@ class RecoveryPlanner(WatchfulPlanner):
             except StopIteration as stop:
                 choice: Choice | None = stop.value
                 return choice
+            self._stand("think")
             yield Rest(0.0, purpose="think")
 
     # -- parts ---------------------------------------------------------------------------------
@@ -140,7 +189,12 @@ class RecoveryPlanner(WatchfulPlanner):
             yield from self._outline(left=True)
             return
         result = yield from self._drive(
-            Drive(obs.pose.theta_rad, stop_range_m=self.options.stop_range_m, purpose="lane")
+            Drive(
+                obs.pose.theta_rad,
+                stop_range_m=self.options.stop_range_m,
+                wary=True,
+                purpose="lane",
+            )
         )
         yield from self._meet(result)
 
@@ -149,17 +203,40 @@ class RecoveryPlanner(WatchfulPlanner):
         if not arrived:
             return False
         yield from self._turn(choice.heading_rad)
+        self._stand("lane", choice.way[-1])
         result = yield from self._drive(
             Drive(
                 choice.heading_rad,
                 choice.length_m + 0.5 * self.options.cell_m,
                 speed_m_s=self.options.lane_speed_m_s,
                 stop_range_m=self.options.stop_range_m,
+                wary=True,
                 purpose="lane",
             )
         )
+        self._lane_done(result, choice.length_m)
         yield from self._meet(result)
         return True
+
+    def _lane_done(self, result: LegResult, planned_m: float) -> None:
+        """Keep the paper's variables, and what an obstacle hid of the lane."""
+        self._lane_m = max(result.distance_m, 0.0)
+        state = self._state
+        self._state = replace(
+            state, previous_lane_distance_m=state.lane_distance_m, lane_distance_m=self._lane_m
+        )
+        cut = result.reason.blocked or result.reason is StopReason.CANCELLED
+        if cut and planned_m - self._lane_m > LEAST_M:
+            heading = result.pose.theta_rad
+            shadow = self._shadows.found(result.pose, heading, planned_m, self._lane_m)
+            self.decide(
+                "shadow",
+                "an obstacle hides the rest of the lane: kept, to go back for",
+                shadow=shadow.number,
+                x_m=round(shadow.x_m, 3),
+                y_m=round(shadow.y_m, 3),
+                length_m=round(shadow.length_m, 2),
+            )
 
     def _begin_outline(self, choice: Choice) -> Generator[Leg, Step, bool]:
         arrived = yield from self._travel(choice)
@@ -175,6 +252,7 @@ class RecoveryPlanner(WatchfulPlanner):
         return True
 
     def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
+        self._stand("travel", choice.way[-1])
         for x, y in choice.way:
             pose = self._pose
             dx, dy = x - pose.x_m, y - pose.y_m
@@ -189,6 +267,7 @@ class RecoveryPlanner(WatchfulPlanner):
                     way,
                     speed_m_s=self.options.travel_speed_m_s,
                     stop_range_m=self.options.stop_range_m,
+                    wary=True,
                     purpose="travel",
                 )
             )
@@ -275,6 +354,7 @@ class RecoveryPlanner(WatchfulPlanner):
 
     def _outline(self, *, left: bool, touching: bool = False) -> Generator[Leg, Step]:
         """Follow a wall until its outline is closed or lost."""
+        self._stand("outline")
         self.decide("outline-begin", f"wall on the {'left' if left else 'right'}")
         stuck = 0
         side = 1 if left else -1

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.motion.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import Observation
 
@@ -40,6 +41,7 @@ def rehearse(model: RobotModel) -> None:
     memory.block(pose.x_m + 0.3, 0.0, 0.05)
     memory.give_up(pose.x_m, 0.5, 0.05)
     memory.fresh(pose, (0.03, 0.25), (-0.065, -0.03))
+    memory.pace(pose, 0, Braking(0.3, 0.1))
     chooser = Chooser(options)
     for grid_rad in (0.0, 0.3):
         chooser.choose(memory, pose, grid_rad)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.planner import ScriptedPlanner
 from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.motion.braking import Braking
 
 if TYPE_CHECKING:
     from bridge.coverage.recovery.evidence import EvidenceMap
@@ -24,6 +25,10 @@ _SEEN_M = 0.20
 _MOSTLY = 0.8
 _CLOSED_M = 0.25
 """An outline is not judged closed before this: it may begin on floor that a lane has swept."""
+_STRAIGHT_RAD_S = 0.3
+"""Below it a wall is followed straight on: a leg is gone round at 0.7."""
+_BRAKE_SHARE, _LATENCY_S = 0.75, 0.10
+"""Of the acceleration limit, as the controllers have it; from a command to the wheels."""
 _JUMP_M = 0.008
 """Beyond the way driven in a control step (6 mm at top speed)."""
 
@@ -37,6 +42,7 @@ class WatchfulPlanner(ScriptedPlanner):
         self.options = options or RecoveryOptions()
         self._chooser = Chooser(self.options)
         self._memory: EvidenceMap | None = None
+        self._brake = Braking(_BRAKE_SHARE * model.max_accel_m_s2, _LATENCY_S)
         self._reset()
 
     def _reset(self) -> None:
@@ -51,6 +57,12 @@ class WatchfulPlanner(ScriptedPlanner):
         self._stale = 0
         self._grid = 0j
         self._last_pose: Pose2 | None = None
+        self._most_m_s = math.inf
+
+    @property
+    def most_m_s(self) -> float:
+        """Fastest forward speed that touches nothing known hard."""
+        return self._most_m_s
 
     @property
     def memory(self) -> EvidenceMap:
@@ -74,6 +86,8 @@ class WatchfulPlanner(ScriptedPlanner):
         self._see_jump(obs)
         self._obs = obs
         memory.update(obs)
+        straight = abs(obs.yaw_rate_rad_s) < _STRAIGHT_RAD_S
+        self._most_m_s = memory.pace(obs.pose, self._following, self._brake, straight=straight)
         if not self._following:
             return self._looking and self._look_aside(obs)
         last = self._last_pose

@@ -171,7 +171,7 @@ static velocity_t run_plan(
 static motors_t drive(
     control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
 {
-    const board_encoders_t counts = readings->counts;
+    const board_encoders_t *const counts = &readings->counts;
     velocity_t wanted = {0.0f, 0.0f};
     if (control->latch.cause == SP_STOP_CAUSE_NONE) {
         if (control->state == STATE_VELOCITY) {
@@ -179,14 +179,14 @@ static motors_t drive(
             wanted.yaw_rate_rad_s = (float)control->setpoints.second * YAW_STEP;
         } else if (control->state == STATE_BRINGUP) {
             const motors_t as_told = {control->duties.first, control->duties.second};
-            wheels_coast(&control->wheels, counts.left, counts.right);
+            wheels_coast(&control->wheels, counts);
             return as_told;
         } else if (modes_planning(control->state)) {
             wanted = run_plan(control, tick, readings, around);
         }
     }
-    return steps_of(wheels_step(&control->wheels, wanted.v_m_s, wanted.yaw_rate_rad_s, counts.left,
-        counts.right, (float)control->power.battery_mv / 1000.0f));
+    return steps_of(wheels_step(&control->wheels, wanted.v_m_s, wanted.yaw_rate_rad_s, counts,
+        (float)control->power.battery_mv / 1000.0f));
 }
 
 static void tell_faults(control_t *control, uint16_t bits)

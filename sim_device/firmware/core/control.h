@@ -50,7 +50,7 @@ void control_apply(control_t *control, const parameters_t *parameters);
 int control_fire(control_t *control, event_t event, unsigned holding);
 
 /* Latch a stop and leave any driving mode. Of events other than EVENT_STOP the table may say that
- * they change nothing: a host that leaves after an orderly end does not turn it into a lost link. */
+ * they change nothing: a host that leaves after an orderly end makes no lost link of it. */
 void control_stop(control_t *control, uint8_t cause, event_t event);
 
 /* Release the latch if `cause` is what holds it and no longer so: -1, or a refusal's reason. */
@@ -75,7 +75,7 @@ typedef struct {
     int16_t right;
 } motors_t;
 
-/* One control period. `around` is given in the periods in which the rangers were read, else NULL. */
+/* One control period. `around` is given in those in which the rangers were read, else NULL. */
 motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us, readings_t *readings,
     const around_t *around);
 

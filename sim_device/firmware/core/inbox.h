@@ -1,5 +1,5 @@
 /* From the interrupts to the main loop: one writer and one reader each, no lock. Bytes of the UART
- * with the moment at which each zero, which may end a frame, had arrived; CAN frames with theirs. */
+ * with the moment at which each zero had arrived, for it may end a frame; CAN frames with theirs. */
 #ifndef INBOX_H
 #define INBOX_H
 

@@ -18,7 +18,7 @@
 typedef struct {
     bool can;
     uint8_t frame[SP_FRAME_MAX]; /* being made */
-    uint32_t intact;             /* frames that came whole and were the host's, or of no known type */
+    uint32_t intact;             /* frames that came whole, a host's or of no known type */
     uint32_t refused;            /* of those and of others: of no use to this device */
     uint32_t dropped;            /* messages that found no room on their way out */
 

@@ -99,8 +99,8 @@ void odometry_imu(odometry_t *odometry, const board_imu_t *imu, int64_t now_us)
     }
     odometry->yaw_rate_rad_s = rate_rad_s - odometry->bias_rad_s;
     if (!first && since_us <= IMU_GAP_US) {
-        odometry->pose.heading_rad =
-            wrapped(odometry->pose.heading_rad + odometry->yaw_rate_rad_s * (float)since_us * 1e-6f);
+        const float turned_rad = odometry->yaw_rate_rad_s * (float)since_us * 1e-6f;
+        odometry->pose.heading_rad = wrapped(odometry->pose.heading_rad + turned_rad);
     }
 }
 

@@ -78,8 +78,8 @@ static void begin_lane(paper_t *paper, paper_at_t at, float heading_rad)
 }
 
 /* Turn across the lanes and drive to the line `way_m` on, or back if negative. The line that the
- * last lane was meant to keep decides how far that is, so that lanes stay W apart whatever a bump or
- * a wheel's slip did in between. */
+ * last lane was meant to keep decides how far that is, so that lanes stay W apart whatever a bump
+ * or a wheel's slip did in between. */
 static void begin_step(paper_t *paper, paper_at_t at, const pose_t *pose, float way_m)
 {
     const float direction = way_m < 0.0f ? -1.0f : 1.0f;

@@ -22,8 +22,8 @@ void payloads_reset(payloads_t *payloads);
 /* Note how many fields of a message the host knows. */
 void payloads_described(payloads_t *payloads, const sp_describe_t *question);
 
-/* Judge a frame's payload: false where it is not one of its message. One that an older host sends is
- * replaced by a whole one, zero where it ends. */
+/* Judge a frame's payload: false where it is not one of its message. One that an older host sends
+ * is replaced by a whole one, zero where it ends. */
 bool payloads_fit(payloads_t *payloads, sp_frame_t *frame);
 
 #endif

@@ -100,7 +100,8 @@ static void describe(firmware_t *firmware, const sp_describe_t *question, int64_
 /* Obeyed before any question of session or repetition. */
 static void stop(firmware_t *firmware, const sp_stop_t *wanted, int64_t now_us)
 {
-    const bool known = wanted->cause > SP_STOP_CAUSE_NONE && wanted->cause <= SP_STOP_CAUSE_HARDWARE;
+    const bool known =
+        wanted->cause > SP_STOP_CAUSE_NONE && wanted->cause <= SP_STOP_CAUSE_HARDWARE;
     const sp_ack_t ack = {wanted->command_id, SP_TYPE_STOP};
     control_stop(&firmware->control,
         known ? wanted->cause : (uint8_t)SP_STOP_CAUSE_OPERATOR, EVENT_STOP);

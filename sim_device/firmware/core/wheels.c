@@ -9,6 +9,8 @@
 #define REST_M_S 0.005f
 /* A tenth of the wire's step: what is slower is the rounding of a wheel that should rest. */
 #define LEAST_TARGET_M_S 1e-5f
+/* A longer gap between samples is not integrated over. */
+#define SINCE_MAX_S 0.05f
 #define STALLED_MAX 60000u
 
 static float towards(float value, float wanted, float step)
@@ -19,15 +21,31 @@ static float towards(float value, float wanted, float step)
     return wanted > value - step ? wanted : value - step;
 }
 
-static void measure(wheel_t *wheel, uint16_t count, float speed_per_count)
+static void measure(wheel_t *wheel, uint16_t count, float metres_per_count, float since_s)
 {
-    if (wheel->counted) {
-        const int16_t moved = wrapped16((uint16_t)(count - wheel->count));
+    if (since_s > 0.0f) {
+        const float moved_m =
+            (float)wrapped16((uint16_t)(count - wheel->count)) * metres_per_count;
         /* One count a period is 13 mm/s: average two periods. */
-        wheel->speed_m_s += 0.5f * ((float)moved * speed_per_count - wheel->speed_m_s);
+        wheel->speed_m_s += 0.5f * (moved_m / since_s - wheel->speed_m_s);
     }
-    wheel->counted = true;
     wheel->count = count;
+}
+
+/* Both speeds from a sample and its own moment: a period may have no new one, or a late one. Gives
+ * the time for which the sample speaks, which is what may be integrated over. */
+static float measure_both(wheels_t *wheels, const board_encoders_t *counts)
+{
+    const bool first = !wheels->counted;
+    const uint32_t since_us = first ? 0u : counts->sampled_us - wheels->sampled_us;
+    const float since_s = (float)since_us * 1e-6f;
+    if (first || since_us != 0) {
+        wheels->counted = true;
+        wheels->sampled_us = counts->sampled_us;
+        measure(&wheels->left, counts->left, wheels->left_metres_per_count, since_s);
+        measure(&wheels->right, counts->right, wheels->right_metres_per_count, since_s);
+    }
+    return first ? PERIOD_S : smaller(since_s, SINCE_MAX_S);
 }
 
 static void let_go(wheel_t *wheel)
@@ -36,7 +54,7 @@ static void let_go(wheel_t *wheel)
     wheel->stalled = 0;
 }
 
-static float control(wheel_t *wheel, float target_m_s, float scale)
+static float control(wheel_t *wheel, float target_m_s, float scale, float since_s)
 {
     const float speed = wheel->speed_m_s;
     const float far = absolute(target_m_s);
@@ -58,7 +76,7 @@ static float control(wheel_t *wheel, float target_m_s, float scale)
     }
     const float error = target_m_s - speed;
     wheel->integral = clamped(
-        wheel->integral + ROBOT_INTEGRAL_PER_S * PERIOD_S * error, ROBOT_INTEGRAL_LIMIT);
+        wheel->integral + ROBOT_INTEGRAL_PER_S * since_s * error, ROBOT_INTEGRAL_LIMIT);
     return clamped((base + wheel->integral + ROBOT_PROPORTIONAL * error) * scale, 1.0f);
 }
 
@@ -67,9 +85,8 @@ void wheels_start(
 {
     const wheels_t at_rest = {0};
     *wheels = at_rest;
-    const float mean = metres_per_count / PERIOD_S;
-    wheels->left_speed_per_count = mean * 2.0f / (1.0f + wheel_ratio);
-    wheels->right_speed_per_count = mean * 2.0f * wheel_ratio / (1.0f + wheel_ratio);
+    wheels->left_metres_per_count = metres_per_count * 2.0f / (1.0f + wheel_ratio);
+    wheels->right_metres_per_count = metres_per_count * 2.0f * wheel_ratio / (1.0f + wheel_ratio);
     wheels->half_base_m = 0.5f * wheel_base_m;
 }
 
@@ -81,8 +98,8 @@ void wheels_limit(
     wheels->v_step_m_s = deceleration_m_s2 * PERIOD_S;
 }
 
-duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s, uint16_t left_count,
-    uint16_t right_count, float supply_v)
+duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s,
+    const board_encoders_t *counts, float supply_v)
 {
     const float yaw_step = wheels->v_step_m_s / wheels->half_base_m;
     const float scale = ROBOT_NOMINAL_V / larger(supply_v, ROBOT_LEAST_V);
@@ -91,19 +108,17 @@ duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s, uint16
     wheels->yaw_rate_rad_s = towards(wheels->yaw_rate_rad_s,
         clamped(yaw_rate_rad_s, wheels->yaw_rate_max_rad_s), yaw_step);
     const float turn = wheels->half_base_m * wheels->yaw_rate_rad_s;
-    measure(&wheels->left, left_count, wheels->left_speed_per_count);
-    measure(&wheels->right, right_count, wheels->right_speed_per_count);
+    const float since_s = measure_both(wheels, counts);
     const duties_t duties = {
-        control(&wheels->left, wheels->v_m_s - turn, scale),
-        control(&wheels->right, wheels->v_m_s + turn, scale),
+        control(&wheels->left, wheels->v_m_s - turn, scale, since_s),
+        control(&wheels->right, wheels->v_m_s + turn, scale, since_s),
     };
     return duties;
 }
 
-void wheels_coast(wheels_t *wheels, uint16_t left_count, uint16_t right_count)
+void wheels_coast(wheels_t *wheels, const board_encoders_t *counts)
 {
-    measure(&wheels->left, left_count, wheels->left_speed_per_count);
-    measure(&wheels->right, right_count, wheels->right_speed_per_count);
+    (void)measure_both(wheels, counts);
     let_go(&wheels->left);
     let_go(&wheels->right);
     wheels->v_m_s = 0.0f;

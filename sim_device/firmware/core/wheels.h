@@ -5,13 +5,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "board.h"
+
 /* One wheel: measures its speed, holds the speed wanted. */
 typedef struct {
     float speed_m_s;
     float integral;
     uint16_t stalled; /* periods for which it has been driven and has not turned */
     uint16_t count;
-    bool counted;
 } wheel_t;
 
 typedef struct {
@@ -23,8 +24,10 @@ typedef struct {
 typedef struct {
     wheel_t left;
     wheel_t right;
-    float left_speed_per_count; /* m/s */
-    float right_speed_per_count;
+    bool counted; /* there is a sample before */
+    uint32_t sampled_us;
+    float left_metres_per_count;
+    float right_metres_per_count;
     float half_base_m;
     float v_m_s; /* ramped */
     float yaw_rate_rad_s;
@@ -42,11 +45,11 @@ void wheels_limit(
     wheels_t *wheels, float speed_m_s, float yaw_rate_rad_s, float deceleration_m_s2);
 
 /* One period: counts in, duties out, exactly 0 for a wheel that should rest and does. */
-duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s, uint16_t left_count,
-    uint16_t right_count, float supply_v);
+duties_t wheels_step(wheels_t *wheels, float v_m_s, float yaw_rate_rad_s,
+    const board_encoders_t *counts, float supply_v);
 
 /* One period in which somebody else gives the duties. */
-void wheels_coast(wheels_t *wheels, uint16_t left_count, uint16_t right_count);
+void wheels_coast(wheels_t *wheels, const board_encoders_t *counts);
 
 /* As the wheels turn, counter-clockwise. */
 float wheels_yaw_rate_rad_s(const wheels_t *wheels);

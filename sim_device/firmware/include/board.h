@@ -82,8 +82,8 @@ void board_motors(int16_t left, int16_t right);
 
 /* ---- sensors ------------------------------------------------------------------------------- */
 
-/* Each gives its newest reading at once and the moment at which that was taken. The board samples by
- * itself: the IMU when its data is ready, the echo by a timer's capture. */
+/* Each gives its newest reading at once, and the moment at which that was taken. The board samples
+ * by itself: the IMU when its data is ready, the echo by a timer's capture. */
 
 /* Counts after x4 of both wheels, rising forward, from whatever they were at boot; they wrap. Read
  * each control period. */
@@ -115,7 +115,7 @@ typedef struct {
 } board_ranges_t;
 void board_ranges(board_ranges_t *out);
 
-/* SP_CONTACT_*: bumper halves and cliff as they are now; asked for at 50 Hz while a planner runs. */
+/* SP_CONTACT_*: bumper halves and cliff as they are now; asked for at 50 Hz while a plan runs. */
 uint8_t board_contacts(void);
 
 /* Supply; asked for at 5 Hz. Currents are magnitudes. */

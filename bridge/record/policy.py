@@ -1,0 +1,88 @@
+"""How a run is to be recorded: one file or several, how safe, and what when it cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from bridge.mission import Ending
+from bridge.record.disk import open_log_file
+from bridge.record.errors import LogExistsError
+from bridge.record.rotation import RotatingWriter, part_name
+from bridge.record.writer import RunWriter
+from bridge.telemetry import Severity
+from protocol.values import StopCause
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from bridge.record.recorder import ThreadedRecorder
+    from bridge.telemetry import RunInfo
+
+
+@dataclass(frozen=True, slots=True)
+class RecordOptions:
+    """What a person may ask of a recording."""
+
+    fsync: bool = False
+    """Every chunk is on the disk before the next: a loss of power takes half a second."""
+    rotate_bytes: int | None = None
+    rotate_s: float | None = None
+    stop_on_error: bool = True
+    """The run ends where its log can no longer be written; else it goes on without."""
+
+
+def open_log(
+    path: Path, info: RunInfo, options: RecordOptions, *, force: bool = False
+) -> RunWriter | RotatingWriter:
+    """Begin a run's log.
+
+    Raises:
+        LogExistsError: the file exists and ``force`` is not set.
+        LogWriteError: it cannot be opened or written, or there is no room for it.
+        ConfigError: ``info.robot_toml`` is no robot file.
+
+    """
+    opener = partial(open_log_file, fsync=options.fsync)
+
+    def make(part: Path, of_part: RunInfo) -> RunWriter:
+        return RunWriter(part, of_part, force=force, opener=opener)
+
+    if options.rotate_bytes is None and options.rotate_s is None:
+        return make(path, info)
+    second = part_name(path, 2)
+    if second.exists() and not force:  # better now than in the middle of the run
+        raise LogExistsError(second)
+    return RotatingWriter(
+        path, info, make, rotate_bytes=options.rotate_bytes, rotate_s=options.rotate_s
+    )
+
+
+class LogWatch:
+    """Sees to what is to happen when a log fails: it is told at once, and the run ends or not."""
+
+    def __init__(
+        self,
+        recorder: ThreadedRecorder,
+        tell: Callable[[Severity, str, str, str], None],
+        *,
+        stop_on_error: bool,
+    ) -> None:
+        """``tell`` puts an event before people: severity, source, kind and text."""
+        self._recorder, self._tell = recorder, tell
+        self._stop = stop_on_error
+        self._told = False
+
+    def __call__(self) -> Ending | None:
+        """Ask at every turn: an end to the run, or None."""
+        error = self._recorder.error
+        if error is None or (self._told and not self._stop):
+            return None
+        if self._stop:
+            return Ending("fault", f"the log failed: {error}", 1, StopCause.SUPERVISE)
+        self._told = True
+        text = f"the log failed: {error}; the run goes on without it, as asked"
+        self._tell(Severity.ERROR, "recorder", "failed", text)
+        return None

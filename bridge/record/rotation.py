@@ -1,0 +1,139 @@
+"""A run in several files: each begins with all that is needed to read it by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from bridge.telemetry import (
+    ClockRecord,
+    CoverageRecord,
+    EventRecord,
+    IdentityRecord,
+    PlannerRecord,
+    RoomRecord,
+    Severity,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from bridge.record.writer import RunWriter
+    from bridge.telemetry import Record, RunInfo
+
+_NS = 1_000_000_000
+_STATE = (IdentityRecord, RoomRecord, ClockRecord, CoverageRecord, PlannerRecord)
+"""What tells of a state, not of a moment: the newest of each begins the next file."""
+_EVERY = 64
+"""Records between two looks at the file's size."""
+
+
+class RotatingWriter:
+    """Writes a run to ``NAME.mcap``, ``NAME-0002.mcap`` and so on.
+
+    A new file is begun when the current one is large or old enough, before the next record is
+    written, so no record is lost or doubled. Attachments, metadata, schemas and the newest
+    state are repeated; the run's summary stands in the last file.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        info: RunInfo,
+        make: Callable[[Path, RunInfo], RunWriter],
+        *,
+        rotate_bytes: int | None = None,
+        rotate_s: float | None = None,
+    ) -> None:
+        """Begin the first file.
+
+        Args:
+            path: Of the first file.
+            info: What every file says of itself; the part's number is added.
+            make: Creates a file.
+            rotate_bytes: Begin another one from this size on.
+            rotate_s: Begin another one after this much log time.
+
+        Raises:
+            LogExistsError: the file exists, and is not to be replaced.
+            LogWriteError: it cannot be opened or written.
+
+        """
+        self.path = path
+        self.parts: list[Path] = []
+        self._first, self._info, self._make = path, info, make
+        self._bytes, self._span_ns = rotate_bytes, round(rotate_s * _NS) if rotate_s else None
+        self._state: dict[type, Record] = {}
+        self._count = 0
+        self._begun_ns = info.opened_unix_ns
+        self._writer = self._begin()
+
+    def write(self, record: Record) -> None:
+        """Record one thing, in the current file or in a new one.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        log_ns = record[0]
+        self._count += 1
+        if self._is_full(log_ns):
+            self._rotate(log_ns)
+        if isinstance(record, _STATE):
+            self._state[type(record)] = record
+        self._writer.write(record)
+
+    def flush(self) -> None:
+        """Hand everything so far to the operating system.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        self._writer.flush()
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        """Attach the summary to the current file and close it; again is no error.
+
+        Raises:
+            LogWriteError: the end could not be written.
+
+        """
+        self._writer.close(summary)
+
+    def _is_full(self, log_ns: int) -> bool:
+        if self._span_ns is not None and log_ns - self._begun_ns >= self._span_ns:
+            return True
+        if self._bytes is None or self._count % _EVERY:
+            return False
+        return self._writer.bytes_written >= self._bytes
+
+    def _rotate(self, log_ns: int) -> None:
+        following = part_name(self._first, len(self.parts) + 1)
+        text = f"the log goes on in {following.name}"
+        data = {"next": following.name}
+        self._writer.write(EventRecord(log_ns, Severity.INFO, "recorder", "rotated", text, data))
+        self._writer.close()
+        self._begun_ns, self._count = log_ns, 0
+        before, self._writer = self._writer.path, self._begin()
+        text = f"the log goes on from {before.name}"
+        data = {"previous": before.name}
+        self._writer.write(EventRecord(log_ns, Severity.INFO, "recorder", "rotated", text, data))
+        for record in self._state.values():
+            self._writer.write(record._replace(log_ns=log_ns))
+
+    def _begin(self) -> RunWriter:
+        number = len(self.parts) + 1
+        extra = {**self._info.extra, "part": str(number)}
+        if self.parts:
+            extra["previous"] = self.parts[-1].name
+        self.path = part_name(self._first, number)
+        writer = self._make(self.path, replace(self._info, extra=extra))
+        self.parts.append(self.path)
+        return writer
+
+
+def part_name(first: Path, number: int) -> Path:
+    """The name of a run's n-th file."""
+    return first if number == 1 else first.with_name(f"{first.stem}-{number:04d}{first.suffix}")

@@ -1,0 +1,83 @@
+"""What recording a full line costs: 10 000 messages a second, as a share of one core.
+
+``python -m bench.record``: IMU frames as a 3 Mbaud line has them go through the link, the clock
+and the recorder's thread into a file. CPU time of the whole process over the line's own time.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+from bridge.host_records import HostRecords
+from bridge.record.policy import RecordOptions, open_log
+from bridge.record.reader import LogReader
+from bridge.record.recorder import ThreadedRecorder
+from bridge.timesync import TimeSync
+from protocol.clock import HostNs
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import Imu
+from support.synthetic_run import run_info
+
+RATE_HZ = 10_000
+SECONDS = 10
+_READ_HZ = 500
+"""Reads of the port."""
+
+
+def reads() -> list[bytes]:
+    """The line's bytes, a read at a time."""
+    link = Link(Direction.DEVICE)
+    made = []
+    per_read = RATE_HZ // _READ_HZ
+    for read in range(SECONDS * _READ_HZ):
+        for i in range(per_read):
+            n = read * per_read + i
+            link.send(Imu(n % 300, -n % 280, 16384, -900, n % 31, -5, n % 17), n * 100, node=1)
+        made.append(link.data_to_send())
+    return made
+
+
+def record(path: Path, pieces: list[bytes], options: RecordOptions) -> tuple[float, int]:
+    """Share of a core, and what was dropped."""
+    recorder = ThreadedRecorder(open_log(path, run_info(), options))
+    records, link, sync = HostRecords(recorder, 0, ""), Link(Direction.HOST), TimeSync()
+    begun = time.process_time()
+    start = time.perf_counter()
+    for i, data in enumerate(pieces):
+        late = i / _READ_HZ - (time.perf_counter() - start)
+        if late > 0:
+            time.sleep(late)
+        now_ns = HostNs(1_700_000_000_000_000_000 + i * 1_000_000_000 // _READ_HZ)
+        records.uart(data, now_ns, outgoing=False)
+        for event in link.receive(data, now_ns // 1000):
+            if isinstance(event, Received):
+                _, mapped = sync.observe(event.frame.t_us, now_ns)
+                records.message(event, mapped, now_ns)
+    recorder.close()
+    return (time.process_time() - begun) / SECONDS, recorder.dropped
+
+
+def main() -> None:
+    """Print the table."""
+    pieces = reads()
+    with tempfile.TemporaryDirectory() as folder:
+        for name, options in (
+            ("plain", RecordOptions()),
+            ("--fsync", RecordOptions(fsync=True)),
+            ("--rotate-mb 5", RecordOptions(rotate_bytes=5_000_000)),
+        ):
+            path = Path(folder) / f"{name.strip('-').split()[0]}.mcap"
+            share, dropped = record(path, pieces, options)
+            parts = list(path.parent.glob(f"{path.stem}*.mcap"))
+            kept = sum(1 for p in parts for _ in LogReader(p).messages({"/device/imu"}))
+            print(
+                f"{name:<16}{100 * share:5.1f} % of a core, {dropped} dropped, "
+                f"{kept} of {RATE_HZ * SECONDS} messages in {len(parts)} files"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,223 @@
+/* What the two firmwares cannot be compared in: interrupt rings, the line's queue, the moment of
+ * sending. A board of its own, of which each check sets what it needs. Silent where all holds. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "board.h"
+#include "inbox.h"
+#include "line.h"
+#include "period.h"
+#include "text.h"
+
+#define CHECK(condition)                                                                    \
+    do {                                                                                    \
+        if (!(condition)) {                                                                 \
+            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #condition);                 \
+            exit(1);                                                                        \
+        }                                                                                   \
+    } while (0)
+
+static struct {
+    size_t room;
+    uint32_t wait_us;
+    uint8_t out[4096];
+    size_t out_length;
+    size_t can_room;
+    size_t can_written;
+    sp_can_frame_t can_last;
+} board;
+
+uint32_t board_now_us(void) { return 1000; }
+size_t board_uart_room(void) { return board.room; }
+uint32_t board_uart_wait_us(void) { return board.wait_us; }
+
+void board_uart_write(const uint8_t *data, size_t length)
+{
+    memcpy(board.out + board.out_length, data, length);
+    board.out_length += length;
+}
+
+bool board_can_write(const sp_can_frame_t *frame)
+{
+    if (board.can_room == 0) {
+        return false;
+    }
+    board.can_room--;
+    board.can_written++;
+    board.can_last = *frame;
+    return true;
+}
+
+/* A zero keeps the moment at which the interrupt saw it, however late the main loop comes. */
+static void zeros_keep_their_moment(void)
+{
+    static inbox_t inbox;
+    const uint8_t first[] = {0, 1, 2, 0};
+    const uint8_t second[] = {3, 0};
+    uint8_t byte;
+    uint32_t arrived_us = 0;
+    inbox_put_bytes(&inbox, first, sizeof first, 100);
+    inbox_put_bytes(&inbox, second, sizeof second, 200);
+    const uint32_t wanted[] = {100, 100, 100, 100, 100, 200};
+    for (unsigned i = 0; i < 6; i++) {
+        CHECK(inbox_take_byte(&inbox, &byte, &arrived_us));
+        CHECK(arrived_us == wanted[i]);
+    }
+    CHECK(!inbox_take_byte(&inbox, &byte, &arrived_us));
+    CHECK(inbox.dropped == 0);
+}
+
+/* What finds no room is dropped and counted; what is there stays in order, over many wraps. */
+static void a_full_inbox_drops(void)
+{
+    static inbox_t inbox;
+    uint8_t byte;
+    uint8_t wanted = 1;
+    uint32_t arrived_us;
+    for (unsigned turn = 0; turn < 200; turn++) {
+        for (unsigned i = 0; i < 700; i++) {
+            byte = (uint8_t)(1u + (turn * 700u + i) % 255u);
+            inbox_put_bytes(&inbox, &byte, 1, 0);
+        }
+        for (unsigned i = 0; i < 700; i++) {
+            CHECK(inbox_take_byte(&inbox, &byte, &arrived_us));
+            CHECK(byte == wanted);
+            wanted = (uint8_t)(1u + wanted % 255u);
+        }
+    }
+    CHECK(inbox.dropped == 0);
+    byte = 7;
+    for (unsigned i = 0; i < INBOX_BYTES + 5u; i++) {
+        inbox_put_bytes(&inbox, &byte, 1, 0);
+    }
+    CHECK(inbox.dropped == 5);
+    inbox_clear(&inbox);
+    CHECK(!inbox_take_byte(&inbox, &byte, &arrived_us));
+    byte = 0;
+    for (unsigned i = 0; i < INBOX_STAMPS + 3u; i++) {
+        inbox_put_bytes(&inbox, &byte, 1, i);
+    }
+    CHECK(inbox.dropped == 8);
+    for (unsigned i = 0; i < INBOX_STAMPS; i++) {
+        CHECK(inbox_take_byte(&inbox, &byte, &arrived_us) && arrived_us == i);
+    }
+}
+
+static void can_frames_wait_in_order(void)
+{
+    static inbox_t inbox;
+    sp_can_frame_t frame = {0};
+    uint32_t arrived_us;
+    for (uint16_t i = 0; i < INBOX_CAN_FRAMES + 2u; i++) {
+        frame.id = i;
+        inbox_put_frame(&inbox, &frame, 10u * i);
+    }
+    CHECK(inbox.dropped == 2);
+    for (uint16_t i = 0; i < INBOX_CAN_FRAMES; i++) {
+        CHECK(inbox_take_frame(&inbox, &frame, &arrived_us));
+        CHECK(frame.id == i && arrived_us == 10u * i);
+    }
+    CHECK(!inbox_take_frame(&inbox, &frame, &arrived_us));
+}
+
+static int encode(line_t *line, uint16_t id)
+{
+    const sp_ack_t ack = {id, SP_TYPE_STOP};
+    return sp_ack_encode(&ack, line_payload(line), SP_PAYLOAD_MAX);
+}
+
+/* The leading zero is for an idle line; a stream leaves room for replies; what was dropped is missed
+ * by its number. */
+static void the_uart_is_shared_out(void)
+{
+    static line_t line;
+    line_start(&line, 3, false);
+    board.room = LINE_KEPT_BYTES + 18u;
+    board.wait_us = 0;
+    line_stream(&line, SP_TYPE_ACK, 0, encode(&line, 1));
+    CHECK(board.out_length == 18 && board.out[0] == 0);
+    board.wait_us = 5;
+    board.room = LINE_KEPT_BYTES + 17u;
+    line_stream(&line, SP_TYPE_ACK, 0, encode(&line, 2));
+    CHECK(board.out_length == 18 && line.dropped == 1);
+    line_send(&line, SP_TYPE_ACK, 0, encode(&line, 3));
+    CHECK(board.out_length == 18 + 17 && board.out[18] != 0);
+    CHECK(line_sent(&line) == 3 && line.sender.seq == 3);
+    board.room = 17;
+    line_send(&line, SP_TYPE_ACK, 0, encode(&line, 4));
+    CHECK(line.dropped == 2);
+    line_send(&line, SP_TYPE_ACK, 0, -1); /* did not fit a payload: nothing happens */
+    CHECK(line_sent(&line) == 4);
+}
+
+/* A reply that tells when it leaves tells it of the line, not of the program. */
+static void departure_is_the_line_s(void)
+{
+    static line_t line;
+    line_start(&line, 3, false);
+    board.wait_us = 250;
+    CHECK(line_departure_us(&line) == 1250 && !line_idle(&line));
+    board.wait_us = 0;
+    CHECK(line_departure_us(&line) == 1000 && line_idle(&line));
+}
+
+/* Frames wait for a mailbox and keep their order; a message goes whole or not at all. */
+static void the_bus_is_shared_out(void)
+{
+    static line_t line;
+    line_start(&line, 3, true);
+    board.can_room = 1;
+    line_send(&line, SP_TYPE_ACK, 0, encode(&line, 1));
+    CHECK(board.can_written == 1 && line_idle(&line));
+    line_send(&line, SP_TYPE_ACK, 0, encode(&line, 2));
+    CHECK(line.waiting_count == 1 && !line_idle(&line));
+    memset(line_payload(&line), 'x', 120);
+    for (unsigned i = 0; i < 5; i++) {
+        line_send(&line, SP_TYPE_LOG_TEXT, 0, 120);
+    }
+    CHECK(line.dropped == 2);
+    const uint8_t waiting = line.waiting_count;
+    line_stream(&line, SP_TYPE_ACK, 0, encode(&line, 3));
+    CHECK(line.dropped == 3 && line.waiting_count == waiting);
+    board.can_room = 1000;
+    line_pump(&line);
+    CHECK(line_idle(&line) && board.can_written == 1u + waiting);
+    CHECK((board.can_last.data[board.can_last.length - 1u] & 0x40u) != 0); /* a transfer's end */
+}
+
+static void a_full_text_takes_nothing_more(void)
+{
+    static text_t text;
+    char long_line[119];
+    memset(long_line, 'x', sizeof long_line);
+    text_add_foreign(&text, long_line, sizeof long_line);
+    text_add(&text, "\xC3\xA9"); /* two bytes, and one is left */
+    text_add(&text, "y");
+    CHECK(text.length == 119 && text.full);
+}
+
+/* What was due in a period that was missed is due in the next one that is not; and only once. */
+static void missed_periods_lose_nothing(void)
+{
+    unsigned told = 0;
+    for (uint32_t tick = 0, ticks = 1; tick < 3000; ticks = 1 + tick % 7u, tick += ticks) {
+        told += due_every(100, 3, tick, ticks);
+    }
+    CHECK(told == 30);
+    CHECK(due_every(5, 4, 4, 1) && !due_every(5, 4, 5, 1) && due_every(5, 4, 5, 2));
+    CHECK(!due_every(100, 0, 99, 99) && due_every(100, 0, 99, 100) && due_every(1, 0, 17, 1));
+}
+
+int main(void)
+{
+    missed_periods_lose_nothing();
+    zeros_keep_their_moment();
+    a_full_inbox_drops();
+    can_frames_wait_in_order();
+    the_uart_is_shared_out();
+    departure_is_the_line_s();
+    the_bus_is_shared_out();
+    a_full_text_takes_nothing_more();
+    return 0;
+}

@@ -1,0 +1,243 @@
+"""The doctor held against every fault that the emulator has: who is told what.
+
+    PYTHONPATH=tests python -m campaign.doctor --out docs/doctor-confusion.md
+
+Each patient has one trouble, drawn into a recording of the whole line in virtual time; half
+of them stand and are listened to, half drive a plan. What the doctor says is counted: a right
+finding, a finding that goes with it, a wrong one, or nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from protocol.messages import Power
+from sim_device.faults.kinds import KINDS
+from sim_device.line import LineSettings
+from support.clinic import Visit, examine
+from support.peers import catalogue, longer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+@dataclass(frozen=True)
+class Patient:
+    """A visit, what is to be found, and what may be found beside it."""
+
+    visit: Visit
+    right: frozenset[str]
+    beside: frozenset[str] = frozenset()
+
+    @property
+    def name(self) -> str:
+        """Of the visit."""
+        return self.visit.name
+
+
+def _patient(  # noqa: PLR0913 - what is wrong, and how it is looked at
+    name: str,
+    right: str,
+    *faults: str,
+    beside: str = "",
+    moving: bool = False,
+    seconds: float = 20.0,
+    line: LineSettings | None = None,
+    stalls: tuple[tuple[float, float], ...] = (),
+    other: bool = False,
+) -> Patient:
+    visit = Visit(
+        name,
+        faults,
+        line or LineSettings(),
+        seconds,
+        moving,
+        stalls,
+        catalogue(more=[longer(Power)]) if other else None,
+    )
+    return Patient(visit, frozenset(right.split()), frozenset(beside.split()))
+
+
+_STOPPED = "stopped"
+PATIENTS: tuple[Patient, ...] = (
+    _patient("well, standing", ""),
+    _patient("well, driving", "", moving=True, seconds=60.0),
+    _patient("bit-flips", "line_noise", "bit-flips@5:10:rate=0.001", beside="device_hears_noise"),
+    _patient("byte-loss", "overrun", "byte-loss@5:10:rate=0.001", beside="device_hears_noise"),
+    _patient("bursts", "line_noise", "bursts@5:12:rate=0.0007", beside="device_hears_noise"),
+    _patient("duplicates", "repeated", "duplicates@5:10", beside="device_hears_noise"),
+    _patient("latency", "latency", "latency@8:10:ms=40"),
+    _patient("jitter", "latency", "jitter@4:15:ms=15"),
+    _patient("silence", "gap", "silence@8:0.7:way=up"),
+    _patient("wrong-baud, always", "wrong_baud", "wrong-baud@0"),
+    _patient("wrong-baud, for a while", "wrong_baud", "wrong-baud@8:3", beside="gap"),
+    _patient("unplug", "gap unplugged", "unplug@8:2"),
+    _patient("reset", "reset", "reset@8:cause=pin"),
+    _patient("hang", "watchdog", "hang@8"),
+    _patient("brown-out", "brown_out", "brown-out@8:off=0.5"),
+    _patient("clock-drift", "clock_drift", "clock-drift@0:ppm=600"),
+    _patient("clock-jump, back", "clock_step", "clock-jump@10:ms=-50"),
+    _patient("clock-jump, ahead", "clock_step", "clock-jump@10:ms=100"),
+    _patient("adapter at 16 ms", "adapter_latency", line=LineSettings(921_600, 16_000)),
+    _patient("baud too low", "overrun", line=LineSettings(38_400, 1000), beside="latency"),
+    _patient("host held up", "host_stall", stalls=((8.0, 0.4), (12.0, 0.25))),
+    _patient("another catalogue", "schema", other=True),
+    _patient("imu-frozen, standing", "imu sensor", "imu-frozen@8:8"),
+    _patient("imu-biased, standing", "imu", "imu-biased@8:12:gyro=3"),
+    _patient(
+        "imu-frozen", "imu sensor", "imu-frozen@12:10", moving=True, seconds=30.0, beside="slip"
+    ),
+    _patient("imu-biased", "slip imu", "imu-biased@12:25:gyro=6", moving=True, seconds=40.0),
+    _patient("leaning", "tilt imu", "imu-biased@12:10:gyro=0,accel=0.3", moving=True, seconds=30.0),
+    _patient(
+        "encoder-dropout",
+        "slip sensor",
+        "encoder-dropout@12:15:share=0.4",
+        moving=True,
+        seconds=30.0,
+    ),
+    _patient("wheel-stuck", "stall", "wheel-stuck@12:4", moving=True, seconds=25.0, beside="slip"),
+    _patient("wheel-slip", "slip", "wheel-slip@10:35:share=0.4", moving=True, seconds=50.0),
+    _patient(
+        "ultrasonic-blind",
+        "sensor",
+        "ultrasonic-blind@8:80",
+        moving=True,
+        seconds=90.0,
+        beside="slip",
+    ),
+    _patient(
+        "ultrasonic-lies", "slip sensor", "ultrasonic-lies@10:30:m=1.5", moving=True, seconds=45.0
+    ),
+    _patient("bumper-stuck", "bump", "bumper-stuck@12:15", moving=True, seconds=30.0),
+    _patient(
+        *("battery-flat", "battery", "battery-flat@12:charge=0.02"),
+        moving=True,
+        seconds=25.0,
+        beside=_STOPPED,
+    ),
+    _patient(
+        "lifted", "lifted", "lifted@12:3", moving=True, seconds=25.0, beside=f"cliff {_STOPPED}"
+    ),
+    _patient("obstacle", "", "obstacle@12:index=0,dx=0.3", moving=True, seconds=30.0),
+    _patient("person", "", "person@12:15:ahead=0.5", moving=True, seconds=30.0),
+)
+
+
+@dataclass
+class Result:
+    """What one patient was told."""
+
+    patient: Patient
+    seed: int
+    found: list[str]
+
+    @property
+    def hit(self) -> bool:
+        """Whether what is wrong was found; of who is well: whether nothing was."""
+        right = self.patient.right
+        return bool(right & set(self.found)) if right else not self.found
+
+    @property
+    def wrong(self) -> list[str]:
+        """Findings that do not belong."""
+        return sorted(set(self.found) - self.patient.right - self.patient.beside)
+
+
+def visit(patient: Patient, seed: int) -> Result:
+    """Let the doctor see one patient."""
+    findings = examine(patient.visit, seed).conclude()
+    return Result(patient, seed, [finding.kind for finding in findings])
+
+
+def _visit(job: tuple[int, int]) -> list[str]:
+    return visit(PATIENTS[job[0]], job[1]).found
+
+
+def uncovered() -> set[str]:
+    """Faults of the emulator that no patient has."""
+    had = {text.partition("@")[0] for patient in PATIENTS for text in patient.visit.faults}
+    return set(KINDS) - had
+
+
+def report(results: Iterable[Result]) -> tuple[str, bool]:
+    """The confusion table, and whether all were told rightly."""
+    by_name: dict[str, list[Result]] = {}
+    for result in results:
+        by_name.setdefault(result.patient.name, []).append(result)
+    kinds = sorted({kind for found in by_name.values() for r in found for kind in r.found})
+    lines = [
+        "# Who is told what",
+        "",
+        "<!-- Written by `python -m campaign.doctor` in tests/. -->",
+        "",
+        "Each row is a trouble injected into the virtual sweeper or its line, several seeds each;",
+        "each column a finding of `sweepctl doctor`. **Bold** is what is right, plain what goes",
+        "with it, and ~~struck~~ what is wrong. `latency` to `unplug` and the like stand and are",
+        "listened to; *driving* marks a whole run with a planner.",
+        "",
+        f"| trouble | visits | {' | '.join(kinds)} | nothing |",
+        f"|---|---|{'---|' * len(kinds)}---|",
+    ]
+    hits = wrong = total = 0
+    for name, found in by_name.items():
+        patient = found[0].patient
+        counts = Counter(kind for r in found for kind in set(r.found))
+        nothing = sum(not r.found for r in found)
+        hits += sum(r.hit for r in found)
+        wrong += sum(bool(r.wrong) for r in found)
+        total += len(found)
+        cells = [_cell(counts[kind], kind, patient) for kind in kinds]
+        none = f"**{nothing}**" if nothing and not patient.right else str(nothing or "")
+        how = f"{name} *driving*" if patient.visit.moving else name
+        lines.append(f"| {how} | {len(found)} | {' | '.join(cells)} | {none} |")
+    lines += [
+        "",
+        f"{total} visits: {hits} told rightly, {wrong} told something wrong beside or instead.",
+        "",
+    ]
+    return "\n".join(lines), hits == total and wrong == 0
+
+
+def _cell(count: int, kind: str, patient: Patient) -> str:
+    if not count:
+        return ""
+    if kind in patient.right:
+        return f"**{count}**"
+    return str(count) if kind in patient.beside else f"~~{count}~~"
+
+
+def main() -> int:
+    """Let the doctor see all patients and write the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    jobs = [(i, seed) for i in range(len(PATIENTS)) for seed in range(1, options.seeds + 1)]
+    with ProcessPoolExecutor(options.jobs) as pool:
+        found = list(pool.map(_visit, jobs))
+    results = [
+        Result(PATIENTS[i], seed, kinds) for (i, seed), kinds in zip(jobs, found, strict=True)
+    ]
+    for result in results:
+        if not result.hit or result.wrong:
+            print(
+                f"{result.patient.name}, seed {result.seed}: told {result.found}", file=sys.stderr
+            )
+    text, good = report(results)
+    if options.out is not None:
+        options.out.write_text(text)
+    print(text)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

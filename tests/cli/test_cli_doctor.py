@@ -1,0 +1,108 @@
+"""``sweepctl doctor`` as a user has it: a log, another program's log, a port, nothing."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.writer import Writer
+
+from support.cli import end, start, sweepctl
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("doctor")
+
+
+@pytest.fixture(scope="module")
+def noisy(folder: Path) -> Path:
+    log = folder / "noisy.mcap"
+    fault = "bit-flips@4:3:rate=0.002,way=up"
+    sweepctl("simulate", "case-1", "--max-time", "4", "--fault", fault, "--out", log, "--json")
+    return log
+
+
+def test_a_log_with_noise_on_the_line(noisy: Path) -> None:
+    done = sweepctl("doctor", noisy, "--json")
+    assert done.status == 1
+    report = done.json
+    assert (report["kind"], report["healthy"], report["exit_status"]) == ("log", False, 1)
+    (finding,) = report["findings"]
+    assert finding["kind"] == "line_noise"
+    assert finding["severity"] == "warning"
+    assert "cable" in finding["advice"]
+    assert report["figures"]["damaged"] == finding["data"]["damaged"] > 3
+    assert report["figures"]["streams"]["imu"]["rate_hz"] == pytest.approx(100, rel=0.1)
+
+
+def test_the_same_for_people(noisy: Path) -> None:
+    done = sweepctl("doctor", noisy)
+    assert done.status == 1
+    assert "warning line noise: " in done.out
+    assert "what to do: shorten and shield the cable" in done.out
+    assert "Traceback" not in done.out + done.err
+    assert "\x1b" not in done.out
+
+
+def test_a_log_cut_short_is_read_and_said(noisy: Path, folder: Path) -> None:
+    cut = folder / "cut.mcap"
+    cut.write_bytes(noisy.read_bytes()[: noisy.stat().st_size * 3 // 4])
+    kinds = [finding["kind"] for finding in sweepctl("doctor", cut, "--json").json["findings"]]
+    assert "truncated" in kinds
+    assert "line_noise" in kinds
+
+
+def test_a_log_of_another_program(folder: Path) -> None:
+    """Nothing of it is known but when its messages came."""
+    log = folder / "other.mcap"
+    with log.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("anything", "jsonschema", b"{}")
+        channel = writer.register_channel("/scan", "json", schema)
+        for index in range(200):
+            at_ns = index * 100_000_000 + (5_000_000_000 if index >= 120 else 0)
+            writer.add_message(channel, at_ns, b"{}", at_ns)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap's own
+    report = sweepctl("doctor", log, "--json").json
+    told = {finding["kind"]: finding for finding in report["findings"]}
+    assert set(told) == {"not_recorded", "topic_gap"}
+    assert told["topic_gap"]["data"] == {
+        "topic": "/scan",
+        "pauses": 1,
+        "longest_s": pytest.approx(5.1),
+    }
+    assert report["exit_status"] == 1
+
+
+def test_what_is_no_log(folder: Path) -> None:
+    done = sweepctl("doctor", folder)
+    assert done.status == 2
+    assert "is a folder" in done.line
+    done = sweepctl("doctor", folder / "nothing-here")
+    assert done.status == 3
+    assert "nothing-here" in done.err
+
+
+def test_a_port_that_is_well_and_one_that_is_silent(folder: Path) -> None:
+    link = folder / "sweeper"
+    emulator = start("emulate", "case-1", "--pty-link", link, "--seed", "3", cwd=folder)
+    try:
+        assert emulator.stdout is not None
+        assert emulator.stdout.readline().startswith("ready ")
+        done = sweepctl("doctor", link, "--duration", "3", "--json")
+        report = done.json
+        assert report["figures"]["frames"] > 300
+        assert report["figures"]["boots"][0]["firmware"].startswith("virtual sweeper")
+        # A machine that is busy is told as latency or a stall: nothing else may be wrong.
+        assert {f["kind"] for f in report["findings"]} <= {"latency", "host_stall", "gap"}
+        silent = sweepctl("doctor", link, "--duration", "2.5", "--listen", "--json").json
+        assert silent["figures"]["bytes"]["out"] == 0
+        assert "hello" in silent["figures"]["streams"], "nobody talks to it any more"
+    finally:
+        assert end(emulator, signal.SIGTERM).status == 0

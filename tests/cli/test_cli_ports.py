@@ -1,0 +1,86 @@
+"""``ports``, ``stop`` and ``key`` as a user meets them, without a robot."""
+
+from __future__ import annotations
+
+import json
+import stat
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.cli import sweepctl
+from tools.keyfile import KeyFileError, make_key, read_key
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_the_udev_rule_is_printed_as_it_is() -> None:
+    result = sweepctl("ports", "--udev-rule")
+    assert result.status == 0
+    assert result.err == ""
+    assert result.out.startswith("# A sweeping robot's serial adapter")
+    assert 'LABEL="sweepctl_end"' in result.out
+
+
+def test_a_port_that_is_named_is_listed_and_not_opened(tmp_path: Path) -> None:
+    result = sweepctl("ports", str(tmp_path / "ttyUSB0"), "--json")
+    assert result.status == 0
+    (port,) = json.loads(result.out)["ports"]
+    assert port["port"] == str(tmp_path / "ttyUSB0")
+    assert (port["found"], port["note"]) == (None, None)
+
+
+def test_stopping_where_there_is_nothing(tmp_path: Path) -> None:
+    result = sweepctl("stop", str(tmp_path / "ttyUSB0"))
+    assert result.status == 3
+    assert "does not exist" in result.err
+    assert result.err.count("\n") == 1
+
+
+def test_a_key_is_set_or_removed_and_not_both(tmp_path: Path) -> None:
+    port = str(tmp_path / "ttyUSB0")
+    for arguments in ([port], [port, "--clear", "--set", str(tmp_path / "k")]):
+        result = sweepctl("key", *arguments)
+        assert result.status == 2
+        assert "--set FILE or --clear" in result.err
+    assert not (tmp_path / "k").exists()
+
+
+def test_a_robot_that_is_not_there_gets_no_key(tmp_path: Path) -> None:
+    result = sweepctl("key", str(tmp_path / "ttyUSB0"), "--set", str(tmp_path / "k"))
+    assert result.status == 3
+    assert not (tmp_path / "k").exists()
+
+
+# ---- the file ---------------------------------------------------------------------------
+
+
+def test_a_key_file_is_its_owners_alone(tmp_path: Path) -> None:
+    path = tmp_path / "robot.key"
+    key = make_key(path)
+    assert len(key) == 16
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert read_key(path) == key
+    assert read_key(None) is None
+    with pytest.raises(KeyFileError, match="exists already"):
+        make_key(path)
+    path.chmod(0o644)
+    with pytest.raises(KeyFileError, match="chmod 600"):
+        read_key(path)
+
+
+@pytest.mark.parametrize("text", ["", "zz" * 16, "00" * 15, "00" * 17, "\x00\xff", "é"])
+def test_what_is_no_key(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "robot.key"
+    path.write_text(text, encoding="utf-8")
+    path.chmod(0o600)
+    with pytest.raises(KeyFileError, match="32 hexadecimal digits"):
+        read_key(path)
+
+
+def test_a_key_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(KeyFileError, match="No such file"):
+        read_key(tmp_path / "none")
+    result = sweepctl("connect", str(tmp_path / "tty"), "--key-file", str(tmp_path / "none"))
+    assert result.status == 2

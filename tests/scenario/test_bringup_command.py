@@ -1,0 +1,53 @@
+"""``sweepctl bringup`` as it is typed, on a virtual sweeper that is wired well."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+from support.cli import Done, sweepctl
+from support.served import Served
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pytest
+
+
+def bringup(monkeypatch: pytest.MonkeyPatch, answers: str, *arguments: str | Path) -> Done:
+    monkeypatch.setattr("sys.stdin", io.StringIO(answers))
+    return sweepctl("bringup", *arguments)
+
+
+def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with Served() as served:
+        plant = served.device.plant
+        steps = ("--step", "supply", "--step", "motors", "--step", "control")
+        declined = bringup(monkeypatch, "n\nn\n", served.port, *steps)
+        assert declined.status == 0
+        assert "motors: left out: the wheels are not free" in declined.err
+        assert plant.wheel_angles_rad == (0.0, 0.0)
+        assert declined.out == "0 of 4 looks found a fault, 2 left out\n"
+
+        plant.faults.lifted = True  # on a stand
+        wrong = "y\ny\nrf\ny\nrf\n"  # "the RIGHT wheel turned" for both outputs
+        found = bringup(monkeypatch, wrong, served.port, "--step", "motors", "--json")
+        assert found.status == 1
+        said = {f["step"]: f["text"] for f in found.json["findings"] if f["ok"] is False}
+        assert said["motors"] == "left and right are swapped"
+        assert plant.wheel_angles_rad[0] > 1.0
+
+        plot = tmp_path / "step.png"
+        asked = ("--step", "control", "--json", "--plot", plot)
+        stepped = bringup(monkeypatch, "y\n", served.port, *asked)
+        assert stepped.status == 0
+        assert [s["wheel"] for s in stepped.json["wheel_steps"]] == ["left", "right"]
+        assert plot.read_bytes()[:4] == b"\x89PNG"
+        assert "+0.150" in stepped.err, "and drawn in characters"
+
+
+def test_what_cannot_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert bringup(monkeypatch, "", "/dev/none-such").status == 3
+    assert bringup(monkeypatch, "", "/dev/none-such", "--step", "dance").status == 2

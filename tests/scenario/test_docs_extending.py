@@ -1,0 +1,107 @@
+"""docs/extending.md, followed to the letter on a copy of the source."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from support.cli import plain_messages
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "extending.md"
+COPIED = ("protocol", "bridge", "sim_device", "tools", "docs/protocol")
+_EDIT = re.compile(
+    r"^In `(?P<file>[^`]+)`, (?P<how>before|after|replace) `(?P<anchor>[^`]+)`:\n\n"
+    r"```python\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+_RUN = re.compile(r"^```sh\n(?P<lines>.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+class Edit(NamedTuple):
+    """A change of one file."""
+
+    file: str
+    how: str
+    anchor: str
+    code: str
+
+    def make(self, tree: Path) -> None:
+        path = tree / self.file
+        text = path.read_text(encoding="utf-8")
+        assert text.count(f"{self.anchor}\n") == 1, f"{self.file}: {self.anchor!r}"
+        line = f"{self.anchor}\n"
+        new = {
+            "before": self.code + line,
+            "after": line + self.code,
+            "replace": self.code,
+        }[self.how]
+        path.write_text(text.replace(line, new), encoding="utf-8")
+
+
+def steps(text: str) -> list[Edit | str]:
+    """What the page says to do, in its order: edits, and lines for the shell."""
+    found: list[tuple[int, Edit | str]] = [
+        (m.start(), Edit(m["file"], m["how"], m["anchor"], m["code"])) for m in _EDIT.finditer(text)
+    ]
+    for block in _RUN.finditer(text):
+        found += [(block.start(), line) for line in block["lines"].splitlines()]
+    return [step for _, step in sorted(found, key=lambda item: item[0])]
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    for folder in COPIED:
+        ignored = shutil.ignore_patterns("firmware", "*.mcap")
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=ignored)
+    return tmp_path
+
+
+def run(line: str, tree: Path) -> str:
+    words = shlex.split(line)
+    assert words[0] == "python"
+    done = subprocess.run(
+        [sys.executable, *words[1:]],
+        cwd=tree,
+        env={**os.environ, "PYTHONPATH": str(tree)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode in {0, 1}, done.stderr  # 1: a run that its --max-time has ended
+    assert "Traceback" not in done.stderr, done.stderr
+    return done.stdout + done.stderr
+
+
+def test_the_page_can_be_followed(tree: Path) -> None:
+    said = []
+    for step in steps(PAGE.read_text(encoding="utf-8")):
+        if isinstance(step, Edit):
+            step.make(tree)
+        else:
+            said.append(run(step, tree))
+    assert said[0].strip() == "[]", "the catalogue's lint has nothing to say"
+    assert "/device/dust" in said[2], "it is in the log"
+    messages = plain_messages(tree / "dust.mcap", "/device/dust")
+    # 2 Hz over the drive's 4 s and the 2.5 s of rest before it
+    assert len(messages) == pytest.approx(2 * 6.5, abs=2)
+    header = (tree / "firmware" / "sweepctl_protocol.h").read_text()
+    assert "sp_dust_t" in header
+    assert "sp_dust_encode" in header
+    assert "dust" in next((tree / "firmware").glob("*.dbc")).read_text().lower()
+    assert "dust" in next((tree / "firmware").glob("*.lua")).read_text().lower()
+    assert "`dust`" in (tree / "docs" / "protocol" / "PROTOCOL.md").read_text()
+
+
+def test_the_page_says_what_it_shows() -> None:
+    found = steps(PAGE.read_text(encoding="utf-8"))
+    assert sum(isinstance(step, Edit) for step in found) == 5
+    assert sum(isinstance(step, str) for step in found) == 7

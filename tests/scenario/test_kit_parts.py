@@ -1,0 +1,126 @@
+"""Parts of the C firmware that have no counterpart in Python, and what a hostile script finds."""
+
+from __future__ import annotations
+
+import json
+import random
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.generate import render
+from support.c_build import C_TESTS, MORE, ROOT, SANITIZED, STRICT, run, tool
+from support.kit_build import CORE, KIT, compile_kit, the_kit, wire
+from support.kit_script import script
+from support.kit_sessions import Writer
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PARTS = ("inbox.c", "line.c", "text.c")
+
+
+def test_interrupt_rings_and_the_line_s_queue(tmp_path: Path) -> None:
+    folder = wire(tmp_path)
+    sources = [KIT / "core" / name for name in PARTS]
+    includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{folder}")
+    program = tmp_path / "parts"
+    run(
+        [
+            *(tool("gcc"), *STRICT, *MORE, "-g", *SANITIZED, *includes, "-o", str(program)),
+            *map(str, (*sources, C_TESTS / "kit_parts.c", folder / "sweepctl_protocol.c")),
+        ]
+    )
+    run([program])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_script_breaks_it(seed: int) -> None:
+    """Sessions with bytes changed, cut out and doubled anywhere: no sanitizer objects."""
+    rng = random.Random(seed)
+    writer = Writer(can=seed % 3 == 0)
+    writer.begin()
+    writer.drive(2000, 300, 20)
+    data = bytearray(script(writer.acts) * 3)
+    for _ in range(60):
+        at = rng.randrange(len(data))
+        match rng.randrange(3):
+            case 0:
+                data[at] = rng.randrange(256)
+            case 1:
+                del data[at : at + rng.randrange(9)]
+            case _:
+                data[at:at] = data[at : at + rng.randrange(40)]
+    the_kit().raw(_short_steps(bytes(data)))
+
+
+def _short_steps(data: bytes) -> bytes:
+    """A step of a changed script may last for an hour: no more than a quarter of a second."""
+    short = bytearray(data)
+    for at in range(len(short) - 5):
+        if short[at] == ord("S"):
+            short[at + 3] &= 3
+            short[at + 4] = 0
+    return bytes(short)
+
+
+def test_no_heap_and_no_other_library() -> None:
+    """The core calls nothing but memory, strings and single-precision mathematics."""
+    allowed = {
+        *("math.h", "stdbool.h", "stddef.h", "stdint.h", "string.h"),
+        *(path.name for path in (KIT / "core").glob("*.h")),
+        *("board.h", "firmware.h", *render("c")),
+    }
+    for path in (*CORE, KIT / "core" / "main.c", *(KIT / "core").glob("*.h")):
+        named = {
+            line.split()[1].strip('<>"')
+            for line in path.read_text().splitlines()
+            if line.startswith("#include")
+        }
+        assert named - {"ROBOT_CONFIG"} <= allowed, path.name
+        assert "alloc(" not in path.read_text(), path.name
+
+
+def test_the_static_checkers_are_content(tmp_path: Path) -> None:
+    folder = wire(tmp_path)
+    run(
+        [
+            *(tool("cppcheck"), "--std=c99", "--enable=warning,style,performance,portability"),
+            *("--inline-suppr", "--error-exitcode=1", "--quiet", "-USP_CONFIG_FILE"),
+            *("-UROBOT_CONFIG", "--suppress=missingIncludeSystem"),
+            *("--max-configs=1", "--suppress=toomanyconfigs"),
+            *(f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{folder}"),
+            *map(str, (*CORE, KIT / "core" / "main.c")),
+        ]
+    )
+
+
+def test_connect_accepts_it_on_a_desk(tmp_path: Path) -> None:
+    """In real time on a pseudo-terminal: both ends agree, nothing is lost."""
+    sources = [KIT / "core" / "main.c", KIT / "board_host" / "desk.c"]
+    program = compile_kit(tmp_path / "desk", wire(tmp_path), sources)
+    with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as device:
+        try:
+            assert device.stdout is not None
+            port = device.stdout.readline().removeprefix("ready ").strip()
+            done = subprocess.run(
+                [
+                    *(sys.executable, "-m", "tools.sweepctl", "connect", port, "--duration", "2"),
+                    *("--json", "--out", str(tmp_path / "run.mcap")),
+                ],
+                cwd=ROOT,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        finally:
+            device.terminate()
+    assert device.returncode == 0
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["outcome"] == "stopped"
+    assert summary["wire"]["crc_errors"] == 0
+    assert summary["wire"]["frames"]["rx"] > 150
+    assert "both ends agree" in done.stderr

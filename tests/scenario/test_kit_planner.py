@@ -1,0 +1,175 @@
+"""The C firmware's own planner in the virtual robot: the paper's cases, held against Python's."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.coverage.floorplan import parse_floorplan
+from bridge.coverage.metrics import CoverageMeter
+from bridge.motion.robot_model import RobotModel
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import (
+    ClearStop,
+    HostHello,
+    LogText,
+    PlannerCommand,
+    PlannerState,
+    SetMode,
+    Stop,
+    TimeRequest,
+)
+from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause
+from sim_device.device import VirtualSweeper
+from support.kit_build import the_kit
+from support.kit_robot import KitRobot
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bridge.coverage.floorplan import FloorPlan
+    from protocol.message import Message
+
+ROOM = {
+    "name": "a block in the way",
+    "walls": [[0, 0], [1.5, 0], [1.5, 1.6], [0, 1.6]],
+    "obstacles": [[[0.75, 0.55], [1.5, 0.55], [1.5, 0.8], [0.75, 0.8]]],
+    "start": [0.2, 0.2, 0.0],
+}
+RUNNING = 5
+STEP_S = 0.1
+LEAVE: list[Message] = [
+    HostHello(0, 7, 1, "test"),
+    ClearStop(1, StopCause.SESSION_END),
+    SetMode(2, Mode.ONBOARD),
+    PlannerCommand(3, PlannerAction.START, 0),
+]
+
+
+@pytest.fixture
+def plan() -> FloorPlan:
+    return parse_floorplan(json.dumps(ROOM))
+
+
+@pytest.fixture
+def robot(plan: FloorPlan) -> Iterator[KitRobot]:
+    made = KitRobot(the_kit().program, plan, noise="none")
+    yield made
+    made.close()
+
+
+def start(robot: KitRobot) -> None:
+    robot.live(STEP_S)
+    for message in LEAVE:
+        robot.say(message)
+        robot.live(STEP_S)
+    assert robot.told.state == RUNNING
+
+
+def drive(robot: KitRobot, seconds: float) -> None:
+    """Let it go on, a host being there, for as long as it plans."""
+    end_us = robot.now_us + round(seconds * 1e6)
+    while robot.now_us < end_us and robot.told.state == RUNNING:
+        robot.say(TimeRequest(0))
+        robot.live(0.5)
+
+
+ALIKE = {
+    "lane: D = Prev-D: a parallel passage",
+    "lane: D and Prev-D differ, by less than Φ: none of the cases",
+}
+"""Which of the two it is, millimetres of the estimate decide, and nothing hangs on it."""
+
+
+def decisions(heard: list[Message]) -> list[str]:
+    """What the planner decided; "planner paper ..." and the session's lines left out."""
+    kinds = {
+        "start",
+        "lane",
+        "blocked",
+        "recovery-begin",
+        "recovery-lane",
+        "recovery-end",
+        "finish",
+    }
+    lines = [m.line for m in heard if isinstance(m, LogText)]
+    told = [line for line in lines if line.split(":")[0] in kinds]
+    return ["lane: D is about Prev-D" if line in ALIKE else line for line in told]
+
+
+def distances_m(heard: list[Message]) -> list[float]:
+    """D after each change, as told at 5 Hz."""
+    found: list[float] = []
+    for state in (m for m in heard if isinstance(m, PlannerState)):
+        if state.lane_distance and (not found or found[-1] != state.lane_distance / 1000):
+            found.append(state.lane_distance / 1000)
+    return found
+
+
+def python_twin(plan: FloorPlan) -> list[Message]:
+    """The same plan on the Python firmware in the same room: what it said."""
+    device, link = VirtualSweeper(plan, noise="none"), Link(Direction.HOST)
+    heard: list[Message] = []
+    leave = [*LEAVE]
+    finished: list[PlannerState] = []
+    now_us = 0
+    while not finished and now_us < 400_000_000:
+        now_us += 100_000
+        message: Message = leave.pop(0) if leave else TimeRequest(0)
+        link.send(message, now_us, node=1)
+        events = link.receive(device.step(link.data_to_send(), now_us))
+        heard += [e.message for e in events if isinstance(e, Received)]
+        finished = [
+            m
+            for m in heard[-20:]
+            if isinstance(m, PlannerState) and m.phase == PlannerPhase.FINISHED
+        ]
+    return heard
+
+
+def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) -> None:
+    """The same decisions in the same order, and lanes as long: an obstacle, its shadow, the end."""
+    start(robot)
+    track = CoverageMeter(plan, RobotModel(), 0.01).track()
+    while robot.told.state == RUNNING and robot.now_us < 300_000_000:
+        robot.say(TimeRequest(0))
+        robot.live(STEP_S)
+        track.add(robot.now_us * 1e-6, *robot.plant.pose)
+    robot.live(1.5)
+    twin = python_twin(plan)
+    assert decisions(robot.heard) == decisions(twin)
+    assert "recovery-begin" in {line.split(":")[0] for line in decisions(twin)}
+    assert distances_m(robot.heard) == pytest.approx(distances_m(twin), abs=0.03)
+    last = [m for m in robot.heard if isinstance(m, PlannerState)][-1]
+    assert last.phase == PlannerPhase.FINISHED
+    assert track.report().coverage.mouth_sweepable > 0.8
+
+
+def test_a_pause_keeps_the_leg_and_a_stop_ends_the_plan(robot: KitRobot) -> None:
+    start(robot)
+    drive(robot, 5.0)
+    assert robot.plant.truth.v_m_s > 0.1
+    robot.say(PlannerCommand(4, PlannerAction.PAUSE, 0))
+    robot.live(0.6)
+    held = robot.plant.pose
+    robot.live(0.3)
+    assert robot.plant.pose.distance_m(held) < 1e-3
+    robot.say(PlannerCommand(5, PlannerAction.RESUME, 0))
+    robot.live(0.8)
+    assert robot.plant.truth.v_m_s > 0.1
+    assert robot.plant.pose.theta_rad == pytest.approx(held.theta_rad, abs=0.02)
+    robot.say(Stop(6, StopCause.OPERATOR))
+    robot.live(0.6)
+    assert robot.plant.truth.v_m_s == 0.0
+    assert robot.told.stop_cause == StopCause.OPERATOR
+
+
+def test_without_a_host_the_plan_ends(robot: KitRobot) -> None:
+    start(robot)
+    drive(robot, 4.0)
+    robot.live(1.6)
+    assert robot.told.stop_cause == StopCause.LINK
+    assert robot.plant.truth.v_m_s == 0.0

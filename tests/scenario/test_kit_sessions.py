@@ -1,0 +1,265 @@
+"""Both firmwares in what a random session seldom comes to: every command in every mode, faults."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.messages import (
+    ClearStop,
+    Describe,
+    GetParameter,
+    HostHello,
+    PlannerCommand,
+    Reboot,
+    SaveParameters,
+    SetMode,
+    SetParameter,
+    Stop,
+    VelocitySetpoint,
+)
+from protocol.values import Fault, Mode, OnboardPlanner, PlannerAction, RebootKind, StopCause
+from support.kit_build import the_kit
+from support.kit_compare import compare
+from support.kit_script import LoseSupply, Readings
+from support.kit_sessions import Writer, f32
+
+if TYPE_CHECKING:
+    from protocol.message import Message
+
+STOPPED, IDLE, VELOCITY, BRINGUP, ONBOARD, RUNNING, PAUSED = range(7)
+"""As ``modes.h`` counts them."""
+START = PlannerCommand(0, PlannerAction.START, OnboardPlanner.PAPER)
+WAYS: dict[int, list[Message]] = {
+    STOPPED: [Stop(0, StopCause.OPERATOR)],
+    IDLE: [],
+    VELOCITY: [SetMode(0, Mode.VELOCITY)],
+    BRINGUP: [SetMode(0, Mode.BRINGUP)],
+    ONBOARD: [SetMode(0, Mode.ONBOARD)],
+    RUNNING: [SetMode(0, Mode.ONBOARD), START],
+    PAUSED: [SetMode(0, Mode.ONBOARD), START, PlannerCommand(0, PlannerAction.PAUSE, 0)],
+}
+"""From idle to each state."""
+COMMANDS: list[Message] = [
+    *(ClearStop(0, cause) for cause in range(7)),
+    *(SetMode(0, mode) for mode in range(5)),
+    *(PlannerCommand(0, action, OnboardPlanner.PAPER) for action in range(5)),
+    PlannerCommand(0, PlannerAction.START, 9),
+    Stop(0, StopCause.SUPERVISE),
+    HostHello(0, 99, 1, "another"),
+]
+LIFTED = Readings(imu=(0, 0, 20_000, 0, 0, 0, 0), contacts=4)
+
+
+def replaced(message: Message, command_id: int) -> Message:
+    """The message with an id of its own, if it has one."""
+    if isinstance(message, HostHello):
+        return message
+    return type(message)(command_id, *tuple(message)[1:])  # type: ignore[call-arg]  # its own
+
+
+class Numbered(Writer):
+    """Gives each command an id of its own."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._id = 0
+
+    def command(self, message: Message) -> None:
+        self._id += 1
+        self.say(replaced(message, self._id))
+
+    def go(self, state: int) -> None:
+        """From wherever it stands, latched perhaps, to a state."""
+        self.say(HostHello(0, 7, 1, "test"))
+        self.command(Stop(0, StopCause.OPERATOR))
+        for cause in (StopCause.OPERATOR, StopCause.HARDWARE):
+            self.command(ClearStop(0, cause))
+        for message in WAYS[state]:
+            self.command(message)
+
+
+@pytest.mark.parametrize("state", sorted(WAYS))
+def test_every_command_in_every_state(state: int) -> None:
+    writer = Numbered()
+    reached = []
+    for command in COMMANDS:
+        writer.go(state)
+        reached.append(len(writer.acts))
+        writer.command(command)
+        writer.wait(20_000)
+    told = compare(writer.acts)
+    steps = {len([a for a in writer.acts[:i] if not isinstance(a, Readings)]) for i in reached}
+    assert {told[i - 1].state for i in steps} == {state}
+
+
+@pytest.mark.parametrize("state", [VELOCITY, ONBOARD, RUNNING, PAUSED, BRINGUP, IDLE])
+def test_every_command_as_it_is_lifted(state: int) -> None:
+    """The floor goes in the state: what must stop does, and nothing is set off in the air."""
+    writer = Numbered()
+    for command in COMMANDS:
+        writer.read(Readings())
+        writer.wait(110_000)
+        writer.go(state)
+        writer.read(LIFTED)
+        writer.wait(60_000)
+        writer.command(command)
+        writer.command(SetMode(0, Mode.VELOCITY))
+        writer.wait(20_000)
+    told = compare(writer.acts)
+    assert any(t.faults & Fault.LIFTED for t in told)
+    guarded = state not in {BRINGUP, IDLE}
+    assert any(t.stop_cause == StopCause.HARDWARE for t in told) == guarded
+
+
+@pytest.mark.parametrize(("current_ma", "fault"), [(1_500, "MOTOR_STALL"), (87, "ENCODER_LEFT")])
+def test_a_wheel_that_does_not_turn(current_ma: int, fault: str) -> None:
+    writer = Writer()
+    writer.read(Readings(motors_ma=(current_ma, 63)))
+    writer.begin()
+    count = 0
+    for i in range(190):
+        count += 30
+        writer.read(Readings(encoders=(0, count), motors_ma=(current_ma, 63)))
+        writer.say(VelocitySetpoint(2000, 0, 200, i & 0xFF), after_us=20_000)
+    told = compare(writer.acts)
+    assert any(t.faults & Fault[fault] for t in told)
+    assert told[-1].stop_cause == StopCause.HARDWARE
+
+
+@pytest.mark.parametrize(
+    "imu",
+    [
+        (0, 0, 16384, 0, 0, 0, 3000),  # turning, and the wheels are still
+        (0, 0, 9000, 0, 0, 0, 0),  # half a gravity
+        (7, 0, 16384, 0, 0, 0, 0),  # repeats
+    ],
+)
+def test_a_gyro_that_cannot_be_believed(imu: tuple[int, int, int, int, int, int, int]) -> None:
+    """Onboard it stops the plan; with a host it is told."""
+    writer = Numbered()
+    lively = [(i % 3, 0, 16384 + i % 2, 0, 0, 0, i % 4) for i in range(250)]
+    for reading in lively:
+        writer.read(Readings(imu=reading))
+        writer.wait(10_000)
+    writer.go(RUNNING)
+    writer.read(Readings(imu=imu))
+    writer.wait(900_000)
+    told = compare(writer.acts)
+    assert told[-1].faults & Fault.IMU
+    assert (told[-1].state, told[-1].stop_cause) == (STOPPED, StopCause.HARDWARE)
+
+
+def test_a_battery_that_runs_empty() -> None:
+    writer = Numbered()
+    writer.go(VELOCITY)
+    for millivolts in (13_000, 12_700, 11_950, 13_100):
+        writer.read(Readings(battery_mv=millivolts))
+        for _ in range(3):
+            writer.wait(400_000)
+            writer.say(Describe(1, 1))
+    told = compare(writer.acts)
+    assert any(t.faults & Fault.BATTERY_LOW for t in told)
+    assert told[-1].stop_cause == StopCause.HARDWARE
+
+
+def test_rangers_that_lie() -> None:
+    """An ultrasonic that stays while it drives, an infrared that stays while it turns."""
+    writer = Writer()
+    writer.begin()
+    left = right = 0
+    for i in range(200):
+        ahead, turn = (40, 0) if i < 100 else (0, 25)
+        left, right = left + ahead - turn, right + ahead + turn
+        yaw = turn * 2 * 131 * 2
+        writer.read(
+            Readings((left, right), (0, 0, 16384, 0, 0, 0, yaw), 703, (811, 1217), i == 150)
+        )
+        writer.say(VelocitySetpoint(1500, 0, 200, i & 0xFF), after_us=20_000)
+    faults = 0
+    for told in compare(writer.acts):
+        faults |= told.faults
+    assert faults & Fault.ULTRASONIC
+    assert faults & Fault.INFRARED
+
+
+def test_an_older_host_leaves_out_last_fields() -> None:
+    """It has said so in its describe; what is longer or shorter than that is refused."""
+    writer = Writer()
+    writer.begin()
+    for type_id, fields in ((0x02, 3), (0x06, 1), (0x09, 2), (0x0B, 3), (0x0D, 2)):
+        writer.say(Describe(type_id, fields))
+    for payload in (b"\x10\x00", b"\x11\x00\x01", b"\x12", b"\x13\0\1\0\0\0\0\0\0"):
+        for type_id in (0x02, 0x06, 0x09, 0x0B, 0x0D):
+            writer.frame(1, type_id, payload)
+            writer.wait(50_000)
+    compare(writer.acts)
+
+
+NAMES = [
+    b"\xff\xfe",
+    b"\xe2\x82",
+    b"\xf0\x9f\xa7\xb9 broom",
+    b"\xed\xa0\x80",
+    b"a\xc3\xa9\xc3" * 30,
+    b"x" * 230,
+    b"\xf4\x90\x80\x80",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_any_name_of_a_host_is_logged_as_utf8(name: bytes) -> None:
+    writer = Writer()
+    writer.hello(name)
+    writer.wait(300_000)
+    compare(writer.acts)
+
+
+# ---- parameters that outlive a boot ------------------------------------------------------
+
+SPEED, NEW = 4, f32(0.25)
+
+
+def _saved(periods: int, *, again: bool) -> tuple[int, int]:
+    """The top speed after a boot that came so many periods into a save; and before that one."""
+    writer = Writer()
+    writer.begin()
+    writer.say(SetMode(1, Mode.IDLE))
+    if again:
+        writer.say(SetParameter(2, SPEED, 2, f32(0.2)), SaveParameters(3))
+        writer.wait(400_000)
+    writer.acts.append(LoseSupply(periods))
+    writer.say(SetParameter(4, SPEED, 2, NEW), SaveParameters(5))
+    writer.wait(500_000)
+    told = the_kit().run(writer.acts)
+    return told[-1].parameters[SPEED], told[-1].reboots
+
+
+@pytest.mark.parametrize("again", [False, True])
+def test_a_supply_lost_while_saving_leaves_the_old_values_or_the_new(again: bool) -> None:  # noqa: FBT001 - of a test
+    old = f32(0.2) if again else f32(0.3)
+    found = [_saved(periods, again=again)[0] for periods in range(1, 40)]
+    assert set(found) == {old, NEW}
+    assert found == sorted(found, key=(old, NEW).index), "once it stands, it stays"
+
+
+def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() -> None:
+    writer = Writer()
+    writer.begin()
+    writer.say(SetMode(1, Mode.IDLE))
+    writer.say(SetParameter(2, SPEED, 2, NEW), SetParameter(3, 8, 2, f32(13.0)))
+    writer.say(SaveParameters(4))
+    writer.wait(400_000)
+    writer.say(SetParameter(5, 8, 2, f32(14.0)), Reboot(6, RebootKind.NORMAL))
+    writer.wait(50_000)
+    kept = len(writer.acts)
+    writer.begin(8)
+    writer.say(SetMode(1, Mode.IDLE), GetParameter(2, SPEED), GetParameter(3, 8))
+    writer.say(Reboot(4, RebootKind.FACTORY_RESET))
+    writer.wait(50_000)
+    told = compare(writer.acts)
+    after = told[kept - 2].parameters
+    assert (after[SPEED], after[8]) == (NEW, f32(13.0))
+    assert told[-1].parameters == told[0].parameters
+    assert told[-1].reboots == 2

@@ -1,0 +1,297 @@
+"""The firmware's own binary on an emulated chip: built, run, stopped, reset, left alone.
+
+Where the cross compiler or QEMU is missing these fail and say what to install.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from bridge.io.ports import open_port
+from protocol.messages import Hello, Status
+from protocol.values import Mode, ResetCause, StopCause
+from sim_device.ports.qemu_build import FirmwareBuildError, firmware_elf
+from support.c_build import ROOT, run, tool
+from support.cli import end, start, sweepctl
+from support.probe import Probe
+from support.qemu import FIRMWARE, READY_S, build, emulated, finish, true_coverage, until
+from tools.firmware_report import BOARDS, taken
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from support.qemu import Emulated
+
+FLOOR = ROOT / "tests" / "conformance" / "floor.json"
+RAMP_S = 0.20 / 1.0
+"""From the cruise speed to rest, at the parameters' deceleration."""
+WHEELS_S = 0.15
+"""Until the wheels have followed: three time constants of the motors."""
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with both boards' programs."""
+    return build(tmp_path_factory.mktemp("firmware"))
+
+
+@pytest.fixture(scope="module")
+def device(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Emulated]:
+    """One emulator for the checks that leave it as it was."""
+    folder = tmp_path_factory.mktemp("emulated")
+    with emulated(built / "board_f405_qemu.elf", folder, str(FLOOR), "--seed", "3") as made:
+        yield made
+
+
+def probe(device: Emulated) -> Probe:
+    return Probe(open_port(device.port))
+
+
+# ---- built -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_size_and_stack(built: Path, name: str) -> None:
+    """A quarter of each memory at most, and a stack that is bounded and has its reserve."""
+    took, board = taken(built, name), BOARDS[name]
+    assert 10_000 < took.flash < board.flash / 4
+    assert took.ram + took.reserve < board.ram / 4
+    assert 200 < took.stack < took.reserve / 2, took.deepest
+    assert took.deepest[:2] == ["reset_handler", "main"]
+
+
+def test_nothing_is_found_in_the_boards_sources(built: Path) -> None:
+    tool("cppcheck")
+    run([tool("make"), "-s", "-C", FIRMWARE, "-f", "board.mk", f"BUILD={built}", "analyse"])
+
+
+def test_it_is_kept_by_what_it_is_made_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    elf = firmware_elf(tmp_path, told.append)
+    assert elf.read_bytes().startswith(b"\x7fELF")
+    assert len(told) == 1
+    assert firmware_elf(tmp_path, told.append) == elf
+    assert len(told) == 1, "what is there is not built again"
+    assert [p.name for p in elf.parent.iterdir()] == [elf.name]
+    monkeypatch.setenv("PATH", "/nonexistent")
+    with pytest.raises(FirmwareBuildError, match="apt install gcc-arm-none-eabi"):
+        firmware_elf(tmp_path)
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    process = start("emulate", "--target", "qemu", cwd=tmp_path, env={"PATH": "/nonexistent"})
+    done = end(process)
+    assert (done.status, done.out) == (3, "")
+    assert "qemu-system-arm is not installed" in done.line
+    assert "apt install qemu-system-arm" in done.line
+
+
+def test_a_program_for_another_chip(tmp_path: Path) -> None:
+    wrong = tmp_path / "wrong.elf"
+    wrong.write_bytes(b"\x7fELF" + bytes(100))
+    done = end(start("emulate", "--target", "qemu", "--firmware", wrong, cwd=tmp_path))
+    assert (done.status, done.out) == (3, "")
+    assert f"{wrong} does not run: QEMU has ended by itself" in done.line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--link", "slcan"], "no CAN"),
+        (["--link", "udpcan"], "no CAN"),
+        (["--fault", "clock-jump@3"], "keeps its own time"),
+        (["--fault", "clock-drift@3"], "keeps its own time"),
+    ],
+)
+def test_what_it_cannot_do_is_refused(built: Path, arguments: list[str], why: str) -> None:
+    program = built / "board_f405_qemu.elf"
+    done = sweepctl("emulate", "--target", "qemu", "--firmware", program, *arguments)
+    assert (done.status, done.out) == (2, "")
+    assert why in done.err.strip().splitlines()[-1]
+
+
+# ---- run -------------------------------------------------------------------------------
+
+
+def test_conformance(device: Emulated, tmp_path: Path) -> None:
+    """A share of the suite that `pytest --port PORT` runs: what is safe, and what is quick."""
+    report = tmp_path / "report.json"
+    chosen = "test_stop.py or test_agreement.py or test_commands.py or test_it_follows_a_setpoint"
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "pytest", "-q", f"--port={device.port}", "--allow-motion"),
+            *("-m", "not slow", "-k", chosen, f"--conformance-report={report}"),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=100.0,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-4000:]
+    assert report.is_file()
+
+
+def test_its_stack_is_as_small_as_the_bound_says(built: Path, tmp_path: Path) -> None:
+    """What a running chip has used at most, against the sum over its call graph."""
+    took = taken(built, "board_f405_qemu")
+    with emulated(built / "board_f405_qemu.elf", tmp_path, "empty", "--stats") as made:
+        host = start("connect", made.port, "--duration", "2", cwd=tmp_path)
+        assert end(host).status == 0
+        done = finish(made.process)
+    said = next(line for line in done.err.splitlines() if "stack" in line)
+    used = took.reserve - int(said.split()[0])
+    assert 100 < used <= took.stack
+
+
+def test_the_first_seconds_of_a_clean(built: Path, tmp_path: Path) -> None:
+    """`make qemu` cleans the room to its end; here until something has been swept."""
+    truth = tmp_path / "truth.mcap"
+    with emulated(
+        built / "board_f405_qemu.elf", tmp_path, "case-1", "--truth", truth, "--seed", "1"
+    ) as made:
+        host = start(
+            *("connect", made.port, "--plan", "recovery", "--duration", "10", "--json"),
+            cwd=tmp_path,
+        )
+        done = end(host)
+        counted = made.truth()
+    assert (done.status, done.json["outcome"]) == (0, "stopped"), done.err
+    assert done.json["wire"]["lost"] == done.json["wire"]["crc_errors"] == 0
+    assert counted["path_m"] > 0.5
+    assert counted["collisions"] == 0
+    assert true_coverage(truth, "case-1") > 0.02
+
+
+def test_a_host_that_is_killed(device: Emulated, tmp_path: Path) -> None:
+    """The wheels rest a setpoint's life and a ramp later; a second later it latches."""
+    host = start("connect", device.port, "--plan", "recovery", "--json", cwd=tmp_path)
+    until(lambda: device.truth()["v_m_s"] > 0.1, READY_S, "it drives")
+    host.kill()
+    killed = device.truth()
+    host.communicate()
+    last: dict[str, Any] = killed
+    while abs(last["v_m_s"]) > 0.005 or abs(last["yaw_rate_rad_s"]) > 0.03:
+        last = device.truth()
+        assert last["time_s"] - killed["time_s"] < 5.0, last
+    rested_s = last["time_s"] - killed["time_s"]
+    assert rested_s <= 0.25 + RAMP_S + WHEELS_S
+    with_probe = probe(device)
+    try:
+        until(lambda: _latched(with_probe) is StopCause.LINK, 5.0, "it latches for silence")
+        where = device.truth()
+        assert abs(where["v_m_s"]) < 0.005
+        assert where["path_m"] - last["path_m"] < 0.005, "and stays where it is"
+    finally:
+        with_probe.port.close()
+
+
+def _latched(host: Probe) -> StopCause:
+    host.agree()
+    return StopCause(host.status().stop_cause)
+
+
+def test_a_stop_holds_until_it_is_cleared(device: Emulated) -> None:
+    host = probe(device)
+    try:
+        host.agree()
+        host.free()
+        host.enter(Mode.VELOCITY)
+        host.keep_saying(lambda: host.setpoint(0.15, 0.0), 1.0)
+        assert device.truth()["v_m_s"] > 0.1
+        host.stop(StopCause.OPERATOR)
+        stopped_s = device.truth()["time_s"]
+        host.keep_saying(lambda: host.setpoint(0.15, 0.0), 1.5)
+        truth = device.truth()
+        assert truth["time_s"] - stopped_s > 1.0
+        assert abs(truth["v_m_s"]) < 0.005, "setpoints move nothing now"
+        status = host.status()
+        assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.OPERATOR)
+    finally:
+        host.port.close()
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("reset:cause=pin", ResetCause.PIN),
+        ("hang", ResetCause.WATCHDOG),
+        ("brown-out:off=0.3", ResetCause.BROWN_OUT),
+    ],
+)
+def test_a_reset_is_told_and_latched(device: Emulated, fault: str, cause: ResetCause) -> None:
+    """A reset from outside, and the chip's own watchdog on a program that hangs."""
+    host = probe(device)
+    try:
+        before = host.agree()
+        device.ask(f"start {fault}")
+        until(lambda: _booted(host, before), 5.0, "it boots anew")
+        hello = host.agree()
+        assert hello.reset_cause == cause
+        assert hello.uid == before.uid
+        assert hello.boot_id != before.boot_id
+        status: Status = host.status()
+        assert (status.mode, status.stop_cause) == (Mode.IDLE, StopCause.SESSION_END)
+    finally:
+        host.port.close()
+
+
+def _booted(host: Probe, before: Hello) -> bool:
+    host.listen(0.2, alive=False)
+    hellos = [h.message for h in host.heard if isinstance(h.message, Hello)]
+    return any(hello.boot_id != before.boot_id for hello in hellos)
+
+
+def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
+    host = probe(device)
+    try:
+        host.agree()
+        assert not host.status().faults
+        device.ask("start battery-flat:charge=0.02")
+        until(lambda: host.status().faults != 0, 5.0, "the battery is low")
+    finally:
+        device.ask("start battery-flat:charge=1.0")
+        host.port.close()
+
+
+# ---- left alone ------------------------------------------------------------------------
+
+
+def test_the_end_leaves_nothing(built: Path, tmp_path: Path) -> None:
+    with emulated(built / "board_f405_qemu.elf", tmp_path, "empty", "--pty-link", "port") as made:
+        assert made.port == "port"
+        pid = made.qemu_pid()
+    assert not Path(f"/proc/{pid}").exists()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_qemu_does_not_outlive_an_emulator_that_is_killed(built: Path, tmp_path: Path) -> None:
+    with emulated(built / "board_f405_qemu.elf", tmp_path, "empty") as made:
+        pid = made.qemu_pid()
+        made.process.kill()
+        made.process.communicate()
+        until(lambda: _gone(pid), 10.0, "QEMU ends")
+
+
+def _gone(pid: int) -> bool:
+    """No such process, or nothing but its entry, which somebody else has to collect."""
+    try:
+        return ") Z" in Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
+    except OSError:
+        return True
+
+
+def test_an_emulator_whose_qemu_dies_says_so(built: Path, tmp_path: Path) -> None:
+    with emulated(built / "board_f405_qemu.elf", tmp_path, "empty") as made:
+        os.kill(made.qemu_pid(), signal.SIGKILL)
+        done = end(made.process)
+    assert done.status == 3
+    assert "QEMU has ended by itself" in done.err.strip().splitlines()[-1]
+    assert "Traceback" not in done.err

@@ -1,0 +1,191 @@
+"""A recorded robot on a virtual port: the live bridge runs on it as on a real one."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.record.reader import LogReader
+from bridge.replay_device import load, replay_device
+from protocol.clock import HostNs
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import (
+    Ack,
+    Hello,
+    HostHello,
+    Nack,
+    SetMode,
+    Stop,
+    TimeReply,
+    TimeRequest,
+)
+from protocol.uart import DamagedFrame
+from protocol.values import NackReason
+from support.cli import end, plain_messages, short_runs, start, sweepctl
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from bridge.replay_device import ReplayDevice
+    from protocol.link import LinkEvent
+    from protocol.message import Message
+
+CONVERSATION = {"hello", "describe_reply", "ack", "nack", "time_reply", "parameter_value"}
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return short_runs(tmp_path_factory)[0].log
+
+
+class Peer:
+    """The host's end, by hand."""
+
+    def __init__(self, device: ReplayDevice) -> None:
+        self.device, self.link = device, Link(Direction.HOST)
+        self.now_ns = HostNs(5_000_000_000)
+
+    def send(self, message: Message) -> list[LinkEvent]:
+        self.link.send(message, self.now_ns // 1000, node=1)
+        self.device.receive(self.link.data_to_send(), self.now_ns)
+        return self.hear()
+
+    def hear(self) -> list[LinkEvent]:
+        self.device.poll(self.now_ns)
+        return self.link.receive(self.device.data_to_send())
+
+    def wait(self, duration_s: float) -> list[LinkEvent]:
+        found, until = [], self.now_ns + round(duration_s * 1e9)
+        while self.now_ns < until:
+            self.now_ns = HostNs(min(until, max(self.now_ns + 1, self.device.next_deadline())))
+            found += self.hear()
+        return found
+
+
+def messages(events: list[LinkEvent]) -> list[Message]:
+    return [event.message for event in events if isinstance(event, Received)]
+
+
+def test_it_says_hello_and_waits_for_a_host_that_agrees(log: Path) -> None:
+    peer = Peer(replay_device(LogReader(log)))
+    before = messages(peer.wait(3.0))
+    assert {type(message) for message in before} == {Hello}
+    assert 3 <= len(before) <= 4
+    (hello,) = messages(peer.send(HostHello(before[0].catalogue_hash, 77, 0, "me")))  # type: ignore[attr-defined]  # a Hello
+    assert isinstance(hello, Hello)
+    assert hello.session_id == 77
+    assert messages(peer.wait(0.5)) in ([], [hello])
+    peer.send(HostHello(hello.catalogue_hash, 77, 1, "me"))
+    assert len(messages(peer.wait(1.0))) > 150
+
+
+def test_every_message_comes_again_as_it_was(log: Path) -> None:
+    recording = load(LogReader(log))
+    peer = Peer(replay_device(LogReader(log)))
+    events = peer.send(HostHello(0, 5, 1, "me")) + peer.wait(recording.duration_s)
+    played = [e for e in events if isinstance(e, Received)]
+    told = [e for e in played if not isinstance(e.message, Hello)]
+    assert len(told) == len(recording.played) > 2000
+    for event, original in zip(told, recording.played, strict=True):
+        assert event.frame.payload == original.payload
+        assert event.frame.t_us == original.t_us % (1 << 32)
+        assert event.spec.type_id == original.type_id
+    for name in ("imu", "encoders", "range", "status", "power"):
+        count = sum(e.spec.name == name for e in told)
+        assert count == len(plain_messages(log, f"/device/{name}"))
+
+
+def test_its_clock_is_never_behind_its_stamps(log: Path) -> None:
+    peer = Peer(replay_device(LogReader(log)))
+    peer.send(HostHello(0, 5, 1, "me"))
+    for ping in range(20):
+        newest = max((e.frame.t_us for e in peer.wait(0.25) if isinstance(e, Received)), default=0)
+        reply = next(
+            e
+            for e in peer.send(TimeRequest(ping))
+            if isinstance(e, Received) and isinstance(e.message, TimeReply)
+        )
+        assert isinstance(reply.message, TimeReply)
+        assert newest <= reply.message.received_us <= reply.frame.t_us
+        assert reply.message.received_us - newest < 60_000
+
+
+def test_it_stops_and_cannot_be_driven(log: Path) -> None:
+    peer = Peer(replay_device(LogReader(log)))
+    peer.send(HostHello(0, 5, 1, "me"))
+    (ack,) = [m for m in messages(peer.send(Stop(11, 1))) if isinstance(m, Ack)]
+    assert ack.command_id == 11
+    (nack,) = [m for m in messages(peer.send(SetMode(12, 1))) if isinstance(m, Nack)]
+    assert (nack.command_id, nack.reason) == (12, NackReason.UNSUPPORTED)
+
+
+def test_after_its_end_the_robot_stands(log: Path) -> None:
+    device = replay_device(LogReader(log))
+    peer = Peer(device)
+    peer.send(HostHello(0, 5, 1, "me"))
+    peer.wait(device.recording.duration_s + 0.1)
+    assert device.is_over
+    after = messages(peer.wait(1.0))
+    kinds = {type(message).__name__ for message in after}
+    assert {"Status", "Encoders", "Imu"} <= kinds
+    assert len({m for m in after if type(m).__name__ == "Encoders"}) == 1
+
+
+def test_damaged_bytes_come_again(tmp_path: Path) -> None:
+    log = tmp_path / "bad.mcap"
+    sweepctl(
+        *("simulate", "empty", "--planner", "u-shape", "--max-time", "5", "--out", log, "--json"),
+        *("--fault", "bit-flips@3:3:rate=0.001,way=up"),
+    )
+    recording = load(LogReader(log))
+    damaged = sum(p.is_damaged for p in recording.played)
+    assert damaged > 5
+    peer = Peer(replay_device(LogReader(log)))
+    events = peer.send(HostHello(0, 5, 1, "me")) + peer.wait(recording.duration_s)
+    assert sum(isinstance(e, DamagedFrame) for e in events) >= damaged * 0.9
+    intact = [e for e in events if isinstance(e, Received) and not isinstance(e.message, Hello)]
+    assert len(intact) == len(recording.played) - damaged, "no neighbour is hurt"
+
+
+def test_the_live_bridge_runs_on_it(tmp_path: Path, log: Path) -> None:
+    replay = start("replay", log, "--link", "pty", "--pty-link", "robot", cwd=tmp_path)
+    try:
+        assert replay.stdout is not None
+        assert replay.stdout.readline() == "ready robot\n"
+        host = end(
+            start(
+                "connect", "robot", "--duration", "3", "--out", "again.mcap", "--json", cwd=tmp_path
+            )
+        )
+    finally:
+        ended = end(replay, signal.SIGTERM)
+    assert ended.status == 0
+    assert host.status == 0, host.err
+    assert host.json["outcome"] == "stopped"
+    assert host.json["wire"]["crc_errors"] == 0
+
+    def content(path: Path) -> list[tuple[int, ...]]:
+        return [
+            (m.decoded.t_us, m.decoded.gyro_z, m.decoded.accel_x)
+            for m in LogReader(path).messages({"/device/imu"})
+        ]
+
+    recorded, again = content(log), content(tmp_path / "again.mcap")
+    assert len(again) > 100
+    begin = recorded.index(again[0])
+    assert again == recorded[begin : begin + len(again)]
+
+
+def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
+    for options in (("--pty-link", "x"), ("--link", "pty", "--speed", "2"), ("--json",)):
+        assert sweepctl("replay", log, *options).status == 2
+    checked = sweepctl("replay", log, "--check", "--json")
+    assert checked.status == 0
+    assert checked.json["same"] is True
+    assert checked.json["equal"] == checked.json["recorded"] > 2000
+    text = tmp_path / "text"
+    text.write_text("hello")
+    assert sweepctl("replay", text, "--check").status == 1

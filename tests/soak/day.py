@@ -1,0 +1,70 @@
+"""A simulated day of work with random faults in one process: memory flat, logs whole.
+
+    PYTHONPATH=tests python -m soak.day --hours 24
+
+One clean after another, each with faults of its own (:mod:`soak.faults`), until so many
+simulated hours have passed; memory is looked at after each. What grows by the hour is a leak.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+
+from soak.faults import run
+
+WARM = 0.15
+"""Share of the day in which caches fill."""
+GROWTH_MB = 24.0
+"""Allowed from there to the end, for all of the day."""
+
+
+def resident_mb() -> float:
+    """Memory of this process."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def main() -> int:
+    """Work a day."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--seed", type=int, default=10_000)
+    parser.add_argument("--longest-s", type=float, default=600.0, help="of one clean")
+    options = parser.parse_args()
+    simulated_s, seed, bad = 0.0, options.seed, 0
+    begun_s = time.process_time()
+    curve: list[tuple[float, float]] = []
+    threads, files = threading.active_count(), open_files()
+    while simulated_s < 3600.0 * options.hours:
+        result = run(seed, max_s=options.longest_s)
+        simulated_s += max(result.simulated_s, 1.0)
+        seed += 1
+        for what in result.bad:
+            bad += 1
+            print(f"seed {result.seed}, {' '.join(result.faults)}: {what}", flush=True)
+        gc.collect()
+        curve.append((simulated_s / 3600.0, resident_mb()))
+    warm = next(mb for hours, mb in curve if hours >= WARM * options.hours)
+    grown = curve[-1][1] - warm
+    print(
+        f"{simulated_s / 3600.0:.1f} simulated hours in {seed - options.seed} runs, "
+        f"{time.process_time() - begun_s:.0f} s of processor time, {bad} findings"
+    )
+    print(f"memory {warm:.0f} MB once warm, {curve[-1][1]:.0f} MB at the end: {grown:+.1f} MB")
+    left = threading.active_count() - threads, open_files() - files
+    print(f"threads and files left open: {left[0]}, {left[1]}")
+    return 1 if bad or grown > GROWTH_MB or any(left) else 0
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

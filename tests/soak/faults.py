@@ -1,0 +1,176 @@
+"""Random faults by the hundred: no crash, no unsafe motion, a log that can be read.
+
+    PYTHONPATH=tests python -m soak.faults --runs 500
+
+Each run is the whole stack in virtual time, recorded: a room, a planner on the host or on the
+device, supervised or not, and one to three faults of any kind with any values, all drawn from
+the run's seed. What is unsafe is judged by the truth, every 20 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import sys
+import tempfile
+import traceback
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.motion.robot_model import RobotModel
+from bridge.onboard_mission import OnboardMission
+from bridge.record.reader import LogReader
+from bridge.record.writer import RunWriter
+from bridge.robot_parts import planner_number
+from bridge.supervise import SuperviseSettings
+from bridge.telemetry import RunInfo
+from sim_device.faults.kinds import KINDS, parse_fault
+from sim_device.faults.spec import FaultSpec, Number
+from sim_device.line import LineSettings
+from soak.watched import Truth
+from tools.rooms import load_room
+from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+from tools.virtual_summary import summarise
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import FloorPlan
+    from sim_device.faults.spec import FaultKind, Value
+
+ROOMS = ("case-1", "case-2", "columns", "l-room", "table-and-chair", "two-rooms")
+PLANNERS = ("paper", "recovery", "u-shape", "random")
+_LOG_UNIFORM = {"rate", "ppm"}
+"""Arguments whose interesting values lie orders of magnitude apart."""
+
+
+@dataclass
+class Result:
+    """What came of a run."""
+
+    seed: int
+    faults: tuple[str, ...] = ()
+    outcome: str = ""
+    simulated_s: float = 0.0
+    messages: int = 0
+    bad: list[str] = field(default_factory=list)
+    """What must not be: crashes, unsafe motion, a log that cannot be read."""
+
+
+def draw_fault(kind: FaultKind, dice: random.Random, plan: FloorPlan) -> FaultSpec:
+    """A fault of a kind with drawn time and values."""
+    values: dict[str, Value] = {}
+    for argument in kind.arguments:
+        if not isinstance(argument, Number):
+            values[argument.name] = dice.choice(argument.choices)
+        elif argument.name == "index":
+            values[argument.name] = float(dice.randrange(max(len(plan.obstacles), 1)))
+        elif argument.name in _LOG_UNIFORM:
+            top = min(argument.high, 100.0 * argument.default)
+            values[argument.name] = argument.default * (top / argument.default) ** dice.random()
+        else:
+            span = 4.0 * abs(argument.default) or 0.3 * (argument.high - argument.low)
+            low = max(argument.low, argument.default - span)
+            values[argument.name] = dice.uniform(low, min(argument.high, argument.default + span))
+    lasts_s = dice.choice((0.2, 1.0, 5.0, 20.0, None)) if kind.lasting else None
+    spec = FaultSpec(kind, round(dice.uniform(0.0, 40.0), 2), lasts_s, values)
+    return parse_fault(spec.text)
+
+
+def run(seed: int, *, max_s: float = 60.0) -> Result:
+    """One run; never raises."""
+    result = Result(seed)
+    try:
+        _run(result, max_s)
+    except Exception:  # noqa: BLE001 - a crash is what is looked for
+        result.bad.append(f"crash: {traceback.format_exc(limit=-3)}")
+    return result
+
+
+def _run(result: Result, max_s: float) -> None:
+    dice = random.Random(result.seed)
+    plan = load_room(dice.choice(ROOMS))
+    planner = dice.choice(PLANNERS)
+    kinds = [k for k in KINDS.values() if k.name != "obstacle" or plan.obstacles]
+    # The first kind goes round, so that five hundred runs have each of them often enough.
+    chosen = [kinds[result.seed % len(kinds)], *dice.sample(kinds, dice.randrange(3))]
+    faults = [draw_fault(kind, dice, plan) for kind in chosen]
+    result.faults = tuple(spec.text for spec in faults)
+    onboard = dice.random() < 0.4
+    model = RobotModel()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        info = RunInfo(
+            "virtual", planner, result.seed, "soak", EPOCH_NS, EPOCH_NS - HOST_BOOT_NS, "", plan
+        )
+        writer = RunWriter(path, info)
+        truth = Truth(writer)
+        finished = run_virtual(
+            plan,
+            model,
+            planner,
+            truth,
+            seed=result.seed,
+            max_time_s=max_s,
+            faults=faults,
+            line=LineSettings() if dice.random() < 0.5 else None,
+            mission=OnboardMission(planner_number(planner), max_time_s=max_s) if onboard else None,
+            supervise=SuperviseSettings() if onboard or dice.random() < 0.5 else None,
+            prepare=truth.attach,
+        )
+        summary = summarise(finished, plan, planner, result.seed, str(path))
+        truth.close(summary)
+        ending = finished.host.mission.ending
+        result.outcome = "none" if ending is None else ending.outcome
+        result.bad += [f"unsafe: {text}" for text in truth.unsafe]
+        if truth.samples == 0:
+            result.bad.append("no truth was seen")
+        result.simulated_s = 0.02 * truth.samples
+        _read(path, result)
+
+
+def _read(path: Path, result: Result) -> None:
+    """Read all of the log again."""
+    reader = LogReader(path)
+    topics = Counter(message.topic for message in reader.messages())
+    result.messages = sum(topics.values())
+    if reader.truncated or reader.problems:
+        result.bad.append(f"log: truncated {reader.truncated}, {reader.problems[:2]}")
+    if reader.summary is None or not topics["/truth/pose"] or not topics["/raw/uart/tx"]:
+        result.bad.append(f"log: incomplete, topics {sorted(topics)}")
+
+
+def main() -> int:
+    """Run the campaign."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--runs", type=int, default=500)
+    parser.add_argument("--first", type=int, default=1, help="seed of the first run")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.runs)
+    outcomes: Counter[str] = Counter()
+    kinds: Counter[str] = Counter()
+    bad = 0
+    simulated_s, messages = 0.0, 0
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for result in pool.map(run, seeds, chunksize=4):
+            outcomes[result.outcome] += 1
+            kinds.update(text.partition("@")[0] for text in result.faults)
+            simulated_s += result.simulated_s
+            messages += result.messages
+            for what in result.bad:
+                bad += 1
+                print(f"seed {result.seed}, {' '.join(result.faults)}: {what}", flush=True)
+    print(f"{options.runs} runs, {simulated_s / 3600.0:.2f} simulated hours, {bad} findings")
+    print(f"outcomes: {dict(outcomes)}")
+    print(
+        f"faults: {sum(kinds.values())} of {len(kinds)} kinds, each at least {min(kinds.values())}"
+    )
+    print(f"messages read back from the logs: {messages}")
+    return 1 if bad or len(kinds) < len(KINDS) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,124 @@
+"""The far end of a pty for :mod:`soak.line`: agrees as a device does, then fills the line.
+
+``feeder.py SECONDS BAUD`` tells the pty's name on its first line and, at its end, how many
+bytes it wrote and their CRC-32.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import tty
+import zlib
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from protocol.catalogue import CATALOGUE
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import Ack, Encoders, Hello, HostHello, Imu, Status, TimeReply, TimeRequest
+
+PERIOD_S = 0.002
+MOST_AT_ONCE = 200
+"""Frames made between two looks at what the host says: five times what the line carries."""
+BITS_PER_BYTE = 10
+_FRAME = 28
+"""Encoded length of an inertial sample, its delimiters included."""
+
+
+class Feeder:
+    """One device that talks as fast as the line carries."""
+
+    def __init__(self, baud: int) -> None:
+        """Open the pty and tell its name."""
+        self._fd, slave = os.openpty()
+        tty.setraw(self._fd)
+        tty.setraw(slave)
+        self._slave = slave
+        os.set_blocking(self._fd, False)
+        print(os.ttyname(slave), flush=True)
+        self._bytes_s = baud / BITS_PER_BYTE
+        self._link = Link(Direction.DEVICE)
+        self._agreed = False
+        self._count = 0
+        self.sent = 0
+        self.checksum = 0
+        self._pending = b""
+
+    def run(self, seconds: float) -> None:
+        """Talk for so long, once a host has agreed."""
+        begun_s: float | None = None
+        while begun_s is None or time.monotonic() - begun_s < seconds:
+            now_s = time.monotonic()
+            self._hear(now_s)
+            if self._agreed and begun_s is None:
+                begun_s = now_s
+            if begun_s is not None:
+                due = self._bytes_s * (now_s - begun_s) - self.sent - len(self._pending)
+                # Of what a held-up host did not take, not all is made up for at once.
+                for _ in range(min(int(due / _FRAME), MOST_AT_ONCE)):
+                    self._sample(now_s)
+            self._write()
+            time.sleep(PERIOD_S)
+        while self._pending:
+            self._write()
+            time.sleep(PERIOD_S)
+
+    def _hear(self, now_s: float) -> None:
+        try:
+            data = os.read(self._fd, 65536)
+        except BlockingIOError:
+            return
+        stamp_us = int(1e6 * now_s) & 0xFFFF_FFFF
+        for event in self._link.receive(data):
+            if not isinstance(event, Received):
+                continue
+            message, _, spec = event
+            if isinstance(message, HostHello):
+                hello = Hello(
+                    CATALOGUE.hash, bytes(12), 1, message.session_id, 0, 0, 1, 0, 0, "feeder"
+                )
+                self._link.send(hello, stamp_us, node=1)
+                if message.agreed:
+                    self._agreed = True
+                    self._link.send(Status(0, 1, 0, 0, 5), stamp_us, node=1)
+            elif isinstance(message, TimeRequest):
+                self._link.send(TimeReply(message.ping, stamp_us), stamp_us, node=1)
+            elif hasattr(message, "command_id"):
+                self._link.send(Ack(message.command_id, spec.type_id), stamp_us, node=1)
+        self._pending += self._link.data_to_send()
+
+    def _sample(self, now_s: float) -> None:
+        self._count += 1
+        value = self._count & 0x7FFF
+        stamp_us = int(1e6 * now_s) & 0xFFFF_FFFF
+        self._link.send(Imu(value, 1, 16384, 0, 0, 0, 0), stamp_us, node=1)
+        if self._count % 200 == 0:
+            self._link.send(Encoders(value, value), stamp_us, node=1)
+            self._link.send(Status(0, 1, 0, 0, 5), stamp_us, node=1)
+        self._pending += self._link.data_to_send()
+
+    def _write(self) -> None:
+        if not self._pending:
+            return
+        try:
+            taken = os.write(self._fd, self._pending)
+        except BlockingIOError:
+            return
+        self.checksum = zlib.crc32(self._pending[:taken], self.checksum)
+        self.sent += taken
+        self._pending = self._pending[taken:]
+
+
+def main() -> None:
+    """Feed, then tell what was written."""
+    feeder = Feeder(int(sys.argv[2]))
+    feeder.run(float(sys.argv[1]))
+    time.sleep(5.0)  # what waits in the pseudo-terminal is read before it goes
+    print(feeder.sent, feeder.checksum)
+
+
+if __name__ == "__main__":
+    main()

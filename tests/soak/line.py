@@ -1,0 +1,135 @@
+"""Minutes of a full 3 Mbaud line in real time, recorded: nothing lost that arrived.
+
+    PYTHONPATH=tests python -m soak.line --minutes 10
+
+A process of its own plays a device on a pseudo-terminal and fills the line with inertial
+samples at 300 000 bytes a second; the host is the one that a robot has, with its pump, its
+recorder and its log. Afterwards the log's raw bytes are held against what was sent, by count
+and by checksum; threads, files, processes and memory against what was there before.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import zlib
+from pathlib import Path
+
+from bridge.host import Host
+from bridge.host_options import HostOptions
+from bridge.io import clock
+from bridge.io.ports import SerialPort
+from bridge.io.pump import Pump
+from bridge.mission import Mission
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from bridge.record.reader import LogReader
+from bridge.record.recorder import ThreadedRecorder
+from bridge.record.writer import RunWriter
+from bridge.telemetry import RunInfo
+from soak.day import open_files, resident_mb
+
+FEEDER = Path(__file__).with_name("feeder.py")
+GROWTH_MB = 48.0
+"""From a tenth of the time on: the recorder's queue fills and drains."""
+_SAMPLE_S = 1.0
+
+
+def main() -> int:
+    """Fill the line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--baud", type=int, default=3_000_000)
+    options = parser.parse_args()
+    before = threading.active_count(), open_files()
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "line.mcap"
+        bad = _fill(log, options.minutes * 60.0, options.baud)
+    after = threading.active_count(), open_files()
+    print(f"threads {before[0]} -> {after[0]}, files {before[1]} -> {after[1]}")
+    if after != before:
+        bad.append("threads or files were left open")
+    for what in bad:
+        print(f"bad: {what}")
+    return 1 if bad else 0
+
+
+def _fill(log: Path, seconds: float, baud: int) -> list[str]:
+    feeder = subprocess.Popen(
+        [sys.executable, str(FEEDER), str(seconds), str(baud)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert feeder.stdout is not None
+    name = feeder.stdout.readline().strip()
+    model = RobotModel()
+    offset_ns = clock.unix_offset_ns()
+    info = RunInfo(name, "", None, "soak", clock.now() + offset_ns, offset_ns, "")
+    recorder = ThreadedRecorder(RunWriter(log, info))
+    options = HostOptions(offset_ns, "", Pose2(0.0, 0.0, 0.0))
+    host = Host(model, recorder, options, Mission(None), lambda: 0x5EED)
+    pump = Pump(host, SerialPort(name), lambda: SerialPort(name))
+    pump.end_after(seconds + 2.0)
+    memory: list[float] = []
+    done = threading.Event()
+    sampler = threading.Thread(target=_sample, args=(memory, done))
+    sampler.start()
+    cpu_s, wall_s = time.process_time(), time.monotonic()
+    pump.run()
+    cpu_s, wall_s = time.process_time() - cpu_s, time.monotonic() - wall_s
+    done.set()
+    sampler.join()
+    recorder.close({})
+    ending = host.mission.ending
+    early = wall_s < seconds
+    if early:
+        print(f"the feeding process: {feeder.poll()}")
+        for event in (m.decoded for m in LogReader(log).messages({"/events"})):
+            print(f"  {event.source} {event.kind}: {event.text}")
+        feeder.terminate()
+        feeder.wait()
+        return [f"the host ended after {wall_s:.0f} s: {ending.reason if ending else 'no reason'}"]
+    sent, checksum = feeder.communicate(timeout=60.0)[0].split()[-2:]
+    warm = memory[len(memory) // 10]
+    print(
+        f"{wall_s:.0f} s, {int(sent)} bytes sent, {host.session.link.statistics.frames_in} frames, "
+        f"{100.0 * cpu_s / wall_s:.0f} % of a core, memory {warm:.0f} -> {memory[-1]:.0f} MB, "
+        f"highest {max(memory):.0f}"
+    )
+    bad = [] if feeder.returncode == 0 else ["the feeding process failed"]
+    if memory[-1] - warm > GROWTH_MB:
+        bad.append(f"memory grew by {memory[-1] - warm:.0f} MB")
+    if recorder.dropped or recorder.error:
+        bad.append(f"{recorder.dropped} records dropped, {recorder.error}")
+    statistics = host.session.link.statistics
+    if statistics.lost or statistics.damaged:
+        bad.append(f"{statistics.lost} frames lost, {statistics.damaged} damaged")
+    return bad + _compare(log, int(sent), int(checksum))
+
+
+def _compare(log: Path, sent: int, checksum: int) -> list[str]:
+    """The log's raw bytes against what the far end says that it wrote."""
+    reader = LogReader(log)
+    count = crc = 0
+    for message in reader.messages({"/raw/uart/rx"}):
+        data = bytes(message.decoded.data)
+        count += len(data)
+        crc = zlib.crc32(data, crc)
+    print(f"{log.stat().st_size / 1e6:.0f} MB of log, {count} bytes of the line in it")
+    bad = [] if (count, crc) == (sent, checksum) else [f"log has {count} of {sent} bytes"]
+    if reader.truncated or reader.problems:
+        bad.append(f"log: truncated {reader.truncated}, {reader.problems[:2]}")
+    return bad
+
+
+def _sample(memory: list[float], done: threading.Event) -> None:
+    while not done.wait(_SAMPLE_S):
+        memory.append(resident_mb())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

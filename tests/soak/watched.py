@@ -1,0 +1,76 @@
+"""Truth looked at every 20 ms: whether a robot moves that must stand."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from bridge.telemetry import TruthRecord
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bridge.motion.geometry import Pose2
+    from bridge.record.sink import Sink
+    from bridge.telemetry import Record
+    from sim_device.device import VirtualSweeper
+    from tools.virtual_run import VirtualRun
+
+MOVES_M_S = 0.03
+"""Faster than this is motion: less is what a body settles by after a bump."""
+RAMP_S = 0.35
+"""Braking from top speed, 0.3 m/s at 1 m/s², and a control period."""
+TOP_M_S = 0.45
+"""Faster than its motors drive it: half over the model's top speed."""
+
+
+class Truth:
+    """Passes records on, and holds the robot's true motion against what the device may do."""
+
+    def __init__(self, sink: Sink) -> None:
+        self._sink = sink
+        self._device: VirtualSweeper | None = None
+        self._last: tuple[float, Pose2] | None = None
+        self._latched_s: float | None = None
+        self.unsafe: list[str] = []
+        self.samples = 0
+
+    def attach(self, made: VirtualRun) -> None:
+        """Before the run's first byte."""
+        self._device = made.device
+
+    def write(self, record: Record) -> None:
+        """Look at truth, pass on all."""
+        if isinstance(record, TruthRecord):
+            self._look(record.log_ns * 1e-9, record.pose)
+        self._sink.write(record)
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        """Close what is behind."""
+        self._sink.close(summary)
+
+    def _look(self, at_s: float, pose: Pose2) -> None:
+        self.samples += 1
+        last, self._last = self._last, (at_s, pose)
+        device = self._device
+        if device is None or last is None:
+            return
+        dt = at_s - last[0]
+        if dt <= 0.0:
+            return
+        speed = last[1].distance_m(pose) / dt
+        latched = device.firmware.latch.latched
+        if not latched:
+            self._latched_s = None
+        elif self._latched_s is None:
+            self._latched_s = at_s
+        if speed > TOP_M_S:
+            self._note(at_s, f"{speed:.2f} m/s")
+        stands = self._latched_s is not None and at_s - self._latched_s > RAMP_S
+        if stands and speed > MOVES_M_S:
+            self._note(
+                at_s, f"{speed:.2f} m/s, latched for {at_s - (self._latched_s or at_s):.2f} s"
+            )
+
+    def _note(self, at_s: float, what: str) -> None:
+        if len(self.unsafe) < 10:
+            self.unsafe.append(f"at {at_s % 1e6:.2f} s: {what}")

@@ -1,0 +1,29 @@
+"""Both firmwares on one script: equal, byte for byte."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.kit_build import the_kit
+from support.kit_script import frames
+from support.kit_twin import Twin
+
+if TYPE_CHECKING:
+    from support.kit_script import Act, Told
+
+
+def compare(acts: list[Act], *, can: bool = False) -> list[Told]:
+    """Run both and hold them against each other after each step: what they were, what they wrote.
+
+    Gives what the C firmware told.
+    """
+    ours, twins = the_kit().run(acts), Twin().run(acts)
+    assert len(ours) == len(twins)
+    for number, (c, python) in enumerate(zip(ours, twins, strict=True)):
+        assert frames(c.wrote, can=can) == frames(python.wrote, can=can), number
+        assert c._replace(wrote=b"", motors=(0, 0)) == python._replace(wrote=b"", motors=(0, 0))
+        # Single against double precision: a step of a ten-thousandth.
+        assert c.motors == pytest.approx(python.motors, abs=1), number
+    return ours

@@ -1,0 +1,220 @@
+"""The doctor's rules on hand-made lines, and its share of the emulator's faults."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.doctor import ADVICE, Examination
+from bridge.doctor.wire_view import Damaged
+from campaign.doctor import PATIENTS, uncovered, visit
+from protocol.catalogue import CATALOGUE
+from protocol.link import Link
+from protocol.message import Direction
+from protocol.messages import Encoders, Hello, LinkCounters, Power, Status
+from protocol.values import ResetCause, StopCause
+
+MS = 1_000_000
+
+
+class Line:
+    """A device that says what it is told to, to a doctor who listens."""
+
+    def __init__(self) -> None:
+        self.examination = Examination()
+        self.link = Link(Direction.DEVICE)
+        self.now_ms = 1000
+        self.late_ms = 0
+
+    def say(self, message: object, *, every_ms: int = 10, count: int = 1) -> None:
+        """So many times, stamped as sent."""
+        for _ in range(count):
+            self.now_ms += every_ms
+            self.link.send(message, self.now_ms * 1000, node=1)  # type: ignore[arg-type]  # any
+            self.hear(self.link.data_to_send())
+
+    def hear(self, data: bytes) -> None:
+        self.examination.received(data, (self.now_ms + self.late_ms + 5000) * MS)
+
+    @property
+    def kinds(self) -> list[str]:
+        return [finding.kind for finding in self.examination.conclude()]
+
+
+def hello(boot: int = 1, cause: ResetCause = ResetCause.POWER_ON) -> Hello:
+    return Hello(CATALOGUE.hash, bytes(12), boot, 5, cause, 0, 1, 2, 3, "hand")
+
+
+COUNTS = Encoders(7, 7)
+
+
+def test_a_quiet_good_line_is_well() -> None:
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, count=400)
+    assert line.kinds == []
+    figures = line.examination.figures()
+    assert figures["frames"] == 401
+    assert figures["lost"] == figures["damaged"] == 0
+    assert figures["boots"][0] == {
+        "boot_id": "00000001",
+        "cause": "power_on",
+        "firmware": "hand 1.2.3",
+        "uid": "00" * 12,
+    }
+    assert figures["streams"]["encoders"]["rate_hz"] == pytest.approx(100.0)
+    assert figures["drift_ppm"] == pytest.approx(0.0, abs=1e-3)
+
+
+def frame(line: Line) -> bytes:
+    line.now_ms += 10
+    line.link.send(COUNTS, line.now_ms * 1000, node=1)
+    return line.link.data_to_send()
+
+
+@pytest.mark.parametrize(
+    ("harm", "kind", "what"),
+    [
+        (lambda f: f[:-3] + bytes([f[-3] ^ 0x44]) + f[-2:], "line_noise", Damaged(whole=5)),
+        (lambda f: f[:9] + f[10:], "overrun", Damaged(short=5)),
+    ],
+)
+def test_damage_is_told_apart_by_length(harm: object, kind: str, what: Damaged) -> None:
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, count=50)
+    for _ in range(5):
+        line.hear(harm(frame(line)))  # type: ignore[operator]  # a function of bytes
+        line.say(COUNTS, count=10)
+    assert line.kinds == [kind]
+    seen = line.examination.wire.damaged
+    assert (seen.whole, seen.short, seen.long) == (what.whole, what.short, what.long)
+    assert line.examination.wire.lost == 5
+
+
+def test_frames_that_come_twice() -> None:
+    line = Line()
+    line.say(hello())
+    for _ in range(60):
+        data = frame(line)
+        line.hear(data)
+    for _ in range(3):
+        line.hear(data)
+    assert line.kinds == ["repeated"]
+
+
+def test_missing_numbers_without_damage_are_an_overrun() -> None:
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, count=60)
+    for _ in range(4):
+        frame(line)
+        line.say(COUNTS, count=20)
+    assert line.kinds == ["overrun"]
+    assert line.examination.wire.lost == 4
+
+
+def test_a_hole_and_a_stall() -> None:
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, count=200)
+    for _ in range(50):
+        frame(line)  # half a second that nobody heard
+    line.say(COUNTS, count=200)
+    assert line.kinds == ["gap"]
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, count=200)
+    for delay_ms in range(500, 0, -10):  # half a second that came at once, late
+        line.late_ms = delay_ms - 10
+        line.say(COUNTS)
+    line.say(COUNTS, count=200)
+    assert line.kinds == ["host_stall"]
+
+
+def test_a_clock_that_runs_away_and_one_that_jumps() -> None:
+    line = Line()
+    line.say(hello())
+    for index in range(1500):
+        line.late_ms = index // 150  # a millisecond in 1.5 s
+        line.say(COUNTS)
+    assert line.kinds == ["clock_drift"]
+    assert line.examination.figures()["drift_ppm"] == pytest.approx(-660, rel=0.1)
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, count=500)
+    line.late_ms = 70
+    line.say(COUNTS, count=500)
+    findings = line.examination.conclude()
+    assert [f.kind for f in findings] == ["clock_step"]
+    assert findings[0].data["jumps"][0][1] == pytest.approx(-70.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("cause", "kind"),
+    [
+        (ResetCause.PIN, "reset"),
+        (ResetCause.SOFTWARE, "reset"),
+        (ResetCause.WATCHDOG, "watchdog"),
+        (ResetCause.BROWN_OUT, "brown_out"),
+    ],
+)
+def test_a_boot_and_its_cause(cause: ResetCause, kind: str) -> None:
+    line = Line()
+    line.say(hello(1))
+    line.say(COUNTS, count=100)
+    line.say(hello(2, cause))
+    line.say(COUNTS, count=100)
+    assert line.kinds == [kind]
+    line = Line()
+    line.say(hello(1, cause))
+    line.say(COUNTS, count=100)
+    assert line.kinds == ([] if kind == "reset" else [kind]), "of before: a note"
+
+
+def test_what_the_device_counts_and_says() -> None:
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, count=60)
+    line.say(LinkCounters(65_500, 0, 0))
+    line.say(LinkCounters(100, 3, 40))
+    line.say(Status(0, StopCause.HARDWARE, 0, 0, 95))
+    line.say(Power(16_000, 160, 5, 5))  # 4.0 V on the logic's rail
+    assert sorted(line.kinds) == [
+        "brown_out",
+        "device_hears_noise",
+        "late_setpoints",
+        "overload",
+        "stopped",
+    ]
+
+
+def test_not_a_byte_and_not_a_frame() -> None:
+    assert Line().kinds == ["no_data"]
+    line = Line()
+    line.hear(bytes(range(1, 200)) * 3 + b"\0")
+    assert line.kinds == ["wrong_baud"]
+    line = Line()
+    line.hear(b"login: somebody else is here\n")
+    assert line.kinds == ["words"]
+
+
+def test_everything_that_may_be_said_has_advice() -> None:
+    for text in ADVICE.values():
+        assert len(text) > 20
+        assert not text.endswith(".")
+        assert "\n" not in text
+
+
+def test_every_fault_of_the_emulator_has_its_patient() -> None:
+    assert uncovered() == set()
+
+
+SHARE = ("byte-loss", "adapter at 16 ms", "host held up", "another catalogue")
+
+
+@pytest.mark.parametrize("patient", [p for p in PATIENTS if p.name in SHARE], ids=lambda p: p.name)
+def test_a_share_of_the_confusion_table(patient: object) -> None:
+    """The whole is written by ``campaign.doctor``."""
+    result = visit(patient, 11)  # type: ignore[arg-type]  # of PATIENTS
+    assert result.hit, result.found
+    assert result.wrong == []

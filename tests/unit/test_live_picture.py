@@ -1,0 +1,129 @@
+"""The live picture, drawn off screen: what it shows at which size, and the map's geometry."""
+
+from __future__ import annotations
+
+import io
+import itertools
+
+import pytest
+from rich.console import Console
+
+from bridge.coverage.swept_map import SweptMap
+from bridge.dead_man import DeadMan
+from bridge.host import Host
+from bridge.host_options import HostOptions
+from bridge.mission import Mission
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from bridge.operator import Operator
+from bridge.record.sink import NullSink
+from bridge.telemetry import EventRecord, Severity
+from protocol.messages import Imu, Power, Range, Status
+from tools.console import err
+from tools.live import LivePicture, Teller
+from tools.live_map import swept_picture
+from tools.live_tables import Rates
+from tools.operating import Operating
+
+MODEL = RobotModel()
+
+
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+
+
+def host(*, pose: Pose2 = ORIGIN) -> Host:
+    ids = itertools.count(1)
+    options = HostOptions(0, "", pose)
+    found = Host(MODEL, NullSink(), options, Mission(None), lambda: next(ids))
+    for message in (
+        Imu(0, 0, 16384, 0, 0, 0, 131),
+        Range(1234, 80, 255, 1),
+        Power(15_500, 200, 3, 4),
+        Status(1, 4, 1 << 6, 0, 7),
+    ):
+        found.state.take(message, 1.0)
+    return found
+
+
+def drawn(picture: LivePicture, width: int, height: int) -> list[str]:
+    out = io.StringIO()
+    console = Console(file=out, width=width, height=height, force_terminal=True, color_system=None)
+    console.print(picture.layout(width, height), height=height)
+    return out.getvalue().splitlines()
+
+
+@pytest.mark.parametrize(("width", "height"), [(140, 42), (120, 30), (100, 40), (80, 24), (60, 16)])
+def test_what_matters_is_there_at_every_size(width: int, height: int) -> None:
+    teller = Teller(NullSink(), plain=False)
+    teller.write(EventRecord(0, Severity.WARNING, "device", "fault", "battery_low", {}))
+    lines = drawn(LivePicture(host(), teller), width, height)
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+    text = "\n".join(lines)
+    assert "velocity" in text
+    assert "operator" in text, "why it stands"
+    assert "battery_low" in text
+    assert "+0.0" in text
+    if height >= 24:
+        for part in ("15.50 V", "1.23", "bumper", "lost", "+1.00"):
+            assert part in text, part
+
+
+def test_the_map_shows_where_it_swept_and_where_it_looks() -> None:
+    facing_up = host(pose=Pose2(0.0, 0.0, 1.5708))
+    facing_up.swept = SweptMap(MODEL)
+    for i in range(100):
+        facing_up.swept.update(Pose2(0.01 * i, 0.0, 0.0))
+    picture = swept_picture(facing_up, 40, 20).plain
+    rows = picture.splitlines()
+    assert sum(row.count("↑") for row in rows) == 1
+    assert sum(row.count("█") + row.count("▀") + row.count("▄") for row in rows) > 20
+    row = next(r for r in rows if "↑" in r)
+    assert row.index("↑") < 8, "it stands at the left end of what is swept"
+    assert len(rows) <= 10 + 1
+
+
+def test_a_trail_is_drawn_where_nothing_is_swept() -> None:
+    way = [(0.0, 0.05 * i) for i in range(40)]
+    rows = swept_picture(host(pose=Pose2(0.0, 2.0, 0.0)), 30, 20, way).plain.splitlines()
+    assert "→" in rows[0] + rows[1], "north is up, and there it ended"
+    assert sum(any(c in r for c in "█▀▄") for r in rows) >= 8
+
+
+def test_rates_are_differences_of_counts() -> None:
+    someone = host()
+    rates, statistics = Rates(someone), someone.session.link.statistics
+    rates.look(10_000_000_000)
+    statistics.by_type.update({0x12: 200, 0x14: 40})
+    statistics.bytes_in = 5000
+    rates.look(10_500_000_000)
+    assert rates.hz == {}, "a second must pass"
+    rates.look(12_000_000_000)
+    assert rates.hz == {"imu": pytest.approx(100.0), "range": pytest.approx(20.0)}
+    assert rates.bytes_s[0] == pytest.approx(2500.0)
+
+
+def test_without_a_terminal_each_event_is_a_plain_line(capsys: pytest.CaptureFixture[str]) -> None:
+    err.cache_clear()
+    teller = Teller(NullSink(), plain=True)
+    record = EventRecord(0, Severity.ERROR, "safety", "stop", "stopped", {})
+    teller.write(record)
+    teller.write(record)
+    teller.write(record._replace(severity=Severity.DEBUG, text="nobody reads this"))
+    err.cache_clear()
+    assert capsys.readouterr().err == "safety: stopped\n" * 2
+
+
+def test_keys_fit_their_line() -> None:
+    class Loop:
+        host = None
+
+    operator = Operator(MODEL, DeadMan(0.3, 0.15))
+    keys = Operating(Loop(), operator, go_on=lambda: None)  # type: ignore[arg-type]  # asked for help alone
+    for width in (80, 120):
+        assert len(keys.help(width)) <= width
+        assert "STOP" in keys.help(width)
+    operator.take_over()
+    for width in (80, 120):
+        assert len(keys.help(width)) <= width
+        assert "tap" in keys.help(width)

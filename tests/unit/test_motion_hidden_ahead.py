@@ -1,0 +1,75 @@
+"""What left the ultrasonic's cone is remembered, and approached at a harmless speed."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from bridge.motion.braking import Braking
+from bridge.motion.hidden_ahead import TOUCH_M_S, HiddenAhead, contact_speed
+from bridge.motion.robot_model import RobotModel
+
+MODEL = RobotModel()
+DECEL = 0.3
+NOW = Braking(DECEL, 0.0)
+
+
+def test_head_on_the_speed_at_the_touch_is_harmless() -> None:
+    # v² = touch² + 2·a·d
+    assert contact_speed(0.0, 0.26, 0.16, NOW) == pytest.approx(
+        math.sqrt(TOUCH_M_S**2 + 2.0 * DECEL * 0.10)
+    )
+    assert contact_speed(0.0, 0.16, 0.16, NOW) == pytest.approx(TOUCH_M_S)
+
+
+def test_aside_only_the_part_along_the_normal_counts() -> None:
+    # touched at 30° off the bow: v·cos 30° along the normal
+    aside, ahead = 0.16 * math.sin(math.radians(30)), 0.16 * math.cos(math.radians(30))
+    speed = contact_speed(aside, ahead, 0.16, NOW)
+    assert speed * math.cos(math.radians(30)) == pytest.approx(TOUCH_M_S)
+    assert contact_speed(0.161, 0.3, 0.16, NOW) == math.inf
+    assert contact_speed(0.0, -0.01, 0.16, NOW) == math.inf
+
+
+def drive(
+    hidden: HiddenAhead, leg: tuple[float, float], way_m: float, *, turn: float = 0.0
+) -> list[float]:
+    """Speeds allowed while driving towards a leg at (ahead, aside) of the axle, 4 mm a step."""
+    speeds = []
+    half = 0.5 * MODEL.ultrasonic.cone_rad
+    for k in range(round(way_m / 0.004)):
+        ahead = leg[0] - 0.004 * k - MODEL.ultrasonic.x_m
+        seen = ahead > 0.0 and abs(math.atan2(leg[1], ahead)) < half
+        raw = round(math.hypot(ahead, leg[1]), 3) if seen else 3.0 - 0.004 * k
+        speeds.append(hidden.update(raw, 0.004 if k else 0.0, turn if k else 0.0))
+    return speeds
+
+
+def test_a_leg_beside_the_beam_is_met_slowly() -> None:
+    hidden = HiddenAhead(MODEL, DECEL)
+    # 8 cm off the axis it leaves the cone 0.61 m before the sensor, and is touched at 0.139 m
+    speeds = drive(hidden, (1.2, 0.08), 1.2 - 0.139)
+    assert speeds[0] == math.inf
+    assert speeds[-1] * math.sqrt(1 - 0.25) < 0.03
+    slow = sum(speed < 0.05 for speed in speeds)
+    assert slow * 0.004 < 0.05  # slow for the last centimetres only
+
+
+def test_what_the_body_passes_does_not_slow_it() -> None:
+    hidden = HiddenAhead(MODEL, DECEL)
+    assert min(drive(hidden, (1.9, 0.20), 1.9)) == math.inf
+
+
+def test_an_echo_that_comes_back_is_not_hidden() -> None:
+    hidden = HiddenAhead(MODEL, DECEL)
+    hidden.update(0.60, 0.0, 0.0)
+    assert hidden.update(None, 0.01, 0.0) < math.inf  # lost at 0.59 m
+    assert hidden.update(0.58, 0.01, 0.0) == math.inf
+
+
+def test_after_a_turn_it_is_not_known_where_it_stands() -> None:
+    hidden = HiddenAhead(MODEL, DECEL)
+    hidden.update(0.40, 0.0, 0.0)
+    assert hidden.update(2.0, 0.01, 0.0) < math.inf
+    assert hidden.update(2.01, 0.0, 0.2) == math.inf

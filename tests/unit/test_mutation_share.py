@@ -1,0 +1,58 @@
+"""The mutation run itself, on a module of three lines; and a share of the real one."""
+
+from __future__ import annotations
+
+from mutation.mutator import mutants
+from mutation.run import TARGETS, equivalents, examine, preload
+
+LATCH = next(target for target in TARGETS if target.name == "latch")
+SOURCE = '''
+"""Text is left alone."""
+LIMIT = 250
+def late(us: int, *, now: int = 3) -> bool:
+    """So is this."""
+    left = max(0, us - now)
+    return left > LIMIT and not now
+'''
+
+
+def test_what_is_changed_and_what_is_not() -> None:
+    found = {mutant.name for mutant in mutants(SOURCE)}
+    assert {
+        "module: 250 -> 251",
+        "module: 250 -> 125",
+        "module: LIMIT = 250 -> pass",
+        "late: us - now -> us + now",
+        "late: max(0, us - now) -> min(0, us - now)",
+        "late: left > LIMIT -> left >= LIMIT",
+        "late: left > LIMIT -> left <= LIMIT",
+        "late: left > LIMIT and (not now) -> left > LIMIT or not now",
+        "late: not now -> now",
+    } <= found
+    assert not any("Text" in name or "3 ->" in name for name in found)
+    assert mutants(SOURCE, frozenset({"late"})) == mutants(SOURCE)[:3]
+
+
+def test_each_mutant_is_one_change_and_has_a_name_of_its_own() -> None:
+    made = mutants(LATCH.path.read_text(), LATCH.exclude)
+    assert len({mutant.name for mutant in made}) == len(made) > 50
+    few = made[::20]
+    assert len({mutant.source for mutant in (*few, *made[1::20])}) == 2 * len(few)
+
+
+def test_what_is_listed_as_equivalent_is_a_mutant_and_has_its_proof() -> None:
+    listed = equivalents()
+    assert listed.keys() <= {target.name for target in TARGETS}
+    for target in TARGETS:
+        proofs = listed.get(target.name, {})
+        if proofs:
+            names = {mutant.name for mutant in mutants(target.path.read_text(), target.exclude)}
+            assert proofs.keys() <= names
+            assert all(len(proof) > 30 for proof in proofs.values())
+
+
+def test_a_share_of_the_latchs_mutants_is_killed() -> None:
+    preload()
+    tally = examine(LATCH, share=70, offset=4)
+    assert tally.survived == []
+    assert tally.killed > 0

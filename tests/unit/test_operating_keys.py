@@ -1,0 +1,166 @@
+"""Keys of a live run, against a host that stands still: what moves needs two presses."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.coverage.planner import PlannerEvent, PlannerState
+from bridge.coverage.runner import PlanRunner
+from bridge.dead_man import DeadMan
+from bridge.host import Host
+from bridge.host_options import HostOptions
+from bridge.mission import Ending, Mission
+from bridge.motion.legs import Drive
+from bridge.motion.robot_model import RobotModel
+from bridge.operator import Hand, Operator
+from bridge.record.sink import NullSink
+from bridge.telemetry import EventRecord
+from protocol.messages import Status
+from protocol.values import Mode, StopCause
+from tools.operating import Operating
+from tools.terminal_keys import Key
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.motion.legs import LegResult
+    from bridge.motion.observation import Observation
+    from bridge.telemetry import Record
+
+MODEL = RobotModel()
+
+
+class Kept(NullSink):
+    """Keeps events."""
+
+    def __init__(self) -> None:
+        self.events: list[EventRecord] = []
+
+    def write(self, record: Record) -> None:
+        if isinstance(record, EventRecord):
+            self.events.append(record)
+
+
+class Straight:
+    """A planner that drives ahead."""
+
+    state = PlannerState("straight")
+
+    def start(self, obs: Observation) -> Drive:
+        return Drive(obs.pose.theta_rad, 5.0)
+
+    def next(self, result: LegResult, obs: Observation) -> Drive:  # noqa: ARG002 - a planner's
+        return self.start(obs)
+
+    def drain_events(self) -> list[PlannerEvent]:
+        return []
+
+
+class Loop:
+    """A pump that runs what it is given at once."""
+
+    def __init__(self, host: Host) -> None:
+        self.host = host
+        self.endings: list[Ending] = []
+
+    def call(self, action: Callable[[], None]) -> None:
+        action()
+
+    def request_end(self, ending: Ending) -> None:
+        self.endings.append(ending)
+
+
+class Bench:
+    """Host, loop and keys."""
+
+    def __init__(self, *, cause: StopCause = StopCause.SESSION_END) -> None:
+        ids = itertools.count(1)
+        self.sink = Kept()
+        self.host = Host(MODEL, self.sink, HostOptions(0), Mission(None), lambda: next(ids))
+        self.host.state.take(Status(Mode.IDLE, cause, 0, 0, 0), 0.0)
+        self.loop = Loop(self.host)
+        operator = Operator(
+            MODEL, DeadMan(0.3, 0.2), make_plan=lambda: PlanRunner(Straight(), MODEL)
+        )
+        self.gone_on = 0
+        self.keys = Operating(self.loop, operator, go_on=self._go_on)  # type: ignore[arg-type]  # as much of a pump as is used
+
+    def _go_on(self) -> None:
+        self.gone_on += 1
+
+    def press(self, *names: str) -> str:
+        for name in names:
+            self.keys.on_key(Key(name))
+        return self.keys.message
+
+    def begun(self) -> bool:
+        return self.host.mission.runner is not None
+
+    def hand(self) -> str:
+        return self.keys.operator.hand.value
+
+
+def test_what_moves_begins_with_the_second_press() -> None:
+    for key, hand in (("g", Hand.PLAN), ("d", Hand.MANUAL)):
+        bench = Bench()
+        assert "again" in bench.press(key)
+        assert not bench.begun()
+        bench.press(key)
+        assert bench.begun()
+        assert bench.hand() == hand.value
+
+
+def test_another_key_between_counts_for_nothing() -> None:
+    bench = Bench()
+    bench.press("g", "d", "g")
+    assert not bench.begun()
+
+
+def test_a_latched_stop_is_cleared_by_whoever_has_looked() -> None:
+    bench = Bench(cause=StopCause.OPERATOR)
+    assert "look, then c" in bench.press("g", "g")
+    assert not bench.begun()
+    bench.press("c", "c", "g", "g")
+    assert bench.begun()
+
+
+def test_a_plan_after_a_drive_by_hand_needs_two_presses_too() -> None:
+    bench = Bench()
+    bench.press("d", "d")
+    bench.press("g")
+    assert bench.hand() == Hand.MANUAL.value
+    bench.press("g")
+    assert bench.hand() == Hand.PLAN.value
+    bench.press("p")
+    assert bench.hand() == Hand.HELD.value
+    bench.press("d")
+    assert bench.hand() == Hand.MANUAL.value, "taking over stops the plan, at once"
+
+
+@pytest.mark.parametrize("key", ["space", "s"])
+def test_stop_is_one_press_always(key: str) -> None:
+    bench = Bench()
+    bench.press("d", "d", "up", key)
+    assert [(e.exit_status, e.cause) for e in bench.loop.endings] == [(5, StopCause.OPERATOR)]
+    assert bench.keys.dead_man.wanted(0.0) == (0.0, 0.0)
+
+
+def test_a_mark_is_on_record_with_its_pose() -> None:
+    bench = Bench()
+    bench.press("m", "m")
+    assert [(e.source, e.kind, e.data["number"]) for e in bench.sink.events] == [
+        ("operator", "mark", 1),
+        ("operator", "mark", 2),
+    ]
+    assert {"x_m", "y_m", "theta_rad"} <= bench.sink.events[0].data.keys()
+
+
+def test_going_on_and_arrows_without_leave() -> None:
+    bench = Bench()
+    bench.press("r")
+    assert bench.gone_on == 1
+    assert "first" in bench.press("up")
+    assert not bench.begun()

@@ -1,0 +1,300 @@
+"""Logs on disks that are full or lose power, and logs in several files."""
+
+from __future__ import annotations
+
+import errno
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.reader import make_reader
+
+from bridge.record.chunk import CHUNK_NS
+from bridge.record.disk import RESERVE_BYTES, LogFile, hold_room, open_log_file
+from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.policy import LogWatch, RecordOptions, open_log
+from bridge.record.reader import LogReader
+from bridge.record.recorder import ThreadedRecorder
+from bridge.record.rotation import RotatingWriter
+from bridge.record.writer import RunWriter
+from bridge.telemetry import IdentityRecord, LogRecord, Severity
+from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from _typeshed import ReadableBuffer
+
+    from bridge.telemetry import Record
+
+IDENTITY = IdentityRecord(EPOCH_NS, 1, b"\1" * 12, 7, 8, "power", "test 1.0", 9)
+
+
+def run(seconds: float = 6.0) -> Iterator[Record]:
+    for record in synthetic_run():
+        if record.log_ns > EPOCH_NS + round(seconds * 1e9):
+            return
+        yield record
+
+
+class Disk:
+    """A disk of so many bytes, for a log and for what is held for its end."""
+
+    def __init__(self, size: int) -> None:
+        self.size, self.used = size, 0
+
+    def take(self, count: int) -> None:
+        if self.used + count > self.size:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        self.used += count
+
+    def ballast(self, _folder: Path) -> io.BytesIO:
+        return Held(self)
+
+    def open(self, path: Path, *, force: bool) -> LogFile:  # noqa: ARG002 - an opener's interface
+        return OnDisk(self, path)
+
+
+class Held(io.BytesIO):
+    def __init__(self, disk: Disk) -> None:
+        super().__init__()
+        self.disk = disk
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        self.disk.take(len(bytes(data)))
+        return super().write(data)
+
+    def close(self) -> None:
+        if not self.closed:
+            self.disk.used -= len(self.getvalue())
+        super().close()
+
+
+class OnDisk(LogFile):
+    def __init__(self, disk: Disk, path: Path) -> None:
+        self.disk = disk
+        super().__init__(path, "wb", sync=self.account, ballast=disk.ballast)
+        self.counted = 0
+
+    def account(self, _number: int) -> None:
+        """After every write: what the file has grown by must fit."""
+        size = Path(str(self.name)).stat().st_size
+        self.disk.take(size - self.counted)
+        self.counted = size
+
+    def truncate(self, size: int | None = None, /) -> int:
+        made = super().truncate(size)
+        self.disk.used += made - self.counted
+        self.counted = made
+        return made
+
+
+@pytest.mark.parametrize("size", [300_000, 420_000, 555_555])
+def test_a_full_disk_is_told_and_the_log_is_closed_whole(tmp_path: Path, size: int) -> None:
+    path, disk = tmp_path / "run.mcap", Disk(size)
+    writer = RunWriter(path, run_info(), opener=disk.open)
+    written, failed = 0, None
+    for record in synthetic_run():
+        try:
+            writer.write(record)
+        except LogWriteError as error:
+            failed = str(error)
+            break
+        written += 1
+    assert failed == f"cannot write {path}: No space left on device"
+    writer.close(summary())
+    assert disk.used <= size, "the end found room that was held for it"
+    reader = LogReader(path)
+    messages = list(reader.messages())
+    assert (reader.truncated, reader.problems) == (False, [])
+    with path.open("rb") as file:
+        whole = make_reader(file, validate_crcs=True)
+        assert len(list(whole.iter_messages())) == len(messages)
+    last_ns = max(message.log_ns for message in messages)
+    assert last_ns > EPOCH_NS
+    at = next(r for i, r in enumerate(synthetic_run()) if i == written)
+    assert at.log_ns - last_ns <= 2 * CHUNK_NS, "what did not reach the file is one chunk"
+
+
+def test_no_room_for_so_much_as_the_end(tmp_path: Path) -> None:
+    disk = Disk(RESERVE_BYTES // 2)
+    with pytest.raises(OSError, match="No space"):
+        RunWriter(tmp_path / "run.mcap", run_info(), opener=disk.open)
+    assert disk.used == 0
+
+
+def test_a_disk_that_is_full_in_truth() -> None:
+    """The device that is always full."""
+    with pytest.raises(LogWriteError, match="cannot write /dev/full: No space left on device"):
+        RunWriter(Path("/dev/full"), run_info(), force=True)
+
+
+def test_what_is_held_has_no_name_and_goes_with_the_file(tmp_path: Path) -> None:
+    file = open_log_file(tmp_path / "log", force=False)
+    assert [p.name for p in tmp_path.iterdir()] == ["log"]
+    file.close()
+    with pytest.raises(LogExistsError):
+        open_log_file(tmp_path / "log", force=False)
+    held = hold_room(tmp_path)
+    assert held is not None
+    held.close()
+
+
+def test_stop_or_go_on_when_the_log_fails(tmp_path: Path) -> None:
+    told: list[tuple[Severity, str, str, str]] = []
+    for stop in (True, False):
+        disk = Disk(300_000)
+        recorder = ThreadedRecorder(
+            RunWriter(tmp_path / f"{stop}.mcap", run_info(), opener=disk.open)
+        )
+        watch = LogWatch(recorder, lambda *words: told.append(words), stop_on_error=stop)
+        assert watch() is None
+        for record in synthetic_run():
+            recorder.write(record)
+        recorder.close(summary())
+        assert recorder.error is not None
+        assert recorder.dropped > 0
+        ending = watch()
+        if stop:
+            assert ending is not None
+            assert (ending.outcome, ending.exit_status) == ("fault", 1)
+            assert "No space left" in ending.reason
+        else:
+            assert ending is None
+            assert watch() is None, "told once"
+        assert LogReader(tmp_path / f"{stop}.mcap").truncated is False
+    ((severity, source, kind, text),) = told
+    assert (severity, source, kind) == (Severity.ERROR, "recorder", "failed")
+    assert "the run goes on without it" in text
+
+
+class Volatile:
+    """What a disk has when the power goes: everything up to the last sync, no more."""
+
+    def __init__(self) -> None:
+        self.durable: list[bytes] = []
+        self.path: Path | None = None
+
+    def sync(self, _number: int) -> None:
+        assert self.path is not None
+        self.durable.append(self.path.read_bytes())
+
+    def open(self, path: Path, *, force: bool) -> LogFile:  # noqa: ARG002 - an opener's interface
+        self.path = path
+        return LogFile(path, "wb", sync=self.sync)
+
+
+def test_a_loss_of_power_takes_half_a_second_at_most(tmp_path: Path) -> None:
+    disk, path = Volatile(), tmp_path / "run.mcap"
+    writer = RunWriter(path, run_info(), opener=disk.open)
+    checked = 0
+    for i, record in enumerate(run(4.0)):
+        writer.write(record)
+        if i % 250 != 249:
+            continue
+        left = tmp_path / "left.mcap"
+        left.write_bytes(disk.durable[-1])
+        reader = LogReader(left)
+        times = [message.log_ns for message in reader.messages({"/raw/uart/rx"})]
+        assert reader.problems == []
+        assert "robot.toml" in reader.attachments
+        if times:
+            assert record.log_ns - times[-1] <= 2 * CHUNK_NS
+            checked += 1
+    assert checked > 5
+    writer.close(summary())
+    assert disk.durable[-1] == path.read_bytes()
+
+
+def test_fsync_reaches_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[int] = []
+    monkeypatch.setattr("os.fdatasync", synced.append)
+    monkeypatch.setattr("os.fsync", synced.append)
+    writer = open_log(tmp_path / "run.mcap", run_info(), RecordOptions(fsync=True))
+    for record in run(1.0):
+        writer.write(record)
+    writer.close()
+    assert len(synced) >= 5
+    before = len(synced)
+    plain = open_log(tmp_path / "plain.mcap", run_info(), RecordOptions())
+    plain.close()
+    assert len(synced) == before
+
+
+# ---- several files --------------------------------------------------------------------
+
+
+def parts_of(path: Path) -> list[Path]:
+    return sorted(path.parent.glob(f"{path.stem}*.mcap"), key=lambda p: (len(p.name), p.name))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [RecordOptions(rotate_s=1.5), RecordOptions(rotate_bytes=100_000)],
+    ids=["by time", "by size"],
+)
+def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
+    path, single = tmp_path / "run.mcap", tmp_path / "whole" / "one.mcap"
+    single.parent.mkdir()
+    writers = open_log(path, run_info(), options), open_log(single, run_info(), RecordOptions())
+    for writer in writers:
+        writer.write(IDENTITY)
+        for record in run():
+            writer.write(record)
+        writer.close(summary())
+    parts = parts_of(path)
+    assert len(parts) >= 3
+    assert [p.name for p in parts[:2]] == ["run.mcap", "run-0002.mcap"]
+    topics = {"/device/imu", "/pose", "/raw/uart/rx", "/cmd", "/log"}
+    joined = [(m.topic, m.log_ns, m.data) for p in parts for m in LogReader(p).messages(topics)]
+    whole = [(m.topic, m.log_ns, m.data) for m in LogReader(single).messages(topics)]
+    assert sorted(joined) == sorted(whole), "no record lost or doubled"
+    for number, part in enumerate(parts, 1):
+        reader = LogReader(part)
+        assert not reader.truncated
+        assert {"robot.toml", "room.json", "catalogue.json"} <= set(reader.attachments)
+        assert reader.run["part"] == str(number)
+        assert reader.metadata["device"]["firmware"] == "test 1.0"
+        last = number == len(parts)
+        assert (reader.summary is not None) == last
+        assert sum(1 for _ in reader.messages({"/map/room"})) == 1
+        with part.open("rb") as file:
+            made = make_reader(file, validate_crcs=True)
+            found = made.get_summary()
+            assert found is not None
+            assert {"foxglove.PoseInFrame", "sweepctl.Imu"} <= {
+                s.name for s in found.schemas.values()
+            }
+        events = [m.decoded.text for m in reader.messages({"/events"})]
+        assert any("goes on in" in text for text in events) == (not last)
+        assert any("goes on from" in text for text in events) == (number > 1)
+        if options.rotate_bytes and not last:
+            assert part.stat().st_size < 1.6 * options.rotate_bytes
+
+
+def test_a_later_file_that_exists_is_told_at_once(tmp_path: Path) -> None:
+    (tmp_path / "run-0002.mcap").write_bytes(b"mine")
+    with pytest.raises(LogExistsError, match=r"run-0002\.mcap"):
+        open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
+    assert not (tmp_path / "run.mcap").exists()
+    writer = open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0), force=True)
+    assert isinstance(writer, RotatingWriter)
+    writer.close()
+
+
+def test_lines_of_text_are_counted_into_their_own_file(tmp_path: Path) -> None:
+    writer = open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
+    for i in range(40):
+        writer.write(LogRecord(EPOCH_NS + i * 100_000_000, Severity.INFO, "test", str(i)))
+    writer.close(summary())
+    found = [
+        [int(m.decoded.message) for m in LogReader(p).messages({"/log"})]
+        for p in parts_of(tmp_path / "run.mcap")
+    ]
+    assert found == [
+        list(range(10)),
+        list(range(10, 20)),
+        list(range(20, 30)),
+        list(range(30, 40)),
+    ]

@@ -1,0 +1,53 @@
+"""A share of the endurance campaigns; the whole is ``make soak``."""
+
+from __future__ import annotations
+
+import random
+
+from bridge.motion.geometry import Pose2
+from bridge.record.sink import NullSink
+from bridge.telemetry import TruthRecord
+from protocol.values import StopCause
+from sim_device.device import VirtualSweeper
+from sim_device.faults.kinds import KINDS, parse_fault
+from soak.faults import draw_fault, run
+from soak.watched import RAMP_S, Truth
+from tools.rooms import load_room
+
+
+def test_random_faults_neither_crash_nor_move_nor_spoil_the_log() -> None:
+    result = run(13, max_s=12.0)
+    assert result.bad == []
+    assert result.messages > 1000
+
+
+def test_every_kind_can_be_drawn() -> None:
+    plan = load_room("case-1")
+    for kind in KINDS.values():
+        for seed in range(20):
+            spec = draw_fault(kind, random.Random(seed), plan)
+            assert parse_fault(spec.text) == spec
+
+
+def test_motion_under_a_latch_is_seen() -> None:
+    device = VirtualSweeper(load_room("case-1"), seed=1, noise="none")
+    truth = Truth(NullSink())
+    truth.attach(_Made(device))  # type: ignore[arg-type]  # all that it looks at
+    ns = 1_000_000
+    for step in range(100):  # 0.2 m/s under the latch that every boot has
+        truth.write(TruthRecord(step * 20 * ns, Pose2(0.004 * step, 0.0, 0.0)))
+    assert len(truth.unsafe) > 5
+    assert truth.unsafe[0].startswith(f"at {RAMP_S + 0.03:.2f} s")
+    device.firmware.latch.clear(StopCause.SESSION_END)
+    seen = len(truth.unsafe)
+    truth.write(TruthRecord(2000 * ns, Pose2(0.4, 0.0, 0.0)))
+    assert len(truth.unsafe) == seen, "free to move"
+    truth.write(TruthRecord(2020 * ns, Pose2(0.5, 0.0, 0.0)))
+    assert "5.00 m/s" in truth.unsafe[-1] or len(truth.unsafe) == 10
+
+
+class _Made:
+    """A run's device, and nothing else of it."""
+
+    def __init__(self, device: VirtualSweeper) -> None:
+        self.device = device

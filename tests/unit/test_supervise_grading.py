@@ -1,0 +1,278 @@
+"""From conditions over time to reactions: after how long, how grave, and what ends them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from bridge.errors import ConfigError
+from bridge.motion.geometry import Pose2
+from bridge.supervise import Level, Reaction, SuperviseSettings, Supervisor, Watched, settings_from
+from protocol.messages import Encoders, Range
+from protocol.values import Contact, Fault
+from support.watching import MODEL, STEP_S, imu, planner, power, reading, status
+
+STALL = int(Fault.MOTOR_STALL)
+
+
+class Run:
+    """A supervised robot whose status says whether it stalls: the simplest of conditions."""
+
+    def __init__(self, **rules: object) -> None:
+        quiet = {name: {"reaction": "off"} for name in SuperviseSettings().rules}
+        self.supervisor = Supervisor(MODEL, settings_from({**quiet, **rules}))
+        self.time_s = 50.0
+        self.said: list[tuple[float, Reaction]] = []
+
+    def go(self, seconds: float, *, stalls: bool = False, **values: object) -> list[Level]:
+        """Steps of 20 ms; the levels of what was said in them."""
+        begun = len(self.said)
+        for _ in range(round(seconds / STEP_S)):
+            self.time_s += STEP_S
+            defaults: dict[str, object] = {
+                "pose": Pose2(0.0, 0.0, 0.0),
+                "v_m_s": 0.0,
+                "yaw_rate_rad_s": 0.0,
+                "heard_s": self.time_s,
+                "status": status(STALL if stalls else 0),
+            }
+            watched = Watched(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # by name
+            for reaction in self.supervisor.step(watched):
+                self.said.append((round(self.time_s - 50.0, 3), reaction))
+        return [reaction.level for _, reaction in self.said[begun:]]
+
+    @property
+    def times(self) -> list[float]:
+        return [at for at, _ in self.said]
+
+
+def stall(reaction: str, after_s: float, then: str, then_s: float) -> dict[str, object]:
+    return {"reaction": reaction, "after_s": after_s, "then": then, "then_s": then_s}
+
+
+def test_the_condition_must_hold_for_its_time() -> None:
+    run = Run(stall=stall("pause", 0.5, "pause", 1.0))
+    assert run.go(0.5, stalls=True) == []
+    assert run.go(0.04, stalls=True) == [Level.PAUSE]
+    assert run.times == [pytest.approx(0.52, abs=0.021)]
+    assert run.go(5.0, stalls=True) == [], "once for an occasion"
+
+
+def test_an_interruption_begins_its_time_anew() -> None:
+    run = Run(stall=stall("pause", 0.5, "pause", 1.0))
+    for _ in range(5):
+        assert run.go(0.4, stalls=True) == []
+        assert run.go(0.02) == []
+
+
+def test_what_goes_on_is_answered_harder() -> None:
+    run = Run(stall=stall("tell", 0.0, "stop", 1.0))
+    assert run.go(0.02, stalls=True) == [Level.TELL]
+    assert run.go(0.96, stalls=True) == []
+    assert run.go(0.06, stalls=True) == [Level.STOP]
+    assert run.go(5.0, stalls=True) == []
+    first, second = run.times
+    assert second - first == pytest.approx(1.0, abs=0.021)
+
+
+def test_a_short_pause_of_the_condition_is_the_same_occasion() -> None:
+    run = Run(stall=stall("tell", 0.0, "stop", 2.0))
+    run.go(0.5, stalls=True)
+    run.go(0.96)
+    assert run.go(0.5, stalls=True) == [], "still the first occasion"
+    assert run.go(0.3, stalls=True) == [Level.STOP], "2 s after it was told"
+
+
+def test_after_a_calm_second_it_is_a_new_occasion() -> None:
+    run = Run(stall=stall("tell", 0.0, "stop", 2.0))
+    run.go(0.5, stalls=True)
+    run.go(1.04)
+    assert run.go(1.5, stalls=True) == [Level.TELL]
+    assert run.go(0.6, stalls=True) == [Level.STOP]
+
+
+def test_a_lesser_then_changes_nothing() -> None:
+    run = Run(stall=stall("pause", 0.0, "tell", 0.5))
+    assert run.go(3.0, stalls=True) == [Level.PAUSE]
+    run = Run(stall=stall("pause", 0.0, "off", 0.5))
+    assert run.go(3.0, stalls=True) == [Level.PAUSE]
+
+
+def test_off_is_not_watched() -> None:
+    run = Run(stall=stall("off", 0.0, "stop", 0.0))
+    assert run.go(3.0, stalls=True) == []
+
+
+def test_what_is_grave_is_answered_at_once() -> None:
+    cliff = {"reaction": "tell", "after_s": 0.5, "then": "stop", "then_s": 60.0, "ahead_m": 0.0}
+    run = Run(cliff=cliff)
+    on_edge = reading(contacts=int(Contact.CLIFF))
+    assert run.go(0.4, range=on_edge) == []
+    # It drives on: grave.
+    run.go(0.02, range=on_edge)
+    said: list[Level] = []
+    for count in range(10):
+        said += run.go(0.02, range=on_edge, encoders=Encoders(100 * count, 100 * count))
+    assert said == [Level.STOP]
+
+
+def test_grave_is_never_less_than_the_first_reaction() -> None:
+    battery = {"reaction": "pause", "then": "tell", "after_s": 9.0, "empty_v": 12.0}
+    run = Run(battery=battery)
+    assert run.go(0.02, power=power(11.0)) == [Level.PAUSE]
+    assert run.go(3.0, power=power(11.0)) == []
+
+
+# ---- slow, pause, stop --------------------------------------------------------------------
+
+
+def test_slow_lasts_as_long_as_its_cause_and_five_seconds() -> None:
+    run = Run(stall=stall("slow", 0.0, "slow", 1.0))
+    assert run.supervisor.factor == 1.0
+    assert run.go(7.0, stalls=True) == [Level.SLOW]
+    assert run.said[0][1].factor == 0.5
+    assert run.supervisor.factor == 0.5
+    run.go(4.94)
+    assert run.supervisor.factor == 0.5
+    run.go(0.1)
+    assert run.supervisor.factor == 1.0
+
+
+def test_only_slow_has_a_factor() -> None:
+    run = Run(stall=stall("tell", 0.0, "pause", 0.5))
+    run.go(1.0, stalls=True)
+    assert [reaction.factor for _, reaction in run.said] == [1.0, 1.0]
+    assert run.supervisor.factor == 1.0
+
+
+def test_a_pause_holds_until_somebody_lets_it_go() -> None:
+    run = Run(stall=stall("pause", 0.0, "pause", 1.0))
+    holding = [run.supervisor.holding]
+    for seconds, stalls in ((0.1, True), (30.0, False)):
+        run.go(seconds, stalls=stalls)
+        holding.append(run.supervisor.holding)
+    assert holding == [False, True, True], "never by itself"
+    run.supervisor.resume(run.time_s)
+    assert not run.supervisor.holding
+    assert run.go(0.1, stalls=True) == [Level.PAUSE], "judged anew"
+
+
+def test_a_pause_that_nobody_ends_becomes_a_stop() -> None:
+    run = Run(stall=stall("pause", 0.0, "pause", 1.0))
+    run.go(0.1, stalls=True)
+    paused_s = run.times[0]
+    assert run.go(59.8) == []
+    assert run.go(0.4) == [Level.STOP]
+    at_s, reaction = run.said[-1]
+    assert reaction.kind == "pause"
+    assert at_s - paused_s == pytest.approx(60.0, abs=0.05)
+    assert not run.supervisor.holding
+    assert run.go(100.0) == [], "once"
+
+
+def test_a_second_pause_does_not_begin_the_time_anew() -> None:
+    run = Run(stall=stall("pause", 0.0, "pause", 1.0))
+    run.go(0.1, stalls=True)
+    run.go(40.0)
+    assert run.go(0.1, stalls=True) == [Level.PAUSE], "another occasion"
+    assert run.go(19.5) == []
+    assert run.go(0.6) == [Level.STOP]
+
+
+def test_the_gravest_comes_last() -> None:
+    run = Run(
+        lifted={"reaction": "stop"},
+        stall=stall("tell", 0.0, "tell", 1.0),
+        sensor={"reaction": "pause"},
+    )
+    bits = STALL | int(Fault.LIFTED | Fault.IMU)
+    assert run.go(0.02, status=status(bits)) == [Level.TELL, Level.PAUSE, Level.STOP]
+    assert [reaction.kind for _, reaction in run.said] == ["stall", "sensor", "lifted"]
+    assert all(reaction.text and reaction.data for _, reaction in run.said)
+
+
+# ---- beginning anew -----------------------------------------------------------------------
+
+
+def test_restart_forgets_occasions_and_references() -> None:
+    run = Run(stall=stall("tell", 0.5, "stop", 1.0), bump={"count": 2.0, "after_s": 0.0})
+    touch: list[Range] = [reading(contacts=1), reading()]
+    run.go(0.4, stalls=True)
+    run.go(0.02, range=touch[0], stalls=True)
+    run.go(0.02, range=touch[1], stalls=True)
+    run.supervisor.restart()
+    assert run.go(0.48, stalls=True) == []
+    run.go(0.02, range=reading(contacts=1))
+    assert run.said == [], "the bump before is forgotten, and so was half a second of stalling"
+
+
+def test_a_gap_between_steps_forgets_the_odometry() -> None:
+    run = Run(slip={"reaction": "tell", "after_s": 0.0})
+    run.go(0.02, encoders=Encoders(0, 0))
+    run.time_s += 0.29
+    run.go(0.02, encoders=Encoders(0, 1000))
+    assert run.said == [], "0.31 s"
+    run.time_s += 0.2
+    run.go(0.02, encoders=Encoders(0, 3000))
+    assert len(run.said) == 1, "0.22 s: a rim that leads by 26 cm"
+
+
+def test_a_gap_forgets_the_slip() -> None:
+    run = Run(slip={"reaction": "tell", "after_s": 0.0, "then": "tell"})
+    for count in range(50):
+        run.go(0.02, encoders=Encoders(0, 100 * count))
+    assert len(run.said) == 1
+    run.time_s += 5.0
+    run.go(2.0, encoders=Encoders(0, 4900))
+    assert len(run.said) == 1
+
+
+def test_every_rule_is_watched() -> None:
+    """Each, with nothing but its own cause, is heard of."""
+    causes: dict[str, dict[str, object]] = {
+        "stall": {"status": status(STALL)},
+        "lifted": {"status": status(int(Fault.LIFTED))},
+        "sensor": {"status": status(int(Fault.IMU))},
+        "battery": {"power": power(11.0)},
+        "cliff": {"range": reading(contacts=int(Contact.CLIFF))},
+        "fence": {"pose": Pose2(9.0, 0.0, 0.0)},
+        "silence": {"heard_s": 1.0},
+    }
+    for kind, values in causes.items():
+        extra = {"radius_m": 1.0} if kind == "fence" else {}
+        run = Run(**{kind: {"reaction": "tell", "after_s": 0.0, **extra}})
+        run.go(0.02)
+        run.go(0.02, **values)  # type: ignore[arg-type]  # values of messages
+        assert [reaction.kind for _, reaction in run.said] == [kind]
+    run = Run(reset={"reaction": "tell"})
+    run.go(0.02, boot_id=1)
+    run.go(0.02, boot_id=2)
+    assert [reaction.kind for _, reaction in run.said] == ["reset"]
+    run = Run(disagreement={"reaction": "tell"})
+    run.go(0.3, planner=planner(7), onboard="paper")
+    run.go(2.0, planner=planner(7), onboard="paper", yaw_rate_rad_s=1.0)
+    assert [reaction.kind for _, reaction in run.said] == ["disagreement"]
+    run = Run(progress={"reaction": "tell", "window_s": 1.0})
+    run.go(1.1)
+    assert [reaction.kind for _, reaction in run.said] == ["progress"]
+    run = Run(tilt={"reaction": "tell", "after_s": 0.0})
+    run.go(0.02, imu=imu(10_000, 0, 10_000))
+    assert [reaction.kind for _, reaction in run.said] == ["tilt"]
+    run = Run(bump={"reaction": "tell", "count": 1.0})
+    run.go(0.02, range=reading(contacts=1))
+    assert [reaction.kind for _, reaction in run.said] == ["bump"]
+
+
+def test_the_defaults_are_graded() -> None:
+    rules = SuperviseSettings().rules
+    assert len(rules) == 13
+    assert {rule.reaction for rule in rules.values()} == set(Level) - {Level.OFF}
+    with pytest.raises(ConfigError, match=r"supervise\.stall\.reaction"):
+        settings_from({"stall": {"reaction": "loud"}})
+    assert list(pairwise(sorted(Level))) == [
+        (Level.OFF, Level.TELL),
+        (Level.TELL, Level.SLOW),
+        (Level.SLOW, Level.PAUSE),
+        (Level.PAUSE, Level.STOP),
+    ]

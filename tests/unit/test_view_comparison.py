@@ -1,0 +1,55 @@
+"""Two runs held against each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from support.cli import case_1, short_runs, sweepctl
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pytest
+
+
+def test_two_runs_side_by_side(tmp_path_factory: pytest.TempPathFactory) -> None:
+    first, _, other = short_runs(tmp_path_factory)
+    done = sweepctl("diff", first.log, other.log, "--json")
+    assert done.status == 0, done.err
+    a, b = done.json["a"]["figures"], done.json["b"]["figures"]
+    for figures, run in ((a, first), (b, other)):
+        told = run.done.json
+        assert figures["path_m"] == told["path_m"]
+        assert figures["coverage.mouth_sweepable"] == told["coverage"]["mouth_sweepable"]
+        assert figures["pose_error_m.end"] == told["pose_error_m"]["end"]
+    delta = done.json["difference"]
+    assert delta["path_m"] == round(b["path_m"] - a["path_m"], 6) != 0
+    assert delta["t99_s"] is None
+    assert (done.json["a"]["outcome"], done.json["b"]["outcome"]) == ("timeout", "timeout")
+    people = sweepctl("diff", first.log, other.log)
+    assert "coverage mouth sweepable" in people.out
+    assert f"{a['path_m']:.2f}" in people.out
+
+
+def test_the_same_run_twice_differs_in_nothing(tmp_path_factory: pytest.TempPathFactory) -> None:
+    first, again, _ = short_runs(tmp_path_factory)
+    done = sweepctl("diff", first.log, again.log, "--json")
+    assert {v for v in done.json["difference"].values() if v is not None} == {0.0}
+
+
+def test_pages_and_pictures(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    first, other = short_runs(tmp_path_factory)[0], case_1(tmp_path_factory)
+    html, png = tmp_path / "both.html", tmp_path / "both.png"
+    assert sweepctl("diff", first.log, other.log, "--out", html).status == 0
+    page = html.read_text()
+    assert page.count("<svg") == 2
+    assert "B less A" in page
+    assert "src=" not in page
+    assert sweepctl("diff", first.log, other.log, "--out", png, "--json").json["out"] == str(png)
+    assert png.read_bytes().startswith(b"\x89PNG")
+    again = sweepctl("diff", first.log, other.log, "--out", png)
+    assert again.status == 1
+    assert "--force" in again.line
+    missing = sweepctl("diff", first.log, tmp_path / "none.mcap")
+    assert missing.status == 1
+    assert "none.mcap" in missing.line

@@ -1,0 +1,55 @@
+"""``sweepctl diff``: two runs beside each other."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from tools import options
+
+
+@click.command("diff", epilog="Example:  sweepctl diff before.mcap after.mcap --out both.html")
+@click.argument("a", type=click.Path(path_type=Path))
+@click.argument("b", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also lay paths and curves over each other: a page (.html) or a picture (.png).",
+)
+@click.option("--force", is_flag=True, help="Replace what exists.")
+@options.json_option
+def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -> int:
+    """Hold the figures of two runs, A and B, against each other."""
+    from bridge.record.captures import readable
+    from bridge.view.comparison import compare, rows, write_page
+    from bridge.view.run_data import load_run
+    from tools.console import say
+
+    with readable(a) as first, readable(b) as second:
+        if as_json or out is not None:
+            told = (
+                write_page(first, second, out, force=force)
+                if out is not None
+                else compare(load_run(first), load_run(second))
+            )
+            told["a"]["log"], told["b"]["log"] = str(a), str(b)
+            if as_json:
+                sys.stdout.write(json.dumps({**told, "out": str(out) if out else None}) + "\n")
+            else:
+                say(f"wrote {out}")
+            return 0
+        lines = rows(load_run(first), load_run(second))
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, header_style="dim")
+    table.add_column("")
+    for name in (a.name, b.name, "difference"):
+        table.add_column(name, justify="right")
+    for line in lines:
+        table.add_row(*line)
+    Console(highlight=False).print(table)
+    return 0

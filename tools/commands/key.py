@@ -1,0 +1,63 @@
+"""``sweepctl key``: the key that a robot's motion is authenticated with."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tools import options
+
+
+@click.command("key", epilog="Example:  sweepctl key /dev/ttyUSB0 --set robot.key")
+@click.argument("port")
+@click.option(
+    "--set",
+    "new",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Make a new random key in this file, and give it to the robot.",
+)
+@click.option("--clear", is_flag=True, help="Take the key away: everybody may drive again.")
+@options.key_option
+@options.port_options
+@options.json_option
+def command(
+    *,
+    port: str,
+    new: Path | None,
+    clear: bool,
+    key_file: Path | None,
+    as_json: bool,
+    **opening: Any,  # noqa: ANN401 - node, baud, bitrate, lan, dtr and rts, as declared
+) -> int:
+    """Set, replace or remove the key of the robot on PORT.
+
+    With a key the robot moves, and is changed, only for who has it; a stop it takes from
+    anybody. A robot takes a key over its local serial line only, and never tells it: whoever
+    loses the file needs the robot's own factory reset. To replace or remove a key, give the
+    present one with --key-file.
+    """
+    import bridge
+    from tools.console import say
+    from tools.keyfile import make_key, read_key
+
+    if (new is None) == (not clear):
+        raise click.UsageError("give --set FILE or --clear")
+    present = read_key(key_file)
+    with bridge.open(port, key=present, **opening) as robot:
+        made = None if new is None else make_key(new)
+        try:
+            robot.set_key(made)
+        except BaseException:
+            if new is not None:
+                new.unlink()  # the robot does not have it
+            raise
+    if as_json:
+        sys.stdout.write(json.dumps({"port": port, "key": made is not None}) + "\n")
+    else:
+        said = f"set; keep {new}: it is told nowhere else" if new else "removed"
+        say(f"{port}: the key is {said}")
+    return 0

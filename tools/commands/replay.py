@@ -1,0 +1,136 @@
+"""``sweepctl replay``: a log played again, into the viewer or as a robot on a port."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+
+import click
+
+from tools import options
+
+
+@click.command(
+    "replay",
+    epilog="Example:  sweepctl replay clean.mcap --speed 4\n\n"
+    "          sweepctl replay clean.mcap --link pty --pty-link /tmp/recorded",
+)
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.01, 1000.0),
+    help="Seconds of the log for each second, in the viewer.  [default: 1]",
+)
+@click.option(
+    "--from", "start_s", type=options.Seconds(0.0, 1e9), default=0.0, help="Begin at this second."
+)
+@click.option("--to", "end_s", type=options.Seconds(0.0, 1e9), help="End at this second.")
+@click.option("--serve", is_flag=True, help="Show it in a browser on this machine.")
+@click.option(
+    "--link",
+    type=click.Choice(["pty"]),
+    help="Play the recorded robot on a virtual serial port, for `connect`, in its own time.",
+)
+@click.option(
+    "--pty-link",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also make this symbolic link to the port.",
+)
+@click.option(
+    "--check",
+    is_flag=True,
+    help="Play nothing: decode the raw bytes again and compare, bit for bit, with the messages.",
+)
+@options.json_option
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    file: Path,
+    speed: float | None,
+    start_s: float,
+    end_s: float | None,
+    serve: bool,
+    link: str | None,
+    pty_link: Path | None,
+    check: bool,
+    as_json: bool,
+) -> int:
+    """Play FILE (a log, a candump log, or raw bytes of a serial line) again.
+
+    Without --link it runs in Rerun, at any speed. With it, the recorded robot sits on a port,
+    whose name is the first line on stdout ("ready PORT"): it sends what it sent, damaged bytes
+    included, answers hello and time, and cannot be driven.
+    """
+    from bridge.record.captures import readable
+
+    if pty_link is not None and link is None:
+        raise click.UsageError("--pty-link goes with --link pty")
+    if link is not None and (speed is not None or serve or start_s or end_s is not None):
+        raise click.UsageError("a port plays in the robot's own time: no --speed, --from, --to")
+    if as_json and not check:
+        raise click.UsageError("--json goes with --check")
+    with readable(file) as log:
+        if check:
+            return _check(log, as_json=as_json)
+        if link is not None:
+            return _serve(log, pty_link)
+        return _view(log, speed or 1.0, (start_s, end_s), serve=serve)
+
+
+def _check(log: Path, *, as_json: bool) -> int:
+    from bridge.record.redecode import as_json as comparison_json
+    from bridge.record.redecode import compare
+    from tools.console import say
+
+    result = compare(log)
+    if as_json:
+        sys.stdout.write(comparison_json(result) + "\n")
+    elif result.same:
+        say(f"{result.equal} messages of the device: the raw bytes say the same, bit for bit")
+    else:
+        say(f"{result.equal} of {result.recorded} messages are the same; {result.first}")
+    return 0 if result.same else 1
+
+
+def _serve(log: Path, pty_link: Path | None) -> int:
+    from bridge.errors import PortError
+    from bridge.record.reader import LogReader
+    from bridge.replay_device import replay_device
+    from sim_device.ports.base import PortUnavailableError, Stopper
+    from sim_device.ports.pty_port import PtyPort
+    from tools.console import say
+    from tools.replaying import serve
+
+    device = replay_device(LogReader(log))
+    stopper = Stopper()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopper.stop())
+    try:
+        with PtyPort(pty_link) as port:
+            sys.stdout.write(f"ready {port.path}\n")
+            sys.stdout.flush()
+            name = device.recording.hello.name
+            say(f"{name}, recorded for {device.recording.duration_s:.1f} s; Ctrl-C ends it")
+            serve(device, port, stopper)
+    except PortUnavailableError as error:
+        raise PortError(str(error)) from None
+    finally:
+        stopper.close()
+    return 0
+
+
+def _view(log: Path, speed: float, span_s: tuple[float, float | None], *, serve: bool) -> int:
+    import threading
+
+    from bridge.view.feeder import FeedOptions, feed
+    from tools.console import say
+    from tools.recording import check_view
+
+    check_view(view=True, serve=serve)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    start_s, end_s = span_s
+    options_ = FeedOptions(log, speed=speed, start_s=start_s, end_s=end_s, serve=serve, tell=say)
+    feed(options_, ended.is_set)
+    return 0

@@ -1,0 +1,67 @@
+"""A key for authenticated motion, in a file of its owner's alone."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from typing import TYPE_CHECKING
+
+from bridge.errors import BridgeError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+KEY_BYTES = 16
+MAX_FILE = 256
+
+
+class KeyFileError(BridgeError):
+    """A key file that cannot be used."""
+
+    exit_status = 2
+
+
+def read_key(path: Path | None) -> bytes | None:
+    """The key in a file: 32 hexadecimal digits; None without a file.
+
+    Raises:
+        KeyFileError: it cannot be read, others may read it, or it holds no key.
+
+    """
+    if path is None:
+        return None
+    try:
+        with path.open("rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            text = file.read(MAX_FILE)
+    except OSError as error:
+        raise KeyFileError(f"cannot read the key file {path}: {error.strerror}") from None
+    if os.name == "posix" and stat.S_IMODE(mode) & 0o077:
+        raise KeyFileError(f"others may read the key file {path}: chmod 600 {path}")
+    try:
+        key = bytes.fromhex(text.decode("ascii").strip())
+    except ValueError:
+        key = b""
+    if len(key) != KEY_BYTES:
+        raise KeyFileError(f"{path} holds no key: it must be {2 * KEY_BYTES} hexadecimal digits")
+    return key
+
+
+def make_key(path: Path) -> bytes:
+    """A new random key in a new file of mode 0600.
+
+    Raises:
+        KeyFileError: the file exists, or cannot be made.
+
+    """
+    key = secrets.token_bytes(KEY_BYTES)
+    try:
+        fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        raise KeyFileError(f"{path} exists already; give another name") from None
+    except OSError as error:
+        raise KeyFileError(f"cannot make the key file {path}: {error.strerror}") from None
+    with os.fdopen(fd, "w", encoding="ascii") as file:
+        file.write(key.hex() + "\n")
+    return key
