@@ -180,7 +180,7 @@ def report(results: Iterable[Result]) -> tuple[str, bool]:
         "",
         "Each row is a trouble injected into the virtual sweeper or its line, several seeds each;",
         "each column a finding of `sweepctl doctor`. **Bold** is what is right, plain what goes",
-        "with it, and ~~struck~~ what is wrong. `latency` to `unplug` and the like stand and are",
+        "with it, and ~~struck~~ what is wrong. Rows without *driving* stand and are",
         "listened to; *driving* marks a whole run with a planner.",
         "",
         f"| trouble | visits | {' | '.join(kinds)} | nothing |",
