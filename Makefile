@@ -25,7 +25,7 @@ COMPILE := $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test demo lint types imports unit coverage bench firmware qemu campaign docs fmt lock clean
+.PHONY: help venv test demo lint types imports unit coverage bench firmware qemu campaign docs fmt lock clean soak mutants
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' \
@@ -56,10 +56,13 @@ unit: venv ## the tests; ARGS='-k name' chooses
 coverage: venv ## the tests with branch coverage, which takes them half as long again
 	@$(BIN)/python -m pytest -q --cov --cov-report=term $(ARGS)
 
-bench: venv ## speed of the wire and of a simulated run, and its memory over an hour
+bench: venv ## speed of wire, round trip, runs, recording, export, decisions; memory over an hour
 	@PYTHONPATH=tests $(BIN)/python -m bench.wire
 	@PYTHONPATH=tests $(BIN)/python -m bench.round_trip
 	@PYTHONPATH=tests $(BIN)/python -m bench.simulate
+	@PYTHONPATH=tests $(BIN)/python -m bench.record
+	@PYTHONPATH=tests $(BIN)/python -m bench.export
+	@PYTHONPATH=tests $(BIN)/python -m bench.decisions
 	@PYTHONPATH=tests $(BIN)/python -m bench.memory
 
 firmware: venv ## the firmware for its chips, in build/firmware: flash, RAM, stack of both boards
@@ -78,6 +81,14 @@ campaign: venv ## ten million damaged frames, then FUZZ_S=60 seconds of fuzzing 
 		PYTHONPATH=tests nice $(BIN)/python -m fuzz.run $$target -max_total_time=$(FUZZ_S) \
 			-verbosity=0 -print_final_stats=1 || exit 1; \
 	done
+
+soak: venv ## 500 runs with random faults, a simulated day, ten minutes of a full line: hours
+	@PYTHONPATH=tests nice $(BIN)/python -m soak.faults --runs 500
+	@PYTHONPATH=tests nice $(BIN)/python -m soak.line --minutes 10
+	@PYTHONPATH=tests nice $(BIN)/python -m soak.day --hours 24
+
+mutants: venv ## change the safety code in every small way and see a test fail: an hour or more
+	@PYTHONPATH=tests nice $(BIN)/python -m mutation.run
 
 docs: venv ## the documentation as a site in build/docs; a broken link is an error
 	@$(BIN)/python -m tools.command_help
