@@ -52,8 +52,10 @@ def test_the_script_runs_as_it_stands(tmp_path: Path) -> None:
     assert summary["outcome"] == "stopped"
     assert summary["wire"]["crc_errors"] == 0
     assert sorted(p.name for p in out.iterdir()) == ["run.json", "run.mcap"]
+    runtime = tmp_path / f"sweepctl-{os.getuid()}"  # the user's folder for sockets stays, empty
+    assert not runtime.exists() or not list(runtime.iterdir())
     left = {p.name for p in tmp_path.iterdir()}
-    assert left <= {"bin", "out"}, f"left behind: {left}"
+    assert left <= {"bin", "out", runtime.name}, f"left behind: {left}"
 
 
 def test_a_script_whose_emulator_cannot_start_fails(tmp_path: Path) -> None:
