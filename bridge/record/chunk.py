@@ -49,32 +49,33 @@ class Closed(NamedTuple):
 
 
 class OpenChunk:
-    """Collects messages; the same object begins anew after each close.
+    """Collects messages, in the order in which they come; the same object begins anew each time.
 
-    Messages of fixed form stand behind the others, kind by kind: readers go by the index, or
-    put a chunk in order.
+    Those of fixed form wait as rows of numbers, for which their place is kept free.
     """
 
     def __init__(self) -> None:
         """Nothing in it, and no kinds of rows."""
         self._zstd = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
-        self._pending = bytearray()
+        self._parts: list[tuple[int, bytes]] = []
+        """What is no row: where it begins, and its bytes."""
         self._entries: list[array[int]] = []
         """By channel: log time and place of each of its messages that came one by one."""
         self._rows: list[Rows] = []
         self.size = 0
-        """Bytes of its messages, rows that wait included; appending a row adds its own."""
+        """Bytes so far, rows that wait included: the place of what comes next."""
         self.earliest_ns = self.deadline_ns = 0
         """A message belongs into it whose log time is in between, while it is not full."""
 
     def declare(self, record: bytes) -> None:
         """Add a record that is no message."""
-        self._pending += record
+        self._parts.append((self.size, record))
+        self.size += len(record)
 
     def add_channel(self, record: bytes) -> None:
         """Add the record of the next channel; they are numbered from 1."""
         self._entries.append(array("q"))
-        self._pending += record
+        self.declare(record)
 
     def rows(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> Rows:
         """Declare messages that always come together; see :class:`Rows`."""
@@ -91,17 +92,24 @@ class OpenChunk:
         self, channel_id: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
     ) -> None:
         """Add one message."""
-        pending = self._pending
-        self._entries[channel_id - 1].extend((log_ns, len(pending)))
+        place = self.size
+        self._entries[channel_id - 1].extend((log_ns, place))
         size = _FIXED + len(data)
-        self.size += RECORD_HEAD + size
-        pending += _MESSAGE.pack(OP_MESSAGE, size, channel_id, sequence, log_ns, publish_ns)
-        pending += data
+        head = _MESSAGE.pack(OP_MESSAGE, size, channel_id, sequence, log_ns, publish_ns)
+        self._parts.append((place, head + data))
+        self.size = place + RECORD_HEAD + size
 
     def close(self, offset: int) -> Closed | None:
         """Give what stands at ``offset`` of the file, and begin anew; None: no message in it."""
+        if not any(self._entries) and not any(rows.ints for rows in self._rows):
+            return None
         indexes: dict[int, list[bytes]] = {}
         spans: list[int] = []
+        content = bytearray(self.size)
+        for place, data in self._parts:
+            content[place : place + len(data)] = data
+        self._parts.clear()
+        chunk = np.frombuffer(content, dtype=np.uint8)
         for channel_id, entries in enumerate(self._entries, 1):
             if entries:
                 indexes[channel_id] = [entries.tobytes()]
@@ -110,15 +118,11 @@ class OpenChunk:
                 del entries[:]
         for rows in self._rows:
             if rows.ints:
-                packed = rows.take(len(self._pending))
-                self._pending += packed.records.data
+                packed = rows.take(chunk)
                 spans += (packed.first_ns, packed.last_ns)
                 for channel_id, index in zip(rows.channels, packed.entries, strict=True):
                     indexes.setdefault(channel_id, []).append(index.tobytes())
         self.size = self.earliest_ns = self.deadline_ns = 0
-        if not indexes:
-            return None
-        content, self._pending = self._pending, bytearray()
         return self._closed(content, indexes, min(spans), max(spans), offset)
 
     def _closed(

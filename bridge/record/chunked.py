@@ -195,8 +195,8 @@ class ChunkedFile:
         """Declare messages that always come together; see :class:`Rows`."""
         return self.chunk.rows(ints, floats, messages)
 
-    def begin_row(self, log_ns: int, size: int) -> None:
-        """Make room for a row of this log time, before it is appended.
+    def begin_row(self, log_ns: int, size: int) -> int:
+        """Make room for a row of this log time, before it is appended; gives its place.
 
         Raises:
             LogWriteError: the file cannot be written.
@@ -205,7 +205,9 @@ class ChunkedFile:
         chunk = self.chunk
         if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
             self.next_chunk(log_ns)
-        chunk.size += size
+        place = chunk.size
+        chunk.size = place + size
+        return place
 
     def next_chunk(self, log_ns: int) -> None:
         """Close the chunk in progress and begin one with a message of this time.

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from bridge.telemetry import DeviceMessage
     from protocol.message import MessageSpec
 
-_LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(7)
-"""Columns of a row; the message's own fields are the last."""
+_LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(1, 8)
+"""Columns of a row after its place; the message's own fields are the last."""
 
 
 class _Form(NamedTuple):
@@ -70,7 +70,7 @@ class DeviceTopics:
             data = self._layout.encode(self._encoder.values(record))
             self._file.add_message(self._channel, log_ns, time_ns, record.seq, data)
             return
-        values: tuple[Any, ...] = record[:_RAW] + raw  # the columns are a record's own order
+        values: tuple[Any, ...] = record[:6] + raw  # the columns are a record's own order
         if None in values or self._sentinels:
             form = self._some(record, values)
             values = tuple([value or 0 for value in values])
@@ -81,15 +81,16 @@ class DeviceTopics:
         # As begin_row does it, without the call: two of five records come here.
         if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
             self._file.next_chunk(log_ns)
-        chunk.size += rows.size
+        rows.ints.append(chunk.size)
         rows.ints.extend(values)
+        chunk.size += rows.size
         if ros_values is not None:
             rows.floats.extend(ros_values(record))
 
     def _some(self, record: DeviceMessage, values: tuple[Any, ...]) -> _Form:
         """The form of a message of which something may be absent."""
         shown = (
-            values[_PUBLISH] is not None,
+            values[_PUBLISH - 1] is not None,
             *(value is not None for value in self._encoder.values(record)),
         )
         return self._forms.get(shown) or self._form(shown)

@@ -1,7 +1,7 @@
 """Messages of fixed length that always come together: kept as numbers, packed a chunk at a time.
 
 A message costs what it takes to append its numbers to an array; a compiled kernel makes the
-records, headers included, when the chunk closes.
+records, headers included, when the chunk closes, in the places where they were expected.
 """
 
 from __future__ import annotations
@@ -89,9 +89,8 @@ class RowMessage(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """What rows became."""
+    """Where a chunk's rows are."""
 
-    records: NDArray[np.uint8]
     entries: NDArray[np.int64]
     """For each message its log times and places in the chunk, ``(messages, rows, 2)``."""
     first_ns: int
@@ -102,7 +101,10 @@ class Rows:
     """What waits of messages that always come together; ``ChunkedFile.rows`` makes it."""
 
     def __init__(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> None:
-        """Declare how many integers and floats a row has, and the messages that it makes."""
+        """Declare how many integers and floats a row has, and the messages that it makes.
+
+        The first of the integers is its place in the chunk.
+        """
         self._columns = ints, floats
         self.ints = array("q")
         """Of the rows that wait, one after the other."""
@@ -135,8 +137,8 @@ class Rows:
         self._ops = np.array(ops, dtype=np.int64)
         self._scales = np.array(scales, dtype=np.float64)
 
-    def take(self, start: int) -> Packed:
-        """The records of all rows, for ``start`` in a chunk; they are forgotten."""
+    def take(self, chunk: NDArray[np.uint8]) -> Packed:
+        """Write the records of all rows into their chunk; they are forgotten."""
         ints, floats = self._columns
         table = np.frombuffer(self.ints, dtype=np.int64).reshape(-1, ints)
         count = len(table)
@@ -144,7 +146,6 @@ class Rows:
             reals = np.frombuffer(self.floats, dtype=np.float64).reshape(-1, floats)
         else:
             reals = np.zeros((count, 1))
-        out = np.empty(count * self.size, dtype=np.uint8)
         index = np.empty((len(self.channels), count, 2), dtype=np.int64)
         first_ns, last_ns = kernel.pack_rows(
             table,
@@ -152,23 +153,22 @@ class Rows:
             self._template,
             self._ops,
             self._scales,
-            out,
-            start,
+            chunk,
             self._log_column,
             self._places,
             index,
         )
         # Arrays that are looked at cannot be emptied.
         self.ints, self.floats = array("q"), array("d")
-        return Packed(out, index, first_ns, last_ns)
+        return Packed(index, first_ns, last_ns)
 
 
 def rehearse() -> None:
     """Have the kernel loaded: before a run, whose first chunk would wait for it."""
-    rows = Rows(1, 1, [RowMessage(0, Head(0, 0), [], [])])
-    rows.ints.append(0)
+    rows = Rows(2, 1, [RowMessage(0, Head(1, 1), [], [])])
+    rows.ints.extend((0, 0))
     rows.floats.append(0.0)
-    rows.take(0)
+    rows.take(np.zeros(rows.size, dtype=np.uint8))
 
 
 def _size(part: Part) -> int:

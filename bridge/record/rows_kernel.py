@@ -93,7 +93,6 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     ops: Ints,
     scales: Floats,
     out: Bytes,
-    start: int,
     log_column: int,
     places: Ints,
     index: Ints,
@@ -101,13 +100,12 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     """Write a record for each row, and the index of where its messages are.
 
     Args:
-        ints: Rows of integers, ``(n, columns)``.
+        ints: Rows of integers, ``(n, columns)``; the first is where the row's records begin.
         floats: Rows of floats, ``(n, columns)``.
         template: One record, its constants in place.
         ops: For each value: place in the record, kind, column, width in bytes.
         scales: For each value: gain and offset.
-        out: Room for ``n`` records.
-        start: Where the first will be in its chunk.
+        out: The chunk, in which the rows' places are still empty.
         log_column: Column of the log time.
         places: Where each message begins in a record, ``(messages,)``.
         index: Room for each message's log times and places, ``(messages, n, 2)``.
@@ -119,12 +117,12 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
     first = last = ints[0, log_column]
     size = template.shape[0]
     for row in range(ints.shape[0]):
-        begin = row * size
+        begin = ints[row, 0]
         time = ints[row, log_column]
         first, last = min(first, time), max(last, time)
         for message in range(places.shape[0]):
             index[message, row, 0] = time
-            index[message, row, 1] = start + begin + places[message]
+            index[message, row, 1] = begin + places[message]
         for k in range(size):
             out[begin + k] = template[k]
         for op in range(ops.shape[0]):

@@ -49,9 +49,9 @@ DEVICE_METADATA = "device"
 ROBOT_ATTACHMENT, ROOM_ATTACHMENT = "robot.toml", "room.json"
 CATALOGUE_ATTACHMENT, SUMMARY_ATTACHMENT = "catalogue.json", "summary.json"
 
-_LOGGED = Head(0, 0)
-"""Log and publish time in a row's only integer."""
-_PLANAR = (proto_stamp(0), real(0), real(1), *half_angle(2))
+_LOGGED = Head(1, 1)
+"""Log and publish time in the one integer that follows a row's place."""
+_PLANAR = (proto_stamp(1), real(0), real(1), *half_angle(2))
 """A pose whose x, y and yaw are a row's first floats."""
 
 
@@ -223,7 +223,7 @@ class RunWriter:
             transform = self._foxglove_channel("/tf", foxglove.FRAME_TRANSFORM)
             values = [real(column) for column in range(len(schemas.POSE_ESTIMATE.fields))]
             rows = self._rows[PoseRecord] = self._file.rows(
-                1,
+                2,
                 len(values),
                 (
                     RowMessage(pose, _LOGGED, foxglove.POSE_PARTS, _PLANAR),
@@ -232,8 +232,7 @@ class RunWriter:
                 ),
             )
         log_ns = record[0]
-        self._file.begin_row(log_ns, rows.size)
-        rows.ints.append(log_ns)
+        rows.ints.extend((self._file.begin_row(log_ns, rows.size), log_ns))
         rows.floats.extend(schemas.estimate_values(record))
 
     def _truth(self, record: TruthRecord) -> None:
@@ -241,10 +240,9 @@ class RunWriter:
         if rows is None:
             channel = self._foxglove_channel("/truth/pose", foxglove.POSE_IN_FRAME)
             message = RowMessage(channel, _LOGGED, foxglove.POSE_PARTS, _PLANAR)
-            rows = self._rows[TruthRecord] = self._file.rows(1, 3, (message,))
+            rows = self._rows[TruthRecord] = self._file.rows(2, 3, (message,))
         log_ns, pose = record
-        self._file.begin_row(log_ns, rows.size)
-        rows.ints.append(log_ns)
+        rows.ints.extend((self._file.begin_row(log_ns, rows.size), log_ns))
         rows.floats.extend(pose)
 
     def _command(self, record: CommandRecord) -> None:
@@ -253,10 +251,9 @@ class RunWriter:
             channel = self._flat_channel("/cmd", schemas.COMMAND)
             values = [real(column) for column in range(len(schemas.COMMAND.fields))]
             message = RowMessage(channel, _LOGGED, schemas.COMMAND.all_parts, values)
-            rows = self._rows[CommandRecord] = self._file.rows(1, len(values), (message,))
+            rows = self._rows[CommandRecord] = self._file.rows(2, len(values), (message,))
         log_ns = record[0]
-        self._file.begin_row(log_ns, rows.size)
-        rows.ints.append(log_ns)
+        rows.ints.extend((self._file.begin_row(log_ns, rows.size), log_ns))
         rows.floats.extend(record[1:])
 
     def _planner(self, record: PlannerRecord) -> None:

@@ -163,7 +163,7 @@ def test_rates(recorded: Recorded) -> None:
         ("/device/power", 5),
         ("/device/status", 10),
         ("/device/sync", 10),
-        ("/truth/pose", 50),
+        ("/truth/pose", 25),
         ("/pose", 50),
         ("/tf", 50),
     ):
