@@ -232,7 +232,8 @@ class RunWriter:
                 ),
             )
         log_ns = record[0]
-        rows.ints.extend((self._file.begin_row(log_ns, rows.size), log_ns))
+        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        rows.ints.extend((place, log_ns))
         rows.floats.extend(schemas.estimate_values(record))
 
     def _truth(self, record: TruthRecord) -> None:
@@ -242,7 +243,8 @@ class RunWriter:
             message = RowMessage(channel, _LOGGED, foxglove.POSE_PARTS, _PLANAR)
             rows = self._rows[TruthRecord] = self._file.rows(2, 3, (message,))
         log_ns, pose = record
-        rows.ints.extend((self._file.begin_row(log_ns, rows.size), log_ns))
+        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        rows.ints.extend((place, log_ns))
         rows.floats.extend(pose)
 
     def _command(self, record: CommandRecord) -> None:
@@ -253,7 +255,8 @@ class RunWriter:
             message = RowMessage(channel, _LOGGED, schemas.COMMAND.all_parts, values)
             rows = self._rows[CommandRecord] = self._file.rows(2, len(values), (message,))
         log_ns = record[0]
-        rows.ints.extend((self._file.begin_row(log_ns, rows.size), log_ns))
+        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        rows.ints.extend((place, log_ns))
         rows.floats.extend(record[1:])
 
     def _planner(self, record: PlannerRecord) -> None:

@@ -202,7 +202,7 @@ class Plain(NamedTuple):
 def plain_messages(log: Path, *topics: str) -> list[Plain]:
     """Every message of these topics (none: of all), in the order of the file."""
     with log.open("rb") as file:
-        found = make_reader(file).iter_messages(topics or None)
+        found = make_reader(file).iter_messages(topics or None, log_time_order=False)
         return [Plain.of(channel, message) for _, channel, message in found]
 
 
@@ -210,7 +210,7 @@ def decoded(log: Path, *topics: str) -> Iterator[tuple[Plain, Any]]:
     """Messages of protobuf topics with what the library and the file's own schema make of them."""
     with log.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        found = reader.iter_decoded_messages(topics)
+        found = reader.iter_decoded_messages(topics, log_time_order=False)
         for _, channel, message, value in found:
             yield Plain.of(channel, message), value
 

@@ -386,3 +386,47 @@ def test_a_whole_run_is_indexed(tmp_path: Path) -> None:
         if isinstance(r, TruthRecord) and middle <= r.log_ns < middle + 10**9
     ]
     assert found == expected
+
+
+def test_rows_and_messages_of_many_chunks_stand_in_the_order_in_which_they_came(
+    tmp_path: Path,
+) -> None:
+    records: list[Record] = []
+    for i in range(60):  # 1.2 s: five chunks, each kind the first of one somewhere
+        at = NOW + 20_000_000 * i
+        covariance = (0.0,) * 9
+        some: list[Record] = [
+            RawBytes(at, False, bytes([i])),  # noqa: FBT003 - what it came by
+            DeviceMessage(at, at - 5000, 2000, 1, i % 256, i, "encoders", Encoders(i, i)),
+            PoseRecord(at, Pose2(float(i), 0.0, 0.0), 0.0, 0.0, covariance, 0.0, 1.0),
+            TruthRecord(at, Pose2(float(i), 1.0, 0.0)),
+            CommandRecord(at, float(i), 0.0, 0.0, 0.0),
+        ]
+        records += some[i % 5 :] + some[: i % 5]
+    path = tmp_path / "run.mcap"
+    writer = RunWriter(path, run_info())
+    for record in records:
+        writer.write(record)
+    writer.close()
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[ProtobufFactory(), RosFactory()])
+        summary = reader.get_summary()
+        found = [
+            (d.channel.topic, d.decoded_message)
+            for d in reader.iter_decoded_messages(log_time_order=False)
+        ]
+    assert summary is not None
+    assert len(summary.chunk_indexes) >= 5  # noqa: PLR2004 - 1.2 s by 0.25 s
+    firsts = {
+        RawBytes: "/raw/uart/rx",
+        DeviceMessage: "/device/encoders",
+        PoseRecord: "/pose",
+        TruthRecord: "/truth/pose",
+        CommandRecord: "/cmd",
+    }
+    assert [topic for topic, _ in found if topic in firsts.values()] == [
+        firsts[type(record)] for record in records
+    ]
+    truths = [value.pose.position.x for topic, value in found if topic == "/truth/pose"]
+    commands = [value.v_m_s for topic, value in found if topic == "/cmd"]
+    assert truths == commands == [float(i) for i in range(60)]
