@@ -179,6 +179,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--target", action="append", choices=[t.name for t in TARGETS])
     parser.add_argument("--share", type=int, default=1, help="try every so many-th mutant only")
+    parser.add_argument("--offset", type=int, default=0, help="of a share: where to begin")
     options = parser.parse_args(None if arguments is None else list(arguments))
     sys.path.insert(0, str(ROOT))
     preload()
@@ -187,7 +188,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
         if options.target and target.name not in options.target:
             continue
         begun_s = time.monotonic()
-        tally = examine(target, share=options.share, tell=True)
+        tally = examine(target, share=options.share, offset=options.offset, tell=True)
         print(
             f"{target.name:<11}{tally.killed:>5} killed {len(tally.equivalent):>4} equivalent "
             f"{len(tally.survived):>4} survived  {time.monotonic() - begun_s:.0f} s",
