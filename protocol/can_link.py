@@ -35,7 +35,7 @@ from protocol.can_segments import (
     parse_content,
     segments,
 )
-from protocol.can_stamps import StampExtender
+from protocol.can_senders import Pending, Sender
 from protocol.catalogue import PROTOCOL_VERSION
 from protocol.errors import FieldRangeError, PayloadError
 from protocol.link import LinkBase, LinkStatistics, Medium, Received
@@ -79,29 +79,6 @@ class _Native(NamedTuple):
     part: int
 
 
-@dataclass(slots=True)
-class _Pending:
-    """A message of which a part is still to come."""
-
-    stamp_us: int
-    parts: dict[int, bytes]
-
-
-class _Sender:
-    """What is known of one sender on the bus."""
-
-    def __init__(self) -> None:
-        self.stamps = StampExtender()
-        self.pending: dict[int, _Pending] = {}
-        self.slow: dict[tuple[int, int], bytes] = {}
-        self.messages = 0
-        """Given out: numbered so, for want of a sequence number on the wire."""
-        self.frames = 0
-        """Since its last Sync."""
-        self.count: int | None = None
-        """What that said."""
-
-
 class CanLink(LinkBase):
     """Turns CAN frames into messages and messages into CAN frames."""
 
@@ -112,7 +89,7 @@ class CanLink(LinkBase):
         super().__init__(sends, codec=codec)
         self.statistics = CanStatistics()
         self._reassembler = Reassembler()
-        self._senders: dict[int, _Sender] = {}
+        self._senders: dict[int, Sender] = {}
         self._last: dict[int, tuple[bytes, int]] = {}
         self._partial = b""
         self._native = {
@@ -191,12 +168,12 @@ class CanLink(LinkBase):
         tagged = self._held.tagged(frame.node, frame.data, self.key, now_us)
         return self._reject(head, "key") if tagged is None else tagged
 
-    def _sender(self, node: int) -> _Sender:
+    def _sender(self, node: int) -> Sender:
         # A device's frames name it; whatever node a host's frames name, the host is one.
         node = node if self._sends is Direction.HOST else 0
         sender = self._senders.get(node)
         if sender is None:
-            sender = self._senders[node] = _Sender()
+            sender = self._senders[node] = Sender()
         return sender
 
     def _interpret(
@@ -263,7 +240,7 @@ class CanLink(LinkBase):
 
     def _join(
         self,
-        sender: _Sender,
+        sender: Sender,
         native: _Native,
         parts: tuple[Part, ...],
         stamp_us: int,
@@ -282,7 +259,7 @@ class CanLink(LinkBase):
             self._drop(sender, spec.type_id)
             pending = None
         if pending is None:
-            pending = sender.pending[spec.type_id] = _Pending(stamp_us, {})
+            pending = sender.pending[spec.type_id] = Pending(stamp_us, {})
         pending.parts[number] = payload
         quick = [p for p in parts if not p.slow_us]
         if len(pending.parts) < len(quick):
@@ -295,17 +272,17 @@ class CanLink(LinkBase):
         known = {number: data for number, data in slow.items() if data is not None}
         return join(spec.fields, pending.parts | known)
 
-    def _drop(self, sender: _Sender, type_id: int) -> None:
+    def _drop(self, sender: Sender, type_id: int) -> None:
         self.statistics.incomplete += len(sender.pending.pop(type_id).parts)
 
-    def _expire(self, sender: _Sender, stamp_us: int) -> None:
+    def _expire(self, sender: Sender, stamp_us: int) -> None:
         """Drop what the sender's own clock says is a period old."""
         for type_id, pending in list(sender.pending.items()):
             period_us = 1e6 / self.codec.catalogue.by_type[type_id].default_hz
             if stamp_us - pending.stamp_us >= period_us:
                 self._drop(sender, type_id)
 
-    def _count(self, sender: _Sender, count: int) -> None:
+    def _count(self, sender: Sender, count: int) -> None:
         if sender.count is not None:
             missing = (count - sender.count - sender.frames) % _SPAN32
             if missing < _HALF32:
@@ -352,7 +329,7 @@ class CanLink(LinkBase):
         That one's stamp is kept: the short stamps behind it count from there.
         """
         for node, before in list(self._senders.items()):
-            sender = self._senders[node] = _Sender()
+            sender = self._senders[node] = Sender()
             sender.stamps = before.stamps
             sender.stamps.restart()
 

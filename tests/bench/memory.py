@@ -6,11 +6,15 @@ PYTHONPATH=tests python -m bench.memory
 from __future__ import annotations
 
 import argparse
+import random
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bridge.config import load_robot
+from bridge.coverage.random_bounce import RandomOptions, RandomPlanner
+from bridge.coverage.runner import PlanRunner
+from bridge.mission import Mission
 from bridge.record.writer import RunWriter
 from bridge.telemetry import RunInfo
 from tools.rooms import load_room
@@ -48,11 +52,18 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         writer = RunWriter(Path(folder) / "run.mcap", info)
-        run_virtual(plan, model, "random", writer, max_time_s=seconds, progress=watch)
+        # By itself it ends after half an hour.
+        planner = RandomPlanner(model, random.Random(0), RandomOptions(max_time_s=seconds))
+        mission = Mission(PlanRunner(planner, model), max_time_s=2.0 * seconds)
+        run = run_virtual(plan, model, "random", writer, progress=watch, mission=mission)
+        ending = run.host.mission.ending
         writer.close()
     (first_s, first_mb), last_mb = used[0], resident_mb()
-    hours = (seconds - first_s) / 3600.0
-    print(f"growth {(last_mb - first_mb) / hours:.1f} MB a simulated hour, driving")
+    driven_s = run.device.plant.tick_ms / 1000.0 - first_s
+    growth_mb = (last_mb - first_mb) * 3600.0 / driven_s
+    print(f"after {first_s + driven_s:5.0f} simulated seconds: {last_mb:6.1f} MB")
+    print(f"growth {growth_mb:.1f} MB a simulated hour, driving")
+    print(f"the run's end: {ending.reason if ending else 'none'}")
 
 
 if __name__ == "__main__":

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import random
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
 from protocol.generate import render
-from support.c_build import C_TESTS, MORE, ROOT, SANITIZED, STRICT, run, tool
+from support.c_build import C_TESTS, MORE, SANITIZED, STRICT, run, tool
+from support.desk_device import check_that_connect_accepts
 from support.kit_build import CORE, KIT, compile_kit, the_kit, wire
 from support.kit_script import script
 from support.kit_sessions import Writer
@@ -101,26 +99,4 @@ def test_connect_accepts_it_on_a_desk(tmp_path: Path) -> None:
     """In real time on a pseudo-terminal: both ends agree, nothing is lost."""
     sources = [KIT / "core" / "main.c", KIT / "board_host" / "desk.c"]
     program = compile_kit(tmp_path / "desk", wire(tmp_path), sources)
-    with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as device:
-        try:
-            assert device.stdout is not None
-            port = device.stdout.readline().removeprefix("ready ").strip()
-            done = subprocess.run(
-                [
-                    *(sys.executable, "-m", "tools.sweepctl", "connect", port, "--duration", "2"),
-                    *("--json", "--out", str(tmp_path / "run.mcap")),
-                ],
-                cwd=ROOT,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-        finally:
-            device.terminate()
-    assert device.returncode == 0
-    assert done.returncode == 0, done.stderr
-    summary = json.loads(done.stdout)
-    assert summary["outcome"] == "stopped"
-    assert summary["wire"]["crc_errors"] == 0
-    assert summary["wire"]["frames"]["rx"] > 150
-    assert "both ends agree" in done.stderr
+    check_that_connect_accepts(program, tmp_path)

@@ -9,6 +9,7 @@ from bridge.session import Session
 from bridge.session_events import Agreed, Data, Ping, State
 from protocol.clock import HostNs
 from protocol.link import Link
+from protocol.messages import Imu
 from protocol.values import Mode, StopCause
 from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import parse_fault
@@ -120,3 +121,8 @@ class Drive:
     def agreed(self) -> list[Agreed]:
         """Each agreement."""
         return [e for _, e in self.events if isinstance(e, Agreed)]
+
+
+def lost_frames(drive: Drive, since_s: float, until_s: float) -> float:
+    """Share of the inertial samples, 100 a second, that did not come."""
+    return 1.0 - len(drive.of(Imu, since_s, until_s)) / (100 * (until_s - since_s))

@@ -1,10 +1,10 @@
-"""The log that a run leaves, read with the mcap library and its own decoders."""
+"""What each record becomes in the log, read with the mcap library and its own decoders."""
 
 from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,16 +15,12 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2._dynamic import serialize_dynamic
-from mcap_ros2.decoder import DecoderFactory as RosFactory
 
 from bridge.config import to_toml
 from bridge.coverage.floorplan import parse_floorplan
 from bridge.coverage.planner import PlannerState
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.record.chunk import CHUNK_BYTES
-from bridge.record.chunked import ChunkedFile
-from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.record.ros import OCCUPANCY_GRID, occupancy_grid, parse_occupancy_grid, schema_text
 from bridge.record.writer import RunWriter
 from bridge.telemetry import (
@@ -38,42 +34,21 @@ from bridge.telemetry import (
     PoseRecord,
     RawBytes,
     RawCan,
-    Record,
     RoomRecord,
     Severity,
     TruthRecord,
 )
 from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, Power, Range
-from support.synthetic_run import EPOCH_NS, PLAN, run_info, summary, synthetic_run
+from support.synthetic_run import EPOCH_NS, PLAN, run_info, summary
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from protocol.message import Message
+from support.read_log import written
 
 NOW = EPOCH_NS + 123_456_789
-
-
-def written(path: Path, *records: Record) -> list[tuple[str, Any, Any]]:
-    """Topic, MCAP message and decoded message of everything, by the library's own reader."""
-    writer = RunWriter(path, run_info())
-    for record in records:
-        writer.write(record)
-    writer.close(summary())
-    return read_all(path)
-
-
-def read_all(path: Path) -> list[tuple[str, Any, Any]]:
-    with path.open("rb") as file:
-        reader = make_reader(
-            file, validate_crcs=True, decoder_factories=[ProtobufFactory(), RosFactory()]
-        )
-        return [
-            (d.channel.topic, d.message, d.decoded_message)
-            for d in reader.iter_decoded_messages()
-            if d.channel.topic != "/tf_static"
-        ]
 
 
 def device(message: Message, t_us: int = 1000, seq: int = 7, node: int = 1) -> DeviceMessage:
@@ -320,113 +295,3 @@ def test_a_grid_of_another_program_is_read_too(frame_id: str) -> None:
     for cut in range(len(data)):
         with pytest.raises(ValueError, match=r"\w"):
             parse_occupancy_grid(NOW, bytes(data[:cut]))
-
-
-def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    path.write_text("precious")
-    with pytest.raises(LogExistsError, match=r"run\.mcap exists"):
-        RunWriter(path, run_info())
-    assert path.read_text() == "precious"
-    RunWriter(path, run_info(), force=True).close()
-    assert read_all(path) == []
-
-
-@pytest.mark.parametrize("name", ["no/such/folder/run.mcap", "."])
-def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> None:
-    with pytest.raises(LogWriteError) as caught:
-        RunWriter(tmp_path / name, run_info(), force=True)
-    assert str(tmp_path / name) in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert caught.value.reason in {"No such file or directory", "Is a directory"}
-
-
-def test_a_chunk_closes_by_log_time_and_by_size(tmp_path: Path) -> None:
-    file = ChunkedFile(tmp_path / "x.mcap")
-    channel = file.add_channel("/a", "", ("", "", b""))
-    for i in range(100):  # 10 ms apart: every 0.25 s
-        file.add_message(channel, NOW + i * 10_000_000, NOW, i, b"x")
-    for i in range(10):  # all at once: by size
-        file.add_message(channel, NOW + 10**9, NOW, i, bytes(CHUNK_BYTES // 4))
-    file.add_message(channel, NOW, NOW, 0, b"the clock was set back")
-    file.finish()
-    with (tmp_path / "x.mcap").open("rb") as stream:
-        stats = make_reader(stream).get_summary()
-    assert stats is not None
-    spans = [
-        (c.message_end_time - c.message_start_time, c.uncompressed_size)
-        for c in stats.chunk_indexes
-    ]
-    assert [span for span, _ in spans[:4]] == [240_000_000] * 4
-    assert all(size < CHUNK_BYTES + CHUNK_BYTES // 4 + 1000 for _, size in spans)
-    assert len(spans) == 4 + 3 + 1
-    assert stats.statistics is not None
-    assert stats.statistics.message_count == 111
-
-
-def test_a_whole_run_is_indexed(tmp_path: Path) -> None:
-    path = tmp_path / "run.mcap"
-    records = list(synthetic_run())
-    writer = RunWriter(path, run_info())
-    for record in records:
-        writer.write(record)
-    writer.close(summary())
-    middle = (records[0].log_ns + records[-1].log_ns) // 2
-    with path.open("rb") as file:
-        reader = make_reader(file, validate_crcs=True)
-        found = [
-            m.log_time
-            for _, _, m in reader.iter_messages(
-                topics=["/truth/pose"], starting_at=middle, ending_before=middle + 10**9
-            )
-        ]
-    expected = [
-        r.log_ns
-        for r in records
-        if isinstance(r, TruthRecord) and middle <= r.log_ns < middle + 10**9
-    ]
-    assert found == expected
-
-
-def test_rows_and_messages_of_many_chunks_stand_in_the_order_in_which_they_came(
-    tmp_path: Path,
-) -> None:
-    records: list[Record] = []
-    for i in range(60):  # 1.2 s: five chunks, each kind the first of one somewhere
-        at = NOW + 20_000_000 * i
-        covariance = (0.0,) * 9
-        some: list[Record] = [
-            RawBytes(at, False, bytes([i])),  # noqa: FBT003 - what it came by
-            DeviceMessage(at, at - 5000, 2000, 1, i % 256, i, "encoders", Encoders(i, i)),
-            PoseRecord(at, Pose2(float(i), 0.0, 0.0), 0.0, 0.0, covariance, 0.0, 1.0),
-            TruthRecord(at, Pose2(float(i), 1.0, 0.0)),
-            CommandRecord(at, float(i), 0.0, 0.0, 0.0),
-        ]
-        records += some[i % 5 :] + some[: i % 5]
-    path = tmp_path / "run.mcap"
-    writer = RunWriter(path, run_info())
-    for record in records:
-        writer.write(record)
-    writer.close()
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[ProtobufFactory(), RosFactory()])
-        summary = reader.get_summary()
-        found = [
-            (d.channel.topic, d.decoded_message)
-            for d in reader.iter_decoded_messages(log_time_order=False)
-        ]
-    assert summary is not None
-    assert len(summary.chunk_indexes) >= 5
-    firsts = {
-        RawBytes: "/raw/uart/rx",
-        DeviceMessage: "/device/encoders",
-        PoseRecord: "/pose",
-        TruthRecord: "/truth/pose",
-        CommandRecord: "/cmd",
-    }
-    assert [topic for topic, _ in found if topic in firsts.values()] == [
-        firsts[type(record)] for record in records
-    ]
-    truths = [value.pose.position.x for topic, value in found if topic == "/truth/pose"]
-    commands = [value.v_m_s for topic, value in found if topic == "/cmd"]
-    assert truths == commands == [float(i) for i in range(60)]

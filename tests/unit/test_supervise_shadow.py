@@ -7,105 +7,19 @@ import pytest
 from bridge.motion.geometry import Pose2
 from bridge.supervise.settings import DisagreementRule
 from bridge.supervise.shadow import Shadow
-from protocol.messages import PlannerState
-from protocol.values import Contact, PlannerPhase
-from support.watching import MODEL, STEP_S, Walk, planner, reading
-
-IDLE, LANE, TURN, STEP = (
-    PlannerPhase.IDLE,
-    PlannerPhase.LANE,
-    PlannerPhase.TURN,
-    PlannerPhase.STEP,
+from protocol.values import Contact
+from support.sweeping_device import (
+    BACK,
+    CRUISE_M,
+    IDLE,
+    LANE,
+    STEP,
+    TURN,
+    Device,
+    started,
+    swept,
 )
-BACK = PlannerPhase.RECOVERY_BACK
-PERIOD = 10
-"""Control steps from one planner state to the next: 5 Hz."""
-CRUISE_M = 0.2 * STEP_S
-
-
-class Device:
-    """A device that sweeps lanes and tells of them; what it tells can be made wrong."""
-
-    def __init__(self, onboard: str = "paper", rule: DisagreementRule | None = None) -> None:
-        self.shadow = Shadow(rule or DisagreementRule(motion_s=1.0), MODEL)
-        self.walk = Walk(self.shadow)
-        self.onboard = onboard
-        self.state = planner(IDLE)
-        self.pose = Pose2(0.0, 0.0, 0.0)
-        self.contacts = 0
-        self.follow_pose = True
-        self.found: list[str] = []
-
-    def tell(self, state: PlannerState) -> None:
-        self.state = state
-
-    def go(
-        self, steps: int, speed_m: float = 0.0, *, rate: float = 0.0, lead_m: float = 0.0
-    ) -> None:
-        """So many control steps; a new planner state, equal or not, every tenth."""
-        for index in range(steps):
-            if index % PERIOD == 0:
-                self.state = PlannerState(*tuple(self.state))
-            turn_m = 0.5 * 0.23 * rate * STEP_S
-            if self.follow_pose:
-                x = self.pose.x_m + speed_m
-                self.pose = Pose2(x, self.pose.y_m, 0.0)
-            self.walk.step(
-                1,
-                left_m=speed_m - turn_m,
-                right_m=speed_m + turn_m + lead_m,
-                yaw_rate_rad_s=rate,
-                pose=self.pose,
-                planner=self.state,
-                onboard=self.onboard,
-                range=reading(contacts=self.contacts),
-            )
-            text, _ = self.shadow.tell()
-            if self.walk.held and text not in self.found:
-                self.found.append(text)
-
-    def lane(
-        self, way_m: float, after: PlannerState, *, before: PlannerState | None = None
-    ) -> None:
-        """A lane of this way, which the state after it tells of."""
-        self.tell(before or planner(LANE, turns=self.state.turn_count, **_kept(self.state)))
-        self.go(round(way_m / CRUISE_M), CRUISE_M)
-        self.go(30)  # the rest at its end
-        self.tell(after)
-        self.go(20, rate=0.8)
-
-    @property
-    def data(self) -> dict[str, object]:
-        return dict(self.shadow.tell()[1])
-
-
-def _kept(state: PlannerState) -> dict[str, int]:
-    return {
-        "distance": state.lane_distance,
-        "previous": state.previous_lane_distance,
-        "length": state.length,
-        "case": state.lane_case,
-    }
-
-
-def started(onboard: str = "paper", rule: DisagreementRule | None = None) -> Device:
-    device = Device(onboard, rule)
-    device.go(30)
-    return device
-
-
-def swept(way_m: float = 1.0, *, turns: int = 1, case: int = 1) -> Device:
-    """After a first lane, told as it was, and a side step."""
-    device = started()
-    mm = round(way_m * 1000)
-    device.lane(way_m, planner(TURN, distance=mm, previous=mm, case=case))
-    device.tell(planner(STEP, distance=mm, previous=mm, case=case))
-    device.go(40, CRUISE_M)
-    device.tell(planner(TURN, turns=turns, distance=mm, previous=mm, case=case))
-    device.go(40, rate=0.8)
-    assert device.found == []
-    return device
-
+from support.watching import MODEL, Walk, planner
 
 # ---- D -----------------------------------------------------------------------------------
 
@@ -389,77 +303,3 @@ def test_a_finding_is_held_for_two_seconds_and_told_once() -> None:
     assert held == [True, True, False]
     assert device.shadow.tell() == ("", {})
     assert len(device.found) == 1
-
-
-# ---- what it says that it does --------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "phase", [IDLE, PlannerPhase.PAUSED, PlannerPhase.FINISHED, PlannerPhase.ABORTED]
-)
-def test_what_says_that_it_stands_must_stand(phase: PlannerPhase) -> None:
-    for speed, rate, found in (
-        *((0.0005, 0.0, False), (0.0007, 0.0, True), (-0.0007, 0.0, True)),
-        *((0.0, 0.14, False), (0.0, 0.17, True), (0.0, -0.17, True)),
-    ):
-        device = started("recovery")
-        device.tell(planner(phase))
-        device.go(20)
-        device.go(110, speed, rate=rate)
-        assert bool(device.found) is found, (speed, rate)
-        if found:
-            assert device.data["phase"] == phase.name.lower()
-            assert "moves" in device.found[0]
-
-
-def test_a_claim_is_tested_once_it_is_a_second_old() -> None:
-    device = started("recovery")
-    device.tell(planner(PlannerPhase.PAUSED))
-    device.go(49, CRUISE_M)
-    assert device.found == []
-    device.go(3, CRUISE_M)
-    assert len(device.found) == 1
-    assert device.data["for_s"] == pytest.approx(1.0, abs=0.03)
-    assert device.data["way_m"] == pytest.approx(0.2, abs=0.01)
-
-
-def test_a_new_claim_is_not_held_for_what_was_before() -> None:
-    device = started("recovery")
-    device.tell(planner(LANE))
-    device.go(100, CRUISE_M)
-    device.tell(planner(PlannerPhase.PAUSED))
-    device.go(150)
-    assert device.found == []
-
-
-@pytest.mark.parametrize(("speed", "found"), [(0.0011, False), (0.0013, True), (-0.0013, True)])
-def test_a_turn_in_place_makes_no_way(speed: float, *, found: bool) -> None:
-    device = started("recovery")
-    device.tell(planner(TURN))
-    device.go(110, speed, rate=1.0)
-    assert bool(device.found) is found
-    if found:
-        assert "drives" in device.found[0]
-        assert device.data["turn_rad"] == pytest.approx(1.0, abs=0.05)
-
-
-@pytest.mark.parametrize("phase", [LANE, STEP])
-@pytest.mark.parametrize(("rate", "found"), [(0.55, False), (0.65, True), (-0.65, True)])
-def test_a_straight_run_does_not_bend(phase: PlannerPhase, rate: float, *, found: bool) -> None:
-    device = started("u-shape")
-    device.tell(planner(phase))
-    device.go(110, CRUISE_M, rate=rate)
-    assert bool(device.found) is found
-    if found:
-        assert "turns" in device.found[0]
-    device = started("recovery")
-    device.tell(planner(phase))
-    device.go(110, CRUISE_M, rate=rate)
-    assert device.found == [], "an outline is a lane too, to the wire"
-
-
-def test_recovery_phases_may_do_anything() -> None:
-    device = started("paper")
-    device.tell(planner(PlannerPhase.RECOVERY_RETURN))
-    device.go(110, CRUISE_M, rate=1.0)
-    assert device.found == []

@@ -1,0 +1,36 @@
+#ifndef VECTORS_H
+#define VECTORS_H
+
+/* A vector table: the processor's own exceptions (PM0214 section 2.3), the same on every board,
+ * to which a board adds its interrupts. */
+#include <stdint.h>
+
+#include "startup.h"
+
+extern uint32_t ld_stack_top[];
+void systick_handler(void);
+
+typedef union {
+    uint32_t *stack;   // cppcheck-suppress unusedStructMember ; the processor reads it
+    handler_t handler; // cppcheck-suppress unusedStructMember
+} vector_t;
+
+#define EXCEPTIONS 16
+#define AT(irq) (EXCEPTIONS + (irq))
+#define VECTORS __attribute__((section(".vectors"), used)) static const vector_t vectors[]
+
+/* Slots that the processor does not have stay zero. */
+#define PROCESSOR_VECTORS                \
+    [0] = {.stack = ld_stack_top},       \
+    [1] = {.handler = reset_handler},    \
+    [2] = {.handler = fault_handler},    \
+    [3] = {.handler = fault_handler},    \
+    [4] = {.handler = fault_handler},    \
+    [5] = {.handler = fault_handler},    \
+    [6] = {.handler = fault_handler},    \
+    [11] = {.handler = fault_handler},   \
+    [12] = {.handler = fault_handler},   \
+    [14] = {.handler = fault_handler},   \
+    [15] = {.handler = systick_handler}
+
+#endif

@@ -1,0 +1,40 @@
+"""A program that is a device on this computer: it says `ready PORT` and is a pseudo-terminal."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+from support.c_build import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def check_that_connect_accepts(program: Path, folder: Path) -> None:
+    """Start ``program`` and let `connect` talk to it for 2 s: they agree, no frame is damaged."""
+    with subprocess.Popen([program], stdout=subprocess.PIPE, text=True) as device:
+        try:
+            assert device.stdout is not None
+            port = device.stdout.readline().removeprefix("ready ").strip()
+            done = subprocess.run(
+                [
+                    *(sys.executable, "-m", "tools.sweepctl", "connect", port, "--duration", "2"),
+                    *("--json", "--out", str(folder / "run.mcap")),
+                ],
+                cwd=ROOT,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        finally:
+            device.terminate()
+    assert device.returncode == 0
+    assert done.returncode == 0, done.stderr
+    summary = json.loads(done.stdout)
+    assert summary["outcome"] == "stopped"
+    assert summary["wire"]["crc_errors"] == 0
+    assert summary["wire"]["frames"]["rx"] > 150
+    assert "both ends agree" in done.stderr

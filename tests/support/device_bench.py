@@ -1,0 +1,90 @@
+"""A device with no host: frames in by hand, frames out decoded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.catalogue import CATALOGUE
+from protocol.link import Link, Received
+from protocol.message import Direction, Message
+from protocol.messages import (
+    ClearStop,
+    HostHello,
+    SetMode,
+    TimeRequest,
+    VelocitySetpoint,
+)
+from protocol.values import Mode, StopCause
+from support.ends import sweeper
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sim_device.device import VirtualSweeper
+    from sim_device.virtual_firmware import Firmware
+
+SESSION = 0xABCD
+
+
+class Bench:
+    """A device on the bench: frames in by hand, frames out decoded."""
+
+    def __init__(self, device: VirtualSweeper | None = None) -> None:
+        self.device = device or sweeper()
+        self.link = Link(Direction.HOST)
+        self.now_us = 0
+        self.heard: list[tuple[int, Message]] = []
+        self.counter = 0
+        self._take(self.device.step(b"", 0))  # the hello of its boot
+
+    @property
+    def firmware(self) -> Firmware:
+        return self.device.firmware
+
+    def send(self, *messages: Message, node: int = 1, stamp_us: int | None = None) -> list[Message]:
+        for message in messages:
+            self.link.send(message, self.now_us if stamp_us is None else stamp_us, node=node)
+        return self._take(self.device.step(self.link.data_to_send(), self.now_us))
+
+    def run(self, duration_s: float, each: Callable[[], None] = lambda: None) -> list[Message]:
+        found: list[Message] = []
+        for _ in range(round(duration_s * 100)):
+            self.now_us += 10_000
+            found += self._take(self.device.step(b"", self.now_us))
+            each()
+        return found
+
+    def _take(self, out: bytes) -> list[Message]:
+        messages = [e.message for e in self.link.receive(out) if isinstance(e, Received)]
+        self.heard += [(self.now_us, m) for m in messages]
+        return messages
+
+    def join(self, session: int = SESSION) -> None:
+        self.send(HostHello(CATALOGUE.hash, session, 0, "test"))
+        self.send(HostHello(CATALOGUE.hash, session, 1, "test"))
+
+    def free(self) -> None:
+        self.join()
+        self.send(ClearStop(1, self.firmware.latch.cause), SetMode(2, Mode.VELOCITY))
+        assert self.firmware.mode is Mode.VELOCITY
+
+    def drive(self, ttl_ms: int = 200, stamp_us: int | None = None) -> None:
+        self.counter += 1
+        self.send(
+            VelocitySetpoint(2000, 0, ttl_ms, self.counter & 0xFF),
+            stamp_us=stamp_us,
+        )
+
+    def ping(self) -> None:
+        self.send(TimeRequest(1))
+
+    def cause(self) -> StopCause:
+        return self.firmware.latch.cause
+
+    @property
+    def speed(self) -> float:
+        return abs(self.device.truth.v_m_s)
+
+
+def kinds(messages: list[Message]) -> list[str]:
+    return [type(m).__name__ for m in messages]

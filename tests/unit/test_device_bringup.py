@@ -1,0 +1,125 @@
+"""The wheels' duties in bring-up, asked for by a real session over bytes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.messages import (
+    LinkCounters,
+    SetMode,
+    Status,
+    Stop,
+    WheelDuty,
+)
+from protocol.values import (
+    Fault,
+    Mode,
+    NackReason,
+    StopCause,
+)
+from support.ends import RAMP_US, REST_M_S
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+from support.agreed_device import Desk, cruise
+
+
+def forward(duty: float) -> Callable[[int], WheelDuty]:
+    return lambda counter: WheelDuty(round(duty * 1e4), round(duty * 1e4), 200, counter)
+
+
+def test_bringup_is_refused_while_latched() -> None:
+    desk = Desk()
+    assert desk.ask(lambda i: SetMode(i, Mode.BRINGUP)) is NackReason.STOP_LATCHED
+    desk.drive(0.5, forward(0.3))
+    assert desk.ends.device.truth.path_m < 0.001
+
+
+def test_duties_turn_the_wheels_in_bringup_and_nowhere_else() -> None:
+    desk = Desk()
+    desk.free(Mode.VELOCITY)
+    desk.drive(0.5, forward(0.4))
+    assert desk.ends.device.truth.path_m < 0.001
+    desk.ask(lambda i: SetMode(i, Mode.BRINGUP))
+    desk.drive(0.5, cruise)
+    assert desk.ends.device.truth.path_m < 0.001
+    desk.drive(1.0, forward(0.4))
+    assert desk.speed > 0.05
+
+
+def test_duties_are_capped() -> None:
+    def reached(duty: float) -> float:
+        desk = Desk()
+        desk.free(Mode.BRINGUP)
+        desk.drive(1.5, forward(duty))
+        return desk.speed
+
+    assert reached(1.0) == pytest.approx(reached(0.5), rel=1e-3)
+    assert reached(0.3) < 0.8 * reached(0.5)
+
+
+def test_each_wheel_has_its_own_duty() -> None:
+    desk = Desk()
+    desk.free(Mode.BRINGUP)
+    desk.drive(1.0, lambda c: WheelDuty(-3000, 3000, 200, c))
+    assert desk.ends.device.truth.yaw_rate_rad_s > 0.3
+    assert desk.speed < 0.02
+
+
+def test_the_motors_are_off_once_the_time_to_live_is_over() -> None:
+    desk = Desk()
+    desk.free(Mode.BRINGUP)
+    desk.drive(1.0, forward(0.4))
+    last_us = desk.ends.now_us
+    desk.ends.run(1.5)
+    assert last_us < desk.ends.moving_us <= last_us + 250_000 + RAMP_US
+    status = desk.heard(Status)[-1]
+    assert isinstance(status, Status)
+    assert status.faults & Fault.SETPOINT_EXPIRED
+    assert status.mode == Mode.BRINGUP, "expiry does not latch"
+    desk.drive(0.5, forward(0.4))
+    assert desk.speed > 0.05
+
+
+def test_stale_and_repeated_duties_are_refused() -> None:
+    desk = Desk()
+    desk.free(Mode.BRINGUP)
+    long_ago = desk.ends.host_ns - 400_000_000
+    desk.send(WheelDuty(4000, 4000, 250, 1))
+    desk.ends.run(1.0)
+    travelled = desk.ends.device.truth.path_m
+    for _ in range(20):
+        desk.send(WheelDuty(4000, 4000, 250, 1))  # the counter stands still
+        desk.ends.run(0.02)
+    for counter in range(2, 12):
+        desk.send(WheelDuty(4000, 4000, 250, counter), stamp_ns=long_ago)
+        desk.ends.run(0.02)
+    assert desk.ends.device.truth.path_m == pytest.approx(travelled, abs=1e-4)
+    desk.ends.run(1.0)
+    counters = desk.heard(LinkCounters)[-1]
+    assert isinstance(counters, LinkCounters)
+    assert counters.stale == 30
+
+
+def test_a_stop_ends_bringup() -> None:
+    desk = Desk()
+    desk.free(Mode.BRINGUP)
+    desk.drive(0.5, forward(0.4))
+    assert desk.ask(lambda i: Stop(i, StopCause.OPERATOR)) is None
+    stopped_us = desk.ends.now_us
+    desk.drive(1.0, forward(0.4))
+    assert desk.ends.moving_us <= stopped_us + RAMP_US
+    assert desk.ends.device.firmware.mode is Mode.IDLE
+
+
+def test_a_host_that_falls_silent_ends_bringup() -> None:
+    desk = Desk()
+    desk.free(Mode.BRINGUP)
+    desk.drive(0.5, forward(0.4))
+    desk.ends.host_alive = False
+    desk.ends.run(1.5)
+    assert desk.ends.device.firmware.latch.cause is StopCause.LINK
+    assert desk.speed < REST_M_S

@@ -1,0 +1,111 @@
+"""Reboots, and what outlives them, asked for by a real session over bytes."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.session_events import Agreed, Data
+from protocol.messages import (
+    Reboot,
+    SetMode,
+)
+from protocol.values import (
+    Mode,
+    NackReason,
+    ParameterFlag,
+    RebootKind,
+    ResetCause,
+    StopCause,
+)
+from sim_device.device import BOOT_US
+from support.agreed_device import Desk, cruise, f32
+from support.ends import HOST_BOOT_US
+
+
+def test_a_reboot_is_acknowledged_then_done_and_agreed_on_again() -> None:
+    desk = Desk()
+    before = desk.ends.device.firmware.identity
+    assert desk.reboot() is None
+    first, second = desk.host.of(Agreed)
+    assert second.rebooted
+    assert second.hello.boot_id not in {0, first.hello.boot_id}
+    assert second.hello.reset_cause == ResetCause.SOFTWARE
+    assert second.hello.uid == first.hello.uid
+    assert desk.ends.device.firmware.latch.cause is StopCause.SESSION_END
+    assert desk.ends.device.firmware.identity.boot_id != before.boot_id
+
+
+def test_boot_ids_follow_the_seed() -> None:
+    def ids(seed: int) -> list[int]:
+        desk = Desk(seed)
+        desk.reboot()
+        desk.reboot()
+        return [a.hello.boot_id for a in desk.host.of(Agreed)]
+
+    assert ids(3) == ids(3)
+    assert len({*ids(3), *ids(4)}) == 6
+
+
+def test_a_boot_takes_its_time_and_its_clock_begins_anew() -> None:
+    desk = Desk()
+    desk.ends.run(2.0)
+    asked_us = desk.ends.now_us
+    known = len(desk.host.events)
+    desk.ask(lambda i: Reboot(i, RebootKind.NORMAL))
+    desk.ends.run(1.0)
+    heard = [
+        (event.arrived_ns // 1000 - HOST_BOOT_US, event.received.frame.t_us)
+        for event in desk.host.events[known:]
+        if isinstance(event, Data)
+    ]
+    assert not [at for at, _ in heard if asked_us + 40_000 < at < asked_us + BOOT_US]
+    anew = [(at, t_us) for at, t_us in heard if at >= asked_us + BOOT_US]
+    assert len(anew) > 50
+    for at, t_us in anew:
+        assert t_us <= at - asked_us - BOOT_US
+
+
+def test_saved_parameters_survive_a_reboot_and_others_do_not() -> None:
+    desk = Desk()
+    desk.set("max_speed", 0.25)
+    desk.save()
+    desk.set("cruise_speed", 0.15)
+    desk.reboot()
+    assert desk.get("max_speed").value == f32(0.25)
+    assert desk.get("max_speed").flags == ParameterFlag.STORED
+    assert desk.get("cruise_speed").value == f32(0.20)
+
+
+def test_a_factory_reset_forgets_them() -> None:
+    desk = Desk()
+    desk.set("max_speed", 0.25)
+    desk.save()
+    assert desk.reboot(RebootKind.FACTORY_RESET) is None
+    value = desk.get("max_speed")
+    assert value.value == value.default == f32(0.3)
+    assert value.flags == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"), [(2, NackReason.UNSUPPORTED), (3, NackReason.BAD_VALUE)]
+)
+def test_a_boot_that_there_is_not(kind: int, reason: NackReason) -> None:
+    desk = Desk()
+    firmware = desk.ends.device.firmware
+    assert desk.ask(lambda i: Reboot(i, kind)) is reason
+    desk.ends.run(1.0)
+    assert desk.ends.device.firmware is firmware
+
+
+def test_a_reboot_is_refused_while_it_drives_or_rolls() -> None:
+    desk = Desk()
+    desk.free()
+    desk.drive(1.0, cruise)
+    assert desk.ask(lambda i: Reboot(i, RebootKind.NORMAL)) is NackReason.OTHER_MODE
+    desk.send(SetMode(800, Mode.IDLE))
+    desk.send(Reboot(801, RebootKind.NORMAL))  # in the same breath: it still rolls
+    desk.ends.run(0.1)
+    nacks = [d.received.message for d in desk.host.of(Data) if d.received.spec.name == "nack"]
+    assert [(m.command_id, m.reason) for m in nacks[-1:]] == [(801, NackReason.FAULT)]  # type: ignore[attr-defined]
+    desk.ends.run(1.0)
+    assert desk.reboot() is None

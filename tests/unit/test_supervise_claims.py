@@ -1,0 +1,87 @@
+"""What the device says that it does, held against what is measured."""
+
+from __future__ import annotations
+
+import pytest
+
+from protocol.values import PlannerPhase
+from support.sweeping_device import (
+    CRUISE_M,
+    IDLE,
+    LANE,
+    STEP,
+    TURN,
+    started,
+)
+from support.watching import planner
+
+
+@pytest.mark.parametrize(
+    "phase", [IDLE, PlannerPhase.PAUSED, PlannerPhase.FINISHED, PlannerPhase.ABORTED]
+)
+def test_what_says_that_it_stands_must_stand(phase: PlannerPhase) -> None:
+    for speed, rate, found in (
+        *((0.0005, 0.0, False), (0.0007, 0.0, True), (-0.0007, 0.0, True)),
+        *((0.0, 0.14, False), (0.0, 0.17, True), (0.0, -0.17, True)),
+    ):
+        device = started("recovery")
+        device.tell(planner(phase))
+        device.go(20)
+        device.go(110, speed, rate=rate)
+        assert bool(device.found) is found, (speed, rate)
+        if found:
+            assert device.data["phase"] == phase.name.lower()
+            assert "moves" in device.found[0]
+
+
+def test_a_claim_is_tested_once_it_is_a_second_old() -> None:
+    device = started("recovery")
+    device.tell(planner(PlannerPhase.PAUSED))
+    device.go(49, CRUISE_M)
+    assert device.found == []
+    device.go(3, CRUISE_M)
+    assert len(device.found) == 1
+    assert device.data["for_s"] == pytest.approx(1.0, abs=0.03)
+    assert device.data["way_m"] == pytest.approx(0.2, abs=0.01)
+
+
+def test_a_new_claim_is_not_held_for_what_was_before() -> None:
+    device = started("recovery")
+    device.tell(planner(LANE))
+    device.go(100, CRUISE_M)
+    device.tell(planner(PlannerPhase.PAUSED))
+    device.go(150)
+    assert device.found == []
+
+
+@pytest.mark.parametrize(("speed", "found"), [(0.0011, False), (0.0013, True), (-0.0013, True)])
+def test_a_turn_in_place_makes_no_way(speed: float, *, found: bool) -> None:
+    device = started("recovery")
+    device.tell(planner(TURN))
+    device.go(110, speed, rate=1.0)
+    assert bool(device.found) is found
+    if found:
+        assert "drives" in device.found[0]
+        assert device.data["turn_rad"] == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("phase", [LANE, STEP])
+@pytest.mark.parametrize(("rate", "found"), [(0.55, False), (0.65, True), (-0.65, True)])
+def test_a_straight_run_does_not_bend(phase: PlannerPhase, rate: float, *, found: bool) -> None:
+    device = started("u-shape")
+    device.tell(planner(phase))
+    device.go(110, CRUISE_M, rate=rate)
+    assert bool(device.found) is found
+    if found:
+        assert "turns" in device.found[0]
+    device = started("recovery")
+    device.tell(planner(phase))
+    device.go(110, CRUISE_M, rate=rate)
+    assert device.found == [], "an outline is a lane too, to the wire"
+
+
+def test_recovery_phases_may_do_anything() -> None:
+    device = started("paper")
+    device.tell(planner(PlannerPhase.RECOVERY_RETURN))
+    device.go(110, CRUISE_M, rate=1.0)
+    assert device.found == []
