@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
 NODE_ALL = 0
 """Addresses every device; for stop, hello and time requests only."""
-NODE_MAX = MAX_NODE
 _HALF_SEQ = 128
 _PLAIN = 0xF0 | FLAG_AUTHENTICATED
 """Version and this flag: a frame that claims to be authenticated never goes the short way."""

@@ -135,7 +135,6 @@ class Imu:
         self._rng = rng
         self._faults = faults or SensorFaults()
         self._lift = Lift()
-        self._window_ms = config.window_ms
         self._alias = math.sqrt(max(1.0, config.sample_period_ms / config.window_ms))
         self._period_eighths = round(_EIGHTHS * config.sample_period_ms)
         self._chip = _drawn_chip(noise, rng, config)

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 DEFAULT_BAUD = 921_600
 DEFAULT_LATENCY_US = 1_000
-FTDI_LATENCY_US = 16_000
-"""An FTDI adapter's default, until its driver is told otherwise."""
 DEFAULT_BITRATE = 500_000
 BITS_PER_BYTE = 10
 """8N1: start, eight of data, stop."""

@@ -23,8 +23,10 @@ PLANNERS = ("recovery", "paper", "u-shape", "random")
 DEFAULT_PLANNER = "recovery"
 
 
-class Seconds(click.FloatRange):
-    """A time in a range; "nan" is in none."""
+class Number(click.FloatRange):
+    """A number in a range; "nan" is in none."""
+
+    name = "number"
 
     def convert(
         self,
@@ -35,7 +37,7 @@ class Seconds(click.FloatRange):
         """Read the number."""
         number = super().convert(value, param, ctx)
         if math.isnan(number):
-            self.fail(f"{value!r} is not a time.", param, ctx)
+            self.fail(f"{value!r} is not a number.", param, ctx)
         return number
 
 
@@ -114,7 +116,7 @@ def latency_option(f: Callable[..., object]) -> Callable[..., object]:
     """``--latency-ms`` of the virtual adapter."""
     return click.option(
         "--latency-ms",
-        type=Seconds(0.0, 1000.0),
+        type=Number(0.0, 1000.0),
         help="The USB adapter's latency timer; FTDI's own default is 16.  [default: 1; udpcan: 0]",
     )(f)
 

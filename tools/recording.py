@@ -29,7 +29,7 @@ def recording_options(f: Callable[..., object]) -> Callable[..., object]:
     )(f)
     f = click.option(
         "--rotate-s",
-        type=options.Seconds(1.0, 1e6),
+        type=options.Number(1.0, 1e6),
         help="Begin another log file after this many seconds.",
     )(f)
     f = click.option(

@@ -81,7 +81,7 @@ class CoverageReport:
     hole_inradius_m: float
     """Radius of the largest disc that fits in an unswept sweepable piece, to half a cell."""
     repeat_ratio: float | None
-    """``None`` if nothing was swept."""
+    """``None`` if nothing was swept; a little below 0 where the raster's edge is all there is."""
     path_ratio: float
     """Path over sweepable area / W."""
     time_ratio: float

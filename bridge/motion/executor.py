@@ -62,7 +62,6 @@ class LegExecutor:
         """Fastest forward speed that the planner allows now."""
         self._leg: Leg | None = None
         self._result: LegResult | None = None
-        self._lateral_m_s = 0.0
         self._last_s = 0.0
 
     # -- what is known ---------------------------------------------------------------------
@@ -76,11 +75,6 @@ class LegExecutor:
     def leg(self) -> Leg | None:
         """The leg under way or last done."""
         return self._leg
-
-    @property
-    def lateral_m_s(self) -> float:
-        """Lateral part of the point-to-point transform, which is logged and not driven."""
-        return self._lateral_m_s
 
     # -- running ---------------------------------------------------------------------------
 
@@ -101,7 +95,6 @@ class LegExecutor:
         self._along_m = 0.0
         self._mark_s = 0.0
         self._mark = 0.0
-        self._lateral_m_s = 0.0
         self._bumped = (False, False)
         self._rotary.reset()
         self._point.reset()
@@ -252,7 +245,6 @@ class LegExecutor:
         behind = abs(command.bearing_error_rad) > 0.5 * math.pi
         if command.distance_m < tune.point_tolerance_m or (near and behind):
             return self._stop(StopReason.DONE, obs, dt)
-        self._lateral_m_s = command.vy_m_s
         rate = command.yaw_rate_rad_s
         speed = command.vx_m_s
         if speed <= 0.0:

@@ -28,11 +28,6 @@ class Pose2(NamedTuple):
         c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
         return self.x_m + c * x_m - s * y_m, self.y_m + s * x_m + c * y_m
 
-    def compose(self, other: Pose2) -> Pose2:
-        """Pose of ``other``, given in this pose's body frame, in the outer frame."""
-        x_m, y_m = self.transform(other.x_m, other.y_m)
-        return Pose2(x_m, y_m, wrap_angle(self.theta_rad + other.theta_rad))
-
     def distance_m(self, other: Pose2) -> float:
         """Straight-line distance between the two positions."""
         return math.hypot(other.x_m - self.x_m, other.y_m - self.y_m)

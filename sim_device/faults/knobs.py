@@ -76,7 +76,6 @@ class Knobs:
 
     drift_ppm: float = 0.0
     """Of the device's clock, added to what it has anyway."""
-    hung: bool = False
 
     def wires(self, way: str) -> list[WireKnobs]:
         """The directions that ``way`` names: ``up``, ``down`` or ``both``."""

@@ -67,7 +67,7 @@ def test_a_fault_that_cannot_be(tmp_path: Path, command: str, text: str, says: s
         (("--link", "tcp", "--pty-link", "x"), "--pty-link goes with --link pty or slcan"),
         (("--link", "udpcan", "--baud", "9600"), "--baud goes with --link pty or tcp"),
         (("--baud", "300"), "300 is not 0"),
-        (("--latency-ms", "nan"), "'nan' is not a time"),
+        (("--latency-ms", "nan"), "'nan' is not a number"),
     ],
 )
 def test_options_that_do_not_go_together(arguments: tuple[str, ...], says: str) -> None:

@@ -376,6 +376,7 @@ def test_stamps_jump_and_deadlines_do_not() -> None:
     host.run(2.0)
     assert last_us < moving_us <= last_us + 200_000 + RAMP_US, "not ten seconds later"
     stamps = [t for _, t, m in host.heard if isinstance(m, Imu)]
+    assert stamps
     assert all((t + 10_000_000) % 2**32 <= host.now_us for t in stamps)
     replies = [m for m in host.send(TimeRequest(1)) if isinstance(m, TimeReply)]
     assert [(m.received_us + 10_000_000) % 2**32 for m in replies] == [host.now_us]

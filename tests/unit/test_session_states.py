@@ -381,7 +381,9 @@ def test_hellos_carry_a_session_id_that_is_never_0() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
     ready(ends, host)
-    assert all(s.message.session_id for s in ends.sent if isinstance(s.message, HostHello))
+    hellos = [s.message for s in ends.sent if isinstance(s.message, HostHello)]
+    assert hellos
+    assert all(hello.session_id for hello in hellos)
 
 
 def test_the_hello_of_a_session_is_data_for_the_log() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
-from tools.bench import clear_stop_option
+from tools.bench import clear_stop_option, log_options
 from tools.calibrating import writing_options
 from tools.port_options import PortAsked, keyed_port_options
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bridge.bench.square import Result
     from bridge.bench.umbmark import Benchmark
     from bridge.motion.robot_model import RangerMount, RobotModel
+    from tools.bench import BenchLog
 
 _SENSORS = ("ultrasonic", "infrared-left", "infrared-right")
 _DISTANCES_M = {
@@ -45,15 +46,22 @@ def command() -> None:
 @click.option(
     "--seconds",
     "duration_s",
-    type=options.Seconds(2.0, 3600.0),
+    type=options.Number(2.0, 3600.0),
     default=10.0,
     show_default=True,
     help="How long the robot is watched at rest.",
 )
 @writing_options
+@log_options
 @options.json_option
-def _gyro(
-    *, port: PortAsked, duration_s: float, robot: Path | None, yes: bool, as_json: bool
+def _gyro(  # noqa: PLR0913 - one parameter per option
+    *,
+    port: PortAsked,
+    duration_s: float,
+    robot: Path | None,
+    yes: bool,
+    log: BenchLog | None,
+    as_json: bool,
 ) -> int:
     """Measure the gyro's bias on a robot that stands still. Nothing moves.
 
@@ -68,7 +76,7 @@ def _gyro(
     from tools.calibrating import load_existing, write_results
 
     model, text = load_existing(robot)
-    with desk_on(port) as desk:
+    with desk_on(port, log, robot) as desk:
         person = Terminal(desk, yes=yes)
         person.tell(f"Let the robot stand still for {duration_s:g} s.")
         turned = desk.watch(Encoders)
@@ -107,7 +115,7 @@ def _gyro(
 @click.option(
     "--side",
     "side_m",
-    type=options.Seconds(0.5, 10.0),
+    type=options.Number(0.5, 10.0),
     default=2.0,
     show_default=True,
     metavar="M",
@@ -123,7 +131,7 @@ def _gyro(
 @click.option(
     "--speed",
     "speed_m_s",
-    type=options.Seconds(0.05, 0.5),
+    type=options.Number(0.05, 0.5),
     default=0.15,
     show_default=True,
     metavar="M/S",
@@ -144,6 +152,7 @@ def _gyro(
 )
 @clear_stop_option
 @writing_options
+@log_options
 @options.json_option
 def _odometry(  # noqa: PLR0913 - one parameter per option
     *,
@@ -157,6 +166,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     clear_stop: bool,
     robot: Path | None,
     yes: bool,
+    log: BenchLog | None,
     as_json: bool,
 ) -> int:
     """Drive squares both ways (UMBmark) and find wheel base and diameters: THE ROBOT MOVES.
@@ -170,7 +180,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     from tools.calibrating import ByTruth, load_existing, write_results
 
     model, text = load_existing(robot)
-    with desk_on(port) as desk:
+    with desk_on(port, log, robot) as desk:
         person = Terminal(desk, yes=yes)
         measure = ByTape(person) if truth is None else ByTruth(truth)
         squares = Squares(desk, person, model, measure, clear_stop=clear_stop)
@@ -266,12 +276,13 @@ def _figures(found: Result) -> dict[str, Any]:
     "--at",
     "distances_m",
     multiple=True,
-    type=options.Seconds(0.02, 5.0),
+    type=options.Number(0.02, 5.0),
     metavar="M",
     help="Distance of the wall from the sensor's face; give it two or three times.  [default: "
     "0.2, 0.5 and 1 m for the ultrasonic, 0.06, 0.12 and 0.2 m for the infrared]",
 )
 @writing_options
+@log_options
 @options.json_option
 def _range(  # noqa: PLR0913 - one parameter per option
     *,
@@ -280,6 +291,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
     distances_m: tuple[float, ...],
     robot: Path | None,
     yes: bool,
+    log: BenchLog | None,
     as_json: bool,
 ) -> int:
     """Compare range sensors with a tape and find their scale and offset. Nothing moves.
@@ -295,7 +307,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
     model, text = load_existing(robot)
     found: dict[str, Any] = {}
     changes: list[Change] = []
-    with desk_on(port) as desk:
+    with desk_on(port, log, robot) as desk:
         person = Terminal(desk, yes=yes)
         known = {p.name: p.value for p in desk.list_parameters()}
         for sensor in sensors or _SENSORS:

@@ -23,7 +23,7 @@ _NO_AGREEMENT = frozenset({"version"})
 @click.option(
     "--duration",
     "duration_s",
-    type=options.Seconds(1.0, 86_400.0),
+    type=options.Number(1.0, 86_400.0),
     default=10.0,
     show_default=True,
     help="Of a PORT: examine it for so many seconds.",

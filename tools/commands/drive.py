@@ -16,7 +16,7 @@ from tools.port_options import PortAsked, keyed_port_options
 @click.option(
     "--speed",
     "speed_m_s",
-    type=options.Seconds(0.03, 2.0),
+    type=options.Number(0.03, 2.0),
     default=0.15,
     show_default=True,
     metavar="M/S",
@@ -31,7 +31,7 @@ from tools.port_options import PortAsked, keyed_port_options
 @click.option(
     "--duration",
     "duration_s",
-    type=options.Seconds(0.1, 1e6),
+    type=options.Number(0.1, 1e6),
     help="End in order after this many seconds.",
 )
 @clear_stop_option

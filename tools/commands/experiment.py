@@ -82,7 +82,7 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
 @click.option(
     "--max-time",
     "max_time_s",
-    type=options.Seconds(1.0, 1e6),
+    type=options.Number(1.0, 1e6),
     default=3600.0,
     show_default=True,
     help="End a run that takes longer, in simulated seconds.",

@@ -42,7 +42,7 @@ def _complete_type(
 @click.option(
     "--duration",
     "duration_s",
-    type=options.Seconds(0.1, 1e6),
+    type=options.Number(0.1, 1e6),
     help="End after this many seconds; else at Ctrl-C.",
 )
 @options.json_option

@@ -63,8 +63,6 @@ class Choice:
     length_m: float
     new_m2: float
     rate_m2_s: float
-    wall_left: bool = False
-    """Of an outline: the side of the wall."""
 
 
 class _Buffers:

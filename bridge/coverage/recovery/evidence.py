@@ -84,11 +84,6 @@ class EvidenceMap:
         """Rows and columns."""
         return self.swept.shape
 
-    @property
-    def swept_cells(self) -> int:
-        """How many cells were swept so far."""
-        return self.new_cells
-
     def to_cells(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Column and row, with fractions, of a point."""
         return (x_m - self.x0_m) * self._per_m, (y_m - self.y0_m) * self._per_m
