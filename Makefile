@@ -50,8 +50,15 @@ imports: venv ## who may import whom
 	@$(BIN)/lint-imports
 
 unit: venv ## the tests; ARGS='-k name' chooses
+ifeq ($(strip $(ARGS)),)
+	@echo '== tests in virtual time, on all cores'
+	@$(BIN)/python -m pytest -q -n auto --dist loadfile -m 'not realtime'
+	@echo '== tests in real time, one by one'
+	@$(BIN)/python -m pytest -q -m realtime
+else
 	@echo '== tests'
 	@$(BIN)/python -m pytest -q $(ARGS)
+endif
 
 coverage: venv ## the tests with branch coverage, which takes them half as long again
 	@$(BIN)/python -m pytest -q --cov --cov-report=term $(ARGS)

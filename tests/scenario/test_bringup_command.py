@@ -5,13 +5,18 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING
 
+import pytest
+
+from bridge.record.reader import LogReader
+from bridge.record.redecode import compare
 from support.cli import Done, sweepctl
 from support.served import Served
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pytest
+
+pytestmark = pytest.mark.realtime
 
 
 def bringup(monkeypatch: pytest.MonkeyPatch, answers: str, *arguments: str | Path) -> Done:
@@ -41,11 +46,24 @@ def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
 
         plot = tmp_path / "step.png"
         asked = ("--step", "control", "--json", "--plot", plot)
-        stepped = bringup(monkeypatch, "y\n", served.port, *asked)
+        log = tmp_path / "bench.mcap"
+        stepped = bringup(monkeypatch, "y\n", served.port, *asked, "--log", log)
         assert stepped.status == 0
         assert [s["wheel"] for s in stepped.json["wheel_steps"]] == ["left", "right"]
         assert plot.read_bytes()[:4] == b"\x89PNG"
         assert "+0.150" in stepped.err, "and drawn in characters"
+
+        recorded = compare(log)
+        assert recorded.same, recorded.first
+        assert recorded.recorded > 200
+        reader = LogReader(log)
+        assert reader.run["command"] == "bringup"
+        told = [m.decoded.text for m in reader.messages({"/events"}) if m.decoded.kind == "told"]
+        assert told
+        assert all(text in stepped.err for text in told)
+        again = bringup(monkeypatch, "", served.port, "--step", "rest", "--log", log)
+        assert again.status == 1
+        assert "exists; give another name, or --force" in again.line
 
 
 def test_what_cannot_be(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.bench.bringup import BringUp
+from bridge.bench.device_values import list_parameters, set_parameter
 from bridge.bench.wire import InterruptedByPersonError
 from bridge.errors import CommandRejectedError, ParameterError, StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
@@ -175,14 +176,14 @@ def test_a_bus_does_as_well_as_a_line() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1, link=CanLink)
     desk, wire = desk_on(device)
     with desk:
-        names = [p.name for p in desk.list_parameters()]
+        names = [p.name for p in list_parameters(desk)]
         assert names[:3] == ["node", "wheel_diameter", "wheel_base"]
-        assert desk.set_parameter("cruise_speed", 0.15).value == pytest.approx(0.15)
+        assert set_parameter(desk, "cruise_speed", 0.15).value == pytest.approx(0.15)
         assert len(desk.collect(Imu, 1.0)) == pytest.approx(100, abs=2)
         with pytest.raises(CommandRejectedError, match="other_cause"):
             desk.ask("clear stop", ClearStop, StopCause.OPERATOR)
         with pytest.raises(ParameterError, match="did you mean cruise_speed"):
-            desk.set_parameter("cruise_sped", 0.1)
+            set_parameter(desk, "cruise_sped", 0.1)
     assert wire.closed
 
 
@@ -200,6 +201,19 @@ def test_a_person_who_has_enough_leaves_a_robot_that_stands() -> None:
     assert device.firmware.latch.cause is StopCause.SESSION_END
     wire.turn(b"", HostNs(wire.now() + 1_000_000_000))
     assert InterruptedByPersonError.exit_status == 0
+
+
+def test_the_wire_is_given_back_even_where_the_stop_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    desk, wire = desk_on(VirtualSweeper(PLAN, noise="none", seed=1))
+    desk.enable(Mode.VELOCITY)
+
+    def unplugged(_data: bytes, _until_ns: int) -> bytes:
+        raise OSError("gone")
+
+    monkeypatch.setattr(wire, "turn", unplugged)
+    with pytest.raises(OSError, match="gone"):
+        desk.close()
+    assert wire.closed
 
 
 def test_a_device_that_stops_by_itself_ends_the_procedure() -> None:
@@ -233,4 +247,4 @@ def test_a_device_with_a_key_is_moved_by_whoever_has_it() -> None:
         desk.run(0.5)
         assert device.plant.wheel_angles_rad[0] > 0.5
         desk.stop()
-        assert desk.set_parameter("cruise_speed", 0.1).value == pytest.approx(0.1)
+        assert set_parameter(desk, "cruise_speed", 0.1).value == pytest.approx(0.1)

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
     from bridge.session_events import SessionEvent
 
+pytestmark = pytest.mark.realtime
+
 E = TypeVar("E")
 STEP_US = 1_000
 HOST_AHEAD_US = 5_000_000

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 from support.c_build import ROOT, STRICT, run, tool
 from support.desk_device import check_that_connect_accepts
 from support.kit_build import wire
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+pytestmark = pytest.mark.realtime
 
 
 def test_connect_accepts_the_example_device(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.bench.device_values import save_parameters, set_parameter
 from bridge.config import parse_robot
 from protocol.messages import Range
 from protocol.values import ResetCause
@@ -20,6 +21,8 @@ from support.served import PLAN, Served
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+pytestmark = pytest.mark.realtime
 
 BIAS_DEG_S = 2.0
 BIAS = pytest.approx(math.radians(BIAS_DEG_S), abs=1e-5)
@@ -90,9 +93,9 @@ def test_a_calibrated_device_tells_corrected_ranges() -> None:
     desk, _ = desk_on(device)
     with desk:
         assert desk.await_newest(Range).ultrasonic_m == pytest.approx(2.88, abs=0.002)
-        desk.set_parameter("ultrasonic_scale", 0.9)
-        desk.set_parameter("ultrasonic_offset", 0.05)
-        desk.save_parameters()
+        set_parameter(desk, "ultrasonic_scale", 0.9)
+        set_parameter(desk, "ultrasonic_offset", 0.05)
+        save_parameters(desk)
         device.reset(ResetCause.SOFTWARE)
     desk, _ = desk_on(device)
     with desk:

@@ -18,6 +18,8 @@ import pytest
 
 from tools.sweepctl import cli
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "ci"
 BASH = shutil.which("bash") or "bash"

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 60.0
 UP, UP_AGAIN, UP_RELEASED = b"\x1b[A", b"\x1b[1;1:2A", b"\x1b[1;1:3A"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import secrets
 import signal
 import socket
 import subprocess
@@ -19,6 +20,8 @@ from support.two_processes import COMMAND, PATIENCE_S, ROOT, Command, Emulator, 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
+pytestmark = pytest.mark.realtime
 
 
 def wait_until(true: Callable[[], object]) -> None:
@@ -54,15 +57,33 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
             assert "the other end says: refused: this sweeper has a host already" in ended.complaint
             assert first.recv(100), "the first hears the device all the same"
         device.says("has left")
-        log = ("--json", "--out", "run.mcap")
-        ended = connect(tmp_path, device.port, "--duration", "1", *log)  # it listens again
+        how = ("--json", "--out", "run.mcap", "--adapter-delay", "500,500")
+        ended = connect(tmp_path, device.port, "--duration", "1", *how)  # it listens again
         assert ended.status == 0, ended.err
+        assert "bounds on time stamps are not true; declare less" in ended.err
         assert ended.json["wire"]["frames"]["rx"] > 50
         assert ended.json["wire"]["crc_errors"] == 0
         ended = device.stop()
     assert (ended.status, ended.out) == (0, "")
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(address)
+
+
+def tcp_with_a_shared_key(tmp_path: Path) -> None:
+    key, other = tmp_path / "robot.key", tmp_path / "other.key"
+    for path in (key, other):
+        path.write_text(secrets.token_hex(16))
+        path.chmod(0o600)
+    with Emulator(tmp_path, "--link", "tcp", "--key-file", key) as device:
+        plan = ("--plan", "paper", "--json")
+        for number, extra in enumerate([(), ("--key-file", other)]):
+            refused = connect(tmp_path, device.port, *plan, *extra, "--out", f"r{number}.mcap")
+            assert refused.status == 4, refused.err
+            assert "key" in refused.complaint
+        mine = ("--key-file", key, "--duration", "0.1", "--out", "run.mcap")
+        ended = connect(tmp_path, device.port, *plan, *mine)
+        assert ended.status == 0, ended.err
+        assert device.stop().status == 0
 
 
 def two_that_want_one_link(tmp_path: Path) -> None:
@@ -85,7 +106,7 @@ def a_port_pulled_and_put_back(tmp_path: Path) -> None:
     link = tmp_path / "sweeper"
     control = tmp_path / "control"
     with Emulator(tmp_path, "--pty-link", link, "--control", control) as device:
-        arguments = (link, "--duration", "7", "--json", "--out", "run.mcap")
+        arguments = (link, "--duration", "5", "--json", "--out", "run.mcap")
         with Command("connect", *arguments, cwd=tmp_path) as host:
             host.says("both ends agree")
             assert ask_control(control, "start unplug:1.5")["ok"]
@@ -104,8 +125,9 @@ def a_port_pulled_and_put_back(tmp_path: Path) -> None:
 
 def a_line_that_is_too_slow_is_told(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--baud", "19200", "--stats") as device:
-        ended = connect(tmp_path, device.port, "--duration", "4", "--json", "--out", "r.mcap")
+        ended = connect(tmp_path, device.port, "--duration", "3", "--json", "--out", "r.mcap")
         assert ended.status == 0, ended.err
+        assert ended.json["reason"] == "the time asked for is over"
         told = device.stop().err
     # 1920 B/s whatever the streams want, and for as long as the emulator says that it ran.
     found = re.search(r"ran ([\d.]+) s: (\d+) turns.* ([\d.]+) ms late.* (\d+) B to the host", told)
@@ -161,6 +183,7 @@ def nothing_is_left_however_it_ends(tmp_path: Path) -> None:
 
 SCENARIOS = (
     tcp_one_client_and_a_reason_for_the_second,
+    tcp_with_a_shared_key,
     two_that_want_one_link,
     a_port_pulled_and_put_back,
     a_line_that_is_too_slow_is_told,

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from protocol.authentication import Authenticator
 from protocol.catalogue import CATALOGUE
 from protocol.codec import Codec
 from protocol.generate import render
 from protocol.link import Link
 from protocol.message import Direction
+from protocol.messages import VelocitySetpoint
 from protocol.uart import encode_frame
 from support import reference_codec as ref
 from support.captures import (
@@ -99,20 +101,43 @@ def check_vector_values(vector: Vector, frame: Seen) -> None:
 def test_random_messages_show_every_field(dissect: Dissect) -> None:
     made = random_messages(seed=1)
     rng = random.Random(2)
-    heads, packets = [], []
+    heads, packets, trailers = [], [], []
     for spec, message in made:
         head = (rng.randrange(16), spec.type_id, rng.randrange(256), rng.randrange(1 << 32))
         flags = rng.randrange(16)
         _, payload = Codec().encode(message)
-        packets.append(Packet(encode_frame(*head, payload, flags)[:-1]))
+        trailer = rng.randbytes(12) if flags & 1 else b""
+        packets.append(Packet(encode_frame(*head, payload + trailer, flags)[:-1]))
         heads.append((*head, flags))
+        trailers.append(trailer)
     seen = dissect(USER0, packets)
     assert len(seen) == len(made) == PER_MESSAGE * len(CATALOGUE.specs)
-    for (spec, message), wanted, frame in zip(made, heads, seen, strict=True):
+    for (spec, message), wanted, trailer, frame in zip(made, heads, trailers, seen, strict=True):
         shown = tuple(frame.number(k) for k in ("node", "type", "seq", "t_us", "flags"))
         assert shown == wanted
         assert frame.get("version") == "1"
+        counter = frame.get("auth.counter")
+        assert (counter is None) == (trailer == b"")
+        if counter is not None:
+            assert int(counter) == int.from_bytes(trailer[:4], "little")
+            assert (frame.get("auth.tag") or "").replace(":", "") == trailer[4:].hex()
         assert_message(frame, spec, message)
+
+
+def test_a_signed_setpoint_shows_its_counter_and_tag(dissect: Dissect) -> None:
+    link = Link(Direction.HOST)
+    link.key = Authenticator(bytes(range(16)))
+    link.key.begin(1, 2, 0xFFFF_FFFF)
+    link.send(VelocitySetpoint(2000, -3000, 200, 7), 5, node=1)
+    wire = link.data_to_send().strip(b"\0")
+    frame, bare = dissect(USER0, [Packet(wire), Packet(encode_frame(1, 2, 0, 0, bytes(6), 1)[:-1])])
+    assert frame.number("flags.authenticated") == 1
+    assert frame.number("velocity_setpoint.v.raw") == 2000
+    assert frame.number("auth.counter") == 0  # after the challenge's, which was the last
+    assert len((frame.get("auth.tag") or "").replace(":", "")) == 16
+    assert (frame.get("undeclared"), frame.experts) == (None, set())
+    # What claims to be signed and holds no tag is said to.
+    assert (bare.get("auth.tag"), bare.experts) == (None, {"no_tag"})
 
 
 def test_damaged_vectors_are_marked(dissect: Dissect) -> None:

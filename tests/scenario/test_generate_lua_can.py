@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from protocol.authentication import Authenticator
 from protocol.can_frames import CAN_FULL_STAMP, can_type, from_record, is_native
 from protocol.can_link import CanLink
 from protocol.catalogue import CATALOGUE
 from protocol.generate import render
 from protocol.message import Direction
+from protocol.messages import VelocitySetpoint
 from support.captures import SOCKETCAN, Packet, Seen, Tshark, socketcan, write_pcap
 from support.dissected import assert_field, assert_message, random_message, random_messages
 
@@ -106,6 +108,24 @@ def check_transfer(group: list[Seen], spec: MessageSpec, message: Message, t_us:
     else:
         assert last.number("t16") == t_us >> 4 & 0xFFFF
     assert_message(last, spec, message)
+
+
+def test_a_tag_shows_its_counter_and_whose_it_is(dissect: Dissect) -> None:
+    link = CanLink(Direction.HOST)
+    link.key = Authenticator(bytes(range(16)))
+    link.key.begin(1, 2, 0x0012_3456)
+    link.send(VelocitySetpoint(2000, 0, 200, 1), 0, node=4)
+    data = link.data_to_send()
+    records = [from_record(data[at : at + 16]) for at in range(0, len(data), 16)]
+    frames = [record for record in records if record is not None]
+    setpoint, tag = dissect(SOCKETCAN, can_packets(frames))
+    assert setpoint.number("velocity_setpoint.v.raw") == 2000
+    assert (tag.number("type"), tag.number("node")) == (0x01, 4)
+    assert tag.number("auth.counter") == 0x3457
+    assert (tag.get("auth.tag") or "").replace(":", "") == frames[1].data[2:].hex()
+    assert tag.experts == set()
+    (short,) = dissect(SOCKETCAN, [Packet(socketcan(0x014, bytes(7)))])
+    assert (short.get("damage"), short.experts) == ("length", {"bad_length"})
 
 
 def test_sync_shows_the_count_of_frames(dissect: Dissect) -> None:

@@ -28,6 +28,8 @@ from support.kit_sessions import Writer, f32
 if TYPE_CHECKING:
     from protocol.message import Message
 
+pytestmark = pytest.mark.realtime
+
 STOPPED, IDLE, VELOCITY, BRINGUP, ONBOARD, RUNNING, PAUSED = range(7)
 """As ``modes.h`` counts them."""
 START = PlannerCommand(0, PlannerAction.START, OnboardPlanner.PAPER)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+pytestmark = pytest.mark.realtime
+
 
 class Line:
     """The device's end of a serial line: it talks on, and keeps all that the host writes."""
@@ -127,6 +129,11 @@ def test_on_a_port_with_an_owner_its_knowledge_is_shown() -> None:
             time.sleep(0.02)
         done = sweepctl("monitor", served.port, "--duration", "0.3")
         told = sweepctl("monitor", served.port, "--duration", "0.3", "--json")
+        for asked in (("imu",), ("--raw",), ("--node", "3")):
+            refused = sweepctl("monitor", served.port, *asked)
+            assert refused.status == 2
+            assert f"{asked[0]}" in refused.err
+            assert "cannot be followed" in refused.err
     assert done.status == told.status == 0
     assert "another sweepctl's" in done.err
     assert "ready/waiting mode=idle stop=session_end" in done.out

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
     from support.qemu import Emulated
 
+pytestmark = pytest.mark.realtime
+
 FLOOR = ROOT / "tests" / "conformance" / "floor.json"
 RAMP_S = 0.20 / 1.0
 """From the cruise speed to rest, at the parameters' deceleration."""

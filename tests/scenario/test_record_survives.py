@@ -11,6 +11,8 @@ import pytest
 from bridge.record.chunk import CHUNK_NS
 from bridge.record.reader import LogReader
 
+pytestmark = pytest.mark.realtime
+
 ROOT = Path(__file__).parents[2]
 
 _RECORD = """

@@ -14,6 +14,8 @@ from support.cli import Done, end, short_runs, start, sweepctl
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.realtime
+
 
 def test_a_simulated_run(tmp_path_factory: pytest.TempPathFactory) -> None:
     for run in short_runs(tmp_path_factory):

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from protocol.link import LinkEvent
     from protocol.message import Message
 
+pytestmark = pytest.mark.realtime
+
 CONVERSATION = {"hello", "describe_reply", "ack", "nack", "time_reply", "parameter_value"}
 
 
@@ -161,8 +163,9 @@ def test_the_live_bridge_runs_on_it(tmp_path: Path, log: Path) -> None:
             )
         )
     finally:
-        ended = end(replay, signal.SIGTERM)
+        ended = end(replay, signal.SIGHUP)  # its terminal is closed
     assert ended.status == 0
+    assert not (tmp_path / "robot").is_symlink(), "the link goes with it"
     assert host.status == 0, host.err
     assert host.json["outcome"] == "stopped"
     assert host.json["wire"]["crc_errors"] == 0

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+pytestmark = pytest.mark.realtime
+
 PATIENCE_S = 60.0
 """Only a hang is longer."""
 PLAN = parse_floorplan('{"walls": [[0,0],[6,0],[6,6],[0,6]], "start": [3,3,0]}')

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from support.two_processes import Ended
 
+pytestmark = pytest.mark.realtime
+
 AT_REST_S = 0.25 + 0.45
 """Time to live, and the ramp with the motors' lag."""
 SLACK_S = 0.3
@@ -64,11 +66,10 @@ def a_killed_host(tmp_path: Path) -> None:
         assert "cause: link" in refused.complaint
         assert "--clear-stop" in refused.complaint
         assert refused.json["outcome"] == "stopped"
-        freed = connect(
-            tmp_path,
-            device.port,
-            *("--plan", "paper", "--clear-stop", "--duration", "5", "--json", "--out", "f.mcap"),
-        )
+        with drive(device, tmp_path, "--clear-stop", "--json", "--out", "f.mcap") as host:
+            time.sleep(0.5)
+            host.send(signal.SIGINT)
+            freed = host.end()
         assert freed.status == 0, freed.err
         assert freed.json["path_m"] > 0.1
         assert device.stop().status == 0

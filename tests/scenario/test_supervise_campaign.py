@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
+from bridge.motion.geometry import Pose2
+from bridge.telemetry import EventRecord, Severity, TruthRecord
 from campaign.hazards import HAZARDS, ROOMS
-from campaign.supervise import Job, Outcome, hazard_jobs, report, run
+from campaign.outcome import Alarm, Alarms, Job, Outcome, lane_way_m
+from campaign.supervise import hazard_jobs, keep, kept_at, recalled, run
+from campaign.supervise_page import page
+from tools.virtual_run import EPOCH_NS
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SHARE = ("wheel stuck, one", "one wheel slips by 30 %")
 
@@ -15,7 +25,7 @@ def test_an_injected_hazard_is_caught(hazard: object) -> None:
     (job,) = hazard_jobs([7], [hazard])  # type: ignore[list-item]  # of HAZARDS
     outcome = run(Job("case-1", job.planner, 7, job.onboard, job.hazard))
     assert outcome.caught_s is not None, outcome
-    assert not [alarm for alarm in outcome.alarms if alarm[0] < outcome.at_s]
+    assert not [alarm for alarm in outcome.alarms if alarm.at_s < outcome.at_s]
 
 
 def test_a_run_without_any_raises_no_alarm() -> None:
@@ -24,22 +34,54 @@ def test_a_run_without_any_raises_no_alarm() -> None:
     assert outcome.alarms == []
 
 
-def test_the_report_counts_what_was_missed_and_what_was_false() -> None:
+def test_the_page_counts_what_was_missed_and_what_was_false() -> None:
     hazard = HAZARDS[0]
     caught = Outcome(Job("case-1", "paper", 1, hazard=hazard), at_s=10.0)
-    caught.alarms = [(9.0, "stall", ""), (11.5, "slip", ""), (12.0, "stall", "")]
+    caught.alarms = [Alarm(9.0, "stall", ""), Alarm(11.5, "slip", ""), Alarm(12.0, "stall", "")]
     assert caught.caught_s == pytest.approx(2.0)
     late = Outcome(Job("case-1", "paper", 2, hazard=hazard), at_s=10.0)
-    late.alarms = [(10.0 + hazard.lasts_s + 2.1, "stall", "")]
+    late.alarms = [Alarm(10.0 + hazard.lasts_s + 2.1, "stall", "")]
     assert late.caught_s is None
-    clean = Outcome(Job("case-1", "paper", 3), watched_s=3600.0, alarms=[(5.0, "slip", "")])
-    text, good = report([caught, clean])
+    clean = Outcome(Job("case-1", "paper", 3), watched_s=3600.0)
+    clean.alarms = [Alarm(5.0, "slip", ""), Alarm(7.0, "disagreement", "", true=True)]
+    text, good = page([caught, clean])
     assert good
-    assert "1 alarms, 1.00 per hour" in text
-    assert f"| {hazard.name} | stall | 1 | 1 | 0 | 0 | 2.0 s | 2.0 s |" in text
-    assert not report([caught, late])[1]
-    clean.alarms.append((6.0, "bump", ""))
-    assert not report([caught, clean])[1]
+    assert "**1 false alarms, 1.00 per hour**" in text
+    assert f"| {hazard.name} | stall | 1 | 1 | 0 | 0 | 1.00 | 2.0 s | 2.0 s |" in text
+    # Of three that the stall rule and two that the slip rule gave, one each was false.
+    assert "| stall | 2 | 1 | 0 | 1 | 0.500 |" in text
+    assert "| slip | 2 | 0 | 1 | 1 | 0.500 |" in text
+    assert "| disagreement | 1 | 1 | 0 | 0 | 1.000 |" in text
+    assert not page([caught, late])[1]
+    clean.alarms.append(Alarm(6.0, "bump", ""))
+    assert not page([caught, clean])[1]
+
+
+@pytest.mark.parametrize(("told_m", "true"), [(1.02, False), (0.98, False), (1.04, True)])
+def test_an_alarm_over_d_is_held_against_the_true_lane(told_m: float, *, true: bool) -> None:
+    """A metre ahead within 5 s, and 2 cm back; the turn before it is not of the lane."""
+    sink = Alarms()
+    ways = [(1.0, -3.0), (2.0, 0.0), (3.0, 0.4), (6.0, 1.0), (6.5, 0.98)]
+    for at_s, x in ways:
+        sink.write(TruthRecord(EPOCH_NS + round(at_s * 1e9), Pose2(x, 5.0, 0.0)))
+    data = {"D_m": told_m, "odometry_m": 1.0, "for_s": 5.0}
+    at_ns = EPOCH_NS + 7_000_000_000
+    sink.write(EventRecord(at_ns, Severity.INFO, "supervise", "disagreement", "", data))
+    sink.write(EventRecord(at_ns, Severity.INFO, "supervise", "bump", "", {"count": 18}))
+    assert [alarm.true for alarm in sink.found] == [true, False]
+    assert lane_way_m([], 0.0, 1.0) != lane_way_m([], 0.0, 1.0), "nan: not known"
+
+
+def test_a_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "kept.jsonl"
+    done = Outcome(Job("case-1", "paper", 1, hazard=HAZARDS[0]), at_s=10.0, ending="so")
+    done.alarms = [Alarm(12.0, "stall", "it stands")]
+    keep(done, kept_at(path))
+    kept = kept_at(path)
+    assert recalled(done.job, kept) == done
+    assert recalled(Job("case-1", "paper", 2, hazard=HAZARDS[0]), kept) is None
+    path.write_text(path.read_text().replace('["', '["other', 1))
+    assert recalled(done.job, kept_at(path)) is None, "of other rules"
 
 
 def test_every_rule_has_a_hazard() -> None:

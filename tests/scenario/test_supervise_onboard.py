@@ -17,7 +17,7 @@ from bridge.supervise import SuperviseSettings, Supervisor, parse_rule
 from bridge.telemetry import CommandRecord, EventRecord, PlannerRecord
 from bridge.watching import Watch, go_on
 from protocol.messages import VelocitySetpoint
-from protocol.values import Mode, OnboardPlanner, StopCause
+from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
 from sim_device.device import VirtualSweeper
 from sim_device.modes import Event
 from support.ends import Collector, Ends, HostEnd
@@ -216,6 +216,68 @@ def test_driving_slowly_sets_the_devices_top_speed_and_gives_it_back() -> None:
     assert ends.run(1.0, lambda: host.mission.done)
     ends.run(0.1)
     assert parameters.value("max_speed") == before, "the end gives it back too"
+
+
+def slowed() -> tuple[Ends, Host, Collector]:
+    """On its way at half its speed."""
+    ends, host, sink = moving()
+    alarm = alarmed(host, "SLOW")
+    before = ends.device.firmware.parameters.value("max_speed")
+    ends.run(0.5)
+    alarm.factor = 0.5
+    assert ends.run(1.0, lambda: ends.device.firmware.parameters.value("max_speed") < before)
+    ends.run(0.1)
+    return ends, host, sink
+
+
+def test_full_speed_comes_back_only_once_the_device_has_said_that_it_stands() -> None:
+    """Here its word is lost again and again: until it is heard, the top speed stays low."""
+    ends, host, _ = slowed()
+    parameters = ends.device.firmware.parameters
+    slow = parameters.value("max_speed")
+    ends.to_host.cut = True
+    host.end(Ending("stopped", "enough", 0), ends.host_ns)
+    assert ends.run(0.5, lambda: ends.device.firmware.latch.cause is StopCause.SESSION_END)
+    ends.run(0.3)
+    assert parameters.value("max_speed") == slow
+    assert not host.mission.done
+    ends.to_host.cut = False
+    assert ends.run(0.5, lambda: host.mission.done)
+    assert host.mission.stop_confirmed
+    assert parameters.value("max_speed") > slow
+    assert ending(host).reason == "enough"
+
+
+@pytest.mark.parametrize("how", ["refused", "lost"])
+def test_a_top_speed_that_could_not_be_given_back_is_told(
+    how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends, host, sink = slowed()
+    host.end(Ending("stopped", "enough", 0), ends.host_ns)
+    if how == "refused":
+        parameters = ends.device.firmware.parameters
+        monkeypatch.setattr(parameters, "set", lambda *_: NackReason.BAD_VALUE)
+    else:
+        assert ends.run(0.5, lambda: ends.device.firmware.latch.cause is StopCause.SESSION_END)
+        ends.to_device.cut = True
+    assert ends.run(1.2, lambda: host.mission.done)
+    assert host.mission.stop_confirmed
+    assert ending(host).reason == "enough"
+    assert [e.kind for e in told(sink)][-1] == "slow_left"
+    assert "until a reboot" in told(sink)[-1].text
+
+
+def test_a_device_that_cannot_be_slowed_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bridge.watching._SPEED", "warp_factor")  # which the device lacks
+    ends, host, _ = moving()
+    alarm = alarmed(host, "SLOW")
+    ends.run(1.0)
+    assert host.mission.phase is Phase.DRIVING, "nothing is to be slow yet"
+    alarm.factor = 0.5
+    assert ends.run(0.5, lambda: host.mission.done)
+    assert ending(host).exit_status == 5
+    assert "cannot be slowed down: it has no warp_factor" in ending(host).reason
+    assert ends.device.firmware.latch.cause is StopCause.SUPERVISE
 
 
 def test_a_device_that_does_not_pause_is_stopped() -> None:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from bridge.telemetry import Record
 
+pytestmark = pytest.mark.realtime
+
 TRIES = 60
 
 

@@ -38,6 +38,10 @@ LANES = {"pty": 4, "slcan": 2}
 """Emulated devices for each kind of link."""
 LISTEN_S = 3.5
 """Three of a device's own hellos, and its session's end before them."""
+HELD_UP_US = 500_000
+"""Half of what a device takes for the end of its host."""
+TRIES = 3
+"""Of a check on an emulated device during which one of both ends was held up for so long."""
 NOT_APPLICABLE = "not applicable: "
 
 
@@ -156,6 +160,23 @@ def run_check(item: pytest.Function, probe: Probe) -> None:
     item.obj(device=probe, **own)
 
 
+def run_fairly(item: pytest.Function, probe: Probe) -> None:
+    """One check on an emulated device: again where the machine did not let it be one.
+
+    Device and host are processes that share cores with the rest of the tests. Where either was
+    held up for most of a second the device rightly ends the session, and the check that fails
+    for it says nothing; a device that is wrong fails again.
+    """
+    for left in range(TRIES - 1, -1, -1):
+        try:
+            run_check(item, probe)
+        except AssertionError:
+            if not left or probe.held_up_us < HELD_UP_US:
+                raise
+        else:
+            return
+
+
 class Lanes:
     """Emulated devices, and the checks that wait for one."""
 
@@ -189,7 +210,7 @@ class Lanes:
             future = self._futures[item.nodeid]
             try:
                 probe = probe or open_probe(emulated.port(), self._config)
-                run_check(item, probe)
+                run_fairly(item, probe)
             except BaseException as error:  # noqa: BLE001 - belongs to the check's own thread
                 future.set_exception(error)
             else:
@@ -234,6 +255,7 @@ class ConformancePlugin:
             links = LINKS if self._port is None else (self._port,)
             metafunc.parametrize("device", links, indirect=True)
 
+    @pytest.hookimpl(tryfirst=True)  # before a choice by markers
     def pytest_collection_modifyitems(
         self, config: pytest.Config, items: list[pytest.Item]
     ) -> None:
@@ -242,6 +264,7 @@ class ConformancePlugin:
         for item in items:
             if not isinstance(item, pytest.Function) or not in_suite(item.path):
                 continue
+            item.add_marker("realtime")
             kinds = {mark.args[0] for mark in item.iter_markers("link")}
             if kinds and kind_of_item(item) not in kinds:
                 left_out.append(item)
