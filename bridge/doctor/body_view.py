@@ -14,6 +14,7 @@ from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.supervise import Level, Supervisor, Watched, settings_from
+from protocol.clock import DeviceUs, extend_us
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ LEAN_DEG = 6.0
 FROZEN = 60
 """Equal samples of the inertial sensor, 0.6 s; a chip with noise gives a few at most."""
 LIVELY = 3
-_SPAN, _HALF = 1 << 32, 1 << 31
 _G_LSB = 16384.0
 _DEG_S_LSB = 131.0
 _MOST = 200
@@ -62,7 +62,7 @@ class BodyView:
         self._model = model or RobotModel()
         rules = {name: {"reaction": level} for name, level in _QUIET.items()}
         self._settings = settings_from(rules)
-        self._last_us: int | None = None
+        self._last_us: DeviceUs | None = None
         self._first_us = 0
         self._rest = _Rest()
         self._frozen = _Frozen()
@@ -99,14 +99,14 @@ class BodyView:
         """The stamp without its wraps; a gap begins everything anew."""
         last_us = self._last_us
         if last_us is None:
-            self._first_us = self._last_us = stamp_us
+            self._first_us = self._last_us = DeviceUs(stamp_us)
             return stamp_us
-        step_us = (stamp_us - last_us + _HALF) % _SPAN - _HALF
-        if abs(step_us) > GAP_US:
+        now_us = extend_us(last_us, stamp_us)
+        if abs(now_us - last_us) > GAP_US:
             self._begin()
             self._rest.forget()
-        self._last_us = last_us + step_us
-        return last_us + step_us
+        self._last_us = now_us
+        return now_us
 
     def _supervise(self, now_us: int) -> None:
         estimator, newest, now_s = self._estimator, self._newest, now_us * 1e-6

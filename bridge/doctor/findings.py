@@ -17,6 +17,8 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "right port (sweepctl ports)",
         "no_answer": "the device is heard and does not answer: check the wire from this host's "
         "TX to its RX, and that a serial console does not hold its receiver",
+        "waiting": "leave out --listen, and it is asked; until a host agrees with it, a sweeper "
+        "says no more than that it is there",
         "wrong_baud": "open it at the rate of the firmware with --baud, or see whether this is a "
         "sweeper at all",
         "echo": "RX and TX are joined, or the adapter echoes: part them, turn echo off",
@@ -42,7 +44,8 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "bridge in a virtual machine that is suspended, raise its priority; the device's data "
         "were late, none was lost",
         "latency": "data are late by more than a good adapter makes them: put the adapter in "
-        "low-latency mode, leave out hubs, radio links and network bridges",
+        "low-latency mode, leave out hubs, radio links and network bridges; a computer that is "
+        "busy reads late too: see its load",
         "adapter_latency": "the adapter's latency timer holds bytes back: set it to 1 ms (Linux: "
         "setserial PORT low_latency, or echo 1 > /sys/bus/usb-serial/devices/NAME/latency_timer; "
         "Windows: the port's advanced settings)",

@@ -7,15 +7,16 @@ nobody here knows, pauses are still found.
 
 from __future__ import annotations
 
-import contextlib
 import heapq
+import struct
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from bridge.doctor.examination import Examination
 from bridge.doctor.findings import Finding
-from bridge.record.captures import readable
 from bridge.record.reader import LogReader
+from bridge.record.sources import readable
 from bridge.telemetry import Severity
 from protocol.can_frames import RECORD
 from protocol.catalogue import CATALOGUE
@@ -41,6 +42,9 @@ _FAILURES = frozenset(
     {"silence", "garbage", "echo", "words", "version", "deaf", "disagreement", "other_host"}
 )
 _SHOWN = 5
+_INERTIAL = tuple(
+    f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz"
+)
 
 
 @dataclass(slots=True)
@@ -66,6 +70,13 @@ class _Topic:
                 self.pauses.append((wait_ns, self.last_ns))
         self.last_ns = max(self.last_ns, at_ns)
         self.count += 1
+
+    def compare(self, now: tuple[Any, ...] | None) -> None:
+        """Count equal values of an inertial sensor; None: the message tells none."""
+        if now is not None:
+            self.equal = self.equal + 1 if now == self.before else 0
+            self.before = now
+            self.longest_equal = max(self.longest_equal, self.equal)
 
     @property
     def period_ns(self) -> float:
@@ -116,8 +127,9 @@ class _Log:
             self._take_raw(message)
             return
         if topic == _EVENTS:
-            with contextlib.suppress(ValueError, AttributeError, TypeError):
-                self._event(message.decoded)
+            told = _values(message, "source", "kind", "text", "severity")
+            if told is not None:
+                self._event(*map(str, told))
             return
         known = self._topics.get(topic)
         if known is None:
@@ -125,31 +137,27 @@ class _Log:
         known.take(message.log_ns)
         if self._raw:
             return
-        with contextlib.suppress(ValueError, AttributeError, TypeError):
-            if topic.startswith(_DEVICE):
-                self._decoded(topic.removeprefix(_DEVICE), message)
-            elif message.channel.schema_name in {"sensor_msgs/msg/Imu", "sensor_msgs/Imu"}:
-                _note_equal(known, message.decoded)
+        if topic.startswith(_DEVICE):
+            self._decoded(topic.removeprefix(_DEVICE), message)
+        elif message.channel.schema_name in {"sensor_msgs/msg/Imu", "sensor_msgs/Imu"}:
+            known.compare(_values(message, *_INERTIAL))
 
     def _take_raw(self, message: LogMessage) -> None:
-        examination = self._examination
-        try:
-            decoded = message.decoded
-            if message.topic != _CAN:
-                take = examination.sent if message.topic.endswith("tx") else examination.received
-                take(decoded.data, message.log_ns)
-                return
-            data = bytes(decoded.data)
-            record = RECORD.pack(decoded.can_id, len(data), data)
-            take = examination.sent if decoded.outgoing else examination.received
-            take(record, message.log_ns)
-        except (ValueError, AttributeError, TypeError):
-            return  # another program's topic of the same name
+        examination, outgoing = self._examination, message.topic.endswith("tx")
+        if message.topic != _CAN:
+            told = _values(message, "data")
+            data = None if told is None else _octets(told[0])
+        else:
+            told = _values(message, "can_id", "data", "outgoing")
+            data = None if told is None else _frame(told[0], _octets(told[1]))
+            outgoing = told is not None and bool(told[2])
+        if data is not None:  # else another program's topic of the same name
+            take = examination.sent if outgoing else examination.received
+            take(data, message.log_ns)
 
-    def _event(self, event: Any) -> None:  # noqa: ANN401 - whatever the file's own schema says
+    def _event(self, source: str, kind: str, text: str, severity: str) -> None:
         """What the session said, which the bytes do not show."""
         examination = self._examination
-        source, kind, text = str(event.source), str(event.kind), str(event.text)
         if source == "link" and kind == "port_lost":
             examination.port_lost.append(text)
         elif source == "session" and kind == "schema":
@@ -157,7 +165,7 @@ class _Log:
                 examination.differences.append(text)
         elif source == "session" and kind == "late":
             self._late.append(text)
-        elif source == "session" and kind in _FAILURES and event.severity == "error":
+        elif source == "session" and kind in _FAILURES and severity == "error":
             examination.failure = kind, text
 
     def _decoded(self, name: str, message: LogMessage) -> None:
@@ -165,11 +173,12 @@ class _Log:
         spec = CATALOGUE.by_name.get(name)
         if spec is None:
             return
-        decoded = message.decoded
-        values = [getattr(decoded, f.name) for f in spec.fields]
-        device = spec.cls(*values)
-        wire = self._examination.wire
-        wire.note_decoded(spec, device, decoded.t_us, message.log_ns)
+        told = _values(message, "t_us", *(f.name for f in spec.fields))
+        if told is None or not all(isinstance(value, int | bytes | str) for value in told):
+            return  # another program's topic of the same name
+        t_us, *values = told
+        if isinstance(t_us, int):
+            self._examination.wire.note_decoded(spec, spec.cls(*values), t_us, message.log_ns)
 
     # ---- what the file itself says ----------------------------------------------------------
 
@@ -228,9 +237,29 @@ def _in_order(messages: Iterable[LogMessage]) -> Iterator[LogMessage]:
         yield heapq.heappop(waiting)[2]
 
 
-def _note_equal(topic: _Topic, imu: Any) -> None:  # noqa: ANN401 - a ROS message of any maker
-    rate, push = imu.angular_velocity, imu.linear_acceleration
-    now = (rate.x, rate.y, rate.z, push.x, push.y, push.z)
-    topic.equal = topic.equal + 1 if now == topic.before else 0
-    topic.before = now
-    topic.longest_equal = max(topic.longest_equal, topic.equal)
+def _values(message: LogMessage, *names: str) -> tuple[Any, ...] | None:
+    """Parts of a message, dotted names allowed; None: it is damaged, or has none such."""
+    try:
+        decoded = message.decoded
+    except ValueError:
+        return None
+    try:
+        return tuple(attrgetter(name)(decoded) for name in names)
+    except AttributeError:
+        return None
+
+
+def _octets(value: object) -> bytes | None:
+    """Bytes, as a schema may give them; None: they are none."""
+    try:
+        return bytes(value) if isinstance(value, bytes | bytearray | list | tuple) else None
+    except (TypeError, ValueError):
+        return None
+
+
+def _frame(can_id: object, data: bytes | None) -> bytes | None:
+    """A bus frame as the link takes it; None: it is none."""
+    try:
+        return None if data is None else RECORD.pack(can_id, len(data), data)
+    except struct.error:
+        return None

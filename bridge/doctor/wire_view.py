@@ -155,6 +155,15 @@ class WireView:
 
     # ---- bytes ----------------------------------------------------------------------------
 
+    @property
+    def heard_s(self) -> float:
+        """From the first to the last decoded message."""
+        streams = self.streams.values()
+        if not streams:
+            return 0.0
+        first_ns = min(stream.first_ns for stream in streams)
+        return (max(stream.last_ns for stream in streams) - first_ns) * 1e-9
+
     def received(self, data: bytes, at_ns: int) -> None:
         """Bytes from the device (on a bus: whole 16-byte records), and when the port gave them."""
         if not data:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bridge.coverage.floorplan import contains
 from protocol.values import Contact, Fault
 
 if TYPE_CHECKING:
@@ -24,10 +25,13 @@ JOLT_M_S2 = 1.5
 JOLT_S = 1.0
 """A cliff within this of a jolt up or down is no cliff: it was taken up."""
 _G_M_S2 = 9.80665
+FOLLOWS_M, FOLLOWS_M_S = (0.004, 0.03), 0.06
+"""A touch so little ahead of the one before, and so slowly reached, is the same contact, followed
+along a wall: the switch taps three times a second. Who bumps comes from further, or backed off."""
 
 
 class Tilt:
-    """Gravity lies off the axis that was up as the watch began."""
+    """Gravity lies off the body's own upright axis, as the accelerometer measures it."""
 
     grave = False
 
@@ -59,7 +63,7 @@ class Tilt:
 
     def tell(self) -> Evidence:
         """By how much."""
-        angle_deg = math.degrees(math.acos(max(-1.0, min(1.0, self._cos))))
+        angle_deg = math.degrees(math.acos(self._cos))
         return f"it leans by {angle_deg:.0f}°", {"angle_deg": round(angle_deg, 1)}
 
 
@@ -76,7 +80,6 @@ class Lifted:
         """On the floor."""
         self._jolt_s = -math.inf
         self._up = False
-        self._told = False
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """See the fault bit; and the cliff sensor against jolts."""
@@ -111,17 +114,20 @@ class Bump:
     def restart(self) -> None:
         """No contact."""
         self._onsets: list[float] = []
+        self._touch: tuple[float, float] | None = None
+        """When the last touch was, and the odometry then."""
         self._pressed = 0
         self._since_s = [math.inf, math.inf]
-        self._held_s = 0.0
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """Count onsets of contact; and how long each half has been pressed."""
         reading, now_s = watched.range, watched.time_s
-        if measured.new_range and reading is not None:
+        if reading is not None:
             pressed = reading.contacts & _BUMPERS
             if pressed and not self._pressed:
-                self._onsets.append(now_s)
+                if not self._follows(now_s, measured.way_m):
+                    self._onsets.append(now_s)
+                self._touch = now_s, measured.way_m
             for half in (0, 1):
                 if not pressed >> half & 1:
                     self._since_s[half] = math.inf
@@ -132,6 +138,14 @@ class Bump:
             self._onsets.pop(0)
         self._held_s = now_s - min(self._since_s)
         return self._held_s >= self._rule.held_s or len(self._onsets) >= self._rule.count
+
+    def _follows(self, now_s: float, way_m: float) -> bool:
+        """Whether a touch goes on with the one before."""
+        if self._touch is None:
+            return False
+        before_s, before_m = self._touch
+        made_m, (least_m, most_m) = way_m - before_m, FOLLOWS_M
+        return least_m < made_m < min(most_m, FOLLOWS_M_S * (now_s - before_s))
 
     def tell(self) -> Evidence:
         """How many, or how long."""
@@ -148,10 +162,11 @@ class Bump:
 class Cliff:
     """No floor ahead; grave where it drives on."""
 
+    grave: bool
+
     def __init__(self, rule: CliffRule) -> None:
         """Keep the limit."""
         self._rule = rule
-        self.grave = False
         self.restart()
 
     def restart(self) -> None:
@@ -184,6 +199,7 @@ class Progress:
     """It has not left a small square for a long time."""
 
     grave = False
+    _box: tuple[float, float, float, float]
 
     def __init__(self, rule: ProgressRule) -> None:
         """Keep the limits."""
@@ -193,8 +209,6 @@ class Progress:
     def restart(self) -> None:
         """Begin a square where it is."""
         self._since_s: float | None = None
-        self._box = (0.0, 0.0, 0.0, 0.0)
-        self._for_s = 0.0
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """Let a square grow around it; begin anew once it is larger than allowed."""
@@ -203,11 +217,10 @@ class Progress:
         if self._since_s is None:
             self._since_s, self._box = watched.time_s, (x, y, x, y)
         left, low, right, high = self._box
-        if x < left or y < low or x > right or y > high:
-            left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
-            self._box = left, low, right, high
-            if max(right - left, high - low) > self._rule.least_m:
-                self._since_s, self._box = watched.time_s, (x, y, x, y)
+        left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
+        self._box = left, low, right, high
+        if max(right - left, high - low) > self._rule.least_m:
+            self._since_s, self._box = watched.time_s, (x, y, x, y)
         self._for_s = watched.time_s - self._since_s
         return self._for_s > self._rule.window_s
 
@@ -222,13 +235,13 @@ class Fence:
     """Outside of where it may be: as grave at once as the rule says."""
 
     grave = False
+    _pose: Pose2
+    _how: str
 
     def __init__(self, rule: FenceRule) -> None:
         """Keep the fence."""
         self._rule = rule
         self._start: Pose2 | None = None
-        self._pose: Pose2 | None = None
-        self._how = ""
 
     def restart(self) -> None:
         """The fence stands where it stood."""
@@ -243,21 +256,15 @@ class Fence:
         if 0.0 < rule.radius_m < self._start.distance_m(pose):
             self._how = f"further than {rule.radius_m:g} m from where it began"
             return True
-        if rule.polygon and not _inside(rule.polygon, pose.x_m, pose.y_m):
+        if rule.polygon and not contains(rule.polygon, pose.x_m, pose.y_m):
             self._how = "outside of the fence"
             return True
         return False
 
     def tell(self) -> Evidence:
         """Where it is."""
-        x, y = (0.0, 0.0) if self._pose is None else self._pose[:2]
-        return f"it is {self._how}", {"x_m": round(x, 3), "y_m": round(y, 3)}
-
-
-def _inside(polygon: tuple[tuple[float, float], ...], x: float, y: float) -> bool:
-    inside = False
-    for i, (bx, by) in enumerate(polygon):
-        ax, ay = polygon[i - 1]
-        if (ay > y) != (by > y) and x < (bx - ax) * (y - ay) / (by - ay) + ax:
-            inside = not inside
-    return inside
+        data: dict[str, Scalar] = {
+            "x_m": round(self._pose.x_m, 3),
+            "y_m": round(self._pose.y_m, 3),
+        }
+        return f"it is {self._how}", data

@@ -13,7 +13,11 @@ Evidence = tuple[str, "dict[str, Scalar]"]
 
 
 class Condition(Protocol):
-    """One rule's condition."""
+    """One rule's condition.
+
+    A step comes first: what a class declares without a value, ``holds`` sets before anything
+    reads it, :meth:`tell` included.
+    """
 
     grave: bool
     """Whether what is found now asks for the graver reaction at once."""

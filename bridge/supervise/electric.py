@@ -44,7 +44,6 @@ class Stall:
         self._power: Power | None = None
         self._way_m = [0.0, 0.0]
         self._stands: list[tuple[str, float]] = []
-        self._told = False
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """See each wheel's way since the last power reading, and its motor's current."""
@@ -81,18 +80,19 @@ class Stall:
 class Battery:
     """The battery's voltage, smoothed over a motor's start."""
 
+    grave: bool
+    _at_s: float
+    """When the voltage was last told."""
+
     def __init__(self, rule: BatteryRule) -> None:
         """Keep the limits."""
         self._rule = rule
-        self.grave = False
         self.restart()
 
     def restart(self) -> None:
         """Nothing is known of it."""
         self._power: Power | None = None
-        self._at_s = 0.0
         self._battery_v: float | None = None
-        self._told = False
         self.grave = False
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
@@ -100,26 +100,30 @@ class Battery:
         del measured
         power = watched.power
         if power is not None and power is not self._power:
-            dt, self._at_s = watched.time_s - self._at_s, watched.time_s
             self._power = power
             volts = power.battery_v
-            before_v = self._battery_v
-            if before_v is None:
+            if self._battery_v is None:
                 self._battery_v = volts
             else:
-                self._battery_v = before_v + min(dt / BATTERY_SMOOTH_S, 1.0) * (volts - before_v)
+                share = min((watched.time_s - self._at_s) / BATTERY_SMOOTH_S, 1.0)
+                self._battery_v += share * (volts - self._battery_v)
+            self._at_s = watched.time_s
         volts = math.inf if self._battery_v is None else self._battery_v
         self.grave = volts < self._rule.empty_v
         status = watched.status
-        self._told = status is not None and status.faults & _LOW != 0
-        return volts < self._rule.low_v or self._told
+        told = status is not None and status.faults & _LOW != 0
+        return volts < self._rule.low_v or told
 
     def tell(self) -> Evidence:
-        """How low."""
-        volts = self._battery_v or 0.0
-        how = "empty" if self.grave else "low" if volts < self._rule.low_v else "low for the device"
-        limit_v = self._rule.empty_v if self.grave else self._rule.low_v
-        data: dict[str, Scalar] = {"battery_v": round(volts, 2), "limit_v": limit_v}
+        """How low, or that the device says so."""
+        volts, rule = self._battery_v, self._rule
+        if volts is None or volts >= rule.low_v:
+            data: dict[str, Scalar] = {"by": "device"}
+            if volts is not None:
+                data["battery_v"] = round(volts, 2)
+            return "the device says that the battery is low", data
+        how, limit_v = ("empty", rule.empty_v) if self.grave else ("low", rule.low_v)
+        data = {"by": "host", "battery_v": round(volts, 2), "limit_v": limit_v}
         return f"the battery is {how}: {volts:.1f} V", data
 
 
@@ -131,12 +135,9 @@ class Silence:
     def __init__(self, rule: SilenceRule) -> None:
         """Keep the limits."""
         self._rule = rule
-        self.restart()
 
     def restart(self) -> None:
-        """All was heard just now."""
-        self._stream = ""
-        self._for_s = 0.0
+        """Ages are told anew with each step."""
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """Compare the ages of all there is."""
@@ -171,7 +172,6 @@ class Sensor:
 
     def restart(self) -> None:
         """Whole."""
-        self._bits = 0
         self._registers: tuple[int, ...] | None = None
         self._frozen_s = 0.0
 

@@ -6,7 +6,10 @@ seen again or slips put right, so that it can be held against what others make o
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
+
+from bridge.motion.kinematics import encoder_delta
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -16,14 +19,15 @@ if TYPE_CHECKING:
 GAP_S = 0.3
 """Between two steps, or two counts: longer, and what was between them is not known."""
 SMOOTH_S = 0.3
-"""Time constant of the wheels' disagreement with the gyro: a sample of either comes up to 20 ms
-late, which a turn that begins would show as slip."""
-_HALF = 1 << 15
-_MASK = 0xFFFF
+"""Time constant of the wheels' disagreement with the gyro, no shorter than ``GAP_S``: a sample of
+either comes up to 20 ms late, which a turn that begins would show as slip."""
 
 
 class Measured:
     """Sums over the steps so far; ``restart`` begins them anew."""
+
+    _encoders_s: float
+    """When the counts that are the reference came."""
 
     def __init__(self, model: RobotModel) -> None:
         """At rest, nothing known."""
@@ -51,14 +55,13 @@ class Measured:
         """Whether the rangers were sounded since the step before."""
         self._time_s: float | None = None
         self._encoders: Encoders | None = None
-        self._encoders_s = 0.0
         self._range: Range | None = None
 
     def step(self, watched: Watched) -> None:
         """Take a control step."""
         now_s = watched.time_s
         before_s, self._time_s = self._time_s, now_s
-        dt = 0.0 if before_s is None else now_s - before_s
+        dt = math.inf if before_s is None else now_s - before_s
         whole = 0.0 < dt <= GAP_S
         self.step_s = dt if whole else 0.0
         self.new_range = watched.range is not self._range
@@ -70,20 +73,23 @@ class Measured:
             self.slip_m_s = 0.0
             return
         excess_m_s = (self.right_m - self.left_m - turn * self._base_m) / dt
-        self.slip_m_s += min(dt / SMOOTH_S, 1.0) * (excess_m_s - self.slip_m_s)
+        self.slip_m_s += dt / SMOOTH_S * (excess_m_s - self.slip_m_s)
 
     def _roll(self, encoders: Encoders | None, now_s: float, wheel_scale: float) -> None:
-        before, before_s = self._encoders, self._encoders_s
+        before = self._encoders
         self.left_m = self.right_m = self.wheel_turn_rad = 0.0
         if encoders is before or encoders is None:
             return
-        self._encoders, self._encoders_s = encoders, now_s
-        if before is None or now_s - before_s > GAP_S:
+        self._encoders = encoders
+        if before is None:
+            self._encoders_s = now_s
+            return
+        gap_s, self._encoders_s = now_s - self._encoders_s, now_s
+        if gap_s > GAP_S:
             return
         scale = self._per_count_m * wheel_scale
-        left = ((encoders.left - before.left + _HALF) & _MASK) - _HALF
-        right = ((encoders.right - before.right + _HALF) & _MASK) - _HALF
-        self.left_m, self.right_m = scale * left, scale * right
+        self.left_m = scale * encoder_delta(before.left, encoders.left)
+        self.right_m = scale * encoder_delta(before.right, encoders.right)
         self.wheel_turn_rad = (self.right_m - self.left_m) / self._base_m
         way = 0.5 * (self.left_m + self.right_m)
         self.way_m += way

@@ -109,8 +109,8 @@ class BumpRule(Rule):
     reaction: Level = Level.TELL
     then: Level = Level.PAUSE
     then_s: float = _seconds(10.0)
-    count: float = _in(40.0, 1.0, 10_000.0)
-    window_s: float = _seconds(30.0)
+    count: float = _in(18.0, 1.0, 10_000.0)
+    window_s: float = _seconds(15.0)
     held_s: float = _seconds(5.0)
 
 

@@ -9,6 +9,7 @@ from the device's own figures, so that one disagreement is one finding.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.values import Contact, PlannerPhase, label
@@ -49,10 +50,34 @@ BEND_RAD = 0.6
 """Turn in a second that a straight run may make."""
 
 
+@dataclass(slots=True)
+class _Lane:
+    """A lane: where it began, and how far it has got."""
+
+    since_s: float
+    began_m: float
+    """Odometry where it began."""
+    far_m: float
+    """The furthest since then."""
+    start: Pose2
+    """The estimate where it began."""
+    made_m: float = 0.0
+    """The furthest along it, by the estimate: after a bump the wheels turn on."""
+    doubt_m: float = 0.0
+    """Way since then that a slip, or pushing against something, has put in doubt."""
+
+
 class Shadow:
     """Judges the device's planner; for none it holds nothing."""
 
     grave = False
+    _state_s: float
+    """When the newest state came."""
+    _found_s: float
+    _claim_s: float
+    _mark_m: float
+    _mark_rad: float
+    """When the present claim was last tested, and the odometry then."""
 
     def __init__(self, rule: DisagreementRule, model: RobotModel) -> None:
         """Keep the limits."""
@@ -64,22 +89,8 @@ class Shadow:
     def restart(self) -> None:
         """Take over whatever the device says next."""
         self._state: PlannerState | None = None
-        self._state_s = 0.0
-        self._lane_m: float | None = None
-        """Odometry where the lane began; None: not known."""
-        self._far_m = 0.0
-        """The furthest since then."""
-        self._from: Pose2 | None = None
-        """The estimate where the lane began."""
-        self._made_m = 0.0
-        """The furthest along the lane, by the estimate: after a bump the wheels turn on."""
-        self._doubt_m = 0.0
-        """Way since then that a slip, or pushing against something, has put in doubt."""
+        self._lane: _Lane | None = None
         self._found: Evidence | None = None
-        self._found_s = 0.0
-        self._claim_s = 0.0
-        self._mark_m = self._mark_rad = 0.0
-        """Odometry where the present claim was last tested."""
 
     # ---- each step ------------------------------------------------------------------------
 
@@ -88,14 +99,8 @@ class Shadow:
         told, now_s = watched.planner, watched.time_s
         if told is None or not watched.onboard:
             return False
-        self._far_m = max(self._far_m, measured.way_m)
-        if self._from is not None:
-            self._made_m = max(self._made_m, _along(self._from, watched.pose))
-        if abs(measured.slip_m_s) > SLIPS_M_S:
-            self._doubt_m += abs(measured.slip_m_s) * measured.step_s
-        reading = watched.range
-        if reading is not None and reading.contacts & _BUMPERS:
-            self._doubt_m += 0.5 * abs(measured.left_m + measured.right_m)
+        if self._lane is not None:
+            _go_on(self._lane, watched, measured)
         if told is not self._state:
             self._hear(told, watched, measured)
         self._test_claim(told, watched, measured)
@@ -114,7 +119,7 @@ class Shadow:
 
     def _hear(self, told: PlannerState, watched: Watched, measured: Measured) -> None:
         before, now_s = self._state, watched.time_s
-        whole = now_s - self._state_s <= GAP_S
+        whole = before is not None and now_s - self._state_s <= GAP_S
         self._state, self._state_s = told, now_s
         if before is None or told.phase != before.phase:
             self._claim_s = now_s
@@ -127,31 +132,28 @@ class Shadow:
                 self._note(now_s, text, T=told.turn_count, T_before=before.turn_count)
         if told.phase != _LANE:
             # A turn in place makes no way: the lane begins where the turn before it ended.
-            self._lane_m = self._far_m = measured.way_m
-            self._from, self._made_m, self._doubt_m = watched.pose, 0.0, 0.0
-        elif before is None or not whole:
-            self._lane_m = None
+            self._lane = _Lane(now_s, measured.way_m, measured.way_m, watched.pose)
+        elif not whole:
+            self._lane = None
 
     def _judge(
         self, before: PlannerState, told: PlannerState, now_s: float, *, paper: bool
     ) -> None:
-        distance_m = told.lane_distance_m
-        if self._lane_m is not None:
-            ways_m = self._far_m - self._lane_m, self._made_m
+        distance_m, lane = told.lane_distance_m, self._lane
+        if lane is not None:
+            ways_m = lane.far_m - lane.began_m, lane.made_m
             driven_m = min(ways_m, key=lambda way_m: abs(distance_m - way_m))
-            if abs(distance_m - driven_m) > self._rule.distance_m + self._doubt_m:
+            if abs(distance_m - driven_m) > self._rule.distance_m + lane.doubt_m:
                 self._note(
                     now_s,
                     f"it says D = {distance_m:.3f} m, odometry {driven_m:.3f} m",
                     D_m=distance_m,
                     odometry_m=round(driven_m, 3),
+                    for_s=round(now_s - lane.since_s, 2),
                 )
         previous_m = before.lane_distance_m
         first = not (before.lane_distance or before.lane_case or before.turn_count)
-        if not first and told.previous_lane_distance not in {
-            told.lane_distance,
-            before.lane_distance,
-        }:
+        if told.previous_lane_distance not in {told.lane_distance, before.lane_distance}:
             self._note(
                 now_s,
                 f"it says Prev-D = {told.previous_lane_distance_m:.3f} m, "
@@ -229,6 +231,17 @@ class Shadow:
                 turn_rad=round(turn_rad, 3),
                 for_s=round(for_s, 2),
             )
+
+
+def _go_on(lane: _Lane, watched: Watched, measured: Measured) -> None:
+    """A step further along a lane."""
+    lane.far_m = max(lane.far_m, measured.way_m)
+    lane.made_m = max(lane.made_m, _along(lane.start, watched.pose))
+    if abs(measured.slip_m_s) > SLIPS_M_S:
+        lane.doubt_m += abs(measured.slip_m_s) * measured.step_s
+    reading = watched.range
+    if reading is not None and reading.contacts & _BUMPERS:
+        lane.doubt_m += 0.5 * abs(measured.left_m + measured.right_m)
 
 
 def _along(start: Pose2, pose: Pose2) -> float:

@@ -35,6 +35,9 @@ class Slip:
     """Wheels against gyro, and wheels against the range ahead."""
 
     grave = False
+    _turn_rad: float
+    """Heading as the run began."""
+    _slip_m_s: float
 
     def __init__(self, rule: SlipRule) -> None:
         """Keep the limits."""
@@ -45,8 +48,6 @@ class Slip:
     def restart(self) -> None:
         """Nothing is known."""
         self._forget()
-        self._turn_rad = 0.0
-        self._slip_m_s = 0.0
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """Take a step; whether either pair disagrees."""

@@ -27,6 +27,12 @@ class _Graded:
     """One rule's condition over time."""
 
     __slots__ = ("_calm_s", "_done_s", "_since_s", "active", "condition", "done", "kind", "rule")
+    _since_s: float
+    """When the condition began to hold,"""
+    _calm_s: float
+    """when it last held,"""
+    _done_s: float
+    """and when there was last a reaction."""
 
     def __init__(self, kind: str, rule: Rule, condition: Condition) -> None:
         self.kind, self.rule, self.condition = kind, rule, condition
@@ -37,7 +43,6 @@ class _Graded:
         self.active = False
         self.done = Level.OFF
         """The gravest reaction to this occasion so far."""
-        self._since_s = self._calm_s = self._done_s = 0.0
 
     def due(self, now_s: float, *, holds: bool) -> Level:
         """The reaction that is due now; ``OFF``: none."""
@@ -66,6 +71,9 @@ class _Graded:
 class Supervisor:
     """Watches one run; :meth:`step` at every control step of it."""
 
+    _held_s: float
+    """When the present pause began."""
+
     def __init__(self, model: RobotModel, settings: SuperviseSettings | None = None) -> None:
         """Begin with the first step."""
         self.settings = settings = settings or SuperviseSettings()
@@ -73,7 +81,6 @@ class Supervisor:
         """True from a ``PAUSE`` until :meth:`resume`: nothing may move."""
         self._measured = Measured(model)
         self._slow_until_s = -math.inf
-        self._held_s = 0.0
         self._now_s = -math.inf
         made: dict[str, Condition] = {
             "stall": Stall(settings.stall),
@@ -140,6 +147,5 @@ class Supervisor:
             self.holding = False
             text = f"paused for {self.settings.pause_limit_s:g} s, and nobody let it go on"
             reactions.append(Reaction("pause", Level.STOP, text, {}))
-        if len(reactions) > 1:
-            reactions.sort(key=lambda reaction: reaction.level)
+        reactions.sort(key=lambda reaction: reaction.level)
         return reactions

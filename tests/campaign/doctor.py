@@ -4,7 +4,8 @@
 
 Each patient has one trouble, drawn into a recording of the whole line in virtual time; half
 of them stand and are listened to, half drive a plan. What the doctor says is counted: a right
-finding, a finding that goes with it, a wrong one, or nothing.
+finding, a finding that goes with it, a wrong one, or nothing. With ``--keep FILE`` a campaign
+that was broken off goes on where it was.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from campaign.kept import Kept
 from protocol.messages import Power
 from sim_device.faults.kinds import KINDS
 from sim_device.line import LineSettings
@@ -25,7 +27,9 @@ from support.clinic import Visit, examine
 from support.peers import catalogue, longer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
+
+ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
@@ -214,19 +218,40 @@ def _cell(count: int, kind: str, patient: Patient) -> str:
     return str(count) if kind in patient.beside else f"~~{count}~~"
 
 
+def _kept_at(path: Path | None) -> Kept:
+    """What is kept of visits to the doctor, and of patients, as they are now."""
+    sources = [*(ROOT / "bridge" / "doctor").glob("*.py")]
+    sources += (ROOT / "bridge" / "supervise").glob("*.py")
+    return Kept(path, [*sources, Path(__file__), ROOT / "tests" / "support" / "clinic.py"])
+
+
+def results_of(jobs: list[tuple[int, int]], kept: Kept, processes: int) -> Iterator[Result]:
+    """Every visit's result, in their order; what is kept is not visited again."""
+    names = {job: f"{PATIENTS[job[0]].name}, seed {job[1]}" for job in jobs}
+    waiting = [job for job in jobs if kept.of(names[job]) is None]
+    with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
+        found = pool.map(_visit, waiting)
+        for job in jobs:
+            kinds = kept.of(names[job])
+            if kinds is None:
+                kinds = next(found)
+                kept.add(names[job], kinds)
+                print(f"{names[job]}: {' '.join(kinds) or 'nothing'}", file=sys.stderr, flush=True)
+            yield Result(PATIENTS[job[0]], job[1], kinds)
+
+
 def main() -> int:
     """Let the doctor see all patients and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=21)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
+    parser.add_argument("--keep", type=Path, help="results; what stands there is not visited again")
+    parser.add_argument("--out", type=Path, help="write the page")
     options = parser.parse_args()
-    jobs = [(i, seed) for i in range(len(PATIENTS)) for seed in range(1, options.seeds + 1)]
-    with ProcessPoolExecutor(options.jobs) as pool:
-        found = list(pool.map(_visit, jobs))
-    results = [
-        Result(PATIENTS[i], seed, kinds) for (i, seed), kinds in zip(jobs, found, strict=True)
-    ]
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    jobs = [(i, seed) for i in range(len(PATIENTS)) for seed in seeds]
+    results = list(results_of(jobs, _kept_at(options.keep), options.jobs))
     for result in results:
         if not result.hit or result.wrong:
             print(
@@ -234,7 +259,7 @@ def main() -> int:
             )
     text, good = report(results)
     if options.out is not None:
-        options.out.write_text(text)
+        options.out.write_text(text, encoding="utf-8")
     print(text)
     return 0 if good else 1
 

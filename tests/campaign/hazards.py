@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 ROOMS = (
@@ -29,12 +30,27 @@ class Hazard:
     planners: tuple[str, ...] = ONBOARD
     onboard: bool = True
 
+    @property
+    def there(self) -> bool:
+        """It is there from the beginning: a room or a rule, nothing that befalls the robot."""
+        return bool(self.settings) or STAIRS in self.rooms
+
+    def ends_s(self, at_s: float) -> float:
+        """When it is over that began at ``at_s``: a stairwell, a fence and a liar stay."""
+        return math.inf if self.there or self.lie else at_s + self.lasts_s
+
 
 def _hazard(name: str, rules: str, lasts_s: float, *faults: str, **more: object) -> Hazard:
     return Hazard(name, frozenset(rules.split()), faults, lasts_s, **more)  # type: ignore[arg-type]  # fields
 
 
 LANES = ("paper",)
+IN_LANES = ("paper", "u-shape")
+SHORT = ("studio-flat",)
+"""Where planners in lanes have finished after half a minute: too soon for a
+hazard to begin and to show."""
+OPEN = ("case-1", "case-2", "empty")
+"""Little stands about: lanes are long, and one follows the other."""
 HAZARDS: tuple[Hazard, ...] = (
     _hazard("wheel stuck, one", "stall", 4, "wheel-stuck@{t}:4:side=left"),
     _hazard("wheel stuck, both", "stall", 4, "wheel-stuck@{t}:4:side=both"),
@@ -76,7 +92,7 @@ HAZARDS: tuple[Hazard, ...] = (
         120,
         "ultrasonic-lies@{t}:120:m=0.03",
         planners=("random",),
-        rooms=("case-1", "case-2", "empty"),
+        rooms=OPEN,
     ),
     _hazard("no floor ahead", "cliff", 60, rooms=(STAIRS,), planners=("u-shape", "paper")),
     _hazard(
@@ -92,7 +108,7 @@ HAZARDS: tuple[Hazard, ...] = (
         60,
         lie="distance",
         planners=LANES,
-        rooms=("case-1", "case-2", "empty"),
+        rooms=OPEN,
     ),
     _hazard(
         "says another case",
@@ -100,7 +116,7 @@ HAZARDS: tuple[Hazard, ...] = (
         60,
         lie="case",
         planners=LANES,
-        rooms=("case-1", "case-2", "empty"),
+        rooms=OPEN,
     ),
     _hazard(
         "says another Length", "disagreement", 150, lie="length", planners=LANES, rooms=("case-1",)
@@ -111,7 +127,7 @@ HAZARDS: tuple[Hazard, ...] = (
         60,
         lie="previous",
         planners=LANES,
-        rooms=("case-1", "case-2", "empty"),
+        rooms=OPEN,
     ),
     _hazard(
         "T jumps by two",
@@ -119,7 +135,7 @@ HAZARDS: tuple[Hazard, ...] = (
         60,
         lie="turns",
         planners=LANES,
-        rooms=("case-1", "case-2", "empty"),
+        rooms=OPEN,
     ),
     _hazard("says paused, and drives", "disagreement", 20, lie="paused"),
     _hazard("says a turn, and drives", "disagreement", 30, lie="turn"),

@@ -68,12 +68,32 @@ class Mutant:
     replacement: ast.AST = field(compare=False, repr=False)
 
     @property
-    def source(self) -> str:
-        """The whole module with the change."""
+    def changed(self) -> ast.Module:
+        """The whole module with the change, every line where it was."""
         changed = copy.deepcopy(self.tree)
-        holder, _ = _locate(changed, self.path)
-        _put(holder, self.path[-1], copy.deepcopy(self.replacement))
-        return ast.unparse(ast.fix_missing_locations(changed))
+        holder, original = _locate(changed, self.path)
+        replacement = ast.copy_location(copy.deepcopy(self.replacement), original)
+        _put(holder, self.path[-1], replacement)
+        return ast.fix_missing_locations(changed)
+
+    @property
+    def source(self) -> str:
+        """The whole module with the change, as text."""
+        return ast.unparse(self.changed)
+
+    @property
+    def lines(self) -> range:
+        """Of the statement that is changed, or of its head: what runs it runs one of these."""
+        node: ast.AST = self.tree
+        first = last = 0
+        for step in self.path:
+            node = _get(node, step)
+            if isinstance(node, ast.stmt | ast.ExceptHandler | ast.match_case):
+                first = getattr(node, "lineno", first)
+                body = getattr(node, "body", None)
+                end = getattr(node, "end_lineno", None) or first
+                last = max(first, body[0].lineno - 1) if body else end
+        return range(first, last + 1)
 
     @property
     def name(self) -> str:

@@ -4,87 +4,43 @@ Is every small change to it noticed by a test?
 
     PYTHONPATH=tests python -m mutation.run                 # all of it
     PYTHONPATH=tests python -m mutation.run --target latch --share 10
+    PYTHONPATH=tests python -m mutation.run --keep runs/mutants.jsonl --out docs/mutation.md
 
-Nothing on disk is changed: a mutant lives in the memory of one forked process, where it takes
-the place of its module as that is imported. The process runs the target's fast tests until one
-fails (the mutant is killed) or all pass (it has survived). Survivors that are known to be
-equivalent stand in ``equivalent.toml``, each with the proof; any other fails the run.
+Nothing on disk is changed: a mutant lives in the memory of one forked process, which runs the
+tests that reach it until one fails (the mutant is killed) or all pass (it has survived).
+Survivors that are known to be equivalent stand in ``equivalent.toml``, each with the proof; any
+other fails the run. With ``--keep`` a run that was broken off goes on where it was, and what has
+not changed since is not tried again.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.abc
-import importlib.util
-import io
+import json
 import os
-import signal
 import sys
-import time
-import tomllib
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mutation.mutator import Mutant, mutants
+from mutation.page import page
+from mutation.targets import ROOT, TARGETS, Target, equivalents
+from mutation.trial import UnfitError, try_all
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from importlib.machinery import ModuleSpec
-    from types import ModuleType
+    from collections.abc import Iterable, Iterator
 
-ROOT = Path(__file__).parents[2]
-TIMEOUT_S = 60
-_PYTEST = ("-x", "-q", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--assert=plain")
-_UNIT = "tests/unit"
 _UNTOUCHED = ("protocol.messages", "protocol.link", "bridge.motion.robot_model")
 """Of ours, what imports no target."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """A module, what of it is left alone, and the tests that are to notice."""
-
-    name: str
-    module: str
-    tests: tuple[str, ...]
-    exclude: frozenset[str] = frozenset()
-
-    @property
-    def path(self) -> Path:
-        """Of its source."""
-        return ROOT / f"{self.module.replace('.', '/')}.py"
-
-
-_RULES, _GRADING, _SHADOW = (
-    f"{_UNIT}/test_supervise_{name}.py" for name in ("rules", "grading", "shadow")
-)
-_TOLD = frozenset({"tell"})
-"""What a rule says of itself is held by other tests, of its words."""
-TARGETS = (
-    Target("latch", "sim_device.safety", (f"{_UNIT}/test_safety_limits.py",)),
-    Target(
-        "modes",
-        "sim_device.modes",
-        (f"{_UNIT}/test_device_modes.py",),
-        frozenset({"drawn", "refusals"}),
-    ),
-    Target("mission", "bridge.mission", (f"{_UNIT}/test_mission.py",)),
-    Target("measured", "bridge.supervise.measured", (_RULES, _GRADING)),
-    Target("slip", "bridge.supervise.slip", (_RULES,), _TOLD),
-    Target("bodily", "bridge.supervise.bodily", (_RULES,), _TOLD),
-    Target("electric", "bridge.supervise.electric", (_RULES,), _TOLD),
-    Target("shadow", "bridge.supervise.shadow", (_SHADOW,), _TOLD),
-    Target("supervisor", "bridge.supervise.supervisor", (_GRADING,)),
-)
 
 
 @dataclass
 class Tally:
     """What became of a target's mutants."""
 
+    target: Target
     killed: int = 0
     equivalent: list[Mutant] = field(default_factory=list)
     survived: list[Mutant] = field(default_factory=list)
@@ -92,22 +48,28 @@ class Tally:
     """Listed as equivalent, and killed or no mutant any more."""
 
 
-class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Gives one module from another source."""
+class Kept:
+    """Results of earlier runs, in a file to which each new one is added at once."""
 
-    def __init__(self, module: str, path: Path, source: str) -> None:
-        self._module, self._path, self._source = module, path, source
+    def __init__(self, path: Path | None) -> None:
+        """Read what is there."""
+        self._path = path
+        self._known: dict[tuple[str, str, str], bool] = {}
+        if path is not None and path.exists():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                target, digest, name, killed = json.loads(line)
+                self._known[target, digest, name] = killed
 
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        del path, target
-        if fullname != self._module:
-            return None
-        return importlib.util.spec_from_loader(fullname, self, origin=str(self._path))
+    def of(self, target: Target, digest: str) -> dict[str, bool]:
+        """By name, whether a mutant was killed; of the module and the tests of this digest."""
+        here = target.name, digest
+        return {key[2]: killed for key, killed in self._known.items() if key[:2] == here}
 
-    def exec_module(self, module: ModuleType) -> None:
-        exec(compile(self._source, str(self._path), "exec"), module.__dict__)  # noqa: S102 - our own source
+    def add(self, target: Target, digest: str, name: str, *, killed: bool) -> None:
+        """Note one."""
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([target.name, digest, name, killed]) + "\n")
 
 
 def preload() -> None:
@@ -116,62 +78,70 @@ def preload() -> None:
         importlib.import_module(name)
 
 
-def passes(target: Target, source: str) -> bool:
-    """Whether the target's tests all pass with its module made from this source."""
+def examine(target: Target, kept: Kept, *, share: int = 1, offset: int = 0) -> Tally:
+    """Try every ``share``-th mutant of a target, from ``offset`` on.
+
+    Raises:
+        UnfitError: its tests fail without any change.
+
+    """
+    digest = target.digest
+    everything = mutants(target.path.read_text(encoding="utf-8"), target.exclude)
+    chosen = everything[offset::share]
+    known = kept.of(target, digest)
+    killed = {mutant.name: known[mutant.name] for mutant in chosen if mutant.name in known}
+    for name, was_killed in _tried(target, [m for m in chosen if m.name not in killed]):
+        killed[name] = was_killed
+        kept.add(target, digest, name, killed=was_killed)
+    listed = equivalents().get(target.name, {})
+    tally = Tally(target)
+    tally.stale = sorted(listed.keys() - {mutant.name for mutant in everything})
+    for mutant in chosen:
+        if not killed[mutant.name]:
+            (tally.equivalent if mutant.name in listed else tally.survived).append(mutant)
+            continue
+        tally.killed += 1
+        if mutant.name in listed:
+            tally.stale.append(mutant.name)
+    return tally
+
+
+def _tried(target: Target, tried: list[Mutant]) -> Iterator[tuple[str, bool]]:
+    """Try mutants in a process that can be thrown away; name, and whether it was killed."""
+    if not tried:
+        return
+    reading, writing = os.pipe()
     pid = os.fork()
     if pid == 0:
-        os._exit(_child(target, source))
-    deadline = time.monotonic() + TIMEOUT_S
-    while time.monotonic() < deadline:
-        done, status = os.waitpid(pid, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status) == 0
-        time.sleep(0.01)
-    os.kill(pid, signal.SIGKILL)  # it hangs: that is noticed too
-    os.waitpid(pid, 0)
-    return False
+        os.close(reading)
+        _serve(target, tried, writing)
+    os.close(writing)
+    with os.fdopen(reading, encoding="utf-8") as pipe:
+        for line in pipe:
+            told = json.loads(line)
+            if isinstance(told, str):
+                raise UnfitError(f"{target.name}: {told}")
+            yield told
+    if os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) != 0:
+        raise UnfitError(f"{target.name}: its process broke off")
 
 
-def _child(target: Target, source: str) -> int:
-    import pytest  # noqa: PLC0415 - of the child alone
+def _serve(target: Target, tried: list[Mutant], writing: int) -> None:
+    quiet = os.open(os.devnull, os.O_WRONLY)
+    for standard in (1, 2):
+        os.dup2(quiet, standard)
 
-    sys.meta_path.insert(0, _Mutated(target.module, target.path, source))
-    quiet = io.StringIO()
-    os.chdir(ROOT)
+    def tell(told: object) -> None:
+        os.write(writing, (json.dumps(told) + "\n").encode())
+
+    status = 1
     try:
-        with redirect_stdout(quiet), redirect_stderr(quiet):
-            status = pytest.main([*_PYTEST, *target.tests])
-    except BaseException:  # noqa: BLE001 - a mutant may raise anything while it is imported
-        return 1
-    return int(status)
-
-
-def equivalents() -> dict[str, dict[str, str]]:
-    """By target: the names of mutants that change nothing, and why."""
-    with (Path(__file__).parent / "equivalent.toml").open("rb") as file:
-        return tomllib.load(file)
-
-
-def examine(target: Target, *, share: int = 1, offset: int = 0, tell: bool = False) -> Tally:
-    """Try every ``share``-th mutant of a target, from ``offset`` on."""
-    known = equivalents().get(target.name, {})
-    source = target.path.read_text()
-    if not passes(target, source):
-        raise SystemExit(f"{target.name}: its tests fail without any change")
-    tally = Tally()
-    everything = mutants(source, target.exclude)
-    tally.stale = sorted(known.keys() - {mutant.name for mutant in everything})
-    for mutant in everything[offset::share]:
-        if passes(target, mutant.source):
-            listed = mutant.name in known
-            (tally.equivalent if listed else tally.survived).append(mutant)
-            if tell and not listed:
-                print(f"{target.path.relative_to(ROOT)}:{mutant.line}: {mutant.name}", flush=True)
-        else:
-            tally.killed += 1
-            if mutant.name in known:
-                tally.stale.append(mutant.name)
-    return tally
+        try_all(target, tried, lambda mutant, killed: tell([mutant.name, killed]))
+        status = 0
+    except UnfitError as error:
+        tell(str(error))
+    finally:
+        os._exit(status)
 
 
 def main(arguments: Iterable[str] | None = None) -> int:
@@ -180,24 +150,40 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--target", action="append", choices=[t.name for t in TARGETS])
     parser.add_argument("--share", type=int, default=1, help="try every so many-th mutant only")
     parser.add_argument("--offset", type=int, default=0, help="of a share: where to begin")
+    parser.add_argument("--keep", type=Path, help="results; what stands there is not tried again")
+    parser.add_argument("--out", type=Path, help="write the table, of all mutants of all targets")
     options = parser.parse_args(None if arguments is None else list(arguments))
+    whole = options.share == 1 and not options.target
+    if options.out and not whole:
+        parser.error("--out is of the whole run: no --target, no --share")
     sys.path.insert(0, str(ROOT))
     preload()
-    bad = False
+    kept = Kept(options.keep)
+    tallies = []
     for target in TARGETS:
         if options.target and target.name not in options.target:
             continue
-        begun_s = time.monotonic()
-        tally = examine(target, share=options.share, offset=options.offset, tell=True)
+        begun_s = sum(os.times()[:4])
+        try:
+            tally = examine(target, kept, share=options.share, offset=options.offset)
+        except UnfitError as error:
+            print(error, file=sys.stderr)
+            return 1
+        if options.share != 1:
+            tally.stale = []
+        tallies.append(tally)
+        for mutant in tally.survived:
+            print(f"{target.path.relative_to(ROOT)}:{mutant.line}: {mutant.name}")
+        for name in tally.stale:
+            print(f"  not equivalent, take it off the list: {name}")
         print(
             f"{target.name:<11}{tally.killed:>5} killed {len(tally.equivalent):>4} equivalent "
-            f"{len(tally.survived):>4} survived  {time.monotonic() - begun_s:.0f} s",
+            f"{len(tally.survived):>4} survived  {sum(os.times()[:4]) - begun_s:.0f} s of CPU",
             flush=True,
         )
-        for name in tally.stale if options.share == 1 else ():
-            print(f"  no longer equivalent, take it off the list: {name}")
-        bad = bad or bool(tally.survived) or (options.share == 1 and bool(tally.stale))
-    return 1 if bad else 0
+    if options.out:
+        options.out.write_text(page(tallies), encoding="utf-8")
+    return 1 if any(tally.survived or tally.stale for tally in tallies) else 0
 
 
 if __name__ == "__main__":

@@ -6,9 +6,14 @@ import os
 import re
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 from mutation.mutator import mutants
-from mutation.run import ROOT, TARGETS, equivalents
+from mutation.run import Kept
+from mutation.targets import ROOT, TARGETS, equivalents
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 LATCH = next(target for target in TARGETS if target.name == "latch")
 SOURCE = '''
@@ -56,12 +61,29 @@ def test_what_is_listed_as_equivalent_is_a_mutant_and_has_its_proof() -> None:
             assert all(len(proof) > 30 for proof in proofs.values())
 
 
-def test_a_share_of_the_latchs_mutants_is_killed() -> None:
+def test_the_lines_of_a_change_are_those_of_its_statement_or_of_its_head() -> None:
+    source = "def f(a, b):\n    if (a\n            < b):\n        return (a +\n                b)\n"
+    lines = {mutant.before: mutant.lines for mutant in mutants(source)}
+    assert lines == {"a < b": range(2, 4), "return a + b": range(4, 6), "a + b": range(4, 6)}
+
+
+def test_a_run_that_was_broken_off_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "kept.jsonl"
+    Kept(path).add(LATCH, "0123", "late: a -> b", killed=False)
+    assert Kept(path).of(LATCH, "0123") == {"late: a -> b": False}
+    assert Kept(path).of(LATCH, "4567") == {}, "its sources have changed"
+    assert Kept(None).of(LATCH, "0123") == {}
+
+
+def test_a_share_of_the_latchs_mutants_is_killed_and_what_changes_nothing_is_not() -> None:
     # In a process of its own, which has not imported what is to be changed.
+    made = [mutant.name for mutant in mutants(LATCH.path.read_text(), LATCH.exclude)]
+    share = 20
+    same = next(name for name in equivalents()["latch"] if name in made)
     done = subprocess.run(
         [
             *(sys.executable, "-m", "mutation.run", "--target", "latch"),
-            *("--share", "70", "--offset", "4"),
+            *("--share", f"{share}", "--offset", f"{made.index(same) % share}"),
         ],
         cwd=ROOT / "tests",
         env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
@@ -70,4 +92,4 @@ def test_a_share_of_the_latchs_mutants_is_killed() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert re.search(r"latch +[1-9][0-9]* killed .* 0 survived", done.stdout)
+    assert re.search(r"latch +[4-6] killed +[1-3] equivalent +0 survived", done.stdout)

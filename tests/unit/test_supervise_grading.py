@@ -276,3 +276,117 @@ def test_the_defaults_are_graded() -> None:
         (Level.SLOW, Level.PAUSE),
         (Level.PAUSE, Level.STOP),
     ]
+
+
+def test_a_robot_at_rest_is_left_in_peace() -> None:
+    supervisor = Supervisor(MODEL)
+    for step in range(100):
+        time_s = 50.0 + STEP_S * step
+        watched = Watched(
+            *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, 1.0, time_s, 3, imu(mark=step)),
+            *(Encoders(7, 7), reading(1.0), power(), status()),
+        )
+        assert supervisor.step(watched) == []
+    assert (supervisor.factor, supervisor.holding) == (1.0, False)
+
+
+# ---- at the very limit: steps of a quarter of a second, which add up exactly ------------------
+
+
+def quarters(run: Run, levels: str) -> list[str]:
+    """One step each: ``x`` where it stalls; what was said, by step."""
+    said = []
+    for stalls in levels:
+        run.time_s += 0.25 - STEP_S
+        said.append("".join(level.name[0] for level in run.go(STEP_S, stalls=stalls == "x")))
+    return said
+
+
+def test_a_calm_second_is_a_whole_one() -> None:
+    run = Run(stall=stall("tell", 0.0, "tell", 1.0))
+    run.time_s = 0.0
+    assert quarters(run, "x...x") == ["T", "", "", "", ""], (
+        "held again after 1 s, seen calm for 0.75"
+    )
+    assert quarters(run, "....x") == ["", "", "", "", "T"], "seen calm for 1 s"
+
+
+def test_what_goes_on_is_answered_from_its_time_on() -> None:
+    run = Run(stall=stall("tell", 0.5, "stop", 0.75))
+    run.time_s = 0.0
+    assert quarters(run, "xxxxxxx") == ["", "", "T", "", "", "S", ""]
+
+
+def test_a_pause_may_last_its_whole_limit() -> None:
+    run = Run(stall=stall("pause", 0.0, "pause", 1.0), pause_limit_s=1.0)
+    run.time_s = 0.0
+    assert quarters(run, "x.....") == ["P", "", "", "", "", "S"]
+
+
+def test_a_step_of_0_3_s_is_no_gap() -> None:
+    """The right rim leads by 26 cm: known for a step of 0.3 s, unknown beyond."""
+    for gap_s, said in ((0.3, 1), (0.3001, 0)):
+        supervisor = Supervisor(
+            MODEL, settings_from({"slip": {"reaction": "tell", "after_s": 0.0}})
+        )
+        for time_s, right in ((0.0, 0), (gap_s, 2000)):
+            watched = Watched(
+                *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0),
+                heard_s=time_s,
+                encoders=Encoders(0, right),
+            )
+            found = supervisor.step(watched)
+        assert [reaction.kind for reaction in found] == ["slip"] * said
+
+
+def test_only_a_pause_holds() -> None:
+    run = Run(stall=stall("tell", 0.0, "stop", 0.5))
+    assert run.go(1.0, stalls=True) == [Level.TELL, Level.STOP]
+    assert run.supervisor.holding is False
+
+
+def test_of_two_at_once_the_graver_comes_last() -> None:
+    run = Run(stall=stall("stop", 0.0, "stop", 1.0), sensor={"reaction": "tell"})
+    assert run.go(0.02, status=status(STALL | int(Fault.IMU))) == [Level.TELL, Level.STOP]
+
+
+def test_what_still_holds_after_a_pause_is_answered_again() -> None:
+    run = Run(stall=stall("pause", 0.0, "pause", 1.0))
+    assert run.go(0.1, stalls=True) == [Level.PAUSE]
+    run.supervisor.resume(run.time_s)
+    assert run.go(0.1, stalls=True) == [Level.PAUSE]
+
+
+def test_slow_driving_may_end_while_it_is_held() -> None:
+    run = Run(stall=stall("slow", 0.0, "slow", 1.0))
+    run.go(0.02, stalls=True)
+    assert run.supervisor.factor == 0.5
+    run.supervisor.resume(run.time_s + 4.9)
+    assert run.supervisor.factor == 0.5
+    run.supervisor.resume(run.time_s + 5.1)
+    assert run.supervisor.factor == 1.0
+
+
+def test_a_robot_that_was_moved_by_hand_has_not_slipped() -> None:
+    for restarts, said in ((False, 1), (True, 0)):
+        run = Run(slip={"reaction": "tell", "after_s": 0.0})
+        run.go(0.02, encoders=Encoders(0, 0))
+        if restarts:
+            run.supervisor.restart()
+        run.go(0.02, encoders=Encoders(0, 300))
+        assert len(run.said) == said
+
+
+def test_a_gap_ends_a_run_towards_an_echo() -> None:
+    """Twice 0.25 m that closed by half: half a metre says so, a quarter each does not."""
+    for gap_s, said in ((0.0, 1), (1.0, 0)):
+        run = Run(slip={"reaction": "tell", "after_s": 0.0, "then": "tell"})
+        count = 0
+        for step in range(124):
+            if step == 62:
+                run.time_s += gap_s
+            count += 31
+            way_m = count * 3.141592653589793 * 0.065 / 1560
+            ahead = reading(2.0 - 0.5 * way_m)
+            run.go(0.02, encoders=Encoders(count, count), range=ahead)
+        assert len(run.said) == said

@@ -152,7 +152,7 @@ def test_the_defaults_as_the_page_has_them() -> None:
     }
     assert (rules.slip.difference_m_s, rules.slip.share) == (0.015, 0.25)
     assert (rules.tilt.angle_deg, rules.cliff.ahead_m) == (12.0, 0.05)
-    assert (rules.bump.count, rules.bump.window_s, rules.bump.held_s) == (40.0, 30.0, 5.0)
+    assert (rules.bump.count, rules.bump.window_s, rules.bump.held_s) == (18.0, 15.0, 5.0)
     assert (rules.battery.low_v, rules.battery.empty_v) == (12.8, 12.0)
     assert (rules.silence.silent_s, rules.silence.stream_s) == (0.4, 1.0)
     assert (rules.progress.window_s, rules.progress.least_m) == (60.0, 0.10)

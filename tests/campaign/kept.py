@@ -1,0 +1,37 @@
+"""Results of a campaign that may be broken off: each is added to a file at once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+
+class Kept:
+    """What is known of each named run, as long as the sources that it hangs on are the same."""
+
+    def __init__(self, path: Path | None, sources: Iterable[Path]) -> None:
+        """Read what is there; without a path nothing is kept."""
+        self._path = path
+        text = b"".join(source.read_bytes() for source in sorted(sources))
+        self._digest = hashlib.sha256(text).hexdigest()[:16]
+        self._known: dict[str, Any] = {}
+        if path is not None and path.exists():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                digest, name, told = json.loads(line)
+                if digest == self._digest:
+                    self._known[name] = told
+
+    def of(self, name: str) -> Any:  # noqa: ANN401 - whatever was kept
+        """What came of a run; None: it has not been run."""
+        return self._known.get(name)
+
+    def add(self, name: str, told: object) -> None:
+        """Note one."""
+        if self._path is not None:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([self._digest, name, told]) + "\n")

@@ -1,0 +1,65 @@
+"""What the mutation run changes, and which fast tests are to notice."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+_UNIT = "tests/unit"
+
+
+@dataclass(frozen=True)
+class Target:
+    """A module, what of it is left alone, and the tests that are to notice."""
+
+    name: str
+    module: str
+    tests: tuple[str, ...]
+    exclude: frozenset[str] = frozenset()
+
+    @property
+    def path(self) -> Path:
+        """Of its source."""
+        return ROOT / f"{self.module.replace('.', '/')}.py"
+
+    @property
+    def digest(self) -> str:
+        """Of its source and its tests: a result found with another one is found anew."""
+        sources = [self.path, *(ROOT / test for test in self.tests), Path(__file__)]
+        text = b"".join(path.read_bytes() for path in sources)
+        return hashlib.sha256(text).hexdigest()[:16]
+
+
+def _tests(*names: str) -> tuple[str, ...]:
+    return tuple(f"{_UNIT}/test_{name}.py" for name in names)
+
+
+TARGETS = (
+    Target("latch", "sim_device.safety", _tests("safety_limits")),
+    Target(
+        "modes",
+        "sim_device.modes",
+        _tests("mode_table", "device_modes"),
+        frozenset({"drawn", "refusals"}),  # what is printed
+    ),
+    Target("mission", "bridge.mission", _tests("mission", "mission_loss")),
+    Target("measured", "bridge.supervise.measured", _tests("supervise_measured")),
+    Target("slip", "bridge.supervise.slip", _tests("supervise_slip", "supervise_slip_limits")),
+    Target(
+        "bodily", "bridge.supervise.bodily", _tests("supervise_bodily", "supervise_bodily_limits")
+    ),
+    Target("electric", "bridge.supervise.electric", _tests("supervise_electric")),
+    Target(
+        "shadow", "bridge.supervise.shadow", _tests("supervise_shadow", "supervise_shadow_limits")
+    ),
+    Target("supervisor", "bridge.supervise.supervisor", _tests("supervise_grading")),
+)
+
+
+def equivalents() -> dict[str, dict[str, str]]:
+    """By target: the names of mutants that change nothing, and why."""
+    with (Path(__file__).parent / "equivalent.toml").open("rb") as file:
+        return tomllib.load(file)

@@ -1,0 +1,304 @@
+"""How it stands, what it touches, where it is: each condition at its limits."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.motion.geometry import Pose2
+from bridge.supervise.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
+from bridge.supervise.measured import Measured
+from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
+from bridge.supervise.watched import Watched
+from protocol.values import Contact, Fault
+from support.watching import G_LSB, MODEL, Walk, imu, reading, status
+
+if TYPE_CHECKING:
+    from protocol.messages import Imu
+
+LEFT, RIGHT, CLIFF = (
+    int(Contact.BUMPER_LEFT),
+    int(Contact.BUMPER_RIGHT),
+    int(Contact.CLIFF),
+)
+
+
+# ---- tilt --------------------------------------------------------------------------------
+
+
+def leaning(degrees: float, *, aside: bool = False) -> Imu:
+    along, up = (round(G_LSB * f(math.radians(degrees))) for f in (math.sin, math.cos))
+    return imu(0, along, up) if aside else imu(along, 0, up)
+
+
+@pytest.mark.parametrize("aside", [False, True])
+@pytest.mark.parametrize(("degrees", "found"), [(11.8, False), (12.2, True), (-12.2, True)])
+def test_it_leans_beyond_its_limit(degrees: float, *, aside: bool, found: bool) -> None:
+    walk = Walk(rule := Tilt(TiltRule(angle_deg=12.0)))
+    for _ in range(100):
+        walk.step(1, imu=leaning(degrees, aside=aside))
+    assert walk.held is found
+    assert rule.tell()[1]["angle_deg"] == pytest.approx(abs(degrees), abs=0.1)
+
+
+def test_a_shock_is_no_lean() -> None:
+    """The accelerometer is smoothed over 0.2 s; 20° for 40 ms comes to 3.8°."""
+    walk = Walk(rule := Tilt(TiltRule(angle_deg=5.0)))
+    walk.step(50, imu=imu())
+    for _ in range(2):
+        walk.step(1, imu=leaning(20.0))
+    assert not walk.held
+    assert rule.tell()[1]["angle_deg"] == pytest.approx(3.8, abs=0.2)
+    for _ in range(2):
+        walk.step(1, imu=leaning(20.0))
+    assert walk.held
+
+
+def test_without_a_new_sample_it_stays_as_it_was() -> None:
+    walk = Walk(rule := Tilt(TiltRule(angle_deg=12.0)))
+    assert not walk.step(3, imu=None)
+    sample = leaning(30.0)
+    assert walk.step(1, imu=sample)
+    assert walk.step(5, imu=sample)
+    assert walk.step(1, imu=None)
+    rule.restart()
+    assert not walk.step(1, imu=None)
+
+
+def test_a_dead_accelerometer_is_no_lean() -> None:
+    assert not Walk(Tilt(TiltRule())).step(2, imu=imu(0, 0, 0))
+
+
+def test_upside_down_is_a_lean() -> None:
+    walk = Walk(rule := Tilt(TiltRule()))
+    assert walk.step(2, imu=imu(0, 0, -G_LSB))
+    assert rule.tell()[1]["angle_deg"] == 180.0
+
+
+# ---- lifted ------------------------------------------------------------------------------
+
+
+JOLT = round(G_LSB * (1.0 + 1.55 / 9.80665))
+NO_JOLT = round(G_LSB * (1.0 + 1.45 / 9.80665))
+DROP = round(G_LSB * (1.0 - 1.55 / 9.80665))
+
+
+@pytest.mark.parametrize(("up", "found"), [(JOLT, True), (DROP, True), (NO_JOLT, False)])
+def test_a_jolt_and_no_floor_is_a_lift(up: int, *, found: bool) -> None:
+    walk = Walk(rule := Lifted())
+    walk.step(10, imu=imu(), range=reading())
+    walk.step(1, imu=imu(0, 0, up), range=reading())
+    assert walk.step(1, imu=imu(), range=reading(contacts=CLIFF)) is found
+    if found:
+        assert rule.tell()[1] == {"by": "host"}
+        assert walk.step(200, imu=imu(), range=reading(contacts=CLIFF)), "as long as it is up"
+        assert not walk.step(1, imu=imu(), range=reading(contacts=LEFT))
+
+
+def test_a_jolt_of_long_ago_is_no_lift() -> None:
+    for steps, found in ((48, True), (50, False)):
+        walk = Walk(Lifted())
+        walk.step(1, imu=imu(0, 0, JOLT), range=reading())
+        walk.step(steps, imu=imu(), range=reading())
+        assert walk.step(1, imu=imu(), range=reading(contacts=CLIFF)) is found
+
+
+def test_a_jolt_alone_and_a_cliff_alone_are_none() -> None:
+    assert not Walk(Lifted()).step(5, imu=imu(0, 0, JOLT), range=reading(contacts=LEFT | RIGHT))
+    assert not Walk(Lifted()).step(5, imu=imu(0, 0, JOLT), range=None)
+    assert not Walk(Lifted()).step(5, imu=imu(), range=reading(contacts=CLIFF))
+    assert not Walk(Lifted()).step(5, imu=None, range=reading(contacts=CLIFF))
+
+
+def test_the_device_says_that_it_is_lifted() -> None:
+    walk = Walk(rule := Lifted())
+    assert walk.step(1, status=status(int(Fault.LIFTED | Fault.IMU)))
+    assert rule.tell()[1] == {"by": "device"}
+    assert not walk.step(1, status=status(int(Fault.IMU)))
+    walk.step(1, imu=imu(0, 0, JOLT), range=reading(contacts=CLIFF))
+    rule.restart()
+    assert not walk.step(1, range=reading(contacts=CLIFF)), "the jolt is forgotten"
+
+
+# ---- bump --------------------------------------------------------------------------------
+
+
+def test_so_many_bumps_in_the_window() -> None:
+    walk = Walk(rule := Bump(BumpRule(count=3.0, window_s=1.0, held_s=5.0)))
+    for number in (1, 2, 3):
+        held = walk.step(1, range=reading(contacts=LEFT if number % 2 else RIGHT))
+        assert held is (number == 3)
+        if number < 3:
+            assert not walk.step(4, range=reading())
+    assert rule.tell()[1] == {"count": 3, "window_s": 1.0, "held_s": 0.0}
+    assert walk.step(39, range=reading())
+    assert not walk.step(2, range=reading()), "the first is a second ago"
+
+
+def test_another_half_of_a_pressed_bumper_is_no_new_bump() -> None:
+    walk = Walk(Bump(BumpRule(count=2.0, window_s=10.0, held_s=5.0)))
+    walk.step(1, range=reading(contacts=LEFT))
+    assert not walk.step(1, range=reading(contacts=LEFT | RIGHT))
+    assert not walk.step(1, range=reading(contacts=RIGHT))
+    assert not walk.step(1, range=reading(contacts=CLIFF)), "no floor is no bump"
+    assert walk.step(1, range=reading(contacts=LEFT))
+
+
+@pytest.mark.parametrize("half", [LEFT, RIGHT])
+def test_a_half_that_stays_pressed(half: int) -> None:
+    walk = Walk(rule := Bump(BumpRule(count=100.0, window_s=10.0, held_s=2.0)))
+    walk.step(1, range=reading(contacts=half))
+    assert not walk.step(99, range=reading(contacts=half))
+    assert walk.step(2, range=reading(contacts=half))
+    assert rule.tell()[1]["held_s"] == pytest.approx(2.0, abs=0.03)
+    assert walk.step(1, range=reading(contacts=LEFT | RIGHT))
+    assert not walk.step(1, range=reading(contacts=(LEFT | RIGHT) ^ half))
+    assert not walk.step(99, range=reading(contacts=(LEFT | RIGHT) ^ half))
+
+
+def test_the_same_reading_twice_is_one() -> None:
+    walk = Walk(rule := Bump(BumpRule(count=2.0, window_s=10.0, held_s=5.0)))
+    touch, free = reading(contacts=LEFT), reading()
+    walk.step(3, range=touch)
+    walk.step(3, range=free)
+    assert not walk.held
+    assert rule.tell()[1] == {"count": 1, "window_s": 10.0, "held_s": 0.0}
+    rule.restart()
+    walk.step(1, range=reading(contacts=LEFT))
+    assert not walk.held
+    assert rule.tell()[1]["count"] == 1, "the one before is forgotten"
+    assert not walk.step(1, range=None)
+
+
+@pytest.mark.parametrize(
+    ("made_m", "after_s", "counts"),
+    [
+        # 6 cm/s for a quarter of a second are 15 mm, for a whole one 6 cm.
+        *((0.0039, 0.25, 2), (0.0041, 0.25, 1), (0.0149, 0.25, 1), (0.0151, 0.25, 2)),
+        *((0.0299, 1.0, 1), (0.0301, 1.0, 2), (-0.01, 1.0, 2), (0.0, 1.0, 2)),
+        *((0.004, 0.25, 2), (0.03, 1.0, 2)),
+    ],
+)
+def test_a_touch_that_creeps_along_is_one(made_m: float, after_s: float, counts: int) -> None:
+    rule, measured = Bump(BumpRule(count=9.0, window_s=8.0, held_s=5.0)), Measured(MODEL)
+    for time_s, contacts in ((1.0, LEFT), (1.1, 0), (1.0 + after_s, LEFT)):
+        measured.way_m = made_m * (time_s > 1.1)
+        watched = Watched(
+            *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0), range=reading(contacts=contacts)
+        )
+        rule.holds(watched, measured)
+    assert rule.tell()[1]["count"] == counts
+
+
+def test_a_wall_that_is_followed_slowly_is_no_run_of_bumps() -> None:
+    """3 cm/s, and the switch taps every 0.3 s: each touch is measured from the one before."""
+    walk = Walk(rule := Bump(BumpRule()))
+    for _ in range(100):
+        walk.step(5, left_m=0.0006, right_m=0.0006, range=reading(contacts=LEFT))
+        walk.step(10, left_m=0.0006, right_m=0.0006, range=reading())
+    assert not walk.held
+    assert rule.tell()[1]["count"] == 0, "the first was half a minute ago"
+    walk.step(1, range=reading(contacts=LEFT))
+    rule.restart()
+    walk.step(1, left_m=0.01, right_m=0.01, range=reading(contacts=LEFT))
+    assert rule.tell()[1]["count"] == 1, "nothing is known of a touch before"
+
+
+# ---- cliff -------------------------------------------------------------------------------
+
+
+def test_no_floor_is_told_and_driving_on_is_grave() -> None:
+    walk = Walk(rule := Cliff(CliffRule(ahead_m=0.05)))
+    assert not walk.step(5, left_m=0.004, right_m=0.004, range=reading(contacts=LEFT))
+    assert walk.step(1, left_m=0.004, right_m=0.004, range=reading(contacts=CLIFF))
+    grave = [rule.grave]
+    for steps, way_m in ((12, 0.004), (1, 0.004), (20, -0.004)):
+        walk.step(steps, left_m=way_m, right_m=way_m, range=reading(contacts=CLIFF))
+        grave.append(rule.grave)
+        if steps == 12:
+            assert rule.tell()[1]["ahead_m"] == pytest.approx(0.048, abs=0.001)
+    assert grave == [False, False, True, True], "what was done is done"
+    held = [walk.step(1, range=reading()), walk.step(1, range=reading(contacts=CLIFF))]
+    assert held == [False, True]
+    assert rule.tell() == ("no floor ahead", {"ahead_m": 0.0}), "it begins anew"
+
+
+def test_backing_off_from_a_cliff_is_right() -> None:
+    walk = Walk(rule := Cliff(CliffRule(ahead_m=0.05)))
+    walk.step(1, range=reading(contacts=CLIFF))
+    walk.step(40, left_m=-0.004, right_m=-0.004, range=reading(contacts=CLIFF))
+    assert not rule.grave
+    assert not walk.step(1, range=None)
+
+
+# ---- progress and fence ------------------------------------------------------------------
+
+
+def test_a_small_square_for_a_long_time_is_no_progress() -> None:
+    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, least_m=0.1)))
+    walk.step(1)
+    for index in range(199):
+        x = 0.099 * (index % 2)
+        assert not walk.step(1, pose=Pose2(x, -x, 0.0))
+    assert not walk.step(1, pose=Pose2(0.05, 0.0, 0.0))
+    assert walk.step(2, pose=Pose2(0.05, 0.0, 0.0))
+    assert rule.tell()[1] == {"for_s": pytest.approx(4.0, abs=0.05), "least_m": 0.1}
+
+
+@pytest.mark.parametrize("there", [(0.101, 0.0), (-0.101, 0.0), (0.0, 0.101), (0.0, -0.101)])
+def test_leaving_the_square_begins_it_anew(there: tuple[float, float]) -> None:
+    walk = Walk(Progress(ProgressRule(window_s=4.0, least_m=0.1)))
+    walk.step(150)
+    walk.step(1, pose=Pose2(*there, 0.0))
+    assert not walk.step(199, pose=Pose2(*there, 0.0))
+    assert walk.step(3, pose=Pose2(*there, 0.0)), "from there on it stood"
+
+
+def test_steps_to_and_fro_make_a_square_of_their_own() -> None:
+    walk = Walk(rule := Progress(ProgressRule(window_s=1.0, least_m=0.1)))
+    for x in (0.0, 0.06, -0.06):
+        walk.step(10, pose=Pose2(x, 0.0, 0.0))
+    assert not walk.step(40, pose=Pose2(-0.06, 0.0, 0.0)), "0.12 m apart: it left the square"
+    rule.restart()
+    assert not walk.step(49, pose=Pose2(-0.06, 0.0, 0.0))
+    assert walk.step(3, pose=Pose2(-0.06, 0.0, 0.0))
+
+
+def test_the_radius_is_around_the_first_place() -> None:
+    walk = Walk(rule := Fence(FenceRule(radius_m=1.0)))
+    assert not walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
+    assert not walk.step(1, pose=Pose2(5.99, 5.0, 0.0))
+    assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0))
+    assert rule.tell()[1] == {"x_m": 5.8, "y_m": 5.8}
+    assert "further than 1 m" in rule.tell()[0]
+    rule.restart()
+    assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0)), "the fence stands where it stood"
+
+
+def test_without_a_fence_nothing_is_outside() -> None:
+    assert not Walk(Fence(FenceRule())).step(1, pose=Pose2(900.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "outside"),
+    [
+        *[(0.5, 0.5, False), (1.5, 0.5, False), (0.5, 1.5, False), (1.5, 1.5, True)],
+        *[(-0.1, 0.5, True), (2.1, 0.5, True), (0.5, -0.1, True), (0.5, 2.1, True)],
+        *[(0.99, 1.5, False), (1.01, 1.5, True), (1.5, 0.99, False), (1.5, 1.01, True)],
+    ],
+)
+def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
+    corners = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.0, 1.0), (1.0, 2.0), (0.0, 2.0))
+    walk = Walk(rule := Fence(FenceRule(polygon=corners)))
+    assert walk.step(1, pose=Pose2(x, y, 0.0)) is outside
+    if outside:
+        assert "outside of the fence" in rule.tell()[0]
+
+
+def test_a_slanting_fence() -> None:
+    """A triangle whose long side is y = 2 - x / 2: a crossing is not where its corner is."""
+    corners = ((0.0, 0.0), (4.0, 0.0), (0.0, 2.0))
+    for x, y, outside in ((2.0, 0.9, False), (2.0, 1.1, True), (3.0, 0.4, False), (3.0, 0.6, True)):
+        assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside

@@ -1,0 +1,169 @@
+"""The conditions on the body at their very limits, in figures that are exact."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.motion.geometry import Pose2
+from bridge.supervise.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
+from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
+from protocol.values import Contact
+from support.watching import G_LSB, Walk, imu, reading, status
+
+if TYPE_CHECKING:
+    from bridge.supervise.conditions import Condition
+    from protocol.messages import Imu
+
+LEFT, RIGHT, CLIFF = (
+    int(Contact.BUMPER_LEFT),
+    int(Contact.BUMPER_RIGHT),
+    int(Contact.CLIFF),
+)
+JOLT = round(G_LSB * (1.0 + 1.55 / 9.80665))
+
+
+def leaning(degrees: float) -> Imu:
+    along, up = (round(G_LSB * f(math.radians(degrees))) for f in (math.sin, math.cos))
+    return imu(along, 0, up)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        *(Tilt(TiltRule()), Lifted(), Bump(BumpRule()), Cliff(CliffRule())),
+        *(Progress(ProgressRule()), Fence(FenceRule())),
+    ],
+)
+def test_nothing_is_grave_of_itself(rule: Condition) -> None:
+    assert rule.grave is False
+    assert Walk(rule).step(3, imu=imu(), range=reading(1.0)) is False
+    assert rule.grave is False
+    assert Walk(rule).step(1, range=reading(contacts=CLIFF), status=status(0xFFFF)) in {True, False}
+    assert rule.grave is False, "not at the first sight of it"
+
+
+def test_to_lean_by_the_limit_is_not_to_lean_by_more() -> None:
+    """4 of 5 upright, 3 across: the angle whose cosine is 0.8, exactly."""
+    rule = Tilt(TiltRule(angle_deg=math.degrees(math.acos(0.8))))
+    walk = Walk(rule)
+    sample = imu(3000, 0, 4000)
+    assert [walk.step(1, imu=sample), walk.step(1, imu=sample)] == [False, False]
+    for mark in range(200):
+        walk.step(1, imu=imu(3000, 0, 3990, mark=mark))
+    assert walk.held
+    assert rule.tell() == ("it leans by 37°", {"angle_deg": 36.9})
+
+
+def test_a_sample_counts_once_however_long_it_is_shown() -> None:
+    """A tenth of the way to 20° per sample of 20 ms."""
+    walk = Walk(rule := Tilt(TiltRule(angle_deg=1.5)))
+    walk.step(50, imu=imu())
+    shock = leaning(20.0)
+    assert walk.step(10, imu=shock)
+    assert rule.tell()[1] == {"angle_deg": 2.0}
+
+
+def test_a_step_longer_than_its_time_constant_takes_the_sample_as_it_is() -> None:
+    walk = Walk(rule := Tilt(TiltRule(angle_deg=12.0)))
+    walk.step(1, imu=imu())
+    walk.time_s += 0.28
+    assert walk.step(1, imu=leaning(20.0))
+    assert rule.tell()[1] == {"angle_deg": 20.0}
+
+
+def test_the_least_that_an_accelerometer_tells_is_a_direction() -> None:
+    assert Walk(Tilt(TiltRule())).step(1, imu=imu(0, 0, -1))
+
+
+def test_a_jolt_lasts_less_than_a_second() -> None:
+    for gap_s, found in ((0.9999, True), (1.0, False)):
+        walk = Walk(Lifted())
+        walk.time_s = 0.0
+        walk.look(imu=imu(0, 0, JOLT), range=reading())
+        walk.time_s = gap_s
+        assert walk.look(imu=imu(), range=reading(contacts=CLIFF)) is found
+
+
+def test_bumps_are_counted_up_to_the_windows_end() -> None:
+    for gap_s, found in ((8.0, True), (8.001, False)):
+        walk = Walk(Bump(BumpRule(count=2.0, window_s=8.0, held_s=5.0)))
+        walk.time_s = 0.0
+        walk.look(range=reading())
+        walk.look(range=reading(contacts=LEFT))
+        walk.look(range=reading())
+        walk.time_s = gap_s
+        assert walk.look(range=reading(contacts=LEFT)) is found
+
+
+def test_a_bumper_is_held_from_the_limit_on() -> None:
+    walk = Walk(rule := Bump(BumpRule(count=9.0, window_s=8.0, held_s=2.5)))
+    walk.time_s = 1.0
+    walk.look(range=reading(contacts=RIGHT))
+    walk.time_s = 3.499
+    assert not walk.look(range=reading(contacts=RIGHT))
+    assert rule.tell() == ("1 bumps in 8 s", {"count": 1, "window_s": 8.0, "held_s": 2.5})
+    walk.time_s = 3.5
+    assert walk.look(range=reading(contacts=RIGHT))
+    text = "a bumper has been pressed for 2 s"
+    assert rule.tell() == (text, {"count": 1, "window_s": 8.0, "held_s": 2.5})
+    walk.time_s = 3.625
+    walk.look(range=reading(contacts=RIGHT))
+    assert rule.tell()[1]["held_s"] == 2.62
+
+
+def test_on_the_edge_it_is_not_grave_and_a_step_ahead_is() -> None:
+    walk = Walk(rule := Cliff(CliffRule(ahead_m=0.0)))
+    assert walk.step(5, range=reading(contacts=CLIFF))
+    grave = [rule.grave]
+    walk.step(1, left_m=0.0123, right_m=0.0123, range=reading(contacts=CLIFF))
+    grave.append(rule.grave)
+    text, data = rule.tell()
+    assert text == "no floor ahead, and it drove on by 1 cm"
+    assert data == {"ahead_m": 0.012}
+    rule.restart()
+    assert [*grave, rule.grave] == [False, True, False]
+
+
+def test_a_square_of_just_its_side_is_not_left() -> None:
+    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, least_m=0.75)))
+    walk.time_s = 0.0
+    for time_s, x, held in ((0.0, 0.0, False), (3.9, 0.75, False), (4.0, 0.75, False)):
+        walk.time_s = time_s
+        assert walk.look(pose=Pose2(x, 0.0, 0.0)) is held, "a square of three quarters of a metre"
+    walk.time_s = 4.0625
+    assert walk.look(pose=Pose2(0.75, 0.0, 0.0))
+    text, data = rule.tell()
+    assert text == "it has been within 75 cm for 4 s"
+    assert data == {"for_s": 4.1, "least_m": 0.75}
+
+
+def test_the_fence_is_where_it_is_and_not_before() -> None:
+    walk = Walk(rule := Fence(FenceRule(radius_m=1.0)))
+    walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
+    assert not walk.step(1, pose=Pose2(6.0, 5.0, 0.0)), "a metre is not further than a metre"
+    assert walk.step(1, pose=Pose2(6.1234, 5.5678, 0.0))
+    assert rule.tell()[1] == {"x_m": 6.123, "y_m": 5.568}
+    walk = Walk(Fence(FenceRule()))
+    walk.step(1, pose=Pose2(0.0, 0.0, 0.0))
+    assert not walk.step(1, pose=Pose2(9.0, 0.0, 0.0)), "no fence, and it has moved"
+
+
+def test_of_a_fences_sides_the_left_and_the_lower_belong_to_it() -> None:
+    """So that fences side by side leave no gap; a corner's own height is no special place."""
+    corners = ((0.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0), (1.0, 3.0), (0.0, 3.0))
+    for x, y, outside in (
+        *((0.0, 1.5, False), (2.0, 1.5, True), (1.5, 1.0, False), (0.5, 3.0, True)),
+        *((0.5, 2.0, False), (-0.5, 2.0, True), (2.5, 2.0, True), (-0.5, 1.0, True)),
+    ):
+        walk = Walk(Fence(FenceRule(polygon=corners)))
+        assert walk.step(1, pose=Pose2(x, y, 0.0)) is outside, (x, y)
+
+
+def test_a_slanting_fence_that_stands_higher() -> None:
+    """A triangle whose long side is y = 5 - x / 2."""
+    corners = ((0.0, 3.0), (4.0, 3.0), (0.0, 5.0))
+    for x, y, outside in ((2.0, 3.9, False), (2.0, 4.1, True), (3.0, 3.4, False), (3.0, 3.6, True)):
+        assert Walk(Fence(FenceRule(polygon=corners))).step(1, pose=Pose2(x, y, 0.0)) is outside

@@ -1,0 +1,135 @@
+"""The slip rule at its very limits: what is measured is set by hand, in figures that are exact."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.motion.geometry import Pose2
+from bridge.supervise.measured import Measured
+from bridge.supervise.settings import SlipRule
+from bridge.supervise.slip import Slip, _lost
+from bridge.supervise.watched import Watched
+from support.watching import MODEL, reading
+
+
+class Hand:
+    """A slip rule whose odometry is set by hand."""
+
+    def __init__(self, share: float = 0.25) -> None:
+        self.rule = Slip(SlipRule(difference_m_s=0.015, share=share))
+        self.measured = Measured(MODEL)
+        self.measured.new_range = True
+
+    def at(self, way_m: float, range_m: float, *, turn_rad: float = 0.0) -> bool:
+        self.measured.way_m, self.measured.turn_rad = way_m, turn_rad
+        seen = reading(range_m)
+        return self.rule.holds(
+            Watched(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, range=seen), self.measured
+        )
+
+    def run(self, closing: float = 0.0, *, from_m: float = 2.0, turn_rad: float = 0.0) -> bool:
+        """Twelve readings over 0.3 m."""
+        for number in range(12):
+            way_m = 0.3 if number == 11 else 0.025 * number
+            held = self.at(way_m, from_m - closing * way_m, turn_rad=turn_rad)
+        return held
+
+
+def test_nothing_is_grave_of_itself() -> None:
+    hand = Hand()
+    assert hand.rule.grave is False
+    assert hand.run() is True
+    assert hand.rule.grave is False
+
+
+def test_a_range_that_does_not_close_at_all_lost_all_of_the_way() -> None:
+    assert Hand(share=1.0).run(from_m=0.0) is False, "by no more than all of it"
+    hand = Hand(share=0.999)
+    assert hand.run() is True
+    text, data = hand.rule.tell()
+    assert text.startswith("the range ahead closes by 0 % of the wheels' way: the wheels slip, ")
+    assert data == {"by": "ultrasonic", "lost_share": 1.0}
+    hand = Hand()
+    hand.run(closing=1 / 3)
+    assert hand.rule.tell()[1]["lost_share"] in {0.666, 0.667, 0.668}, "to a thousandth"
+
+
+def test_a_range_counts_up_to_3_5_m() -> None:
+    assert Hand().run(from_m=3.5) is True
+    assert Hand().run(from_m=3.501) is False
+
+
+def test_a_run_may_bend_by_its_limit() -> None:
+    for turn_rad, held in ((0.06, True), (-0.06, True), (0.0601, False)):
+        hand = Hand()
+        hand.at(0.0, 2.0)
+        for number in range(1, 12):
+            found = hand.at(0.3 if number == 11 else 0.025 * number, 2.0, turn_rad=turn_rad)
+        assert found is held
+
+
+def test_a_range_may_jump_by_3_cm_beyond_the_way_made() -> None:
+    """It widens as fast as it drives; then by 0.53 m over half a metre."""
+    for range_m, held in ((0.63, True), (0.631, False)):
+        hand = Hand()
+        for number in range(11):
+            hand.at(number / 100, number / 100)
+        assert hand.at(0.6, range_m) is held
+
+
+def test_to_stand_is_not_to_be_sounded_again() -> None:
+    """Seven places and two score of readings: too few to say anything."""
+    hand = Hand()
+    for number in range(7):
+        for _ in range(6):
+            assert not hand.at(0.05 * number, 2.0)
+
+
+def test_a_run_is_of_the_last_0_3_m() -> None:
+    """A metre that closes as it should, then 0.34 m that do not close by more than half."""
+    hand = Hand()
+    range_m, way_m, held = 2.5, 0.0, False
+    for number in range(136):
+        way_m += 0.01
+        range_m -= 0.01 if number < 100 else 0.005
+        held = hand.at(way_m, range_m) or held
+    assert held
+
+
+def test_what_both_pairs_find_is_told_by_the_gyro_only_beyond_its_limit() -> None:
+    for slip_m_s, by in ((0.015, "ultrasonic"), (0.0151, "gyro"), (-0.015, "ultrasonic")):
+        hand = Hand()
+        hand.measured.slip_m_s = slip_m_s
+        assert hand.run() is True
+        assert hand.rule.tell()[1]["by"] == by
+
+
+@pytest.mark.parametrize(("slip_m_s", "side"), [(0.123456, "right"), (-0.123456, "left")])
+def test_the_wheel_that_is_ahead_is_named(slip_m_s: float, side: str) -> None:
+    hand = Hand()
+    hand.measured.slip_m_s = slip_m_s
+    assert hand.at(0.0, 1.0) is True
+    text, data = hand.rule.tell()
+    assert text == (
+        f"wheels and gyro differ by 12 cm/s: the {side} wheel is ahead of what the body turns"
+    )
+    assert data == {"by": "gyro", "difference_m_s": 0.1235 if side == "right" else -0.1235}
+
+
+@pytest.mark.parametrize(
+    ("half", "rest", "lost"),
+    [
+        # In 32nds of a metre. The whole neither closes nor widens: it lost all of its way. Its
+        # halves close and widen by 0.4 of theirs, just too much to agree; by 0.486; by less.
+        *(([1, 1, 0, -1, 0, -1], None, 0.0), ([1, 1, 0, -1, -1, -1], None, 0.0)),
+        ([1, 1, 0, -1, 0, -0.99], None, 1.0),
+        # The first third closes by 0.7, and the first half by nothing.
+        ([1, 1, 0, -1, 1, 1.2], [0.0] * 6, 0.933),
+    ],
+)
+def test_each_half_must_show_more_than_0_6_of_the_whole(
+    half: list[float], rest: list[float] | None, lost: float
+) -> None:
+    ranges = half + (half[::-1] if rest is None else rest)
+    points = [(way / 32, range_ / 32) for way, range_ in enumerate(ranges)]
+    assert _lost(points) == pytest.approx(lost, abs=5e-4)
