@@ -9,10 +9,10 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
-from bridge.errors import BridgeError, CommandRejectedError, DeviceLostError, ParameterError
+from bridge.errors import BridgeError, DeviceLostError, ParameterError
 from bridge.io import clock
 from bridge.parameters import Parameter, closest
-from bridge.refusals import refusal
+from bridge.refusals import check_known, check_outcome
 from protocol.catalogue import CATALOGUE
 from protocol.message import Direction, RateClass
 from protocol.messages import (
@@ -84,9 +84,7 @@ class Asker:
 
     def _some(self, kind: type[Message], asked: Sequence[tuple[int, ...]]) -> None:
         what = _NAMES.get(kind, kind.__name__)
-        link = self._host.session.link
-        if CATALOGUE.by_class[kind].type_id in link.disabled:
-            raise CommandRejectedError(what, "its firmware does not have this command")
+        check_known(what, kind, self._host.session.link)
         outcomes: list[Outcome | None] = []
         all_in = threading.Event()
 
@@ -103,7 +101,7 @@ class Asker:
         if not all_in.wait(WAIT_S):
             raise DeviceLostError(f"no answer to {what}: the session has ended")
         for outcome in outcomes:
-            _check(what, outcome)
+            check_outcome(what, outcome)
 
     # ---- parameters -----------------------------------------------------------------------
 
@@ -240,13 +238,3 @@ class Asker:
 
         """
         self.command(PlannerCommand, action, planner)
-
-
-def _check(what: str, outcome: Outcome | None) -> None:
-    if outcome is None:
-        raise DeviceLostError(f"no answer to {what}: the device is not there")
-    if outcome.accepted:
-        return
-    if outcome.reason is None:
-        raise DeviceLostError(f"the device did not answer {what}")
-    raise CommandRejectedError(what, refusal(outcome.reason))

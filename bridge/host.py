@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.swept_map import SweptMap
 from bridge.host_dialogue import Dialogue, carry_out
+from bridge.host_pings import Pings
 from bridge.host_records import HostRecords
+from bridge.host_senses import HostSenses
 from bridge.mission import Ending, Mission, Phase, Request
-from bridge.motion.estimator import PoseEstimator
 from bridge.motion.observation import HALT
-from bridge.motion.relocalise import Relocaliser
-from bridge.robot_state import STALE_S, RobotState, missing_needs, understood
+from bridge.robot_state import STALE_S, missing_needs, understood
 from bridge.session import Session
 from bridge.session_events import (
     Agreed,
@@ -43,7 +43,7 @@ from protocol.messages import (
     Status,
 )
 from protocol.uart import DamagedFrame
-from protocol.values import Contact, StopCause, label
+from protocol.values import StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
     from bridge.watching import Watch
+    from protocol.commands import Outcome
     from protocol.message import Message
     from protocol.messages import Hello
 
@@ -66,11 +67,10 @@ SILENT_NS = 100_000_000
 MAP_PERIOD_NS = 2_000_000_000
 CLOCK_PERIOD_NS = 1_000_000_000
 _DOUBT_NS = round(STALE_S * 1e9)
-_BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
 _EXIT = {"disagreement": 4, "version": 4, "several": 2}
 
 
-class Host:
+class Host(HostSenses):
     """One robot's host end, from opening the session to the end of the run."""
 
     def __init__(
@@ -82,20 +82,15 @@ class Host:
         new_session_id: Callable[[], int],
     ) -> None:
         """Make everything, closed; :meth:`open` begins."""
-        self.model = model
+        super().__init__(model, options.start)
         self.mission = mission
         self.session = Session(
             new_session_id, node=options.node, link=options.link, key=options.key
         )
         self.dialogue = Dialogue(self.session)
         self.sync = TimeSync(*options.least_delay_ns)
-        self.state = RobotState()
-        self.estimator = PoseEstimator(model, options.start)
         self.swept = SweptMap(model)
-        self._walls = Relocaliser(model, self.estimator)
         self.hello: Hello | None = None
-        self.encoders_us = 0
-        """Device time of the newest encoder sample: the estimate's position is of then."""
         self.path_m = 0.0
         self.drive_pose: Pose2 | None = None
         """Estimate at the newest control step of the drive; None: it has not begun."""
@@ -104,6 +99,7 @@ class Host:
         self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
         """Told time (s, host) and estimate of every control step of the drive."""
         self.wire = WireStatistics()
+        self._pings = Pings(self.sync, self.wire, sum(options.least_delay_ns), self.event)
         self._sink = sink
         bus = self.session.link.medium is Medium.CAN
         self._records = HostRecords(sink, options.unix_offset_ns, options.planner, bus=bus)
@@ -171,9 +167,13 @@ class Host:
     def data_to_send(self, now_ns: HostNs) -> bytes:
         """Bytes for the port; the caller writes them at once."""
         data = self.session.link.data_to_send()
+        self.sent(data, now_ns)
+        return data
+
+    def sent(self, data: bytes, now_ns: HostNs) -> None:
+        """Take what :attr:`session` gave for the port as written, which puts it on record."""
         if data:
             self._tap(data, now_ns, outgoing=True)
-        return data
 
     def discard_output(self) -> None:
         """Forget what waits to be written: there is no port, and it must not come late."""
@@ -223,15 +223,15 @@ class Host:
 
     def _happened(self, event: SessionEvent, now_ns: HostNs) -> None:
         match event:
+            case CommandEnded():  # first, for somebody waits for it
+                if not self.dialogue.ended(event.outcome):
+                    self._answered(event.outcome, now_ns)
             case Ping():
-                self._ping(event, now_ns)
+                self._pings.take(event, now_ns)
             case StateChanged():
                 self._changed(event, now_ns)
             case Agreed():
                 self._agreed(event, now_ns)
-            case CommandEnded():
-                if not self.dialogue.ended(event.outcome):
-                    self.mission.on_command(event.outcome, now_ns / 1e9)
             case Failed():
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
@@ -255,6 +255,10 @@ class Host:
             cause = label(StopCause, request.value)
             self.event(now_ns, severity, "safety", "stop", ending.reason, cause=cause)
 
+    def _answered(self, outcome: Outcome, now_ns: HostNs) -> None:
+        if self.watch is None or not self.watch.keeps(outcome, now_ns):
+            self.mission.on_command(outcome, now_ns / 1e9)
+
     def _changed(self, event: StateChanged, now_ns: HostNs) -> None:
         bad = event.new in {State.LOST, State.FAILED}
         self.event(
@@ -276,11 +280,9 @@ class Host:
         if event.again:
             self._records.again(event, now_ns)
         if event.rebooted:
-            # Its clock and its wheel counts began anew; the robot has not moved for that.
             self.sync.reset()
             self.dialogue.forget()
-            self.estimator = PoseEstimator(self.model, self.estimator.pose)
-            self._walls = Relocaliser(self.model, self.estimator)
+            self._booted()
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
         self._missing = missing_needs(event.differences)
@@ -294,39 +296,10 @@ class Host:
             text = f"the device cannot be driven: it lacks {', '.join(self._missing)}"
             self.mission.request_end(Ending("fault", text, 4), now_ns / 1e9)
 
-    def _ping(self, event: Ping, now_ns: HostNs) -> None:
-        received, replied = self.sync.extend(event.received_us), self.sync.extend(event.replied_us)
-        if not self.sync.exchange(event.sent_ns, received, replied, event.arrived_ns):
-            self.event(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
-        self.wire.round_trip.add(self.sync.round_trip_ns)
-
-    def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
-        self.state.take(message, now_ns / 1e9)
-
-    def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
-        self.state.imu = message
-        self.state.arrived_s[Imu] = now_ns / 1e9
-        self.estimator.on_imu(
-            device_us * 1e-6, message.gyro_z_rad_s, message.accel_x_m_s2, message.accel_y_m_s2
-        )
-
-    def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
-        self.state.encoders = message
-        self.state.arrived_s[Encoders] = now_ns / 1e9
-        self.encoders_us = device_us
-        self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
-
     def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:
-        """Let walls that are seen again correct the estimate."""
         self.state.take(message, now_ns / 1e9)
         if self.mission.phase is Phase.DRIVING:
-            self._walls.update(
-                message.ultrasonic_m,
-                message.infrared_left_m,
-                message.infrared_right_m,
-                touching=message.contacts & _BUMPERS != 0,
-                t_s=device_us * 1e-6,
-            )
+            self._see_walls(message, device_us)
 
     def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
         self._records.log_text(message, now_ns)

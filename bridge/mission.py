@@ -101,6 +101,8 @@ class Mission:
         self.drive_ended_s: float | None = None
         self.stop_confirmed = False
         """The device has said that it stands, for good."""
+        self.signed = False
+        """What is asked for is signed with a key, which may be another than the device's."""
         self.asking = False
         """The device is back, and a person is asked whether to go on."""
         self._resume = resume
@@ -211,7 +213,8 @@ class Mission:
         if not outcome.accepted:
             what = "clear stop" if isinstance(message, ClearStop) else "velocity mode"
             if outcome.reason is None:
-                ending = Ending("fault", f"the device did not answer {what}", 4)
+                hint = "; is this the key that it has?" if self.signed else ""
+                ending = Ending("fault", f"the device did not answer {what}{hint}", 4)
             else:
                 text = f"the device refused {what}: {refusal(outcome.reason)}"
                 stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}

@@ -1,8 +1,18 @@
-"""A device's refusals in words."""
+"""What a device's answers come to: its refusals in words, and the errors that carry them."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from bridge.errors import CommandRejectedError, DeviceLostError, StoppedForSafetyError
 from protocol.values import NackReason, label
+
+if TYPE_CHECKING:
+    from bridge.errors import BridgeError
+    from bridge.mission import Ending
+    from protocol.commands import Outcome
+    from protocol.link import LinkBase
+    from protocol.message import Message
 
 
 def refusal(reason: int) -> str:
@@ -11,3 +21,42 @@ def refusal(reason: int) -> str:
     if reason == NackReason.NOT_AUTHENTICATED:
         return f"{name}; the robot has a key: give it with --key-file"
     return name
+
+
+def check_known(what: str, kind: type[Message], link: LinkBase) -> None:
+    """See that the device's firmware has a command.
+
+    Raises:
+        CommandRejectedError: it does not; ``what`` names it.
+
+    """
+    if link.codec.catalogue.by_class[kind].type_id in link.disabled:
+        raise CommandRejectedError(what, "its firmware does not have this command")
+
+
+def check_outcome(what: str, outcome: Outcome | None) -> None:
+    """See that a command was carried out; None: there was nobody to ask.
+
+    Raises:
+        CommandRejectedError: the device refused it.
+        DeviceLostError: it did not answer.
+
+    """
+    if outcome is None:
+        raise DeviceLostError(f"no answer to {what}: the device is not there")
+    if outcome.accepted:
+        return
+    if outcome.reason is None:
+        raise DeviceLostError(f"the device did not answer {what}")
+    raise CommandRejectedError(what, refusal(outcome.reason))
+
+
+def cannot_move(ending: Ending | None) -> BridgeError:
+    """Why a robot does not obey a velocity: how its run has ended; None: none was begun."""
+    if ending is None:
+        return StoppedForSafetyError("the robot is not enabled: call enable() first")
+    if ending.exit_status == 3:  # noqa: PLR2004 - the contract's status for a lost device
+        return DeviceLostError(ending.reason)
+    if ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
+        return CommandRejectedError("to move", ending.reason)
+    return StoppedForSafetyError(ending.reason)

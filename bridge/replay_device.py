@@ -151,12 +151,6 @@ class ReplayDevice:
         """Everything was played."""
         return self._next >= len(self.recording.played)
 
-    @property
-    def played_s(self) -> float:
-        """How far it is into the recording."""
-        index = max(0, self._next - 1)
-        return (self.recording.played[index].log_ns - self._first_ns) / 1e9
-
     def receive(self, data: bytes, now_ns: HostNs) -> None:
         """Take what the host sends."""
         for event in self._link.receive(data):

@@ -23,11 +23,9 @@ from typing import TYPE_CHECKING, Any, Self
 from bridge.asking import Asker
 from bridge.errors import (
     BridgeError,
-    CommandRejectedError,
     DeviceLostError,
     DisagreementError,
     NoDeviceError,
-    StoppedForSafetyError,
 )
 from bridge.host import Host
 from bridge.host_options import HostOptions
@@ -42,6 +40,7 @@ from bridge.motion.observation import VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.owner import OwnerService
 from bridge.record.sink import NullSink
+from bridge.refusals import cannot_move
 from bridge.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
 from bridge.session_events import State
 from bridge.snapshot import snapshot
@@ -56,7 +55,6 @@ if TYPE_CHECKING:
     from bridge.parameters import Parameter
     from bridge.record.sink import Sink
     from bridge.robot_state import RobotState
-    from bridge.session import Session
     from bridge.telemetry import EventRecord
 
 __all__ = ["LET_GO_S", "Latest", "ManualDrive", "Robot"]
@@ -215,7 +213,7 @@ class Robot:
         self._pump.call(lambda: self._mission.start(self._drive, clear_stop=clear_stop))
         self._until(lambda: self.enabled or self._mission.ending is not None, ENABLE_TIMEOUT_S)
         if not self.enabled:
-            raise self._why()
+            raise cannot_move(self._mission.ending)
 
     def drive(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
         """Set the velocity; repeat it at least twice a second.
@@ -229,7 +227,7 @@ class Robot:
 
         """
         if not self.enabled:
-            raise self._why()
+            raise cannot_move(self._mission.ending)
         if not (math.isfinite(v_m_s) and math.isfinite(yaw_rate_rad_s)):
             raise ValueError(f"not a velocity: {v_m_s} m/s, {yaw_rate_rad_s} rad/s")
         command = VelocityCommand(
@@ -349,7 +347,7 @@ class Robot:
         self._key = key
         session = self.host.session
         self._pump.call(lambda: session.set_key(key, clock.now()))
-        if key is not None and not self._until(lambda: _signs(session), STATUS_TIMEOUT_S):
+        if key is not None and not self._until(lambda: session.signs, STATUS_TIMEOUT_S):
             raise DeviceLostError("the device did not answer with its challenge")
 
     # ---- the end --------------------------------------------------------------------------
@@ -380,20 +378,6 @@ class Robot:
         while not true() and self._thread.is_alive() and clock.now() < deadline_ns:
             clock.pause(_POLL_S)
         return true()
-
-    def _why(self) -> BridgeError:
-        ending = self._mission.ending
-        if ending is None:
-            return StoppedForSafetyError("the robot is not enabled: call enable() first")
-        if ending.exit_status == 3:  # noqa: PLR2004 - the contract's status for a lost device
-            return DeviceLostError(ending.reason)
-        if ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
-            return CommandRejectedError("to move", ending.reason)
-        return StoppedForSafetyError(ending.reason)
-
-
-def _signs(session: Session) -> bool:
-    return session.link.key is not None and session.link.key.begun
 
 
 def _limited(value: float, limit: float) -> float:

@@ -8,22 +8,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.session_agreement import QUESTIONS_AT_ONCE, Agreement
-from bridge.session_bus import LISTEN_NS, Answers
+from bridge.session_bus import LISTEN_NS
 from bridge.session_events import (
-    TRANSITIONS,
-    Agreed,
     CommandEnded,
     Data,
-    Failed,
     Ping,
     SessionEvent,
     State,
-    StateChanged,
 )
 from bridge.session_evidence import Evidence
-from bridge.session_key import SessionKey
-from bridge.session_requests import SessionRequests
+from bridge.session_handshake import ANSWER_PERIOD_NS, SessionHandshake
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.clock import HostNs
 from protocol.codec import Codec
@@ -35,7 +29,6 @@ from protocol.messages import (
     Challenge,
     DescribeReply,
     Hello,
-    HostHello,
     Nack,
     Stop,
     TimeReply,
@@ -45,7 +38,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 HELLO_PERIOD_NS = 200_000_000
-ANSWER_PERIOD_NS = 100_000_000
 OPEN_TIMEOUT_NS = 3_000_000_000
 """Three of the device's own hellos, which it sends at 1 Hz."""
 AGREE_TIMEOUT_NS = 8_000_000_000
@@ -59,7 +51,7 @@ _new = tuple.__new__
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 
 
-class Session(SessionRequests):
+class Session(SessionHandshake):
     """The host's end of a conversation with one device."""
 
     def __init__(  # noqa: PLR0913 - what a session can be made with
@@ -80,28 +72,17 @@ class Session(SessionRequests):
             BadKeyError: the key has not 16 bytes.
 
         """
-        self.state = State.CLOSED
-        self.link = link(Direction.HOST, codec=Codec(catalogue))
-        self._key = SessionKey(self.link, key)
-        super().__init__(self.link, node, catalogue)
-        self.hello: Hello | None = None
-        self.session_id = 0
+        super().__init__(
+            link(Direction.HOST, codec=Codec(catalogue)),
+            new_session_id,
+            name=name,
+            node=node,
+            catalogue=catalogue,
+            key=key,
+        )
         self._wanted_node = node
-        self._new_session_id = new_session_id
-        self._name = name
-        self._agreement = Agreement(catalogue, self.link)
-        self._joined = False
-        """The device has said that it is in our session."""
         self._evidence = Evidence()
-        self._answers = Answers()
-        self._opened_ns = 0
         self._heard_ns = HostNs(0)
-        self._next_ns = 0
-        self._tries = 0
-        self._boot_known: int | None = None
-        self._schema_known: int | None = None
-        """The device's catalogue, as hashed, when the session was last ready."""
-        self._events: list[SessionEvent] = []
         self._handlers: dict[type[Message], Callable[[Any, Received, HostNs], None]] = {
             Hello: self._hello,
             DescribeReply: self._answer,
@@ -174,7 +155,7 @@ class Session(SessionRequests):
             state is State.READY
             and now_ns < self._next_ns
             and now_ns - self._heard_ns <= LOST_AFTER_NS
-            and self._outbox.commands.idle
+            and self._outbox.commands.rests(now_ns // 1000)
         ):
             return self._drain()
         self._notice(now_ns)
@@ -233,14 +214,6 @@ class Session(SessionRequests):
 
     # ---- inside ---------------------------------------------------------------------------
 
-    def _move(self, what: str, why: str) -> None:
-        new = TRANSITIONS.get((self.state, what))
-        if new is None:
-            return
-        if new is not self.state:
-            self._events.append(StateChanged(self.state, new, why))
-        self.state = new
-
     def _drain(self) -> list[SessionEvent]:
         events = self._events
         if events:
@@ -268,18 +241,6 @@ class Session(SessionRequests):
             case _:
                 pass
 
-    def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
-        self._outbox.send(
-            HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns
-        )
-
-    def _ask(self, now_ns: HostNs) -> None:
-        if self._agreement.settled:
-            self._send_hello(now_ns, agreed=1)
-            return
-        for question in self._agreement.questions():
-            self._outbox.send(question, now_ns)
-
     def _handle(self, event: Received, now_ns: HostNs) -> None:
         handler = self._handlers.get(event.message.__class__)
         if handler is not None:
@@ -295,7 +256,7 @@ class Session(SessionRequests):
             self._events.append(Data(event, now_ns))
 
     def _reply(self, reply: Ack | Nack, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
-        outcome = self.commands.reply(reply, now_ns // 1000)
+        outcome = self._outbox.commands.reply(reply, now_ns // 1000)
         if outcome is not None:
             if isinstance(outcome.message, Stop) and outcome.accepted:
                 self._open_stop = None
@@ -307,111 +268,11 @@ class Session(SessionRequests):
         if sent_ns is not None:
             self._events.append(Ping(sent_ns, reply.received_us, event.frame.t_us, now_ns))
 
-    def _hello(self, hello: Hello, event: Received, now_ns: HostNs) -> None:
-        if self.state is State.OPENING and self.link.medium is Medium.CAN:
-            self._answers.note(hello, event, self._opened_ns, now_ns)
-            return
-        self._accept(hello, event.frame.node, now_ns)
-
-    def set_key(self, key: bytes | None, now_ns: HostNs) -> None:
-        """Sign with this key from now on, and ask for the challenge; None: sign nothing."""
-        self._key.use(key)
-        if key is not None and self.state is State.READY:
-            self._send_hello(now_ns, agreed=1)
-
-    def _challenge(self, message: Challenge, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
-        self._key.take(message, self.hello, self.session_id)
-
     @property
     def _others_talk(self) -> bool:
         """On a bus that we are about to use, another host does."""
         bus = self.link.medium is Medium.CAN
         return bus and self.state is State.OPENING and self._evidence.echoes > 0
-
-    def _choose(self, now_ns: HostNs) -> None:
-        """Everybody on the bus has had time to answer: go on where it was one."""
-        chosen = self._answers.choose()
-        if isinstance(chosen, str):
-            self._fail("no_device", "several", chosen)
-        else:
-            self._accept(*chosen, now_ns)
-
-    def _accept(self, hello: Hello, node: int, now_ns: HostNs) -> None:
-        known = self.hello
-        if known is not None and known.uid != hello.uid:
-            self._fail(
-                "other_device",
-                "other_device",
-                f"another device answered: uid {hello.uid.hex()}, expected {known.uid.hex()}",
-            )
-            return
-        if self.state in {State.OPENING, State.LOST}:
-            self._outbox.node = node
-            self._move("hello", "device answered")
-            self._agree(hello, now_ns)
-        elif self.state is State.READY:
-            rebooted = known is not None and known.boot_id != hello.boot_id
-            if rebooted or hello.session_id != self.session_id:
-                self._move(
-                    "rebooted" if rebooted else "forgotten",
-                    "the device booted anew" if rebooted else "the device ended the session",
-                )
-                self._agree(hello, now_ns)
-        elif self.state is State.AGREEING:
-            if known is not None and (known.boot_id, known.catalogue_hash) != (
-                hello.boot_id,
-                hello.catalogue_hash,
-            ):
-                self._agree(hello, now_ns)
-                return
-            self.hello = hello
-            self._joined = self._joined or hello.session_id == self.session_id
-
-    def _agree(self, hello: Hello, now_ns: HostNs) -> None:
-        """Start agreement with the device that says ``hello``, always in a new session."""
-        if self.hello is not None:
-            self.session_id = self._new_session_id()
-        if self._boot_known is not None and self._boot_known != hello.boot_id:
-            self.link.forget_sequence()
-        self.hello = hello
-        self._joined = False
-        self._key.end()
-        self._outbox.forget()
-        self._agreement.begin(hello)
-        self._send_hello(now_ns, agreed=0)
-        self._ask(now_ns)
-        self._next_ns = now_ns + ANSWER_PERIOD_NS
-
-    def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
-        agreement = self._agreement
-        if self.state is not State.AGREEING or not agreement.answer(reply):
-            return
-        if not agreement.settled:
-            # One answer, one new question; what is lost is asked again by the clock.
-            for question in agreement.questions()[QUESTIONS_AT_ONCE - 1 :]:
-                self._outbox.send(question, now_ns)
-            return
-        broken = agreement.apply()
-        if broken is not None:
-            self._fail("disagree", "disagreement", f"no common ground with the device: {broken}")
-            return
-        self._ask(now_ns)
-
-    def _ready(self, now_ns: HostNs) -> None:
-        hello = self.hello
-        assert hello is not None  # noqa: S101 - set when agreement began
-        assert self.node is not None  # noqa: S101 - set when agreement began
-        again = self._boot_known is not None
-        rebooted = again and self._boot_known != hello.boot_id
-        other_schema = again and self._schema_known != hello.catalogue_hash
-        self._boot_known, self._schema_known = hello.boot_id, hello.catalogue_hash
-        self._tries = 0
-        self._next_ns = now_ns
-        self._move("agreed", "both ends agree")
-        differences = self._agreement.differences
-        self._events.append(Agreed(hello, self.node, rebooted, differences, again, other_schema))
-        if self._open_stop is not None:
-            self.stop(self._open_stop, now_ns)
 
     def _lose(
         self, now_ns: HostNs, what: str = "silence", why: str = "nothing heard for 1 s"
@@ -424,8 +285,3 @@ class Session(SessionRequests):
     def _no_device(self) -> None:
         kind, text = self._evidence.verdict(self.link.medium, self.link.statistics.damaged)
         self._fail("no_device", kind, text)
-
-    def _fail(self, what: str, kind: str, text: str) -> None:
-        if (self.state, what) in TRANSITIONS:
-            self._move(what, text)
-            self._events.append(Failed(kind, text))

@@ -101,8 +101,7 @@ class Ping:
     arrived_ns: HostNs
 
 
-@dataclass(frozen=True, slots=True)
-class CommandEnded:
+class CommandEnded(NamedTuple):
     """A command was accepted, refused or never answered."""
 
     outcome: Outcome

@@ -84,9 +84,10 @@ class Outbox:
         self, make: Callable[[int], Message], type_id: int, now_ns: HostNs, *, forever: bool
     ) -> int:
         """Send a command made from its id, repeated until answered; gives the id."""
-        command_id = self.commands.issue(make, type_id, now_ns // 1000, forever=forever)
+        # What else is due waits for the clock's turn, which tells what became of it.
+        command_id, message = self.commands.start(make, type_id, now_ns // 1000, forever=forever)
         self.counts.issued += 1
-        self.repeat(now_ns)
+        self.send(message, now_ns)
         return command_id
 
     def repeat(self, now_ns: HostNs) -> list[Outcome]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 from bridge.session_outbox import CommandCounts, Outbox
@@ -72,7 +71,7 @@ class SessionRequests:
     def command(self, kind: type[Message], fields: tuple[int, ...], now_ns: HostNs) -> int:
         """Send any other command, its fields after the id; gives the id."""
         type_id = self._catalogue.by_class[kind].type_id
-        return self._outbox.command(partial(_made, kind, fields), type_id, now_ns, forever=False)
+        return self._outbox.command(lambda i: kind(i, *fields), type_id, now_ns, forever=False)  # type: ignore[call-arg]  # a command's first field is its id
 
     def _command(
         self,
@@ -84,7 +83,3 @@ class SessionRequests:
     ) -> int:
         type_id = self._catalogue.by_class[message].type_id  # type: ignore[index]  # a class
         return self._outbox.command(lambda i: message(i, value), type_id, now_ns, forever=forever)
-
-
-def _made(kind: type[Message], fields: tuple[int, ...], command_id: int) -> Message:
-    return kind(command_id, *fields)  # type: ignore[call-arg]  # a command's first field is its id

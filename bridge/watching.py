@@ -15,7 +15,7 @@ from bridge.onboard_mission import OnboardMission
 from bridge.runners import hold, release
 from bridge.supervise import Level, Reaction, Watched
 from bridge.telemetry import Severity
-from protocol.messages import GetParameter, PlannerCommand, SetParameter
+from protocol.messages import GetParameter, PlannerCommand, SetParameter, Stop
 from protocol.values import NackReason, ParameterKind, PlannerAction, StopCause, label
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from protocol.commands import Outcome
 
 _SPEED = "max_speed"
+GIVE_BACK_NS = 900_000_000
+"""After a stop was asked for: longer, and the run would take it for not confirmed."""
 _SEVERITY = {
     Level.TELL: Severity.WARNING,
     Level.SLOW: Severity.WARNING,
@@ -58,7 +60,15 @@ class Watch:
         self._speed: Parameter | None = None
         """The device's top speed, as it was before the run."""
         self._asked = False
+        self._lacks = False
+        """The device has no top speed that could be set."""
         self._factor = 1.0
+        self._setting = False
+        """A new top speed is on its way: one at a time, so that an old one cannot come last."""
+        self._refused = False
+        self._stop_ns = 0
+        self._confirmed: Outcome | None = None
+        """Of the run's stop, kept from the run until the top speed is as it was."""
 
     # ---- each control step ----------------------------------------------------------------
 
@@ -71,6 +81,8 @@ class Watch:
         if host.mission.phase is not Phase.DRIVING:
             self._watching = False
             self._command = HALT
+            if self._confirmed is not None:
+                self._give_back(self._confirmed, now_ns)
             return command
         if not self._watching:  # the first step, or the link is back
             self._watching = True
@@ -183,27 +195,59 @@ class Watch:
             if self._speed is None and not self._asked:
                 self._asked = True
                 self._find(0, now_ns)
+            if self._lacks and self.supervisor.factor != 1.0:
+                text = f"supervise: the device cannot be slowed down: it has no {_SPEED}"
+                ending = Ending("stopped", text, 5, StopCause.SUPERVISE)
+                self._host.mission.request_end(ending, now_ns / 1e9)
             return
         self._set(self.supervisor.factor, now_ns)
 
     def ending(self, now_ns: HostNs) -> None:
-        """A stop is about to be sent: what was changed on the device goes back first."""
-        if self._speed is not None:
+        """The run's stop is being sent."""
+        self._stop_ns = now_ns
+
+    def keeps(self, outcome: Outcome, now_ns: HostNs) -> bool:
+        """Take over the device's word that it stands: only now its top speed goes back.
+
+        True: the run is told of it from here, when that is done or has taken too long.
+        """
+        stopped = isinstance(outcome.message, Stop) and outcome.accepted
+        if self._speed is None or not stopped or self._host.mission.phase is not Phase.ENDING:
+            return False
+        self._confirmed = outcome
+        self._give_back(outcome, now_ns)
+        return True
+
+    def _give_back(self, confirmed: Outcome, now_ns: HostNs) -> None:
+        if not self._refused and now_ns - self._stop_ns < GIVE_BACK_NS:
             self._set(1.0, now_ns)
+            if self._setting:
+                return  # asked again at the next control step
+        self._confirmed = None
+        if self._setting or self._factor != 1.0:
+            text = (
+                f"the device was not told its own {_SPEED} again: it drives slowly until a reboot"
+            )
+            self._host.event(now_ns, Severity.WARNING, "supervise", "slow_left", text)
+        self._host.mission.on_command(confirmed, now_ns / 1e9)
 
     def _set(self, factor: float, now_ns: HostNs) -> None:
         model, speed = self._host.model, self._speed
-        if factor == self._factor or speed is None:
+        if factor == self._factor or speed is None or self._setting:
             return
-        self._factor = factor
+        before, self._factor, self._setting = self._factor, factor, True
         wanted = speed.value if factor == 1.0 else factor * model.cruise_speed_m_s
         raw = speed.raw(max(speed.low, min(wanted, speed.high)))
-        self._host.dialogue.ask(
-            SetParameter,
-            (speed.number, ParameterKind.F32, raw),
-            now_ns,
-            lambda outcome: self._ended("set max_speed", outcome, now_ns),
-        )
+
+        def ended(outcome: Outcome | None) -> None:
+            self._setting = False
+            self._refused = outcome is None or not outcome.accepted
+            if self._refused:
+                self._factor = before
+            if self._confirmed is None:
+                self._ended(f"set {_SPEED}", outcome, now_ns)
+
+        self._host.dialogue.ask(SetParameter, (speed.number, ParameterKind.F32, raw), now_ns, ended)
 
     def _find(self, number: int, now_ns: HostNs) -> None:
         """Ask for one parameter after the other until it is the one, or there are no more."""
@@ -213,7 +257,11 @@ class Watch:
             known = dialogue.parameters.get(number)
             more = number + 1 < (dialogue.parameter_count or 0)
             found = known is not None and known.name == _SPEED
-            if outcome is not None and outcome.accepted and more and not found:
+            if found:
+                return
+            if outcome is not None and outcome.accepted and more:
                 self._find(number + 1, now_ns)
+            else:
+                self._lacks = True
 
         self._host.dialogue.ask(GetParameter, (number,), now_ns, told)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, NamedTuple, Protocol, cast
 
 from protocol.messages import Ack, Nack
 
@@ -70,8 +70,7 @@ class Pending:
     forever: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(NamedTuple):
     """How a command ended."""
 
     message: Message
@@ -109,6 +108,16 @@ class CommandSender:
         )
         return command_id
 
+    def start(
+        self, make: Callable[[int], Message], type_id: int, now_us: int, *, forever: bool = False
+    ) -> tuple[int, Message]:
+        """Start a command whose message the caller writes now; its id, and that message."""
+        command_id = self.issue(make, type_id, now_us, forever=forever)
+        pending = self._pending[command_id]
+        pending.tries = 1
+        pending.due_us = now_us + self.round_trip.timeout_us
+        return command_id, pending.message
+
     def due(self, now_us: int) -> tuple[list[tuple[Message, bool]], list[Outcome]]:
         """Messages to write now, each with whether it is a retry, and what has timed out."""
         messages: list[tuple[Message, bool]] = []
@@ -137,8 +146,9 @@ class CommandSender:
         del self._pending[reply.command_id]
         if pending.tries == 1:  # Karn: a repeated command's reply cannot be timed
             self.round_trip.add(now_us - pending.first_us)
-        reason = reply.reason if isinstance(reply, Nack) else None
-        return Outcome(pending.message, isinstance(reply, Ack), reason)
+        if isinstance(reply, Nack):
+            return Outcome(pending.message, accepted=False, reason=reply.reason)
+        return Outcome(pending.message, accepted=True, reason=None)
 
     def next_deadline_us(self) -> int | None:
         """When :meth:`due` has work next."""
@@ -155,6 +165,11 @@ class CommandSender:
     def idle(self) -> bool:
         """True where nothing is awaited."""
         return not self._pending
+
+    def rests(self, now_us: int) -> bool:
+        """True where :meth:`due` has no work yet."""
+        # Asked at every turn of a loop, and hardly ever is there anything.
+        return not self._pending or all(p.due_us > now_us for p in self._pending.values())
 
 
 class CommandLog:

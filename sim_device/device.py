@@ -13,11 +13,12 @@ from protocol.link import Link
 from protocol.values import RebootKind, ResetCause
 from sim_device.clock import DeviceClock
 from sim_device.flash import Flash
+from sim_device.identity import Identity
 from sim_device.modes import Event, ModeMachine, State
 from sim_device.noise import noise_level
 from sim_device.plant import Plant, Truth
 from sim_device.sensors import SensorSuite
-from sim_device.virtual_firmware import TICK_US, Firmware, Identity
+from sim_device.virtual_firmware import TICK_US, Firmware
 from sim_device.world import World
 
 if TYPE_CHECKING:

@@ -6,7 +6,6 @@ and sensor readings, and gives bytes and duties. One control tick is 10 ms.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from protocol.agreement import describe
@@ -19,7 +18,6 @@ from protocol.messages import (
     Ack,
     Describe,
     GetParameter,
-    Hello,
     HostHello,
     Nack,
     SaveParameters,
@@ -32,13 +30,11 @@ from protocol.messages import (
     WheelDuty,
 )
 from protocol.values import (
-    Capability,
     Fault,
     LogLevel,
     Mode,
     NackReason,
     RebootKind,
-    ResetCause,
     StopCause,
 )
 from sim_device import parameters, streams
@@ -46,6 +42,7 @@ from sim_device.clock import DeviceClock
 from sim_device.commands import COMMANDS, carry_out
 from sim_device.control import Control
 from sim_device.flash import Flash
+from sim_device.identity import CAPABILITIES
 from sim_device.keyring import Keyring
 from sim_device.log_lines import LogLines
 from sim_device.modes import Event, ModeMachine, State
@@ -61,6 +58,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from protocol.message import Message, MessageSpec
     from protocol.uart import Frame
+    from sim_device.identity import Identity
     from sim_device.safety import StopLatch
     from sim_device.sampling import Sensors
 
@@ -72,28 +70,6 @@ POWER_TICKS, POWER_PHASE = 20, 5
 """The supply is measured at 5 Hz, with the stream's default phase."""
 RANGE_TICKS, RANGE_PHASE = 5, 4
 """The rangers are sounded at 20 Hz, likewise: a loud echo is gone after 38 ms."""
-NAME = "virtual sweeper"
-VERSION = (0, 1, 0)
-CAPABILITIES = (
-    Capability.ENCODERS
-    | Capability.IMU
-    | Capability.ULTRASONIC
-    | Capability.INFRARED
-    | Capability.BUMPER
-    | Capability.CLIFF
-    | Capability.ONBOARD_PLANNER
-)
-_KEYED = int(Capability.AUTHENTICATION)
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What tells this device and this boot from others."""
-
-    node: int
-    uid: bytes
-    boot_id: int
-    reset_cause: ResetCause = ResetCause.POWER_ON
 
 
 class Firmware:
@@ -279,21 +255,10 @@ class Firmware:
         self._hello(now_us)
 
     def _hello(self, now_us: int) -> None:
-        identity = self.identity
-        self._send(
-            Hello(
-                self.link.codec.catalogue.hash,
-                identity.uid,
-                identity.boot_id,
-                self.session_id,
-                identity.reset_cause,
-                int(CAPABILITIES) | (_KEYED if self.link.key is not None else 0),
-                *VERSION,
-                NAME,
-            ),
-            now_us,
-        )
-        if self.session_id and self.link.key is not None:
+        catalogue_hash, keyed = self.link.codec.catalogue.hash, self.link.key is not None
+        hello = self.identity.hello(catalogue_hash, self.session_id, keyed=keyed)
+        self._send(hello, now_us)
+        if self.session_id and keyed:
             self._send(self.keyring.challenge(), now_us)
 
     def _close(self) -> None:

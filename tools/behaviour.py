@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge import host, session, session_agreement, session_bus, session_events
+from bridge import host, session, session_agreement, session_bus, session_events, session_handshake
 from bridge.io import pump
 from protocol import can_link, can_segments, can_stamps, commands
 from protocol.generate.md import Behaviour, Machine, Rule
@@ -176,7 +176,6 @@ def _host_rules() -> Iterator[Rule]:
             session.OPEN_TIMEOUT_NS,
             "OPEN_TIMEOUT_NS",
         ),
-        ("questions asked again after", session.ANSWER_PERIOD_NS, "ANSWER_PERIOD_NS"),
         ("from opening to agreement at most", session.AGREE_TIMEOUT_NS, "AGREE_TIMEOUT_NS"),
         ("no device frame: lost after", session.LOST_AFTER_NS, "LOST_AFTER_NS"),
         (f"first {session.FAST_PINGS} time requests, every", session.FAST_PING_NS, "FAST_PING_NS"),
@@ -187,6 +186,12 @@ def _host_rules() -> Iterator[Rule]:
         ),
     ):
         yield Rule("host", what, _ms(value), f"bridge.session.{source}")
+    yield Rule(
+        "host",
+        "questions asked again after",
+        _ms(session_handshake.ANSWER_PERIOD_NS),
+        "bridge.session_handshake.ANSWER_PERIOD_NS",
+    )
     yield Rule(
         "host",
         "questions under way at the same time",

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import secrets
 import sys
 import threading
-from typing import TYPE_CHECKING, TextIO
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -17,32 +20,97 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from bridge.bench.desk import Desk
+    from bridge.bench.recorded import BenchRecords
+    from bridge.bench.wire import Wire
     from tools.port_options import PortAsked
 
 _LONG_S = 1e6
 
 
 @contextlib.contextmanager
-def desk_on(asked: PortAsked) -> Iterator[Desk]:
+def desk_on(asked: PortAsked, log: BenchLog | None = None, robot_toml: str = "") -> Iterator[Desk]:
     """A desk on a port; Ctrl-C ends what it does, and it leaves the robot stopped.
+
+    With ``log`` everything that passes, and what the person is told, is recorded; ``robot_toml`` is
+    the robot file's text, which goes with it.
 
     Raises:
         PortError: the port cannot be opened, or nothing answers on it.
         DisagreementError: the device speaks another protocol.
+        LogExistsError: the log exists, and is not to be replaced.
+        LogWriteError: it cannot be written.
 
     """
     from bridge.bench.desk import Desk
     from bridge.io.wire import PortWire
 
     key = asked.key
-    wire = PortWire(asked.open())
+    with contextlib.ExitStack() as stack:
+        wire = PortWire(asked.open())
+        stack.callback(wire.close)
+        records = None
+        if log is not None:
+            records = stack.enter_context(_recorded(wire, asked.name, log, robot_toml))
+        desk = Desk(
+            wire,
+            lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
+            node=asked.node,
+            key=key,
+            records=records,
+        )
+        with until_signalled(desk.interrupt), desk:
+            yield desk
+
+
+@dataclass(frozen=True, slots=True)
+class BenchLog:
+    """Where to record what is done at the bench."""
+
+    path: Path
+    force: bool
+    command: str
+    """What is done, for the log to say."""
+
+
+@contextlib.contextmanager
+def _recorded(wire: Wire, port: str, log: BenchLog, robot_toml: str) -> Iterator[BenchRecords]:
+    """Records of what passes over a wire, into a file of its own."""
+    from bridge.bench.recorded import BenchRecords
+    from bridge.io import clock
+    from bridge.record.policy import RecordOptions, open_log
+    from bridge.record.recorder import ThreadedRecorder
+    from bridge.telemetry import RunInfo
+    from tools.console import say
+    from tools.version import VERSION
+
+    offset_ns = clock.unix_offset_ns()
+    opened_ns = clock.now() + offset_ns
+    extra = {"command": log.command}
+    info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, robot_toml, None, extra)
+    # On a thread of its own: a disk that is slow must not keep a wheel turning.
+    recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
     try:
-        desk = Desk(wire, lambda: secrets.randbelow(0xFFFF_FFFE) + 1, node=asked.node, key=key)
-    except BaseException:
-        wire.close()
-        raise
-    with until_signalled(desk.interrupt), desk:
-        yield desk
+        yield BenchRecords(wire, recorder, offset_ns)
+    finally:
+        recorder.close(None)
+        say(f"recorded in {log.path}" if recorder.error is None else str(recorder.error))
+
+
+def log_options(f: Callable[..., object]) -> Callable[..., object]:
+    """``--log`` and ``--force``; the command gets one ``log: BenchLog | None``."""
+
+    @functools.wraps(f)
+    def gathered(**given: Any) -> object:  # noqa: ANN401 - click's values
+        path, force = given.pop("log"), given.pop("force")
+        command = click.get_current_context().command_path.partition(" ")[2]
+        return f(log=None if path is None else BenchLog(path, force, command), **given)
+
+    made = click.option("--force", is_flag=True, help="Replace the log if it exists.")(gathered)
+    return click.option(
+        "--log",
+        type=click.Path(dir_okay=False, path_type=Path),
+        help="Record what passes and what is found, as MCAP.",
+    )(made)
 
 
 class Terminal:
@@ -62,6 +130,7 @@ class Terminal:
             colour = "green"
         elif ": left out: " in text:
             colour = "yellow"
+        self._desk.told(text)
         click.secho(text, err=True, fg=colour)
 
     def confirm(self, text: str) -> bool:

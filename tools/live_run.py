@@ -38,6 +38,7 @@ from bridge.telemetry import RoomRecord, RunInfo, Severity
 from bridge.watching import Watch, go_on
 from tools.comparing import compared
 from tools.console import err
+from tools.lan_risk import bus_risk
 from tools.live import LivePicture, Teller
 from tools.operating import Operating
 from tools.options import DEFAULT_PLANNER
@@ -89,6 +90,8 @@ class LiveOptions:
     gamepad: str | None = None
     key: bytes | None = None
     """Signs what moves the robot, where the device asks for it."""
+    adapter_delay_ns: tuple[int, int] = (0, 0)
+    """Declared of the way to the device and of the way back (:class:`HostOptions`)."""
     compare: bool = False
     """Tell where the device's parameters are not those of the robot file."""
     recording: RecordOptions = field(default_factory=RecordOptions)
@@ -126,6 +129,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     check_view(view=asked.view, serve=asked.serve)
     operator = _operator(asked)
     mission = _mission(asked, operator)
+    mission.signed = asked.key is not None
     opener = Opener(asked.port, asked.opening)
     opened = opener()
     try:
@@ -144,6 +148,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
             asked.node,
             link_of(asked.port),
             asked.key,
+            asked.adapter_delay_ns,
         ),
         mission,
         lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
@@ -166,7 +171,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
         with _endings(pump, operating, asked.gamepad):  # the summary too is written whole
             with (
                 live_view(asked.log, view=asked.view, serve=asked.serve),
-                _owner(asked.port, pump, opened),
+                _owner(asked, pump, opened),
                 compared(pump, asked.model) if asked.compare else contextlib.nullcontext(),
                 _picture(host, teller, operating),
             ):
@@ -228,7 +233,7 @@ def _mission(asked: LiveOptions, operator: Operator) -> Mission:
 
 
 @contextlib.contextmanager
-def _owner(port: str, pump: Pump, opened: BytePort) -> Iterator[None]:
+def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
     """Let other shells reach the robot through this run; say what is amiss with the port."""
 
     def tell(kind: str, text: str) -> None:
@@ -237,8 +242,11 @@ def _owner(port: str, pump: Pump, opened: BytePort) -> Iterator[None]:
     note = latency_note(opened)
     if note is not None:
         tell("latency", note)
+    risk = bus_risk(asked.port, lan=asked.opening.lan, keyed=asked.key is not None)
+    if risk is not None:
+        tell("lan", risk)
     try:
-        owner = OwnerSocket(port, OwnerService(pump.host, pump))
+        owner = OwnerSocket(asked.port, OwnerService(pump.host, pump))
     except BridgeError as error:
         tell("no_socket", f"other shells cannot reach this run: {error}")
         yield
@@ -314,7 +322,12 @@ def _gamepad(path: str, operating: Operating) -> Gamepad:
     def sticks(now: Sticks) -> None:
         operating.dead_man.stick(now.ahead, now.turn, clock.now() / 1e9, held=now.held)
 
-    return Gamepad(path, sticks, lambda: operating.stop("stopped by the gamepad's button"))
+    return Gamepad(
+        path,
+        sticks,
+        lambda: operating.stop("stopped by the gamepad's button"),
+        on_gone=lambda: operating.pad_gone(path),
+    )
 
 
 @contextlib.contextmanager

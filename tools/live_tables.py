@@ -130,7 +130,7 @@ def compact_table(host: Host, rates: Rates) -> Table:
 
 
 def _battery(volts: float, nominal_v: float) -> Text:
-    # Four cells of 3.0 V empty to 4.2 V full, as shares of 3.6 V nominal.
+    # Empty at three quarters of the nominal voltage, full at it: 12 V and 16 V of the paper's pack.
     share = (volts / nominal_v - 0.75) / 0.25
     style = "red" if share < 0.2 else "yellow" if share < 0.4 else "green"  # noqa: PLR2004 - fifths
     return Text.assemble(f"{volts:.2f} V ", (_bar(share, 10), style))

@@ -11,6 +11,7 @@ from bridge.io import clock
 from bridge.mission import Ending, Phase
 from bridge.onboard_mission import OnboardMission
 from bridge.operator import Hand, Operator
+from bridge.refusals import refusal
 from bridge.telemetry import Severity
 from protocol.messages import PlannerCommand
 from protocol.values import PlannerAction, PlannerPhase, StopCause, label
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from bridge.host import Host
     from bridge.io.pump import Pump
+    from protocol.commands import Outcome
     from tools.terminal_keys import Key
 
 TWICE_NS = 4_000_000_000
@@ -96,6 +98,17 @@ class Operating:
         """Stop and latch, and end the run."""
         self.dead_man.let_go()
         self._end(Ending("stopped", why, 5, StopCause.OPERATOR))
+
+    def pad_gone(self, path: str) -> None:
+        """Let go and say so: the gamepad was unplugged. Keys may drive on."""
+        self.dead_man.let_go()
+        self.message = f"the gamepad {path} is gone: the robot stands; keys still drive"
+        if not self._host.mission.done:
+            self._pump.call(lambda: self._tell_gone(path))
+
+    def _tell_gone(self, path: str) -> None:
+        text = f"the gamepad {path} is gone: the robot was stopped"
+        self._host.event(clock.now(), Severity.WARNING, "operator", "gamepad_gone", text)
 
     def _end(self, ending: Ending) -> None:
         if not self._host.mission.done:  # else its port is closed, and there is nothing to wake
@@ -205,11 +218,19 @@ class Operating:
         paused = state is not None and state.phase == PlannerPhase.PAUSED
         action = PlannerAction.RESUME if paused else PlannerAction.PAUSE
         fields = (int(action), int(mission.planner))
-        host = self._host
-        self._pump.call(
-            lambda: host.dialogue.ask(PlannerCommand, fields, clock.now(), lambda _outcome: None)
-        )
-        self.message = f"the device's planner: {action.name.lower()}"
+        host, what = self._host, action.name.lower()
+
+        def ended(outcome: Outcome | None) -> None:
+            if outcome is not None and outcome.accepted:
+                self.message = f"the device's planner: {what}"
+                return
+            reason = None if outcome is None else outcome.reason
+            why = "it did not answer" if reason is None else refusal(reason)
+            self.message = f"the device did not {what} its planner ({why}); space stops it"
+            host.event(clock.now(), Severity.ERROR, "operator", f"not_{what}d", self.message)
+
+        self.message = f"asking the device's planner to {what}"
+        self._pump.call(lambda: host.dialogue.ask(PlannerCommand, fields, clock.now(), ended))
 
     def _twice(self, key: str, text: str) -> bool:
         armed, at_ns = self._armed

@@ -26,9 +26,11 @@ def load_room(room: str) -> FloorPlan:
         text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
         return parse_floorplan(text, default_name=room)
     try:
-        if path.stat().st_size > MAX_FILE_BYTES:
+        with path.open("rb") as file:  # not by its size: a device file says 0
+            content = file.read(MAX_FILE_BYTES + 1)
+        if len(content) > MAX_FILE_BYTES:
             raise FloorPlanError(f"room {room} is larger than {MAX_FILE_BYTES} bytes")
-        text = path.read_text(encoding="utf-8")
+        text = content.decode()
     except FileNotFoundError:
         names = ", ".join(shipped_rooms())
         raise FloorPlanError(f"no room {room!r}: neither a file nor one of {names}") from None

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bridge.bench.device_values import list_parameters, save_parameters, set_parameter
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -50,16 +52,16 @@ def set_on_device(desk: Desk, changes: Sequence[Change]) -> Applied:
         BridgeError: a value does not fit, or the device refused or fell silent.
 
     """
-    known = {p.name: p for p in desk.list_parameters()}
+    known = {p.name: p for p in list_parameters(desk)}
     ours = [c for c in changes if c.parameter in known]
     for change in ours:
         known[change.parameter].raw(change.new)  # nothing is changed where one of them cannot be
     late = [
         change.parameter
         for change in ours
-        if desk.set_parameter(change.parameter, change.new).needs_reboot
+        if set_parameter(desk, change.parameter, change.new).needs_reboot
     ]
     if ours:
-        desk.save_parameters()
+        save_parameters(desk)
     lacking = tuple(c.parameter for c in changes if c.parameter not in known)
     return Applied(tuple(c.parameter for c in ours), lacking, tuple(late))

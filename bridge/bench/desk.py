@@ -12,35 +12,30 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from bridge.bench.wire import InterruptedByPersonError
 from bridge.errors import (
     BridgeError,
-    CommandRejectedError,
     DeviceLostError,
     DisagreementError,
     NoDeviceError,
-    ParameterError,
     StoppedForSafetyError,
 )
-from bridge.parameters import Parameter, closest
+from bridge.refusals import check_known, check_outcome
 from bridge.session import Session
 from bridge.session_events import Agreed, CommandEnded, Data, Failed, State, StateChanged
-from protocol.clock import HostNs
+from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.messages import (
     ClearStop,
     Encoders,
-    GetParameter,
     Hello,
     LogText,
-    ParameterValue,
-    SaveParameters,
     SetMode,
-    SetParameter,
     Status,
 )
-from protocol.values import Mode, NackReason, ParameterKind, StopCause, label
+from protocol.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
+    from bridge.bench.recorded import BenchRecords
     from bridge.bench.wire import Wire
     from bridge.session_events import SessionEvent
     from protocol.commands import Outcome
@@ -60,7 +55,7 @@ M = TypeVar("M", bound="Message")
 class Desk:
     """A session with one device; use it as a context manager, which leaves it stopped."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - what a session can be begun with
         self,
         wire: Wire,
         new_session_id: Callable[[], int],
@@ -68,15 +63,18 @@ class Desk:
         node: int | None = None,
         key: bytes | None = None,
         timeout_s: float = 10.0,
+        records: BenchRecords | None = None,
     ) -> None:
         """Agree with the device; nothing moves. ``key`` signs what moves it, where it has one.
+
+        ``records`` gets all that passes.
 
         Raises:
             NoDeviceError: none answered.
             DisagreementError: it speaks another protocol.
 
         """
-        self._wire = wire
+        self._wire, self._records = wire, records
         self.session = Session(
             new_session_id, name="sweepctl bench", node=node, link=wire.link, key=key
         )
@@ -91,10 +89,13 @@ class Desk:
         self._free = False
         """No stop should be latched: one that is has come from the device."""
         self._cycle_ns = wire.now()
-        self._t_us = 0
+        self._t_us = DeviceUs(0)
         self.lines: list[str] = []
         """What the device said for people."""
-        self.session.open(wire.now())
+        self._polled_ns = wire.now()
+        if records is not None:
+            records.opened(self._polled_ns)
+        self.session.open(self._polled_ns)
         if not self._spin(timeout_s, lambda: self.ready):
             wire.close()
             raise self._nobody(timeout_s)
@@ -149,10 +150,16 @@ class Desk:
                     return False
             due_ns = session.next_deadline() or end_ns
             until_ns = HostNs(min(end_ns, self._cycle_ns, max(due_ns, now_ns)))
-            came = wire.turn(session.data_to_send(), until_ns)
+            going = session.data_to_send()
+            if going and self._records is not None:  # as of when the session made it
+                self._records.passed(going, self._polled_ns, outgoing=True)
+            came = wire.turn(going, until_ns)
             now_ns = wire.now()
+            if came and self._records is not None:
+                self._records.passed(came, now_ns, outgoing=False)
             self._digest(session.receive(came, now_ns), now_ns)
             self._digest(session.poll(now_ns), now_ns)
+            self._polled_ns = now_ns
         return True
 
     def _cycle(self, now_ns: HostNs) -> None:
@@ -182,7 +189,14 @@ class Desk:
 
     # ---- news -----------------------------------------------------------------------------
 
+    def told(self, text: str) -> None:
+        """Put on record what the person is told."""
+        if self._records is not None:
+            self._records.told(text)
+
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
+        if events and self._records is not None:
+            self._records.heard(events, now_ns)
         for event in events:
             match event:
                 case Data():
@@ -201,7 +215,7 @@ class Desk:
 
     def _take(self, event: Data, now_ns: HostNs) -> None:
         message, t_us = event.received.message, event.received.frame.t_us
-        self._t_us += ((t_us - self._t_us + 0x8000_0000) & 0xFFFF_FFFF) - 0x8000_0000
+        self._t_us = extend_us(self._t_us, t_us)
         kind = type(message)
         self.newest[kind] = message
         self._arrived[kind] = now_ns
@@ -265,17 +279,11 @@ class Desk:
             DeviceLostError: it did not answer.
 
         """
-        if self.session.link.codec.catalogue.by_class[kind].type_id in self.session.link.disabled:
-            raise CommandRejectedError(what, "its firmware does not have this command")
+        check_known(what, kind, self.session.link)
         command_id = self.session.command(kind, fields, self._wire.now())
         self._outcomes.pop(command_id, None)
         self.run(ANSWER_S, lambda: command_id in self._outcomes)
-        outcome = self._outcomes.pop(command_id, None)
-        if outcome is None or outcome.timed_out:
-            raise DeviceLostError(f"the device did not answer {what}")
-        if not outcome.accepted:
-            assert outcome.reason is not None  # noqa: S101 - else it has timed out
-            raise CommandRejectedError(what, label(NackReason, outcome.reason))
+        check_outcome(what, self._outcomes.pop(command_id, None))
 
     def enable(self, mode: Mode, *, clear_stop: bool = False) -> None:
         """Ask for leave to move in this mode.
@@ -329,64 +337,17 @@ class Desk:
         self.newest.pop(Status, None)  # what it said before counts no more
         return self._spin(1.0, lambda: command_id in self._outcomes)
 
-    # ---- parameters -----------------------------------------------------------------------
-
-    def list_parameters(self) -> list[Parameter]:
-        """Every parameter, by number.
-
-        Raises:
-            CommandRejectedError: the device has none.
-            DeviceLostError: it did not answer.
-
-        """
-        first, count = self._parameter(0)
-        return [first, *(self._parameter(number)[0] for number in range(1, count))]
-
-    def _parameter(self, number: int) -> tuple[Parameter, int]:
-        for _ in range(3):  # the value may be lost where its acknowledgement is not
-            self.newest.pop(ParameterValue, None)
-            self.ask(f"get parameter {number}", GetParameter, number)
-            value = self.latest(ParameterValue)
-            if value is not None and value.parameter == number:
-                return Parameter.from_message(value), value.parameter_count
-        raise DeviceLostError(f"the device did not tell parameter {number}")
-
-    def set_parameter(self, name: str, value: float) -> Parameter:
-        """Change one until the next boot; gives what the device has then.
-
-        Raises:
-            ParameterError: no such parameter, or it does not take the value.
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
-
-        """
-        known = {p.name: p for p in self.list_parameters()}
-        if name not in known:
-            raise ParameterError(closest(name, sorted(known)))
-        found = known[name]
-        kind = ParameterKind[found.kind.upper()]
-        self.ask(f"set {name}", SetParameter, found.number, kind, found.raw(value))
-        return self._parameter(found.number)[0]
-
-    def save_parameters(self) -> None:
-        """Make the present values the next boot's.
-
-        Raises:
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
-
-        """
-        self.ask("save parameters", SaveParameters)
-
     # ---- its end --------------------------------------------------------------------------
 
     def close(self) -> None:
         """Stop where anything was enabled, and give the wire back."""
-        if self._moved and self.ready:
-            self.stop()
-            self._moved = False
-        self.session.close()
-        self._wire.close()
+        try:
+            if self._moved and self.ready:
+                self._moved = False
+                self.stop()
+        finally:
+            self.session.close()
+            self._wire.close()
 
     def __enter__(self) -> Self:
         return self

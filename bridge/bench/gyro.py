@@ -24,8 +24,6 @@ class AxisBias(NamedTuple):
 
     name: str
     bias_rad_s: float
-    sigma_rad_s: float
-    """Of one reading."""
     sure_rad_s: float
     """Standard error of the bias, from means over a second: noise of neighbours is related."""
     wander_rad_s: float
@@ -53,7 +51,7 @@ def biases(samples: Sequence[tuple[float, tuple[float, float, float]]]) -> tuple
                 f"the robot was moved: {name} strays by {shown:.2f} °/s; let it stand"
             )
         sure = stdev(means) / math.sqrt(len(means)) if len(means) > 1 else sigma
-        found.append(AxisBias(name, bias, sigma, sure, wander))
+        found.append(AxisBias(name, bias, sure, wander))
     return tuple(found)
 
 

@@ -28,17 +28,22 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.motion.geometry import Pose2
-from bridge.motion.odometry import advance_arc
+import numpy as np
+from scipy.optimize import least_squares
+
+from bridge.motion.geometry import Pose2, wrap_angle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from bridge.motion.robot_model import RobotModel
 
-_STEP = 1e-4
-_ROUNDS = 12
-_DONE = 1e-10
+    Counts = Sequence[tuple[int, int]] | NDArray[np.int64]
+
+_DONE = 1e-9
+"""Of least squares: far below what a count is worth."""
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 
 
@@ -46,7 +51,7 @@ class Run(NamedTuple):
     """One square: what the wheels counted, and where it really ended."""
 
     clockwise: bool
-    counts: tuple[tuple[int, int], ...]
+    counts: Counts
     """Left and right counts of each interval."""
     end_x_m: float
     end_y_m: float
@@ -85,14 +90,19 @@ class Benchmark(NamedTuple):
         return max(math.hypot(*self.clockwise), math.hypot(*self.counter_clockwise))
 
 
-def odometry(model: RobotModel, counts: Sequence[tuple[int, int]]) -> Pose2:
+def odometry(model: RobotModel, counts: Counts) -> Pose2:
     """Where the wheels alone say that a run ended (eq. 4 and 5 of the paper, wheel by wheel)."""
-    left_m, right_m = model.left_metres_per_count, model.right_metres_per_count
-    pose = _ORIGIN
-    for left_counts, right_counts in counts:
-        left, right = left_m * left_counts, right_m * right_counts
-        pose = advance_arc(pose, 0.5 * (left + right), (right - left) / model.wheel_base_m)
-    return pose
+    if not len(counts):
+        return _ORIGIN
+    # At once for all intervals: the device waits for us meanwhile, and forgets who is silent.
+    per_count_m = (model.left_metres_per_count, model.right_metres_per_count)
+    left, right = np.transpose(np.asarray(counts) * per_count_m)
+    turns = (right - left) / model.wheel_base_m
+    after = np.cumsum(turns)
+    chords_m = 0.5 * (left + right) * np.sinc(turns / (2.0 * math.pi))
+    mid = after - 0.5 * turns
+    x_m, y_m = np.sum(chords_m * np.cos(mid)), np.sum(chords_m * np.sin(mid))
+    return Pose2(float(x_m), float(y_m), wrap_angle(float(after[-1])))
 
 
 def errors(model: RobotModel, runs: Sequence[Run]) -> list[tuple[float, float]]:
@@ -148,41 +158,21 @@ def _base(alpha: float) -> float:
 def refine(model: RobotModel, runs: Sequence[Run], start: Correction) -> Correction:
     """E_d and E_b for which the recorded counts end where the robot did, in least squares.
 
-    Gauss-Newton on the ends of all runs, from the closed form on.
+    From the closed form on, by scipy's trust region (Levenberg and Marquardt's kind).
     """
-    ratio, base = start.wheel_ratio, start.base_factor
-    for _ in range(_ROUNDS):
-        residual = _residuals(model, runs, ratio, base)
-        by_ratio = _slope(residual, _residuals(model, runs, ratio + _STEP, base))
-        by_base = _slope(residual, _residuals(model, runs, ratio, base + _STEP))
-        a, b, c = _dot(by_ratio, by_ratio), _dot(by_ratio, by_base), _dot(by_base, by_base)
-        p, q = _dot(by_ratio, residual), _dot(by_base, residual)
-        determinant = a * c - b * b
-        if determinant <= 0.0:
-            break
-        step_ratio, step_base = (b * q - c * p) / determinant, (b * p - a * q) / determinant
-        ratio, base = ratio + step_ratio, base + step_base
-        if abs(step_ratio) + abs(step_base) < _DONE:
-            break
-    return Correction(ratio, base, start.alpha_rad, start.beta_rad)
+    kept = [run._replace(counts=np.asarray(run.counts)) for run in runs]
+
+    def residuals(values: NDArray[np.float64]) -> list[float]:
+        ratio, base = values
+        corrected = Correction(ratio, base, 0.0, 0.0).applied_to(model)
+        return [value for error in errors(corrected, kept) for value in error]
+
+    begin = (start.wheel_ratio, start.base_factor)
+    found = least_squares(residuals, begin, xtol=_DONE, ftol=_DONE, gtol=_DONE)
+    return Correction(float(found.x[0]), float(found.x[1]), start.alpha_rad, start.beta_rad)
 
 
-def _residuals(model: RobotModel, runs: Sequence[Run], ratio: float, base: float) -> list[float]:
-    corrected = Correction(ratio, base, 0.0, 0.0).applied_to(model)
-    return [value for error in errors(corrected, runs) for value in error]
-
-
-def _slope(before: Sequence[float], after: Sequence[float]) -> list[float]:
-    return [(b - a) / _STEP for a, b in zip(before, after, strict=True)]
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(x * y for x, y in zip(a, b, strict=True))
-
-
-def straight_scale(
-    model: RobotModel, counts: Sequence[tuple[int, int]], measured_m: float
-) -> float:
+def straight_scale(model: RobotModel, counts: Counts, measured_m: float) -> float:
     """The source's E_s: a measured straight way over what odometry made of it.
 
     Raises:

@@ -101,16 +101,17 @@ class Gamepad:
         on_sticks: Callable[[Sticks], None],
         on_stop: Callable[[], None],
         layout: Layout | None = None,
+        on_gone: Callable[[], None] = lambda: None,
     ) -> None:
         """Open it. ``on_sticks`` is called at changes, and ten times a second while held.
 
-        A pad that vanishes counts as let go.
+        A pad that vanishes counts as let go; ``on_gone`` is called after that.
 
         Raises:
             PortError: it does not exist or may not be read.
 
         """
-        self._on_sticks, self._on_stop = on_sticks, on_stop
+        self._on_sticks, self._on_stop, self._on_gone = on_sticks, on_stop, on_gone
         self._state = PadState(layout or Layout())
         try:
             self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -134,6 +135,7 @@ class Gamepad:
                     data = b""
                 if not data:  # unplugged
                     self._on_sticks(Sticks(0.0, 0.0, held=False))
+                    self._on_gone()
                     return
                 if self._state.feed(data):
                     self._on_stop()

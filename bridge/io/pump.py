@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bridge.errors import PortBusyError, PortError
+from bridge.errors import PortError
 from bridge.io import clock
 from bridge.mission import Ending
 from bridge.telemetry import Severity
@@ -114,16 +114,19 @@ class Pump:
             return
         if self._pending and now_ns - self._fetched_ns > STUCK_NS:
             self._drop_stuck(now_ns)
+        fresh = b""
         if not self._pending:
-            self._pending = self.host.data_to_send(now_ns)
+            self._pending = fresh = self.host.session.data_to_send()
             self._fetched_ns = now_ns
-        if self._pending:
-            try:
-                self._pending = self._pending[port.write(self._pending) :]
-            except PortError as error:
-                self._gone(error, now_ns)
-                return
+        if not self._pending:
+            return
+        try:
+            self._pending = self._pending[port.write(self._pending) :]
+        except PortError as error:
+            self._gone(error, now_ns)
+        else:
             self._stuck = self._stuck and bool(self._pending)
+        self.host.sent(fresh, now_ns)  # on its way first: the far end does not wait for the log
 
     def _drop_stuck(self, now_ns: HostNs) -> None:
         # The frame that is cut short is damaged at the far end, and no other: each batch
@@ -156,7 +159,7 @@ class Pump:
             return
         try:
             self._port = self._reopen()
-        except (PortError, PortBusyError):
+        except PortError:
             self._tries += 1
             backoff = _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]
             self._retry_ns = HostNs(now_ns + backoff)

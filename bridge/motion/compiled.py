@@ -131,7 +131,7 @@ class Kernel:
         import llvmlite  # noqa: PLC0415 - only where there are kernels
         import llvmlite.binding as llvm  # noqa: PLC0415
 
-        source = Path(self.function.__code__.co_filename).read_bytes()
+        source = b"".join(path.read_bytes() for path in sorted(_files(self.function)))
         constants = sorted(_constants(self.function).items())
         features = sorted(n for n, there in llvm.get_host_cpu_features().items() if there)
         # Each numba belongs to one llvmlite.
@@ -145,6 +145,16 @@ class Kernel:
         beside = Path(self.function.__code__.co_filename).parent / "__pycache__"
         cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         return [beside, Path(cache) / "sweepctl"]
+
+
+def _files(function: Callable[..., Any]) -> set[Path]:
+    """Where a kernel and those that it calls stand."""
+    found = {Path(function.__code__.co_filename)}
+    for name in function.__code__.co_names:
+        value = function.__globals__.get(name)
+        if callable(value) and value in KERNELS:
+            found |= _files(KERNELS[value].function)
+    return found
 
 
 def _constants(function: Callable[..., Any]) -> dict[str, Any]:
@@ -175,9 +185,14 @@ def keep(code: bytes, paths: list[Path]) -> Path:
     for at, path in enumerate(paths):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-                file.write(code)
-            Path(file.name).replace(path)
+            number, made = tempfile.mkstemp(dir=path.parent)
+            try:
+                with open(number, "wb") as file:  # noqa: PTH123 - its number, not its name
+                    file.write(code)
+                Path(made).replace(path)
+            except BaseException:
+                Path(made).unlink(missing_ok=True)
+                raise
         except OSError:
             if at + 1 == len(paths):
                 raise

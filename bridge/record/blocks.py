@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -26,11 +25,13 @@ if TYPE_CHECKING:
     from bridge.record.scan import Bytes, Found
 
 BLOCK_BYTES = 16 << 20
-_LENGTH = struct.Struct("<Q")
 _FRONT = 9
 """Opcode and length."""
 MESSAGE_HEAD = 31
-"""All that stands before a message's data."""
+"""All that stands before a message's data, ..."""
+_MESSAGE_FIXED = MESSAGE_HEAD - _FRONT
+SEQUENCE, LOG_NS, PUBLISH_NS = (11, 4), (15, 8), (23, 8)
+"""... and where in it these are, and their size."""
 
 
 @dataclass(slots=True)
@@ -58,27 +59,8 @@ class Block:
     data: bytes
     starts: dict[int, NDArray[np.int64]]
     """By channel: where each message's record begins in ``data``."""
-
-    def heads(self, channel_id: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Heads]:
-        """Where one channel's messages begin, how long their data are, and their headers."""
-        starts = self.starts[channel_id]
-        # One overlapping item at each byte: numpy then copies whole headers.
-        places = len(self.data) - MESSAGE_HEAD + 1
-        items = np.ndarray((places,), f"V{MESSAGE_HEAD}", self.data, 0, (1,))
-        heads = items[starts].view(HEAD_DTYPE)
-        lengths = heads["length"].astype(np.int64) - (MESSAGE_HEAD - _FRONT)
-        return starts + MESSAGE_HEAD, lengths, heads
-
-
-HEAD_DTYPE = np.dtype(
-    {
-        "names": ["length", "sequence", "log_ns", "publish_ns"],
-        "formats": ["<u8", "<u4", "<u8", "<u8"],
-        "offsets": [1, 11, 15, 23],
-        "itemsize": MESSAGE_HEAD,
-    }
-)
-Heads = np.ndarray  # of HEAD_DTYPE
+    lengths: dict[int, NDArray[np.int64]]
+    """By channel: how long each message is, in bytes."""
 
 
 def blocks(
@@ -120,9 +102,9 @@ class _Gatherer:
         self.size = 0
         self._declared = declared
         self._contents: list[bytes] = []
-        self._found: list[tuple[NDArray[np.int64], NDArray[np.int64]]] = []
-        """Places and channels, chunk by chunk."""
-        self._places = self._channels = np.empty(0, np.int64)
+        self._found: list[NDArray[np.int64]] = []
+        """Channels, places and lengths, chunk by chunk."""
+        self._room = np.empty((3, 0), np.int64)
 
     def record(self, data: Bytes, found: Found) -> None:
         """Take one record of the file."""
@@ -137,16 +119,19 @@ class _Gatherer:
     def _content(self, content: bytes) -> None:
         """Take the records of one chunk."""
         most = len(content) // _FRONT + 1
-        if most > len(self._places):
-            self._places, self._channels = np.empty(most, np.int64), np.empty(most, np.int64)
-        places, channels = self._places, self._channels
-        count = find_records(np.frombuffer(content, np.uint8), places, channels)
+        if most > self._room.shape[1]:
+            self._room = np.empty((3, most), np.int64)
+        channels, places, lengths = self._room
+        count = find_records(np.frombuffer(content, np.uint8), places, lengths, channels)
         cut, count = count < 0, count if count >= 0 else -count - 1
         for index in np.flatnonzero(channels[:count] < 0).tolist():
             begin = int(places[index]) + _FRONT
-            (length,) = _LENGTH.unpack_from(content, begin - _LENGTH.size)
-            self._declared.take(-int(channels[index]), content[begin : begin + length])
-        self._found.append((places[:count] + self.size, channels[:count].copy()))
+            end = begin + int(lengths[index])
+            self._declared.take(-int(channels[index]), content[begin:end])
+        found = self._room[:, :count]
+        found = found[:, channels[:count] >= 0]
+        found[1] += self.size
+        self._found.append(found)
         self._contents.append(content)
         self.size += len(content)
         if cut:
@@ -154,16 +139,15 @@ class _Gatherer:
 
     def block(self) -> Block:
         """What was gathered; begins anew."""
-        nothing = np.empty(0, np.int64)
-        starts = np.concatenate([nothing, *(places for places, _ in self._found)])
-        channels = np.concatenate([nothing, *(channels for _, channels in self._found)])
-        order = np.argsort(channels, kind="stable")
-        sorted_channels = channels[order]
-        known, first = np.unique(sorted_channels, return_index=True)
-        parts = np.split(starts[order], first[1:])
+        found = np.concatenate([np.empty((3, 0), np.int64), *self._found], axis=1)
+        order = np.argsort(found[0].astype(np.uint16), kind="stable")  # of 16 bits: by radix
+        channels, places, lengths = np.take(found, order, axis=1)
+        bounds = np.flatnonzero(np.diff(channels)) + 1
+        known = channels[np.concatenate([[0], bounds])].tolist() if len(channels) else []
         made = Block(
             b"".join(self._contents),
-            {c: part for c, part in zip(known.tolist(), parts, strict=False) if c >= 0},
+            dict(zip(known, np.split(places, bounds), strict=False)),
+            dict(zip(known, np.split(lengths - _MESSAGE_FIXED, bounds), strict=False)),
         )
         self._contents, self._found, self.size = [], [], 0
         return made

@@ -10,12 +10,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from mcap.records import Channel
+
 from bridge.errors import BridgeError
 from bridge.record.blocks import BLOCK_BYTES, Declared, blocks
 from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.family import parts_of
 from bridge.record.forms import Form, Opaque
 from bridge.record.protobuf_form import ProtobufForm
+from bridge.record.recover import summary_declarations
 from bridge.record.ros_form import RosForm
+from bridge.record.scan import opened
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +30,6 @@ if TYPE_CHECKING:
     from bridge.record.blocks import Block
     from bridge.record.tables import TableWriter
 
-FORMATS = ("parquet", "csv")
 _MOST_THREADS = 4
 
 
@@ -88,19 +92,49 @@ def export(  # noqa: PLR0913 - what can be asked for
         import pyarrow as pa  # noqa: F401, PLC0415 - an extra, and slow to load
     except ImportError:
         raise ExportMissingError from None
+    parts = parts_of(path)
+    _check_patterns(parts, topics)
     result = Exported()
     work = _Exporter(path, out, file_format, topics, result)
     try:
-        for block in blocks(path, work.declared, result.problems, block_bytes):
-            work.take(block, force=force)
+        for part in parts:
+            for block in blocks(part, work.begin(), result.problems, block_bytes):
+                work.take(block, force=force)
+            work.finish()
     except OSError as error:
         if isinstance(error, BridgeError):
             raise
         raise LogWriteError(out, error.strerror or str(error)) from None
     finally:
         work.close()
-    work.check_patterns()
     return result
+
+
+def _check_patterns(parts: Sequence[Path], patterns: Sequence[str]) -> None:
+    """Complain of a pattern that nothing matches, before anything is written.
+
+    Raises:
+        LogReadError: a file is missing, cannot be read, or is no MCAP file.
+        NoSuchTopicError: that.
+
+    """
+    topics = {name for part in parts for name in _declared_topics(part)} if patterns else set()
+    if all(fnmatch.filter(topics, pattern) for pattern in patterns):
+        return
+    for part in parts:  # a summary need not name them all, and one that was cut has none
+        declared = Declared()
+        for _ in blocks(part, declared, []):
+            pass
+        topics |= {channel.topic for channel in declared.channels.values()}
+    for pattern in patterns:
+        if not fnmatch.filter(topics, pattern):
+            raise NoSuchTopicError(pattern, sorted(topics))
+
+
+def _declared_topics(part: Path) -> list[str]:
+    """What a file's own summary names."""
+    with opened(part) as data:
+        return [d.topic for d in summary_declarations(data).values() if isinstance(d, Channel)]
 
 
 class _Exporter:
@@ -113,11 +147,18 @@ class _Exporter:
         self._writers: dict[str, TableWriter] = {}
         self._forms: dict[int, Form] = {}
         self._unknown: set[int] = set()
+        self._started: list[tuple[str, Future[int]]] = []
         # A file each, and Arrow works outside the interpreter's lock.
         self._pool = ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1))
 
+    def begin(self) -> Declared:
+        """Begin a file: it has numbers of its own for its channels."""
+        self.declared, self._forms, self._unknown = Declared(), {}, set()
+        return self.declared
+
     def take(self, block: Block, *, force: bool) -> None:
-        """Write a block's messages to their tables, several topics at a time."""
+        """Begin to write a block's messages, several topics at a time, once the last is done."""
+        self.finish()
         by_topic: dict[str, list[int]] = {}
         for channel_id in block.starts:
             channel = self.declared.channels.get(channel_id)
@@ -126,15 +167,23 @@ class _Exporter:
             elif channel_id not in self._unknown:
                 self._unknown.add(channel_id)
                 self._result.problems.append(f"channel {channel_id} is declared nowhere")
-        started: list[tuple[str, Future[int]]] = []
         for topic, channel_ids in by_topic.items():
             if not self._wanted(topic):
                 continue
             writer = self._writers.get(topic) or self._open(topic, channel_ids[0], force=force)
             parts = [(channel_id, self._form(channel_id)) for channel_id in channel_ids]
-            started.append((topic, self._pool.submit(writer.write, block, parts)))
+            self._started.append((topic, self._pool.submit(writer.write, block, parts)))
             count = sum(len(block.starts[channel_id]) for channel_id in channel_ids)
             self._result.rows[topic] = self._result.rows.get(topic, 0) + count
+
+    def finish(self) -> None:
+        """Wait for what was begun.
+
+        Raises:
+            OSError: a file cannot be written.
+
+        """
+        started, self._started = self._started, []
         for topic, writing in started:
             bad = writing.result()
             if bad:
@@ -142,13 +191,6 @@ class _Exporter:
 
     def _wanted(self, topic: str) -> bool:
         return not self._patterns or any(fnmatch.fnmatchcase(topic, p) for p in self._patterns)
-
-    def check_patterns(self) -> None:
-        """Complain of a pattern that nothing matched."""
-        topics = sorted({channel.topic for channel in self.declared.channels.values()})
-        for pattern in self._patterns:
-            if not fnmatch.filter(topics, pattern):
-                raise NoSuchTopicError(pattern, topics)
 
     def _form(self, channel_id: int) -> Form:
         form = self._forms.get(channel_id)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from bridge.io import clock
 from bridge.record.errors import LogReadError
+from bridge.record.family import part_after
 from bridge.record.reader import DAMAGE, ChunkReader
-from bridge.record.rotation import part_name
 from bridge.record.scan import Damage, opened, records
 
 if TYPE_CHECKING:
@@ -62,9 +62,9 @@ class Follower:
 
     def go_on(self) -> bool:
         """Turn to the file in which the run goes on, where there is one."""
-        following = part_name(self._first, self._number + 1)
         for _ in range(_PATIENCE):  # it is begun just after this one was ended
-            if following.exists():
+            following = part_after(self._first, self._number)
+            if following is not None:
                 self.path, self.ended, self._position = following, False, None
                 self._number += 1
                 self._chunks = ChunkReader(self._topics)

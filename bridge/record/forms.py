@@ -61,13 +61,6 @@ class Template:
         """Say what some bytes are."""
         self.mask[start:end] = kind
 
-    def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which of these messages, as long as the template, have its shape."""
-        places = np.flatnonzero(self.mask)
-        wrong = (rows[:, places] ^ self.head[places]) & self.mask[places]
-        fit: NDArray[np.bool_] = np.logical_not(wrong.any(axis=1))
-        return fit
-
 
 class Form(ABC):
     """How one schema's messages are read."""

@@ -27,7 +27,6 @@ from bridge.record.ros import BODY_FRAME, MAP_FRAME
 from bridge.telemetry import Severity
 
 if TYPE_CHECKING:
-    from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RangerMount
     from bridge.telemetry import LogRecord
 
@@ -153,13 +152,6 @@ def _transform_parts(parent: str, child: str) -> tuple[Part, ...]:
 
 TRANSFORM_PARTS = _transform_parts(MAP_FRAME, BODY_FRAME)
 """``FrameTransform`` from the map to the robot's body; values as in ``POSE_PARTS``."""
-
-
-def planar(time_ns: int, pose: Pose2) -> tuple[bytes, float, float, float, float]:
-    """Values of both forms: stamp, x, y, and the unit quaternion's z and w."""
-    x_m, y_m, theta_rad = pose
-    half = 0.5 * theta_rad
-    return timestamp(time_ns), x_m, y_m, math.sin(half), math.cos(half)
 
 
 def mount(time_ns: int, name: str, mount: RangerMount) -> bytes:

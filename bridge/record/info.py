@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from bridge.record.captures import MCAP, kind_of, readable
+from bridge.record.names import DEVICE_METADATA
 from bridge.record.reader import LogMessage, LogReader
-from bridge.record.writer import DEVICE_METADATA
+from bridge.record.sources import MCAP, kind_of, readable
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 _NANOSECONDS = 1e9
+_LEAST_COUNT, _LEAST_SPAN_NS = 3, 1_000_000_000
+"""Messages, and from the first to the last, that make a rate; of a short log half of it."""
 _RAW = {"/raw/uart/rx": "received_bytes", "/raw/uart/tx": "sent_bytes"}
 _RAW_CAN = "/raw/can"
 
@@ -29,13 +31,14 @@ class TopicDescription:
     """Of the messages themselves, before compression."""
     first_ns: int = 0
     last_ns: int = 0
+    rate_hz: float | None = None
+    """Mean rate between the first and the last message; None where there is no telling."""
 
-    @property
-    def rate_hz(self) -> float | None:
-        """Mean rate between the first and the last message; None for fewer than two."""
-        if self.count < 2 or self.last_ns <= self.first_ns:  # noqa: PLR2004 - a rate needs two
-            return None
-        return (self.count - 1) / ((self.last_ns - self.first_ns) / _NANOSECONDS)
+    def settle(self, duration_ns: int) -> None:
+        """Find the rate, of a log this long: a few messages at one moment have none."""
+        span_ns = self.last_ns - self.first_ns
+        if self.count >= _LEAST_COUNT and span_ns >= min(_LEAST_SPAN_NS, duration_ns / 2) > 0:
+            self.rate_hz = (self.count - 1) / (span_ns / _NANOSECONDS)
 
 
 @dataclass(slots=True)
@@ -60,6 +63,8 @@ class RunDescription:
     topics: list[TopicDescription] = field(default_factory=list)
     wire: dict[str, Any] = field(default_factory=dict)
     """Of the summary where it has them, else what can be counted in the log."""
+    parts: list[Path] = field(default_factory=list)
+    """The files of the run, where it was recorded into several and the first was named."""
     format: str = "mcap"
     """``candump`` or ``raw`` for a capture, of which the topics are what it decodes to."""
 
@@ -84,6 +89,7 @@ class RunDescription:
         return {
             "path": str(self.path),
             "format": self.format,
+            "parts": [str(part) for part in self.parts],
             "file_bytes": self.file_bytes,
             "whole": self.whole,
             "problems": self.problems,
@@ -161,10 +167,13 @@ def describe(path: Path) -> RunDescription:
         {name: len(data) for name, data in reader.attachments.items()},
         summary,
         topics=sorted(topics.values(), key=lambda t: t.topic),
+        parts=reader.parts if len(reader.parts) > 1 else [],
     )
     if topics:
         description.start_ns = min(t.first_ns for t in topics.values())
         description.end_ns = max(t.last_ns for t in topics.values())
+        for topic in topics.values():
+            topic.settle(description.end_ns - description.start_ns)
     wire = (summary or {}).get("wire")
     description.wire = wire if isinstance(wire, dict) else _counted_wire(topics, wire_bytes)
     return description

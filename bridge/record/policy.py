@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from bridge.mission import Ending
 from bridge.record.disk import open_log_file
 from bridge.record.errors import LogExistsError
-from bridge.record.rotation import RotatingWriter, part_name
+from bridge.record.family import stray_part
+from bridge.record.rotation import RotatingWriter
 from bridge.record.writer import RunWriter
 from bridge.telemetry import Severity
 from protocol.values import StopCause
@@ -52,9 +53,9 @@ def open_log(
 
     if options.rotate_bytes is None and options.rotate_s is None:
         return make(path, info)
-    second = part_name(path, 2)
-    if second.exists() and not force:  # better now than in the middle of the run
-        raise LogExistsError(second)
+    stray = None if force else stray_part(path)
+    if stray is not None:  # better now than in the middle of the run
+        raise LogExistsError(stray)
     return RotatingWriter(
         path, info, make, rotate_bytes=options.rotate_bytes, rotate_s=options.rotate_s
     )

@@ -15,6 +15,7 @@ from io import BytesIO
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -24,14 +25,16 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as RosDecoderFactory
 from zstandard import ZstdError
 
-from bridge.record.scan import HEAD, Damage, is_whole, opened, records
-from bridge.record.writer import METADATA, SUMMARY_ATTACHMENT
+from bridge.record.family import parts_of
+from bridge.record.names import METADATA, SUMMARY_ATTACHMENT
+from bridge.record.scan import CHUNK_HEAD, HEAD, Damage, is_whole, opened, records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator
     from pathlib import Path
 
 _MESSAGE = struct.Struct("<HIQQ")
+_TEXT, _SIZE = struct.Struct("<I"), struct.Struct("<Q")
 _log_ns = attrgetter("log_ns")
 
 MAX_CHUNK_BYTES = 512 * 1024 * 1024
@@ -86,58 +89,72 @@ class LogMessage(NamedTuple):
 
 
 class LogReader:
-    """One MCAP file. Every call reads the file anew; nothing is kept but small things.
+    """One MCAP file, or the run in several files that begins with it (see ``family``).
 
-    ``truncated`` and ``problems`` are complete once the file has been read to its end, which
-    the constructor does for everything but the messages.
+    Every call reads the file anew; nothing is kept but small things. ``truncated`` and
+    ``problems`` are complete once the file has been read to its end, which the constructor does
+    for everything but the messages.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, alone: bool = False) -> None:
         """Read attachments and metadata, and see whether the file is whole.
+
+        ``alone``: read this file only, whatever run it belongs to.
 
         Raises:
             LogReadError: it is missing, cannot be read, or is no MCAP file.
 
         """
         self.path = path
+        self.parts = [path] if alone else parts_of(path)
+        """The files that are read."""
         self.attachments: dict[str, bytes] = {}
         self.metadata: dict[str, dict[str, str]] = {}
-        self.truncated = True
-        """The end is missing: the program that wrote it was killed, or the disk was full."""
+        self.truncated = False
+        """The end (of one of the files) is missing: the program that wrote it was killed, or the
+        disk was full."""
         self.problems: list[str] = []
         """Damage that was stepped over while messages were read, a line each."""
         self.bytes = 0
         self._head_problems: list[str] = []
-        self._declared: list[tuple[int, bytes]] = []
-        """Schemas and channels of the summary: those whose own place is damaged."""
-        self._read_head()
+        self._declared: list[list[tuple[int, bytes]]] = []
+        """Schemas and channels of each file's summary: those whose own place is damaged."""
+        for part in self.parts:
+            self._declared.append([])
+            self.truncated |= not self._read_head(part, self._declared[-1])
+        if len(self.parts) > 1:
+            for name in ("part", "previous"):  # of the last file
+                self.run.pop(name, None)
         self.problems = self._head_problems
 
-    def _read_head(self) -> None:
-        with opened(self.path) as data:
-            self.bytes = len(data)
+    def _read_head(self, path: Path, declared: list[tuple[int, bytes]]) -> bool:
+        """Take what stands around the messages; whether the file is whole."""
+        whole = False
+        with opened(path) as data:
+            self.bytes += len(data)
             in_summary = False
             for found in records(data):
                 if isinstance(found, Damage):
                     if not found.is_tail and not in_summary:
                         size = found.end - found.offset
-                        self._head_problems.append(
-                            f"{size} bytes at offset {found.offset} are damaged, stepped over"
-                        )
+                        where = f"{path.name}: " if len(self.parts) > 1 else ""
+                        told = f"{size} bytes at offset {found.offset} are damaged, stepped over"
+                        self._head_problems.append(where + told)
                     continue
                 opcode, _, start, end = found
                 if opcode in _SKIP_BULK:
                     continue
                 if opcode == Opcode.DATA_END:
                     in_summary = True
-                    self.truncated = not is_whole(data)
+                    whole = is_whole(data)
                 elif in_summary and opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                    self._declared.append((opcode, data[start:end]))
+                    declared.append((opcode, data[start:end]))
                 elif not in_summary:
                     try:
                         self._take_head(opcode, data[start:end])
                     except DAMAGE as error:
                         self._head_problems.append(f"damaged record stepped over: {error!r}")
+        return whole
 
     def _take_head(self, opcode: int, record: bytes) -> None:
         if opcode == Opcode.ATTACHMENT:
@@ -168,10 +185,14 @@ class LogReader:
 
         A damaged chunk is stepped over and named in ``problems``.
         """
-        state = _Channels(topics)
-        state.preload(self._declared)
         self.problems = self._head_problems.copy()
-        for opcode, record in self._records(_SKIP_INDEXES):
+        for part, declared in zip(self.parts, self._declared, strict=True):
+            state = _Channels(topics)
+            state.preload(declared)
+            yield from self._of_part(part, state)
+
+    def _of_part(self, path: Path, state: _Channels) -> Iterator[LogMessage]:
+        for opcode, record in self._records(path, _SKIP_INDEXES):
             if opcode == Opcode.CHUNK:
                 found: list[LogMessage] = []
                 try:
@@ -197,9 +218,10 @@ class LogReader:
         except DAMAGE as error:
             self.problems.append(f"damaged record stepped over: {error!r}")
 
-    def _records(self, skip: frozenset[int]) -> Iterator[tuple[int, bytes]]:
+    @staticmethod
+    def _records(path: Path, skip: frozenset[int]) -> Iterator[tuple[int, bytes]]:
         """Opcode and content of every record up to the end of the data."""
-        with opened(self.path) as data:
+        with opened(path) as data:
             for found in records(data):
                 if isinstance(found, Damage):
                     continue  # told once, by the constructor
@@ -315,11 +337,24 @@ def chunk_content(record: bytes) -> bytes:
         Exception: one of what the library raises on damage.
 
     """
-    chunk = Chunk.read(_stream(record))
-    if chunk.uncompressed_size > MAX_CHUNK_BYTES:
-        raise ValueError(f"it claims {chunk.uncompressed_size} bytes")
-    stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(length)
+    _, _, size, crc = CHUNK_HEAD.unpack_from(record)
+    if size > MAX_CHUNK_BYTES:
+        raise ValueError(f"it claims {size} bytes")
+    begin = CHUNK_HEAD.size + _TEXT.size
+    (length,) = _TEXT.unpack_from(record, CHUNK_HEAD.size)
+    compression, begin = record[begin : begin + length], begin + length + _SIZE.size
+    (length,) = _SIZE.unpack_from(record, begin - _SIZE.size)
+    packed = memoryview(record)[begin : begin + length]
+    if compression not in {b"zstd", b""}:  # the library knows what else there may be
+        stream, length = get_chunk_data_stream(Chunk.read(_stream(record)), validate_crc=True)
+        return stream.read(length)
+    if compression:
+        content: bytes = zstandard.decompress(packed, max_output_size=size)
+    else:
+        content = bytes(packed)
+    if crc and zlib.crc32(content) != crc:
+        raise ValueError("its checksum does not hold")
+    return content
 
 
 def attachment_is_damaged(record: bytes) -> bool:

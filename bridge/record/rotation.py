@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from bridge.record.family import part_name
 from bridge.telemetry import (
     ClockRecord,
     CoverageRecord,
@@ -132,8 +133,3 @@ class RotatingWriter:
         writer = self._make(self.path, replace(self._info, extra=extra))
         self.parts.append(self.path)
         return writer
-
-
-def part_name(first: Path, number: int) -> Path:
-    """The name of a run's n-th file."""
-    return first if number == 1 else first.with_name(f"{first.stem}-{number:04d}{first.suffix}")

@@ -14,10 +14,12 @@ from contextlib import contextmanager
 from mmap import ACCESS_READ, mmap
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
 from mcap.opcode import Opcode
 
 from bridge.record.chunked import MAGIC
 from bridge.record.errors import LogReadError
+from bridge.record.records_kernel import skip_indexes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -31,6 +33,8 @@ CHUNK_HEAD = struct.Struct("<QQQI")
 """First and last log time, size and CRC of the content; then the compression's name."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _INDEX_FIXED = 6
+_WINDOW = 1 << 14
+"""Bytes of message indexes looked at in one go; a chunk mostly has fewer."""
 _LONGEST = 1 << 40
 _FIRST_PRIVATE = 0x80
 _LAST_KNOWN = int(Opcode.DATA_END)
@@ -103,15 +107,23 @@ def records(
 
 def _past_indexes(data: Bytes, position: int) -> int:
     """Where the first record stands that is no message index."""
-    size, unpack = len(data), _INDEX_HEAD.unpack_from
-    while position + _INDEX_HEAD.size <= size:
-        opcode, length, _, entries = unpack(data, position)
-        if opcode != Opcode.MESSAGE_INDEX or length != entries + _INDEX_FIXED or entries % 16:
+    while True:
+        # A copy: an array on the map itself would keep it from being closed.
+        position += skip_indexes(np.frombuffer(data[position : position + _WINDOW], np.uint8))
+        following = _past_index(data, position)  # one that does not end within the window
+        if following == position:
             return position
-        if position + HEAD.size + length > size:
-            return position
-        position += HEAD.size + length
-    return position
+        position = following
+
+
+def _past_index(data: Bytes, position: int) -> int:
+    """Where a message index ends, if one stands here whole."""
+    if position + _INDEX_HEAD.size > len(data):
+        return position
+    opcode, length, _, entries = _INDEX_HEAD.unpack_from(data, position)
+    end: int = position + HEAD.size + length
+    is_index = opcode == Opcode.MESSAGE_INDEX and length == entries + _INDEX_FIXED
+    return end if is_index and entries % 16 == 0 and end <= len(data) else position
 
 
 def is_whole(data: Bytes) -> bool:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
 
+from bridge.record.blocks import LOG_NS, MESSAGE_HEAD, PUBLISH_NS, SEQUENCE
+from bridge.record.csv_table import CsvTable
 from bridge.record.forms import unzigzag, varints
+from bridge.record.records_kernel import split_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,15 +29,23 @@ _FEW = 3
 """Messages of one shape that are not worth a template, unless they are"""
 _LONG = 2048
 """bytes long."""
+_ALIGNED = 64
+"""Bytes at whose multiples Arrow likes a column to begin."""
+_HEADS = (LOG_NS, PUBLISH_NS, SEQUENCE)
 _TIME = pa.timestamp("ns", "UTC")
 _PLAIN = {"text": pa.string(), "json": pa.string(), "bytes": pa.binary(), "bool": pa.bool_()}
 
 
 def arrow_type(column: Column) -> pa.DataType:
     """A column's type in the table."""
-    plain = _PLAIN.get(column.type)
-    made = pa.from_numpy_dtype(np.dtype(column.type)) if plain is None else plain
-    return pa.list_(made) if column.is_list else made
+    return _arrow_type(column.type, column.is_list)
+
+
+@cache
+def _arrow_type(name: str, is_list: bool) -> pa.DataType:  # noqa: FBT001 - of a column
+    plain = _PLAIN.get(name)
+    made = pa.from_numpy_dtype(np.dtype(name)) if plain is None else plain
+    return pa.list_(made) if is_list else made
 
 
 class TableWriter:
@@ -50,15 +59,16 @@ class TableWriter:
 
         """
         self._columns = tuple(columns)
+        self._shapes: dict[Form, dict[int, Template]] = {}
+        """Of each form's messages by their length: the last one that was met."""
         fields = [
             *(("log_time", _TIME), ("publish_time", _TIME), ("sequence", pa.uint32())),
             *((column.name, arrow_type(column)) for column in self._columns),
         ]
         self._schema = pa.schema(fields, metadata={f"sweepctl.{k}": v for k, v in notes.items()})
-        self._csv: pa_csv.CSVWriter | None = None
+        self._csv: CsvTable | None = None
         if path.suffix == ".csv":
-            texts = [(name, _in_csv(kind)) for name, kind in fields]
-            self._csv = pa_csv.CSVWriter(str(path), pa.schema(texts))
+            self._csv = CsvTable(path, dict(fields))
         else:
             # Dictionaries would take twice the time and, of measured values, more room.
             self._parquet = pa_parquet.ParquetWriter(
@@ -70,23 +80,29 @@ class TableWriter:
         return sum(self._write(block, channel_id, form) for channel_id, form in channels)
 
     def _write(self, block: Block, channel_id: int, form: Form) -> int:
-        starts, lengths, heads = block.heads(channel_id)
-        values, bad = _decode(block.data, starts, lengths, form)
-        times = [
-            pa.array(np.ascontiguousarray(heads[name]).view("<i8"), pa.int64()).cast(_TIME)
-            for name in ("log_ns", "publish_ns")
-        ]
-        sequence = pa.array(np.ascontiguousarray(heads["sequence"]))
+        starts = block.starts[channel_id]
+        data = np.frombuffer(block.data, np.uint8)
+        _, heads = _split(data, starts, np.empty(0, np.uint8), np.empty(0, np.uint8), _HEADS)
+        log_ns, publish_ns, sequence = (values.reshape(-1) for values in heads)
+        values, bad = _decode(
+            block.data,
+            starts,
+            block.lengths[channel_id],
+            form,
+            self._shapes.setdefault(form, {}),
+        )
         named = dict(zip((c.name for c in form.columns), values, strict=True))
         arrays = [
-            named.get(c.name, pa.nulls(len(starts), arrow_type(c))).cast(arrow_type(c))
+            _as(arrow_type(c), named[c.name])
+            if c.name in named
+            else pa.nulls(len(starts), arrow_type(c))
             for c in self._columns
         ]
-        table = pa.table([*times, sequence, *arrays], schema=self._schema)
+        rows = [_times(log_ns), _times(publish_ns), pa.array(sequence.view("<u4")), *arrays]
         if self._csv is not None:
-            self._csv.write_table(_for_csv(table))
+            self._csv.write(rows)
         else:
-            self._parquet.write_table(table)
+            self._parquet.write_table(pa.table(rows, schema=self._schema))
         return bad
 
     def close(self) -> None:
@@ -94,33 +110,50 @@ class TableWriter:
         (self._csv or self._parquet).close()
 
 
+def _times(values: NDArray[np.uint8]) -> pa.Array:
+    return pa.Array.from_buffers(_TIME, len(values) // 8, [None, pa.py_buffer(values)])
+
+
+def _as(kind: pa.DataType, array: pa.Array) -> pa.Array:
+    """Of this type; two schemas of one topic may differ in it."""
+    return array if array.type == kind else array.cast(kind)
+
+
 def _decode(
-    data: bytes, starts: NDArray[np.int64], lengths: NDArray[np.int64], form: Form
+    data: bytes,
+    starts: NDArray[np.int64],
+    lengths: NDArray[np.int64],
+    form: Form,
+    known: dict[int, Template],
 ) -> tuple[list[pa.Array], int]:
     """An array for each column, in the messages' order; and how many did not decode."""
     parts: list[tuple[NDArray[np.int64], list[pa.Array]]] = []
     single: list[NDArray[np.int64]] = []
+    used: dict[int, Template] = {}
     shapes = 0
+    content = np.frombuffer(data, np.uint8)
     for length in np.unique(lengths).tolist():
         places = np.flatnonzero(lengths == length)
         while len(places):
-            first = int(starts[places[0]])
+            first = int(starts[places[0]]) + MESSAGE_HEAD
             few = shapes >= max(_MOST_SHAPES, len(starts) // 8)
             few = few or (len(places) <= _FEW and length < _LONG)
-            template = None if few or not length else form.template(data[first : first + length])
+            template = known.pop(length, None)
+            if template is None and length and not few:
+                template = form.template(data[first : first + length])
             if template is None:
                 # One message without a shape says nothing of the next.
                 single.append(places if few else places[:1])
                 places = places[:0] if few else places[1:]
                 shapes += not few
                 continue
+            fit, arrays = _of_shape(content, starts[places], template, form)
+            if not fit.any():
+                continue  # one of before, that is no longer met
             shapes += 1
-            rows = _gather(data, starts[places], length)
-            fit = template.fits(rows)
-            whole = bool(fit.all())
-            own, of_shape = (places, rows) if whole else (places[fit], rows[fit])
-            parts.append((own, [_column(column, template, of_shape) for column in form.columns]))
-            places = places[:0] if whole else places[~fit]
+            parts.append((places[fit], arrays))
+            places, used[length] = places[~fit], template
+    known.update(used)
     bad = 0
     if single:
         own = np.sort(np.concatenate(single))
@@ -135,24 +168,53 @@ def _decode(
     return joined, bad
 
 
-def _gather(data: bytes, starts: NDArray[np.int64], length: int) -> NDArray[np.uint8]:
-    # One overlapping item of `length` bytes at each byte: numpy then copies whole messages.
-    items = np.ndarray((len(data) - length + 1,), f"V{length}", data, 0, (1,))
-    return items[starts].view(np.uint8).reshape(-1, length)
+def _of_shape(
+    data: NDArray[np.uint8], starts: NDArray[np.int64], template: Template, form: Form
+) -> tuple[NDArray[np.bool_], list[pa.Array]]:
+    """Which of these messages have a shape, and an array of theirs for each column."""
+    leaves = [template.leaves.get(column.name) for column in form.columns]
+    moving = [leaf for leaf in leaves if leaf is not None and leaf.how != "same"]
+    places = tuple((MESSAGE_HEAD + leaf.offset, leaf.size) for leaf in moving)
+    fit, values = _split(data, starts, template.head, template.mask, places)
+    of_leaf = dict(zip((leaf.column.name for leaf in moving), values, strict=True))
+    count = int(np.count_nonzero(fit))
+    return fit, [
+        _column(column, leaf, of_leaf.get(column.name), count)
+        for column, leaf in zip(form.columns, leaves, strict=True)
+    ]
 
 
-def _column(column: Column, template: Template, rows: NDArray[np.uint8]) -> pa.Array:
-    leaf = template.leaves.get(column.name)
-    kind, count = arrow_type(column), len(rows)
-    if leaf is None or leaf.how == "same":
+def _split(
+    data: NDArray[np.uint8],
+    starts: NDArray[np.int64],
+    shape: NDArray[np.uint8],
+    mask: NDArray[np.uint8],
+    places: tuple[tuple[int, int], ...],
+) -> tuple[NDArray[np.bool_], list[NDArray[np.uint8]]]:
+    """Which messages have a shape, and the bytes at these places (and of these sizes) in them."""
+    values = np.zeros((len(places), 3), np.int64)
+    size_bytes = 0
+    for row, (offset, size) in enumerate(places):
+        values[row] = offset, size, size_bytes
+        size_bytes += -(-size * len(starts) // _ALIGNED) * _ALIGNED
+    out, fits = np.empty(size_bytes, np.uint8), np.empty(len(starts), np.uint8)
+    count = split_messages(data, starts, MESSAGE_HEAD, shape, mask, values, out, fits)
+    cut = [out[begin : begin + count * size] for _, size, begin in values.tolist()]
+    return fits.view(np.bool_), cut
+
+
+def _column(
+    column: Column, leaf: Leaf | None, values: NDArray[np.uint8] | None, count: int
+) -> pa.Array:
+    kind = arrow_type(column)
+    if leaf is None or values is None:
         value = leaf.value if leaf is not None else [] if column.is_list else None
         return pa.repeat(pa.scalar(value, kind), count)
-    values = np.ascontiguousarray(rows[:, leaf.offset : leaf.offset + leaf.size])
     if leaf.how != "fixed":
-        return _integers(column, leaf, values)
+        return _integers(column, leaf, values.reshape(count, leaf.size))
     if column.type in {"text", "json", "bytes"}:
-        return _texts(kind, values, leaf.size)
-    flat = values.ravel() != 0 if column.type == "bool" else values.reshape(-1).view(column.type)
+        return _texts(kind, values, leaf.size, count)
+    flat = values != 0 if column.type == "bool" else values.view(column.type)
     array = pa.array(flat)
     if not column.is_list:
         return array
@@ -170,7 +232,7 @@ def _integers(column: Column, leaf: Leaf, values: NDArray[np.uint8]) -> pa.Array
     return pa.array(raw.astype(column.type))  # cut to its width, as protobuf does
 
 
-def _texts(kind: pa.DataType, values: NDArray[np.uint8], size: int) -> pa.Array:
+def _texts(kind: pa.DataType, values: NDArray[np.uint8], size: int, count: int) -> pa.Array:
     data = values.tobytes()
     if kind == pa.string():
         try:
@@ -178,9 +240,9 @@ def _texts(kind: pa.DataType, values: NDArray[np.uint8], size: int) -> pa.Array:
         except UnicodeDecodeError:
             rows = (data[i : i + size] for i in range(0, len(data), size or 1))
             return pa.array([row.decode("utf-8", "replace") for row in rows], kind)
-    offsets = np.arange(len(values) + 1, dtype=np.int32) * size
+    offsets = np.arange(count + 1, dtype=np.int32) * size
     buffers = [None, pa.py_buffer(offsets.tobytes()), pa.py_buffer(data)]
-    return pa.Array.from_buffers(kind, len(values), buffers)
+    return pa.Array.from_buffers(kind, count, buffers)
 
 
 def _one_by_one(
@@ -189,7 +251,8 @@ def _one_by_one(
     rows, bad = [], 0
     for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
         try:
-            rows.append(form.row(data[start : start + length]))
+            begin = start + MESSAGE_HEAD
+            rows.append(form.row(data[begin : begin + length]))
         except ValueError:
             rows.append({})
             bad += 1
@@ -198,38 +261,3 @@ def _one_by_one(
         values: list[Any] = [row.get(column.name, [] if column.is_list else None) for row in rows]
         arrays.append(pa.array(values, arrow_type(column)))
     return arrays, bad
-
-
-def _in_csv(kind: pa.DataType) -> pa.DataType:
-    return pa.string() if pa.types.is_list(kind) or pa.types.is_binary(kind) else kind
-
-
-def _for_csv(table: pa.Table) -> pa.Table:
-    """Lists as JSON, bytes in hexadecimal: CSV has neither."""
-    for index, field in enumerate(table.schema):
-        column = table[index]
-        if pa.types.is_list(field.type):
-            column = pa.chunked_array([_json(chunk) for chunk in column.chunks], pa.string())
-        elif pa.types.is_binary(field.type):
-            texts = [None if v is None else v.hex() for v in column.to_pylist()]
-            column = pa.array(texts, pa.string())
-        else:
-            continue
-        table = table.set_column(index, field.name, column)
-    return table
-
-
-def _json(lists: pa.ListArray) -> pa.Array:
-    """Each list as a JSON text."""
-    if not pa.types.is_primitive(lists.type.value_type) or pa.types.is_boolean(
-        lists.type.value_type
-    ):
-        known: dict[str, str] = {}
-        keys = (None if v is None else json.dumps(v) for v in lists.to_pylist())
-        return pa.array([key and known.setdefault(key, key) for key in keys], pa.string())
-    values, texts = lists.values, lists.values.cast(pa.string())
-    if pa.types.is_floating(values.type):  # JSON has neither NaN nor infinity
-        texts = pc.if_else(pc.is_finite(values), texts, "null")
-    words = pa.ListArray.from_arrays(lists.offsets, texts)
-    joined = pc.binary_join(words, ",")
-    return pc.binary_join_element_wise("[", joined, "]", "")

@@ -12,6 +12,14 @@ from bridge.record.chunked import ChunkedFile
 from bridge.record.device_topics import DeviceTopics
 from bridge.record.disk import open_log_file
 from bridge.record.errors import LogWriteError
+from bridge.record.names import (
+    CATALOGUE_ATTACHMENT,
+    DEVICE_METADATA,
+    METADATA,
+    ROBOT_ATTACHMENT,
+    ROOM_ATTACHMENT,
+    SUMMARY_ATTACHMENT,
+)
 from bridge.record.room import rasterise
 from bridge.record.rows import Head, RowMessage, half_angle, proto_stamp, real, rehearse
 from bridge.telemetry import (
@@ -41,13 +49,6 @@ if TYPE_CHECKING:
     from bridge.record.ros import RosTopic
     from bridge.record.rows import Rows
     from bridge.telemetry import Record, RunInfo
-
-METADATA = "sweepctl"
-"""Name of the metadata record that says what was run."""
-DEVICE_METADATA = "device"
-"""Of each session's device, as soon as it is known: boot id, uid, firmware."""
-ROBOT_ATTACHMENT, ROOM_ATTACHMENT = "robot.toml", "room.json"
-CATALOGUE_ATTACHMENT, SUMMARY_ATTACHMENT = "catalogue.json", "summary.json"
 
 _LOGGED = Head(1, 1)
 """Log and publish time in the one integer that follows a row's place."""

@@ -26,6 +26,7 @@ _PERCENT = (
     "coverage.eq8",
     "repeat_ratio",
 )
+_POINTS = "Shares differ by percentage points: from 90 % to 91 % is +1 point."
 
 
 def figures_of(data: RunData) -> dict[str, float | None]:
@@ -110,7 +111,7 @@ def _form(key: str, value: float | None, *, sign: bool = False) -> str:
         return "not known"
     plus = "+" if sign else ""
     if key in _PERCENT:
-        return f"{100 * value:{plus}.2f} %"
+        return f"{100 * value:{plus}.2f} {'points' if sign else '%'}"
     if float(value).is_integer():
         return f"{value:{plus}.0f}"
     return f"{value:{plus}.4g}" if abs(value) < 1 else f"{value:{plus}.2f}"
@@ -137,7 +138,7 @@ def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str,
 def render(a: RunData, b: RunData) -> str:
     """The page as HTML."""
     runs = (a, b)
-    parts = [table("Figures", ("", "A", "B", "B less A"), rows(a, b))]
+    parts = [table("Figures", ("", "A", "B", "B less A"), rows(a, b), note=_POINTS)]
     if any(run.track.best for run in runs):
         note = "Both paths in the room of A. Where the rooms differ, so does what is compared."
         parts.append(

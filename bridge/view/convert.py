@@ -12,9 +12,9 @@ from bridge.coverage.floorplan import FloorPlanError, parse_floorplan
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
 from bridge.record.losses import LossCounter
+from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT
 from bridge.record.reader import LogReader
 from bridge.record.wheels import WheelAngles
-from bridge.record.writer import ROBOT_ATTACHMENT, ROOM_ATTACHMENT
 from bridge.view import paths, planning, scene
 from bridge.view.columns import Document, Recording, Series, States, TextLines
 from protocol.values import Mode, StopCause, label

@@ -15,9 +15,10 @@ class ViewerMissingError(BridgeError):
 class NoDisplayError(BridgeError):
     """A window was asked for where there is none to be had."""
 
-    def __init__(self) -> None:
+    def __init__(self, more: str = "") -> None:
+        """``more``: what else the command can do, for the end of the line."""
         super().__init__(
-            "no display to open a window on; save a Rerun file or serve it to a browser instead"
+            f"no display to open a window on: --serve shows it in a browser on this machine{more}"
         )
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 APPLICATION = "sweepctl"
 _LOOPBACK = "127.0.0.1"
+_INSTEAD = ", --save FILE.rrd writes a Rerun file, --png or --screenshot FILE.png a picture"
 _INTERRUPTED = {-2, 130}
 """Ended by Ctrl-C, which is how a person ends a viewer that holds the terminal."""
 
@@ -49,7 +50,7 @@ def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False
     if save is not None:
         return write_rerun_file(path, save)
     if not serve_web and not has_display():
-        raise NoDisplayError
+        raise NoDisplayError(_INSTEAD)
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
         file = Path(folder) / f"{path.stem}.rrd"
         reader = write_rerun_file(path, file)

@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from bridge.view.run_data import RunData
 
 _GOOD, _FAIR = 0.98, 0.90
+_WIDE = 6.6
+"""Of the room's figure, inches."""
+_VIRTUAL = "virtual"
+"""The port that ``simulate`` writes into its logs."""
 _ENDINGS = {
     "complete": "finished by itself",
     "stopped": "was ended in order before it was finished",
@@ -31,8 +35,10 @@ _ENDINGS = {
 }
 
 
-def write_report(log: Path, out: Path, *, png: Path | None = None, force: bool = False) -> RunData:
-    """Write a run's page, and the same as a picture; gives what was read.
+def write_report(
+    log: Path, out: Path | None, *, png: Path | None = None, force: bool = False
+) -> RunData:
+    """Write a run's page, and the same as a picture, where asked for; gives what was read.
 
     Raises:
         LogReadError: the log cannot be read.
@@ -46,7 +52,8 @@ def write_report(log: Path, out: Path, *, png: Path | None = None, force: bool =
             raise LogExistsError(path)
     data = load_run(log)
     found = rows.holes(data)
-    write(out, render(data, found).encode())
+    if out is not None:
+        write(out, render(data, found).encode())
     if png is not None:
         from bridge.view.report_png import picture  # noqa: PLC0415 - loads matplotlib
 
@@ -89,6 +96,8 @@ def when(data: RunData) -> str:
     """Date and time of the beginning, UTC; a simulation's is made up."""
     if not data.start_ns:
         return "an empty log"
+    if data.metadata.get("port") == _VIRTUAL:
+        return "Simulated in virtual time; its clock begins at the same date in every run"
     moment = datetime.fromtimestamp(data.start_ns / 1e9, tz=UTC)
     return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
 
@@ -119,11 +128,12 @@ def story(data: RunData) -> list[str]:
             f"{100 * share:.1f} %, {basis}; the largest piece that it missed has "
             f"{report.largest_hole_cm2:.0f} cm²."
         )
-        lines.append(
-            f"No robot of this width and speed could sweep that floor in less than "
-            f"{_minutes(report.reference_time_s)}: this one took {report.time_ratio:.1f} times as "
-            f"long and {report.path_ratio:.1f} times the way."
-        )
+        line = "No robot of this width and speed could sweep that floor in less than "
+        line += _minutes(report.reference_time_s)
+        if share >= _FAIR:  # of a run that was cut short it would say nothing
+            line += f": this one took {report.time_ratio:.2f} times that time, and its way was "
+            line += f"{report.path_ratio:.2f} times the shortest"
+        lines.append(f"{line}.")
     elif data.track.plan is None:
         lines.append("The room is not known, so nothing can be said of what it swept.")
     lines.append(_wire_words(data))
@@ -191,7 +201,11 @@ def render(data: RunData, found: list[Hole]) -> str:
     parts = []
     if data.track.best:
         parts.append(
-            section("Room and path", figures.svg(6.6, 7.0, _room(data, found)), _room_note(data))
+            section(
+                "Room and path",
+                figures.svg(_WIDE, figures.room_height(data, _WIDE), _room(data, found)),
+                _room_note(data),
+            )
         )
     if data.coverage is not None:
         drawn = figures.svg(7.6, 3.8, _coverage(data))

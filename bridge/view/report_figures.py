@@ -27,6 +27,8 @@ INK, SOFT, BLUE, RED, GREEN, ORANGE = (
 )
 OTHER = "#b03a48"
 _POINTS = 400
+_ROOM_HEIGHTS, _ROOM_REST = (2.6, 9.0), 1.0
+"""Inches: what a page has room for, and what legend and axis take."""
 _DPI = 110
 
 
@@ -72,6 +74,20 @@ def as_png(figure: Figure) -> bytes:
     return out.getvalue()
 
 
+def room_ratio(data: RunData) -> float:
+    """Height of the room over its width; of the path where the room is not known."""
+    plan = data.track.plan
+    points = plan.walls if plan is not None else [(p.x_m, p.y_m) for _, p in data.track.best]
+    (x0, y0), (x1, y1) = np.min(points, axis=0), np.max(points, axis=0)
+    return float((y1 - y0) / max(x1 - x0, 1e-3))
+
+
+def room_height(data: RunData, width: float) -> float:
+    """How high a figure of this width must be for the room to fill it, in inches."""
+    low, high = _ROOM_HEIGHTS
+    return min(max(width * room_ratio(data) + _ROOM_REST, low), high)
+
+
 def draw_room(axes: Axes, data: RunData) -> None:
     """The room with what was swept and missed, the path, and a legend below."""
     meter, report = data.meter, data.coverage
@@ -82,10 +98,10 @@ def draw_room(axes: Axes, data: RunData) -> None:
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     lines, _ = axes.get_legend_handles_labels()
-    axes.legend(
+    # Of the figure: below axes as low as those of a corridor one would lie on their label.
+    axes.figure.legend(
         handles=[*lines, *floor_legend(data.track)],
-        loc="upper center",
-        bbox_to_anchor=(0.5, -0.1),
+        loc="outside lower center",
         ncols=3,
         frameon=False,
         fontsize=8,
@@ -150,7 +166,7 @@ def draw_bounds(axes: Axes, data: RunData, paper_share: float | None) -> None:
 def finish_coverage(axes: Axes) -> None:
     """Axes, grid and legend of a coverage plot."""
     axes.set_xlabel("time since the drive began (s)")
-    axes.set_ylabel("swept, % of what the mouth can reach")
+    axes.set_ylabel("swept of what is reachable, %")
     axes.set_ylim(0, 103)
     axes.set_xlim(left=0)
     tidy(axes)

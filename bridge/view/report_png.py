@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from bridge.view.run_data import RunData
 
 _WIDTH, _HEIGHT = 14.0, 10.0
+_HEAD = 0.16
+"""Share of the height for title and story."""
+_BAND = 0.55
+"""A room lower than this, over its width, goes across the sheet."""
 _LETTERS = 165
 
 
@@ -24,12 +28,19 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
     """
     panels = report_figures.panels(data)[:3]
     figure = report_figures.blank(_WIDTH, _HEIGHT)
-    top, below = figure.subfigures(2, 1, height_ratios=[1.6, 8.4], squeeze=False)[:, 0]
+    heights = [_HEAD, 1.0 - _HEAD]
+    top, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     top.text(0.012, 0.93, report.title(data), fontsize=17, weight="bold", va="top")
     story = " ".join([f"{report.when(data)}.", *report.story(data)])
     words = "\n".join(textwrap.wrap(story, _LETTERS))
     top.text(0.012, 0.66, words, fontsize=10, va="top", linespacing=1.5)
-    left, right = below.subfigures(1, 2, squeeze=False)[0]
+    is_band = bool(data.track.best) and report_figures.room_ratio(data) < _BAND
+    if is_band:
+        band = report_figures.room_height(data, _WIDTH) / _HEIGHT
+        heights = [band, 1.0 - _HEAD - band]
+        left, right = below.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+    else:
+        left, right = below.subfigures(1, 2, squeeze=False)[0]
     room = left.add_subplot()
     if data.track.best:
         report_figures.draw_room(room, data)
@@ -38,7 +49,8 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
     else:
         room.text(0.5, 0.5, "no pose in the log", ha="center", transform=room.transAxes)
         room.set_axis_off()
-    tiles, plots = right.subfigures(2, 1, height_ratios=[2, 8], squeeze=False)[:, 0]
+    heights = [3, 7] if is_band else [2, 8]
+    tiles, plots = right.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     for index, tile in enumerate(report.tiles(data)[:8]):
         x, y = 0.03 + 0.245 * (index % 4), 0.95 - 0.5 * (index // 4)
         tiles.text(x, y, tile.value, fontsize=14, weight="bold", va="top")
@@ -46,7 +58,10 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
         tiles.text(x, y - 0.19, meaning, fontsize=7.5, va="top", color=report_figures.SOFT)
     count = len(panels) + (data.coverage is not None)
     if count:
-        axes = plots.subplots(count, 1, squeeze=False, height_ratios=_shares(count, data))[:, 0]
+        if is_band:
+            axes = plots.subplots(1, count, squeeze=False, width_ratios=_shares(count, data))[0]
+        else:
+            axes = plots.subplots(count, 1, squeeze=False, height_ratios=_shares(count, data))[:, 0]
         at = 0
         if data.coverage is not None:
             share = report_tables.paper_share(data)

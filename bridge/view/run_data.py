@@ -115,11 +115,6 @@ class RunData:
         return (self.end_ns - self.start_ns) / _NS
 
     @property
-    def pose_offset_s(self) -> float:
-        """Seconds from the log's beginning to its first pose, where a coverage's times begin."""
-        return (self.track.start_ns - self.start_ns) / _NS if self.track.start_ns else 0.0
-
-    @property
     def lost(self) -> int:
         """Frames of the device that are missing by their sequence numbers."""
         return sum(lost for _, _, lost in self.link)

@@ -1,7 +1,9 @@
-"""CAN database: every periodic frame of one device, for cantools, SavvyCAN and their like.
+"""CAN database: every periodic frame of one device and its tags, for cantools, SavvyCAN and others.
 
 A frame is described as a whole, so that its values need nothing but this file. Transfers (all
 that is not periodic) are cut into segments, which the format cannot describe; they are left out.
+The frame that signs a message (:mod:`protocol.authentication`) is described too: it shows that
+and with which counter a setpoint was signed.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
+from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER
 from protocol.can_frames import CAN_FULL_STAMP, STAMP_SHIFT, T16, T32, is_native, parts_of
 from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.errors import FieldRangeError
@@ -27,6 +30,7 @@ HOST = "host"
 DEVICE = "device"
 STAMP = "t16"
 FULL_STAMP = "t_us"
+TAG = "auth_tag"
 PART_NAMES = {
     ("imu", 0): "imu_acceleration",
     ("imu", 1): "imu_rotation",
@@ -58,7 +62,7 @@ class Signal(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """One periodic frame."""
+    """One frame."""
 
     can_id: int
     name: str
@@ -66,6 +70,7 @@ class Frame(NamedTuple):
     sender: str
     receiver: str
     cycle_ms: int
+    """0: it comes with others."""
     doc: str
     signals: tuple[Signal, ...]
 
@@ -79,9 +84,8 @@ def render(catalogue: Catalogue = CATALOGUE, node: int = 1) -> dict[str, str]:
     """
     if not 1 <= node <= MAX_NODE:
         raise FieldRangeError("frame", "node", node)
-    frames = sorted(
-        chain.from_iterable(frames_of(spec, node) for spec in catalogue if is_native(spec))
-    )
+    periodic = chain.from_iterable(frames_of(spec, node) for spec in catalogue if is_native(spec))
+    frames = sorted([*periodic, tag_frame(node)])
     return {f"sweepctl-node{node}.dbc": "\n".join(_lines(catalogue, node, frames)) + "\n"}
 
 
@@ -102,6 +106,19 @@ def frames_of(spec: MessageSpec, node: int) -> Iterator[Frame]:
         length = sum(s.bits for s in signals) // 8
         cycle_ms = max(period_ms, part.slow_us // 1000)
         yield Frame(part.can_type << 4 | node, name, length, *ends, cycle_ms, doc, signals)
+
+
+def tag_frame(node: int) -> Frame:
+    """The frame that follows those of a message that the host has signed."""
+    counter_bits = 16
+    tag_bits = 8 * CAN_TRAILER.size - counter_bits
+    signals = (
+        _plain("counter", 0, counter_bits, 1.0, "", "low 16 bits of the session's counter"),
+        _plain("tag", counter_bits, tag_bits, 1.0, "", "HMAC-SHA-256 under the device's key, cut"),
+    )
+    doc = "Signs the message whose frames came right before it; sent where the device has a key."
+    can_id = CAN_AUTH_TYPE << 4 | node
+    return Frame(can_id, TAG, CAN_TRAILER.size, HOST, DEVICE, 0, doc, signals)
 
 
 def _signals(spec: MessageSpec, part: Part) -> Iterator[Signal]:
@@ -155,7 +172,7 @@ def _signal(field: Field, bit: int) -> Signal:
 
 def _lines(catalogue: Catalogue, node: int, frames: list[Frame]) -> Iterator[str]:
     about = (
-        f"Periodic frames of device {node}. Protocol version {PROTOCOL_VERSION}, "
+        f"Periodic frames of device {node}, and its tags. Protocol version {PROTOCOL_VERSION}, "
         f"catalogue 0x{catalogue.hash:08x}. Made by `sweepctl generate dbc`; changes belong into "
         "the catalogue. Everything else on the bus is segmented and not described here."
     )
@@ -188,7 +205,7 @@ def _lines(catalogue: Catalogue, node: int, frames: list[Frame]) -> Iterator[str
     yield 'BA_ "BusType" "CAN";'
     for frame in frames:
         yield f'BA_ "GenMsgCycleTime" BO_ {frame.can_id} {frame.cycle_ms};'
-        yield f'BA_ "GenMsgSendType" BO_ {frame.can_id} 0;'
+        yield f'BA_ "GenMsgSendType" BO_ {frame.can_id} {0 if frame.cycle_ms else 1};'
     for frame in frames:
         for signal in frame.signals:
             if signal.values:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
 from protocol.can_frames import CAN_FULL_STAMP, is_native, parts_of
 from protocol.can_link import DOUBLE_US
 from protocol.can_segments import MAX_CONTENT, OPEN_US, SEGMENT
@@ -47,6 +48,8 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
         f"local VERSION = {PROTOCOL_VERSION}",
         f"local MIN_DECODED, MAX_ENCODED = {MIN_DECODED}, {MAX_ENCODED} -- B, of a serial frame",
         f"local SEGMENT, MAX_SEGMENTS = {SEGMENT}, {-(-(MAX_CONTENT + CRC.size) // SEGMENT)}",
+        f"local AUTH_TRAILER = {TRAILER.size} -- B: counter and tag of a signed serial frame",
+        f"local CAN_AUTH_TYPE, CAN_AUTH_SIZE = 0x{CAN_AUTH_TYPE:02X}, {CAN_TRAILER.size}",
         f"local OPEN_S, DOUBLE_S = {OPEN_US / 1e6}, {DOUBLE_US / 1e6}",
         "",
         "-- ---- the catalogue " + "-" * 70,
@@ -67,6 +70,7 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
         "for type_id in pairs(MESSAGES) do",
         "  CAN_TYPES[type_id] = true",
         "end",
+        "CAN_TYPES[CAN_AUTH_TYPE] = true",
         "for can_type, frame in pairs(CAN_FRAMES) do",
         "  CAN_TYPES[can_type] = true",
         "  for i, index in ipairs(frame.fields) do",

@@ -150,6 +150,17 @@ local function add_segment(tree, type_id, tvb, segment)
   return add_content(tree, type_id, whole(0, check_at):tvb())
 end
 
+-- The frame behind a signed message's.
+local function add_tag(tree, tvb)
+  if tvb:len() ~= CAN_AUTH_SIZE then
+    return "auth_tag "
+      .. mark(tree, "length", ("%d B, a tag has %d"):format(tvb:len(), CAN_AUTH_SIZE))
+  end
+  tree:add_le(head.auth_counter, tvb(0, 2))
+  tree:add(head.auth_tag, tvb(2))
+  return "auth_tag"
+end
+
 local function segment_of(tvb, pinfo, id)
   local packet = pinfo.number
   if not segments[packet] then
@@ -169,6 +180,8 @@ function sweepctl_can.dissector(tvb, pinfo, tree)
   local summary
   if frame then
     summary = add_native(root, frame, tvb)
+  elseif type_id == CAN_AUTH_TYPE then
+    summary = add_tag(root, tvb)
   elseif tvb:len() == 0 then
     summary = (TYPE_NAMES[type_id] or "?") .. " " .. mark(root, "length", "no tail byte")
   else
@@ -184,7 +197,7 @@ end
 REGISTRATION = r"""
 -- ---- where it hooks in -------------------------------------------------------------------
 -- DLT_USER0 (147): one frame a packet. DLT_USER1 (148): bytes as they were read.
--- CAN: the ids of the catalogue, and no others; of one bus, or transfers of several mix.
+-- CAN: the ids of the catalogue and of tags, no others; of one bus, or transfers of several mix.
 
 sweepctl.fields = registered
 local expert_list = {}

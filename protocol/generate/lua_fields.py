@@ -18,6 +18,7 @@ local TYPE_NAMES = {}
 for type_id, message in pairs(MESSAGES) do
   TYPE_NAMES[type_id] = message.name
 end
+TYPE_NAMES[CAN_AUTH_TYPE] = "auth_tag"
 
 local head = {
   version = ProtoField.uint8("sweepctl.version", "version", base.DEC, nil, 0xF0),
@@ -34,6 +35,10 @@ local head = {
   t16 = ProtoField.uint16("sweepctl.t16", "t16", base.DEC, nil, nil,
     "low 16 bits of the sender's clock in steps of 16 us"),
   crc = ProtoField.uint32("sweepctl.crc", "CRC-32", base.HEX),
+  auth_counter = ProtoField.uint32("sweepctl.auth.counter", "auth.counter", base.DEC, nil, nil,
+    "goes on from the session's challenge; on CAN its low 16 bits"),
+  auth_tag = ProtoField.bytes("sweepctl.auth.tag", "auth.tag", base.NONE,
+    "HMAC-SHA-256 under the device's key, cut short; not checked here"),
   damage = ProtoField.string("sweepctl.damage", "damage", base.ASCII,
     "cobs, length, crc, order (of segments), or cut (by the capture)"),
   encoded = ProtoField.bytes("sweepctl.encoded", "bytes of the line"),
@@ -68,6 +73,8 @@ local experts = {
     expert.group.UNDECODED, expert.severity.WARN),
   payload = ProtoExpert.new("sweepctl.payload_length", "payload length is not the declared one",
     expert.group.PROTOCOL, expert.severity.WARN),
+  untagged = ProtoExpert.new("sweepctl.no_tag", "marked as authenticated, and has no tag",
+    expert.group.SECURITY, expert.severity.WARN),
   range = ProtoExpert.new("sweepctl.out_of_range", "value has no meaning",
     expert.group.PROTOCOL, expert.severity.NOTE),
 }

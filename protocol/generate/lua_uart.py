@@ -114,7 +114,12 @@ local function add_stretch(tree, range, bytes, length)
   end
   add_header(tree, tvb)
   local version, node, type_id = math.floor(decoded:byte(1) / 16), decoded:byte(2), decoded:byte(3)
-  local payload = check_at > 8 and tvb(8, check_at - 8):tvb() or nil
+  local signed = version == VERSION and decoded:byte(1) % 2 == 1
+  local tag_at = check_at
+  if signed and check_at - 8 >= AUTH_TRAILER then
+    tag_at = check_at - AUTH_TRAILER
+  end
+  local payload = tag_at > 8 and tvb(8, tag_at - 8):tvb() or nil
   local name
   if version == VERSION then
     name = add_message(tree, type_id, payload)
@@ -124,6 +129,13 @@ local function add_stretch(tree, range, bytes, length)
       tree:add(head.payload, payload())
     end
     name = ("[version %d]"):format(version)
+  end
+  if tag_at < check_at then
+    tree:add_le(head.auth_counter, tvb(tag_at, 4))
+    tree:add(head.auth_tag, tvb(tag_at + 4, AUTH_TRAILER - 4))
+    name = name .. " (signed)"
+  elseif signed then
+    tree:add_proto_expert_info(experts.untagged, "marked as authenticated, and has no tag")
   end
   tree:add_le(head.crc, tvb(check_at, 4)):append_text(" (good)")
   local summary = ("%s node %d seq %d"):format(name, node, decoded:byte(4))

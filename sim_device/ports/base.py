@@ -22,8 +22,6 @@ class DevicePort(ABC):
 
     path: str
     """What a host opens."""
-    dropped_bytes = 0
-    """What the system did not take, in all."""
 
     @abstractmethod
     def filenos(self) -> list[int]:

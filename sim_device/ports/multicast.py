@@ -92,12 +92,13 @@ class MulticastPort(DevicePort):
         return b"".join(found)
 
     def write(self, data: bytes) -> int:
-        """Send frames; what the system does not take is lost."""
+        """Send frames as long as the system takes them; unplugged, nobody wants them."""
         import can  # noqa: PLC0415 - loaded already
 
+        if self._bus is None:
+            return len(data)
+        written = 0
         for can_id, length, content in RECORD.iter_unpack(data):
-            if self._bus is None:
-                break
             message = can.Message(
                 arbitration_id=can_id, data=content[:length], is_extended_id=False
             )
@@ -106,8 +107,9 @@ class MulticastPort(DevicePort):
                 self._bus.send(message)
             except (self._error, OSError):
                 self._echoes.pop()
-                self.dropped_bytes += RECORD.size
-        return len(data)
+                break
+            written += RECORD.size
+        return written
 
 
 def _record(message: can.Message) -> bytes:

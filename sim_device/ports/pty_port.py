@@ -94,7 +94,6 @@ class PtyPort(DevicePort):
         written = 0
         with suppress(BlockingIOError, InterruptedError):
             written = os.write(self._master, data)
-        self.dropped_bytes += len(data) - written
         return written
 
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.motion.robot_model import RobotModel
+from protocol.clock import DeviceUs, extend_us
 from protocol.values import ResetCause
 from sim_device.clock import DeviceClock
 from sim_device.noise import noise_level
@@ -308,7 +309,7 @@ class QemuSweeper:
 
     def _extended(self, chip_us: int) -> int:
         """The chip's clock beyond 32 bits, nearest to where it was."""
-        return self._chip_us + (chip_us - self._chip_us + (_WRAP >> 1)) % _WRAP - (_WRAP >> 1)
+        return extend_us(DeviceUs(self._chip_us), chip_us)
 
     def _advance(self, chip_us: int) -> None:
         """Let the body live until a moment of the chip's clock; never back."""

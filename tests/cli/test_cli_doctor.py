@@ -87,6 +87,25 @@ def test_what_is_no_log(folder: Path) -> None:
     done = sweepctl("doctor", folder / "nothing-here")
     assert done.status == 3
     assert "nothing-here" in done.err
+    done = sweepctl("doctor", folder / "gone.mcap")
+    assert done.status == 1
+    assert "gone.mcap: there is no such file" in done.line
+
+
+@pytest.mark.parametrize(
+    ("target", "option", "told"),
+    [
+        ("can:virtual:x", "--find-baud", "for can:virtual:x give --bitrate"),
+        ("socket://127.0.0.1:9", "--find-baud", "socket://127.0.0.1:9 has no baud rate"),
+        (__file__, "--find-baud", "is a file"),
+        (__file__, "--listen", "is a file"),
+    ],
+)
+def test_what_does_not_go_together(target: str, option: str, told: str) -> None:
+    done = sweepctl("doctor", target, option)
+    assert done.status == 2
+    assert option in done.line
+    assert told in done.line
 
 
 def test_a_port_that_is_well_and_one_that_is_silent(folder: Path) -> None:

@@ -91,6 +91,8 @@ def test_a_room_larger_than_a_room(folder: Path) -> None:
     (folder / "room.json").write_text(" " * (4 * 1024 * 1024 + 1))
     done = sweepctl("simulate", "room.json")
     assert (done.status, "larger" in done.line) == (2, True)
+    done = sweepctl("simulate", "/dev/zero")  # whose size is said to be 0
+    assert (done.status, "larger" in done.line) == (2, True)
 
 
 BAD_ROBOTS = {
@@ -136,6 +138,9 @@ USAGE = {
     "time that is no number": (("simulate", "empty", "--max-time", "nan"), "--max-time"),
     "duration": (("connect", "/dev/null", "--duration", "nan"), "--duration"),
     "node": (("emulate", "--node", "16"), "--node"),
+    "one delay of two": (("connect", "/dev/null", "--adapter-delay", "1"), "'1' is not OUT_MS"),
+    "a delay below 0": (("connect", "/dev/null", "--adapter-delay", "1,-1"), "-1 ms"),
+    "a delay that is no number": (("connect", "/dev/null", "--adapter-delay", "nan,0"), "nan ms"),
     "clear": (("connect", "/dev/null", "--clear-stop"), "--plan"),
     "option": (("simulate", "empty", "--fast"), "--fast"),
     "room": (("simulate",), "ROOM"),

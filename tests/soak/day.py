@@ -31,35 +31,42 @@ def resident_mb() -> float:
 
 
 def main() -> int:
-    """Work a day."""
+    """Work a day, or as much of it as Ctrl-C leaves."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--seed", type=int, default=10_000)
     parser.add_argument("--longest-s", type=float, default=600.0, help="of one clean")
     options = parser.parse_args()
-    simulated_s, seed, bad = 0.0, options.seed, 0
+    seed, bad = options.seed, 0
     begun_s = time.process_time()
-    curve: list[tuple[float, float]] = []
+    curve = [(0.0, resident_mb())]
     threads, files = threading.active_count(), open_files()
-    while simulated_s < 3600.0 * options.hours:
-        result = run(seed, max_s=options.longest_s)
-        simulated_s += max(result.simulated_s, 1.0)
-        seed += 1
-        for what in result.bad:
-            bad += 1
-            print(f"seed {result.seed}, {' '.join(result.faults)}: {what}", flush=True)
-        gc.collect()
-        curve.append((simulated_s / 3600.0, resident_mb()))
-    warm = next(mb for hours, mb in curve if hours >= WARM * options.hours)
+    try:
+        while curve[-1][0] < options.hours:
+            result = run(seed, max_s=options.longest_s)
+            seed += 1
+            for what in result.bad:
+                bad += 1
+                print(f"seed {result.seed}, {' '.join(result.faults)}: {what}", flush=True)
+            gc.collect()
+            hours = curve[-1][0] + max(result.simulated_s, 1.0) / 3600.0
+            if int(hours) > int(curve[-1][0]):
+                print(f"hour {int(hours)}, {seed - options.seed} runs, {resident_mb():.0f} MB")
+                sys.stdout.flush()
+            curve.append((hours, resident_mb()))
+    except KeyboardInterrupt:
+        print(f"ended early, at {curve[-1][0]:.1f} of {options.hours:g} hours")
+    warm = next(mb for hours, mb in curve if hours >= WARM * curve[-1][0])
     grown = curve[-1][1] - warm
     print(
-        f"{simulated_s / 3600.0:.1f} simulated hours in {seed - options.seed} runs, "
+        f"{curve[-1][0]:.1f} simulated hours in {seed - options.seed} runs, "
         f"{time.process_time() - begun_s:.0f} s of processor time, {bad} findings"
     )
     print(f"memory {warm:.0f} MB once warm, {curve[-1][1]:.0f} MB at the end: {grown:+.1f} MB")
     left = threading.active_count() - threads, open_files() - files
     print(f"threads and files left open: {left[0]}, {left[1]}")
-    return 1 if bad or grown > GROWTH_MB or any(left) else 0
+    whole = curve[-1][0] >= options.hours
+    return 0 if whole and not bad and grown <= GROWTH_MB and not any(left) else 1
 
 
 def open_files() -> int:

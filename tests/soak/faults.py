@@ -4,7 +4,7 @@
 
 Each run is the whole stack in virtual time, recorded: a room, a planner on the host or on the
 device, supervised or not, and one to three faults of any kind with any values, all drawn from
-the run's seed. What is unsafe is judged by the truth, every 20 ms.
+the run's seed. What is unsafe is judged by the truth, every 40 ms.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _run(result: Result, max_s: float) -> None:
         result.bad += [f"unsafe: {text}" for text in truth.unsafe]
         if truth.samples == 0:
             result.bad.append("no truth was seen")
-        result.simulated_s = 0.02 * truth.samples
+        result.simulated_s = truth.simulated_s
         _read(path, result)
 
 

@@ -22,7 +22,14 @@ from protocol.messages import Ack, Encoders, Hello, HostHello, Imu, Status, Time
 
 PERIOD_S = 0.002
 MOST_AT_ONCE = 200
-"""Frames made between two looks at what the host says: five times what the line carries."""
+"""Frames made between two looks at what the host says: five times what the line carries.
+
+Without a bound a feeder that gets less of a core than the rate needs has more to make up for at
+each turn, so that each takes longer than the one before, until it says nothing for seconds and is
+taken for lost.
+"""
+DRAIN_S = 30.0
+"""For a host that reads on; one that has gone leaves what was not sent unsent."""
 BITS_PER_BYTE = 10
 _FRAME = 28
 """Encoded length of an inertial sample, its delimiters included."""
@@ -62,7 +69,8 @@ class Feeder:
                     self._sample(now_s)
             self._write()
             time.sleep(PERIOD_S)
-        while self._pending:
+        end_s = time.monotonic() + DRAIN_S
+        while self._pending and time.monotonic() < end_s:
             self._write()
             time.sleep(PERIOD_S)
 

@@ -45,25 +45,35 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--baud", type=int, default=3_000_000)
     options = parser.parse_args()
-    before = threading.active_count(), open_files()
+    before = threading.active_count(), open_files(), children()
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "line.mcap"
         bad = _fill(log, options.minutes * 60.0, options.baud)
-    after = threading.active_count(), open_files()
-    print(f"threads {before[0]} -> {after[0]}, files {before[1]} -> {after[1]}")
+    after = threading.active_count(), open_files(), children()
+    told = zip(("threads", "files", "processes"), before, after, strict=True)
+    print(", ".join(f"{what} {was} -> {now}" for what, was, now in told))
     if after != before:
-        bad.append("threads or files were left open")
+        bad.append("threads, files or processes were left")
     for what in bad:
         print(f"bad: {what}")
     return 1 if bad else 0
 
 
+def children() -> int:
+    """Processes that this one has started and that are there."""
+    return sum(len(p.read_text().split()) for p in Path("/proc/self/task").glob("*/children"))
+
+
 def _fill(log: Path, seconds: float, baud: int) -> list[str]:
-    feeder = subprocess.Popen(
-        [sys.executable, str(FEEDER), str(seconds), str(baud)],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, str(FEEDER), str(seconds), str(baud)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as feeder:
+        try:
+            return _record(feeder, log, seconds)
+        finally:
+            feeder.kill()
+
+
+def _record(feeder: subprocess.Popen[str], log: Path, seconds: float) -> list[str]:
     assert feeder.stdout is not None
     name = feeder.stdout.readline().strip()
     model = RobotModel()
@@ -90,8 +100,6 @@ def _fill(log: Path, seconds: float, baud: int) -> list[str]:
         print(f"the feeding process: {feeder.poll()}")
         for event in (m.decoded for m in LogReader(log).messages({"/events"})):
             print(f"  {event.source} {event.kind}: {event.text}")
-        feeder.terminate()
-        feeder.wait()
         return [f"the host ended after {wall_s:.0f} s: {ending.reason if ending else 'no reason'}"]
     sent, checksum = feeder.communicate(timeout=60.0)[0].split()[-2:]
     warm = memory[len(memory) // 10]
@@ -103,6 +111,9 @@ def _fill(log: Path, seconds: float, baud: int) -> list[str]:
     bad = [] if feeder.returncode == 0 else ["the feeding process failed"]
     if memory[-1] - warm > GROWTH_MB:
         bad.append(f"memory grew by {memory[-1] - warm:.0f} MB")
+    back = sum(e.decoded.kind == "same_boot" for e in LogReader(log).messages({"/events"}))
+    if back:
+        bad.append(f"the session was lost and back {back} times: an end was not let run")
     if recorder.dropped or recorder.error:
         bad.append(f"{recorder.dropped} records dropped, {recorder.error}")
     statistics = host.session.link.statistics

@@ -1,10 +1,10 @@
-"""Truth looked at every 20 ms: whether a robot moves that must stand."""
+"""Truth looked at as often as it is logged: whether a robot moves that must stand."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.telemetry import TruthRecord
+from bridge.telemetry import EventRecord, TruthRecord
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,6 +31,7 @@ class Truth:
         self._device: VirtualSweeper | None = None
         self._last: tuple[float, Pose2] | None = None
         self._latched_s: float | None = None
+        self._began_s = 0.0
         self.unsafe: list[str] = []
         self.samples = 0
 
@@ -42,13 +43,22 @@ class Truth:
         """Look at truth, pass on all."""
         if isinstance(record, TruthRecord):
             self._look(record.log_ns * 1e-9, record.pose)
+        elif isinstance(record, EventRecord) and record.data.get("fault") == "obstacle":
+            self._last = None  # it may be put where the robot stands, and shoves it aside
         self._sink.write(record)
+
+    @property
+    def simulated_s(self) -> float:
+        """Time from the first look to the last."""
+        return 0.0 if self._last is None else self._last[0] - self._began_s
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
         """Close what is behind."""
         self._sink.close(summary)
 
     def _look(self, at_s: float, pose: Pose2) -> None:
+        if not self.samples:
+            self._began_s = at_s
         self.samples += 1
         last, self._last = self._last, (at_s, pose)
         device = self._device

@@ -141,6 +141,7 @@ _FINDINGS = {
         "other_version",
         "unknown_type",
         "payload_length",
+        "no_tag",
         "out_of_range",
     )
 }

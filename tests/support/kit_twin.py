@@ -12,11 +12,12 @@ from protocol.link import Link
 from protocol.values import Contact, RebootKind, ResetCause
 from sim_device.contacts import Bumpers
 from sim_device.flash import Flash
+from sim_device.identity import Identity
 from sim_device.imu import ImuCounts
 from sim_device.modes import State
 from sim_device.power import PowerReading
 from sim_device.rangers import Ranges
-from sim_device.virtual_firmware import TICK_US, Firmware, Identity
+from sim_device.virtual_firmware import TICK_US, Firmware
 from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Step, Told
 
 if TYPE_CHECKING:

@@ -83,6 +83,9 @@ class WireProbe:
         self._ping = secrets.randbelow(0x40)
         self._counter = secrets.randbelow(0x100)
         self._sent_us = 0
+        self._turned_us = self._heard_us = now_us()
+        self.held_up_us = 0
+        """The longest pause of this check in which either end may not have been let run."""
 
     # ---- the wire -------------------------------------------------------------------------
 
@@ -122,10 +125,14 @@ class WireProbe:
         return at_us
 
     def _pump(self, timeout_s: float) -> None:
+        self._pause(self._turned_us)
         data = self.port.wait(timeout_s)
+        self._turned_us = at_us = now_us()
         if not data:
             return
-        at_us = now_us()
+        if self.session_id:
+            self._pause(self._heard_us)
+        self._heard_us = at_us
         self.raw += data
         for event in self.link.receive(data, at_us):
             if isinstance(event, Received):
@@ -133,6 +140,9 @@ class WireProbe:
                     self.heard.append(Heard(at_us, event.message, event.frame))
             else:
                 self.events.append(event)
+
+    def _pause(self, since_us: int) -> None:
+        self.held_up_us = max(self.held_up_us, now_us() - since_us)
 
     def until(self, true: Callable[[], bool], timeout_s: float, *, alive: bool = True) -> bool:
         """Listen until something holds; False where the time ran out before.
@@ -157,6 +167,8 @@ class WireProbe:
 
     def forget(self) -> None:
         """Throw away what was heard so far."""
+        self._turned_us = self._heard_us = now_us()
+        self.held_up_us = 0
         self.heard.clear()
         self.events.clear()
         self.raw.clear()

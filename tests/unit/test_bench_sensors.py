@@ -42,7 +42,7 @@ def test_a_robot_that_is_touched_is_not_measured() -> None:
 
 
 def test_a_bias_beyond_the_data_sheet_is_no_bias() -> None:
-    said = complaint(AxisBias("z", math.radians(25.0), 0.0, 0.0, 0.0))
+    said = complaint(AxisBias("z", math.radians(25.0), 0.0, 0.0))
     assert said is not None
     assert "+25.0 °/s" in said
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import importlib.util
 import subprocess
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from bridge.motion.compiled import KERNELS, KernelArgumentError, compiled
+from bridge.motion.compiled import KERNELS, KernelArgumentError, compiled, keep
 from bridge.motion.kernel_call import layout_is_known
 
 if TYPE_CHECKING:
@@ -138,6 +139,16 @@ def module_of(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def test_a_full_disk_is_left_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_self: Path, _target: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        keep(b"code", [tmp_path / "a" / "x.kernel", tmp_path / "b" / "x.kernel"])
+    assert [p.name for p in tmp_path.rglob("*") if p.is_file()] == []
 
 
 def test_code_is_kept_until_its_file_changes(tmp_path: Path) -> None:

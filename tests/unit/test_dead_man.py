@@ -180,7 +180,8 @@ def test_a_device_file_drives_and_its_end_lets_go(tmp_path: Path) -> None:
         news.set()
 
     keeper = os.open(path, os.O_RDWR)
-    with Gamepad(path, take, stopped.set):
+    gone: list[Sticks] = []
+    with Gamepad(path, take, stopped.set, on_gone=lambda: gone.append(seen[-1])):
         os.write(keeper, event(1, 4, 1) + event(2, 1, -32767))
         assert news.wait(20.0)
         assert seen[-1] == Sticks(1.0, 0.0, held=True)
@@ -193,6 +194,7 @@ def test_a_device_file_drives_and_its_end_lets_go(tmp_path: Path) -> None:
             news.clear()
             assert news.wait(20.0)
     assert seen[-1] == Sticks(0.0, 0.0, held=False)
+    assert gone == [Sticks(0.0, 0.0, held=False)], "told once, after it was let go"
 
 
 def test_no_such_gamepad() -> None:

@@ -6,6 +6,7 @@ import pytest
 
 from bridge.doctor import ADVICE, Examination
 from bridge.doctor.wire_view import Damaged
+from bridge.telemetry import Severity
 from campaign.doctor import PATIENTS, uncovered, visit
 from protocol.catalogue import CATALOGUE
 from protocol.link import Link
@@ -196,6 +197,16 @@ def test_not_a_byte_and_not_a_frame() -> None:
     line = Line()
     line.hear(b"login: somebody else is here\n")
     assert line.kinds == ["words"]
+
+
+def test_a_device_that_waits_for_a_host() -> None:
+    line = Line()
+    line.say(hello(), every_ms=1000, count=5)
+    (finding,) = line.examination.conclude()
+    assert (finding.kind, finding.severity) == ("waiting", Severity.INFO)
+    assert line.examination.figures()["duration_s"] == 4.0
+    line.say(COUNTS, count=2)
+    assert line.kinds == []
 
 
 def test_everything_that_may_be_said_has_advice() -> None:

@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import cantools
 import pytest
 
+from protocol.authentication import Authenticator
+from protocol.can_frames import from_record
+from protocol.can_link import CanLink
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.errors import FieldRangeError
 from protocol.fields import U8, U16, number
 from protocol.generate import render
 from protocol.message import Direction, Message, RateClass, message
+from protocol.messages import VelocitySetpoint
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,6 +62,7 @@ def test_identifiers_lengths_senders_and_cycles_are_those_of_the_bus(db: Databas
         for m in db.messages
     }
     assert told == {
+        0x011: ("auth_tag", 8, ["host"], None, False),
         0x021: ("velocity_setpoint", 8, ["host"], 20, False),
         0x031: ("wheel_duty", 8, ["host"], 20, False),
         0x101: ("sync", 8, ["device"], 100, False),
@@ -73,7 +78,7 @@ def test_identifiers_lengths_senders_and_cycles_are_those_of_the_bus(db: Databas
         0x271: ("planner_state_lane", 8, ["device"], 200, False),
     }
     assert [n.name for n in db.nodes] == ["host", "device"]
-    assert all(m.send_type == "Cyclic" for m in db.messages)
+    assert [m.name for m in db.messages if m.send_type != "Cyclic"] == ["auth_tag"]
 
 
 def test_every_periodic_field_is_a_signal_with_its_text_and_receiver(db: Database) -> None:
@@ -130,8 +135,28 @@ def test_the_stamp_stands_behind_the_payload(db: Database) -> None:
     }
     assert stamps.pop(0x101) == (0, 32, False)
     assert stamps == {
-        m.frame_id: (8 * (m.length - 2), 16, False) for m in db.messages if m.frame_id != 0x101
+        m.frame_id: (8 * (m.length - 2), 16, False)
+        for m in db.messages
+        if m.frame_id not in {0x011, 0x101}
     }
+
+
+def test_a_signed_setpoint_s_tag_is_read(db: Database) -> None:
+    link = CanLink(Direction.HOST)
+    link.key = Authenticator(bytes(range(16)))
+    link.key.begin(1, 2, 0x0001_FFFE)
+    wanted = []
+    for counter in (0xFFFF, 0x0000):  # the low half of the session's
+        link.send(VelocitySetpoint(2000, 0, 200, 1), 0, node=1)
+        data = link.data_to_send()
+        setpoint, tag = (from_record(data[at : at + 16]) for at in (0, 16))
+        assert setpoint is not None
+        assert tag is not None
+        assert (setpoint.can_id, tag.can_id) == (0x021, 0x011)
+        told = described(db, tag.can_id).decode(tag.data)
+        wanted.append(int.from_bytes(tag.data[2:], "little"))
+        assert told == {"counter": counter, "tag": wanted[-1]}
+    assert wanted[0] != wanted[1]
 
 
 def test_values_have_their_names_and_nothing_there_has_one(db: Database) -> None:
@@ -171,7 +196,7 @@ def test_another_catalogue_s_texts_cannot_break_it() -> None:
         level: Annotated[int, number(U8, "count", 'a "level"; \\ and ;')]
         depth: Annotated[int, number(U16, "raw", "nothing: 7", high=6, none=7)]
 
-    (odd,) = database(Catalogue([Odd])).messages
+    _, odd = database(Catalogue([Odd])).messages
     assert (odd.name, odd.length, odd.cycle_time) == ("odd", 5, 333)
     assert odd.comment == "Says 'quoted', twice; +- ?. And goes on."
     assert odd.get_signal_by_name("level").comment == "a 'level'; \\ and ;"

@@ -145,6 +145,22 @@ def test_a_refused_clear_ends_the_run(
     assert word in ending(mission).reason
 
 
+@pytest.mark.parametrize(
+    ("signed", "text"),
+    [
+        (False, "the device did not answer clear stop"),
+        (True, "the device did not answer clear stop; is this the key that it has?"),
+    ],
+)
+def test_who_signs_is_asked_about_the_key(signed: bool, text: str) -> None:  # noqa: FBT001 - a case
+    mission = planned()
+    mission.signed = signed
+    mission.on_ready(0.0)
+    mission.on_status(status(StopCause.SESSION_END), 0.1)
+    mission.on_command(Outcome(ClearStop(1, 1), accepted=False, reason=None), 0.5)
+    assert ending(mission).reason == text
+
+
 def test_no_status_is_no_reason_to_wait_for_ever() -> None:
     mission = planned()
     mission.step(None, "imu", 100.0)

@@ -14,12 +14,15 @@ from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission
 from bridge.motion.legs import Drive
+from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
+from bridge.onboard_mission import OnboardMission
 from bridge.operator import Hand, Operator
 from bridge.record.sink import NullSink
-from bridge.telemetry import EventRecord
-from protocol.messages import Status
-from protocol.values import Mode, StopCause
+from bridge.telemetry import EventRecord, Severity
+from protocol.commands import Outcome
+from protocol.messages import PlannerCommand, Status
+from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
 from tools.operating import Operating
 from tools.terminal_keys import Key
 
@@ -113,6 +116,19 @@ def test_what_moves_begins_with_the_second_press() -> None:
         assert bench.hand() == hand.value
 
 
+def test_a_gamepad_that_goes_stops_and_is_told() -> None:
+    bench = Bench()
+    bench.press("d", "d")
+    bench.keys.dead_man.stick(1.0, 0.0, 5.0, held=True)
+    assert bench.keys.dead_man.wanted(5.0).v_m_s > 0.1
+    bench.keys.pad_gone("/dev/input/js0")
+    assert bench.keys.dead_man.wanted(5.0) == HALT
+    told = bench.sink.events[-1]
+    assert (told.severity, told.kind) == (Severity.WARNING, "gamepad_gone")
+    assert "/dev/input/js0 is gone: the robot was stopped" in told.text
+    assert "keys still drive" in bench.keys.message
+
+
 def test_another_key_between_counts_for_nothing() -> None:
     bench = Bench()
     bench.press("g", "d", "g")
@@ -164,3 +180,37 @@ def test_going_on_and_arrows_without_leave() -> None:
     assert bench.gone_on == 1
     assert "first" in bench.press("up")
     assert not bench.begun()
+
+
+@pytest.mark.parametrize(
+    ("outcome", "why"),
+    [
+        (None, "it did not answer"),
+        (Outcome(PlannerCommand(1, 2, 1), accepted=False, reason=None), "it did not answer"),
+        (
+            Outcome(PlannerCommand(1, 2, 1), accepted=False, reason=NackReason.OTHER_MODE),
+            "other_mode",
+        ),
+    ],
+)
+def test_a_device_that_does_not_pause_its_planner_is_told_of(
+    outcome: Outcome | None, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench()
+    bench.host.mission = OnboardMission(OnboardPlanner.RECOVERY)
+    monkeypatch.setattr(bench.host.dialogue, "ask", lambda *asked: asked[-1](outcome))
+    text = f"the device did not pause its planner ({why}); space stops it"
+    assert bench.press("p") == text
+    assert [(e.source, e.kind, e.text) for e in bench.sink.events] == [
+        ("operator", "not_paused", text)
+    ]
+
+
+def test_a_planner_that_is_paused_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    bench.host.mission = OnboardMission(OnboardPlanner.RECOVERY)
+    answers: list[Callable[[Outcome], None]] = []
+    monkeypatch.setattr(bench.host.dialogue, "ask", lambda *asked: answers.append(asked[-1]))
+    assert bench.press("p") == "asking the device's planner to pause"
+    answers[0](Outcome(PlannerCommand(1, 2, 1), accepted=True, reason=None))
+    assert bench.keys.message == "the device's planner: pause"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import io
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,8 @@ from mcap.reader import make_reader
 from bridge.record.chunk import CHUNK_NS
 from bridge.record.disk import RESERVE_BYTES, LogFile, hold_room, open_log_file
 from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.export import export
+from bridge.record.following import Follower
 from bridge.record.policy import LogWatch, RecordOptions, open_log
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
@@ -247,11 +251,23 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
     assert len(parts) >= 3
     assert [p.name for p in parts[:2]] == ["run.mcap", "run-0002.mcap"]
     topics = {"/device/imu", "/pose", "/raw/uart/rx", "/cmd", "/log"}
-    joined = [(m.topic, m.log_ns, m.data) for p in parts for m in LogReader(p).messages(topics)]
+    joined = [
+        (m.topic, m.log_ns, m.data)
+        for p in parts
+        for m in LogReader(p, alone=True).messages(topics)
+    ]
     whole = [(m.topic, m.log_ns, m.data) for m in LogReader(single).messages(topics)]
     assert sorted(joined) == sorted(whole), "no record lost or doubled"
+    run_of_all = LogReader(path)  # the first file stands for all
+    assert run_of_all.parts == parts
+    again = [(m.topic, m.log_ns, m.data) for m in run_of_all.messages(topics)]
+    assert sorted(again) == sorted(whole)
+    assert run_of_all.summary == LogReader(single).summary
+    exported = export(path, tmp_path / "tables", topics=sorted(topics))
+    assert exported.problems == []
+    assert exported.rows == Counter(topic for topic, _, _ in whole)
     for number, part in enumerate(parts, 1):
-        reader = LogReader(part)
+        reader = LogReader(part, alone=True)
         assert not reader.truncated
         assert {"robot.toml", "room.json", "catalogue.json"} <= set(reader.attachments)
         assert reader.run["part"] == str(number)
@@ -278,9 +294,40 @@ def test_a_later_file_that_exists_is_told_at_once(tmp_path: Path) -> None:
     with pytest.raises(LogExistsError, match=r"run-0002\.mcap"):
         open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
     assert not (tmp_path / "run.mcap").exists()
+    (tmp_path / "run-0002.mcap").rename(tmp_path / "run-0007.mcap")  # much later, the same
+    with pytest.raises(LogExistsError, match=r"run-0007\.mcap"):
+        open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
+    (tmp_path / "run-0007.mcap").rename(tmp_path / "run-7.mcap")  # not a name that it needs
+    open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0)).close()
     writer = open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0), force=True)
     assert isinstance(writer, RotatingWriter)
     writer.close()
+
+
+def test_what_lies_beside_the_first_file_and_is_not_of_its_run(tmp_path: Path) -> None:
+    """A longer run before, replaced by a shorter one; a file that was never more than begun."""
+    path = tmp_path / "run.mcap"
+    for seconds, opened_ns in ((40, EPOCH_NS), (20, EPOCH_NS + 1)):
+        info = replace(run_info(), opened_unix_ns=opened_ns)
+        writer = open_log(path, info, RecordOptions(rotate_s=1.0), force=True)
+        for i in range(seconds):
+            writer.write(
+                LogRecord(EPOCH_NS + i * 100_000_000, Severity.INFO, "test", f"{seconds} {i}")
+            )
+        writer.close(summary())
+    assert (tmp_path / "run-0004.mcap").exists()
+    reader = LogReader(path)
+    assert [part.name for part in reader.parts] == ["run.mcap", "run-0002.mcap"]
+    assert [m.decoded.message for m in reader.messages({"/log"})] == [f"20 {i}" for i in range(20)]
+    follower = Follower(path, {"/log"})
+    followed = [m.decoded.message for m in follower.more()]
+    while follower.ended and follower.go_on():
+        followed += [m.decoded.message for m in follower.more()]
+    assert followed == [f"20 {i}" for i in range(20)]
+    (tmp_path / "run-0002.mcap").write_bytes(b"")
+    assert LogReader(path).parts == [path]
+    path.rename(tmp_path / "other.mcap")
+    assert len(LogReader(tmp_path / "other.mcap").parts) == 1
 
 
 def test_lines_of_text_are_counted_into_their_own_file(tmp_path: Path) -> None:
@@ -289,7 +336,7 @@ def test_lines_of_text_are_counted_into_their_own_file(tmp_path: Path) -> None:
         writer.write(LogRecord(EPOCH_NS + i * 100_000_000, Severity.INFO, "test", str(i)))
     writer.close(summary())
     found = [
-        [int(m.decoded.message) for m in LogReader(p).messages({"/log"})]
+        [int(m.decoded.message) for m in LogReader(p, alone=True).messages({"/log"})]
         for p in parts_of(tmp_path / "run.mcap")
     ]
     assert found == [

@@ -349,8 +349,16 @@ def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
     done = sweepctl("export", log, "--out", "/proc/none", "--topic", "/cmd")
     assert done.status == 1
     assert "cannot write /proc/none" in done.line
-    done = sweepctl("export", log, "--out", tmp_path, "--topic", "/none")
-    assert done.status == 2
+    fresh = tmp_path / "fresh"
+    asked = ("--out", fresh, "--topic", "/cmd", "--topic", "/none")
+    cut = tmp_path / "cut.mcap"  # its summary is missing
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    for file in (log, cut):
+        done = sweepctl("export", file, *asked)
+        assert done.status == 2
+        assert "no topic matches '/none'; there are: " in done.line
+        assert not fresh.exists(), "nothing is written, not even what there is"
+    assert sweepctl("export", cut, "--out", fresh, "--topic", "/cmd").status == 0
 
 
 def test_the_command(log: Path, tmp_path: Path) -> None:

@@ -15,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from bridge.motion.geometry import Pose2
 from bridge.record import foxglove
 from bridge.record.packer import Packer
 
@@ -51,7 +50,8 @@ def test_a_time_stamp_of_any_moment_is_twelve_bytes(time_ns: int) -> None:
 
 @given(*[st.floats(-1e3, 1e3)] * 2, st.floats(-math.pi, math.pi))
 def test_a_pose_and_its_transform_read_back(x_m: float, y_m: float, theta_rad: float) -> None:
-    values = foxglove.planar(1_700_000_000_123_456_789, Pose2(x_m, y_m, theta_rad))
+    stamp, half = foxglove.timestamp(1_700_000_000_123_456_789), 0.5 * theta_rad
+    values = (stamp, x_m, y_m, math.sin(half), math.cos(half))
     pose = PoseInFrame.FromString(Packer(foxglove.POSE_PARTS).pack(values))
     moved = FrameTransform.FromString(Packer(foxglove.TRANSFORM_PARTS).pack(values))
     assert (pose.frame_id, moved.parent_frame_id, moved.child_frame_id) == (

@@ -134,6 +134,21 @@ def test_logs_of_other_programs_read_too(
     assert description.topics[0].rate_hz == pytest.approx(10.0)
 
 
+def test_a_few_messages_at_one_moment_have_no_rate(tmp_path: Path) -> None:
+    path = tmp_path / "few.mcap"
+    moments_ms = {"/two": (0, 9000), "/burst": (1, 2, 3, 4), "/slow": (0, 5000, 10_000)}
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for topic, moments in moments_ms.items():
+            channel = writer.register_channel(topic, "json", 0)
+            for ms in moments:
+                writer.add_message(channel, ms * 10**6, b"{}", ms * 10**6)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+    rates = {t.topic: t.rate_hz for t in describe(path).topics}
+    assert rates == {"/two": None, "/burst": None, "/slow": pytest.approx(0.2)}
+
+
 def test_describe_counts_what_the_run_wrote(log: Path, tmp_path: Path) -> None:
     records = list(synthetic_run())
     description = describe(log)

@@ -128,3 +128,21 @@ def test_a_latch_begins_with_an_orderly_end_and_none_is_free() -> None:
     assert latch.clear(StopCause.OPERATOR) is True
     assert (latch.cause, latch.latched) == (StopCause.NONE, False)
     assert latch.clear(StopCause.NONE) is False
+
+
+def test_a_host_clock_that_wraps_is_followed_for_hours() -> None:
+    """Stamps are 32 bits of microseconds: half is 36 minutes; each frame measures the next."""
+    fresh = Freshness()
+    for minute in range(180):
+        now_us = 60_000_000 * minute
+        assert fresh.extra_delay_us(now_us & 0xFFFF_FFFF, now_us + 5_000) == 0.0
+
+
+def test_what_is_asked_is_answered_by_true_or_false() -> None:
+    dog = SetpointWatchdog()
+    assert dog.expired(5) is False
+    assert dog.offer(VelocitySetpoint(0, 0, 100, 1), 0.0, 0) is True
+    assert dog.expired(99_999) is False
+    assert dog.offer(VelocitySetpoint(0, 0, 100, 1), 0.0, 0) is False
+    assert dog.offer(VelocitySetpoint(0, 0, 100, 2), 100_000.0, 0) is False
+    assert dog.expired(100_000) is True

@@ -6,7 +6,7 @@ import random
 
 from bridge.motion.geometry import Pose2
 from bridge.record.sink import NullSink
-from bridge.telemetry import TruthRecord
+from bridge.telemetry import EventRecord, Severity, TruthRecord
 from protocol.values import StopCause
 from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import KINDS, parse_fault
@@ -44,6 +44,21 @@ def test_motion_under_a_latch_is_seen() -> None:
     assert len(truth.unsafe) == seen, "free to move"
     truth.write(TruthRecord(2020 * ns, Pose2(0.5, 0.0, 0.0)))
     assert "5.00 m/s" in truth.unsafe[-1] or len(truth.unsafe) == 10
+
+
+def test_a_robot_that_an_obstacle_shoves_does_not_drive() -> None:
+    truth = Truth(NullSink())
+    truth.attach(_Made(VirtualSweeper(load_room("case-1"), seed=1, noise="none")))  # type: ignore[arg-type]  # all that it looks at
+    ns = 1_000_000
+    for step in range(100):
+        truth.write(TruthRecord(step * 20 * ns, Pose2(0.0, 0.0, 0.0)))
+    moved = {"fault": "obstacle", "what": "began"}
+    truth.write(EventRecord(1990 * ns, Severity.WARNING, "fault", "began", "obstacle", moved))
+    truth.write(TruthRecord(2000 * ns, Pose2(0.1, 0.0, 0.0)))
+    assert truth.unsafe == []
+    assert truth.simulated_s == 2.0
+    truth.write(TruthRecord(2020 * ns, Pose2(0.2, 0.0, 0.0)))
+    assert "5.00 m/s" in truth.unsafe[0], "once, and no longer"
 
 
 class _Made:

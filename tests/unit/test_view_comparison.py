@@ -29,6 +29,8 @@ def test_two_runs_side_by_side(tmp_path_factory: pytest.TempPathFactory) -> None
     people = sweepctl("diff", first.log, other.log)
     assert "coverage mouth sweepable" in people.out
     assert f"{a['path_m']:.2f}" in people.out
+    points = 100 * (b["coverage.mouth_sweepable"] - a["coverage.mouth_sweepable"])
+    assert f"{points:+.2f} points" in people.out
 
 
 def test_the_same_run_twice_differs_in_nothing(tmp_path_factory: pytest.TempPathFactory) -> None:

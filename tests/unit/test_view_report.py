@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 from matplotlib.image import imread
 
 from bridge.record.reader import LogReader
 from bridge.view.report import render
+from bridge.view.report_figures import room_height
 from bridge.view.report_tables import holes
-from bridge.view.run_data import load_run
-from support.cli import case_1, plain_messages, short_runs, sweepctl
+from bridge.view.run_data import RunData, load_run
+from support.cli import Done, case_1, plain_messages, short_runs, sweepctl
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,14 +51,39 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
-def test_a_whole_run(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    run = case_1(tmp_path_factory)
-    html, png = tmp_path / "new" / "run.html", tmp_path / "run.png"
-    done = sweepctl("report", run.log, "--out", html, "--png", png, "--json")
+class Reported(NamedTuple):
+    """The paper's case 1, reported once for all tests."""
+
+    told: dict[str, Any]
+    """Of the run."""
+    data: RunData
+    html: Path
+    png: Path
+    done: Done
+
+
+@pytest.fixture(scope="module")
+def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
+    run, folder = case_1(tmp_path_factory), tmp_path_factory.mktemp("report")
+    html, png = folder / "new" / "run.html", folder / "run.png"
+    kept = []
+
+    def keeping(path: Path) -> RunData:
+        kept.append(load_run(path))
+        return kept[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bridge.view.report.load_run", keeping)
+        done = sweepctl("report", run.log, "--out", html, "--png", png, "--json")
     assert done.status == 0, done.err
+    return Reported(run.done.json, kept[0], html, png, done)
+
+
+def test_a_whole_run(reported: Reported) -> None:
+    told, data, html, png, done = reported
     assert done.json["report"] == str(html)
+    assert data.whole
     page = Page(html.read_text())
-    told = run.done.json
     assert page.fetched == [], "it needs nothing but itself"
     assert "@import" not in html.read_text()
     assert "url(" not in re.sub(r"url\(#", "", html.read_text()), "nor do its styles"
@@ -75,6 +102,7 @@ def test_a_whole_run(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -
         f"{told['energy_wh']:.2f} Wh",
         "run is driving",
         "none was lost",
+        "Simulated in virtual time",
     ):
         assert words in page.text, words
     picture = imread(png)
@@ -82,9 +110,8 @@ def test_a_whole_run(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -
     assert picture[..., :3].std() > 0.05, "not an empty sheet"
 
 
-def test_figures_are_those_of_the_summary(tmp_path_factory: pytest.TempPathFactory) -> None:
-    run = case_1(tmp_path_factory)
-    data, told = load_run(run.log), run.done.json
+def test_figures_are_those_of_the_summary(reported: Reported) -> None:
+    data, told = reported.data, reported.told
     assert data.coverage is not None
     for name, share in data.coverage.coverage.to_dict().items():
         if name != "eq8":
@@ -100,6 +127,23 @@ def test_figures_are_those_of_the_summary(tmp_path_factory: pytest.TempPathFacto
     assert max(e for _, e in data.pose_error) == pytest.approx(
         told["pose_error_m"]["max"], abs=2e-3
     )
+
+
+def test_a_room_has_a_figure_of_its_own_shape(reported: Reported) -> None:
+    track = reported.data.track
+    known = track.plan
+    assert known is not None
+
+    def height(width_m: float, depth_m: float) -> float:
+        walls = ((0.0, 0.0), (width_m, 0.0), (width_m, depth_m), (0.0, depth_m))
+        plan = replace(known, walls=walls)
+        data = replace(reported.data, track=replace(track, plan=plan))
+        return room_height(data, 6.0)
+
+    assert height(3.0, 3.0) == pytest.approx(7.0)  # and an inch for legend and axis
+    assert height(6.0, 3.0) == pytest.approx(4.0)
+    assert height(30.0, 1.0) == 2.6, "a corridor is a band, and can be read"
+    assert height(1.0, 30.0) == 9.0
 
 
 def test_streams_and_losses_are_counted(tmp_path: Path) -> None:
@@ -132,6 +176,14 @@ def test_a_log_without_its_end(tmp_path: Path, tmp_path_factory: pytest.TempPath
     again = sweepctl("report", log)
     assert again.status == 1
     assert "--force" in again.line
+    page, png = (tmp_path / "cut.html").read_bytes(), tmp_path / "cut.png"
+    (tmp_path / "cut.html").write_bytes(page + b"mine")
+    pictured = sweepctl("report", log, "--png", png, "--json")  # the picture alone is new
+    assert pictured.status == 0
+    assert (pictured.json["report"], pictured.json["png"]) == (None, str(png))
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "cut.html").read_bytes() == page + b"mine", "what is there is left"
+    assert sweepctl("report", log, "--png", png).status == 1, "the picture is there too now"
 
 
 def test_a_capture_without_room_or_summary(

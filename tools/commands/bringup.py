@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
-from tools.bench import clear_stop_option
+from tools.bench import clear_stop_option, log_options
 from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from bridge.bench.bringup import BringUp
     from bridge.bench.wheel_step import WheelStep
+    from tools.bench import BenchLog
 
 _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
 
@@ -36,6 +37,7 @@ _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
     help="Draw the wheels' step response into this file (needs the extra `plot`).",
 )
 @clear_stop_option
+@log_options
 @options.robot_option
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
@@ -44,6 +46,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     steps: tuple[str, ...],
     plot: Path | None,
     clear_stop: bool,
+    log: BenchLog | None,
     robot: Path | None,
     as_json: bool,
 ) -> int:
@@ -60,8 +63,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.bench import Terminal, desk_on
     from tools.console import say
 
-    model, _ = load_robot(robot)
-    with desk_on(port) as desk:
+    model, text = load_robot(robot)
+    with desk_on(port, log, text) as desk:
         bench = BringUp(desk, Terminal(desk), model, clear_stop=clear_stop)
         bench.run(steps or _STEPS)
     if bench.steps:

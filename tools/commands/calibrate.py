@@ -76,7 +76,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     from tools.calibrating import load_existing, write_results
 
     model, text = load_existing(robot)
-    with desk_on(port, log, robot) as desk:
+    with desk_on(port, log, text) as desk:
         person = Terminal(desk, yes=yes)
         person.tell(f"Let the robot stand still for {duration_s:g} s.")
         turned = desk.watch(Encoders)
@@ -180,7 +180,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     from tools.calibrating import ByTruth, load_existing, write_results
 
     model, text = load_existing(robot)
-    with desk_on(port, log, robot) as desk:
+    with desk_on(port, log, text) as desk:
         person = Terminal(desk, yes=yes)
         measure = ByTape(person) if truth is None else ByTruth(truth)
         squares = Squares(desk, person, model, measure, clear_stop=clear_stop)
@@ -299,6 +299,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
     You hold a flat wall at each distance from the sensor's own face. One distance gives an offset,
     two or more a scale too.
     """
+    from bridge.bench.device_values import list_parameters
     from bridge.bench.ranging import fit
     from tools.bench import Terminal, desk_on
     from tools.calibrating import load_existing, write_results
@@ -307,9 +308,9 @@ def _range(  # noqa: PLR0913 - one parameter per option
     model, text = load_existing(robot)
     found: dict[str, Any] = {}
     changes: list[Change] = []
-    with desk_on(port, log, robot) as desk:
+    with desk_on(port, log, text) as desk:
         person = Terminal(desk, yes=yes)
-        known = {p.name: p.value for p in desk.list_parameters()}
+        known = {p.name: p.value for p in list_parameters(desk)}
         for sensor in sensors or _SENSORS:
             name = sensor.replace("-", "_")
             mount: RangerMount = getattr(model, name)

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from tools import options
+from tools.adapter_delay import adapter_delay_option
 from tools.recording import recording_options, take_record_options, viewing_options
 from tools.supervising import rule_option
 
@@ -40,11 +41,12 @@ from tools.supervising import rule_option
 @click.option(
     "--duration",
     "duration_s",
-    type=options.Seconds(0.1, 1e6),
+    type=options.Number(0.1, 1e6),
     help="End in order after this many seconds.",
 )
 @click.option("--room", help="The room, where it is known: gives coverage and a map.")
 @options.port_options
+@adapter_delay_option
 @click.option(
     "--clear-stop",
     is_flag=True,
@@ -72,6 +74,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     duration_s: float | None,
     room: str | None,
     node: int | None,
+    adapter_delay_ns: tuple[int, int],
     clear_stop: bool,
     resume: str | None,
     key_file: Path | None,
@@ -132,6 +135,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             serve=serve,
             opening=PortOptions(**opening),
             key=read_key(key_file),
+            adapter_delay_ns=adapter_delay_ns,
             clear_stop=clear_stop,
             force=force,
             compare=robot is not None,

@@ -22,8 +22,12 @@ from tools import options
 @click.option("--force", is_flag=True, help="Replace what exists.")
 @options.json_option
 def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -> int:
-    """Hold the figures of two runs, A and B, against each other."""
-    from bridge.record.captures import readable
+    """Hold the figures of two runs, A and B, against each other.
+
+    The difference is B less A; of shares it is in percentage points (from 90 % to 91 % is one),
+    with --json as a fraction like the shares themselves.
+    """
+    from bridge.record.sources import readable
     from bridge.view.comparison import compare, rows, write_page
     from bridge.view.run_data import load_run
     from tools.console import say

@@ -59,12 +59,11 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     Exit status: 0 nothing is wrong, 1 something is, 3 no device to examine, 4 no agreement.
     """
     path = Path(target)
+    _check(target, path, listen=listen, find_baud=find_baud)
     if path.is_file():
         from bridge.doctor.log_visit import examine_log
 
         return _report(target, "log", examine_log(path), as_json=as_json)
-    if path.is_dir():
-        raise click.UsageError(f"{target} is a folder; give a log, or a port.")
     if find_baud:
         from bridge.io.attend import find_baud as search
 
@@ -74,34 +73,40 @@ def command(  # noqa: PLR0913 - what a port can be asked for
             return 3
         click.echo(f"a sweeper is heard at {found} baud: --baud {found}", err=True)
         baud = found
+    import threading
+
     from bridge.io.attend import attend
     from bridge.io.ports import open_port
+    from tools.stopping import until_signalled
 
     port = open_port(target, baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
     note = getattr(port, "latency_note", None)
     if not as_json:
         how = "listening" if listen else "asking and listening; nothing moves"
         click.echo(f"{target}: {how}, {duration_s:g} s (Ctrl-C ends it sooner)", err=True)
-    interrupt = _Interrupt()
-    examination = attend(
-        port, target, duration_s, node=node, ask=not listen, ended=lambda: interrupt.came
-    )
+    ended = threading.Event()
+    with until_signalled(ended.set):  # what was seen is reported
+        examination = attend(
+            port, target, duration_s, node=node, ask=not listen, ended=ended.is_set
+        )
     return _report(target, "port", examination, as_json=as_json, note=note)
 
 
-class _Interrupt:
-    """The first Ctrl-C ends the examination, and what was seen is reported."""
+def _check(target: str, path: Path, *, listen: bool, find_baud: bool) -> None:
+    """See that what was asked for goes together."""
+    if path.is_dir():
+        raise click.UsageError(f"{target} is a folder; give a log, or a port.")
+    if path.is_file() and (listen or find_baud):
+        option = "--find-baud" if find_baud else "--listen"
+        raise click.UsageError(f"{option} is for a port, and {target} is a file.")
+    if find_baud and target.startswith("can:"):
+        raise click.UsageError(f"--find-baud is for a serial port; for {target} give --bitrate.")
+    if find_baud and "://" in target and not target.startswith("rfc2217://"):
+        raise click.UsageError(f"--find-baud is for a serial port; {target} has no baud rate.")
+    if path.suffix and not path.exists() and "://" not in target and not target.startswith("can:"):
+        from bridge.record.errors import LogReadError
 
-    def __init__(self) -> None:
-        import signal
-
-        self.came = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
-
-    def _note(self, number: int, frame: object) -> None:
-        del number, frame
-        self.came = True
+        raise LogReadError(path, "there is no such file, and no such port")
 
 
 def _report(

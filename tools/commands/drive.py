@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from tools import options
 from tools.bench import clear_stop_option
 from tools.port_options import PortAsked, keyed_port_options
+from tools.recording import recording_options, take_record_options
 
 
 @click.command("drive", epilog="Example:  sweepctl drive /dev/ttyUSB0 --gamepad /dev/input/js0")
@@ -37,6 +39,7 @@ from tools.port_options import PortAsked, keyed_port_options
 @clear_stop_option
 @options.robot_option
 @options.out_option
+@recording_options
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
     *,
@@ -49,6 +52,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     out: Path | None,
     force: bool,
     as_json: bool,
+    **recording: Any,  # noqa: ANN401 - click's values
 ) -> int:
     """Drive the robot on PORT by hand: THE ROBOT MOVES.
 
@@ -88,6 +92,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             speed_m_s=speed_m_s,
             gamepad=gamepad,
             compare=robot is not None,
+            recording=take_record_options(recording),
         )
     )
     for line in result.complaints:

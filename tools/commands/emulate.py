@@ -268,12 +268,11 @@ def _check(  # noqa: PLR0913 - the options that exclude each other
 
 
 def _warn(link: str, listen: tuple[str, int] | None, *, lan: bool, keyed: bool) -> None:
-    from sim_device.ports.tcp import is_loopback
+    from tools.lan_risk import port_risk
 
-    if link == "tcp" and (lan or (listen is not None and not is_loopback(listen[0]))):
-        allowed = "stop the robot and hear what it says" if keyed else "drive the robot"
-        hint = "" if keyed else "; --key-file lets only those who have the key"
-        _tell(f"warning: whoever reaches this port over the network can {allowed}{hint}")
+    risk = port_risk(link, listen, lan=lan, keyed=keyed)
+    if risk is not None:
+        _tell(f"warning: {risk}")
 
 
 def _signals() -> list[signal.Signals]:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 def command(*, file: Path, as_json: bool) -> int:
     """Say what FILE holds: the run, its topics and rates, and whether it was closed whole.
 
-    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial line.
+    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial line. The
+    first file of a run that was recorded into several stands for all of them.
     """
     from bridge.record.info import describe_any
 
@@ -48,6 +49,12 @@ def _print(description: RunDescription) -> None:
         console.print(
             "[yellow]its end is missing (the writer was killed); what is there was read[/]"
         )
+    parts = description.parts
+    if parts:
+        console.print(f"the run is in {len(parts)} files, {parts[0].name} to {parts[-1].name}")
+    elif description.metadata.get("previous"):
+        part, previous = description.metadata.get("part", "?"), description.metadata["previous"]
+        console.print(f"file {part} of a run: what came before is in {previous}", markup=False)
     for problem in description.problems:
         console.print(f"[yellow]{problem}[/]")
     for key in ("version", "port", "firmware", "uid", "boot_id", "planner", "seed", "noise"):

@@ -41,6 +41,7 @@ def command(
     present one with --key-file.
     """
     import bridge
+    from bridge.errors import CommandRejectedError
     from tools.console import say
     from tools.keyfile import make_key, read_key
 
@@ -51,9 +52,16 @@ def command(
         made = None if new is None else make_key(new)
         try:
             robot.set_key(made)
-        except BaseException:
+        except CommandRejectedError:
             if new is not None:
                 new.unlink()  # the robot does not have it
+            raise
+        except BaseException:
+            if new is not None:  # it may have the key, and nobody else would
+                say(
+                    f"the robot may have taken the key: {new} is kept; if the robot obeys with "
+                    f"--key-file {new} it has, else delete the file"
+                )
             raise
     if as_json:
         sys.stdout.write(json.dumps({"port": port, "key": made is not None}) + "\n")

@@ -61,7 +61,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     TYPE is a message's name (imu, range, status, velocity_setpoint, ...); without one, all. A
     device on a serial line that no host has agreed with says only hello, once a second. On a CAN
     bus both sides are heard. Where another sweepctl has the port, what it knows is shown, four
-    times a second. With --json one object is printed at the end.
+    times a second; TYPE, --raw and --node are then refused. With --json one object is printed at
+    the end.
     """
     from bridge.io.listen import Listener
     from bridge.io.ports import link_of
@@ -85,6 +86,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     else:
         view = Table(monitor, port.name, types)
     if has_owner(port.name):
+        _check_followed(port, types, raw=raw)
         return _look_on(port.name, duration_s, as_json=as_json, jsonl=jsonl)
     opened = port.open()
     try:
@@ -105,6 +107,17 @@ def command(  # noqa: PLR0913 - one parameter per option
     else:
         view.sum_up(monitor)
     return 0
+
+
+def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> None:
+    """Complain of what cannot be had of a port that another process owns."""
+    asked = [*(f"TYPE ({name})" for name in types[:1]), *(["--raw"] if raw else [])]
+    asked += [f"--node {port.node}"] if port.node is not None else []
+    if asked:
+        raise click.UsageError(
+            f"another sweepctl has {port.name}, and tells what it knows, not what passes: "
+            f"{' and '.join(asked)} cannot be followed; leave it out, or end the other first"
+        )
 
 
 def _look_on(port: str, duration_s: float | None, *, as_json: bool, jsonl: bool) -> int:

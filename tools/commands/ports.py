@@ -15,11 +15,20 @@ if TYPE_CHECKING:
     from bridge.io.candidates import Candidate
 
 
+class Probe(click.Choice[str]):
+    """How to probe; a port right behind it is no way to."""
+
+    def get_invalid_choice_message(self, value: object, ctx: click.Context | None) -> str:
+        """Say what to do: the option takes the next word for its value."""
+        told = super().get_invalid_choice_message(value, ctx)
+        return f"{told} Name ports before --probe."
+
+
 @click.command("ports", epilog="Example:  sweepctl ports --probe")
 @click.argument("named", nargs=-1, metavar="[PORT]...")
 @click.option(
     "--probe",
-    type=click.Choice(["listen", "active"]),
+    type=Probe(["listen", "active"]),
     is_flag=False,
     flag_value="listen",
     help="Open each port that nobody has, DTR and RTS inactive, and listen 1.5 s for a device's "

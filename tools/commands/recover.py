@@ -26,10 +26,14 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
 
     Damaged chunks are left out, wherever they stand, and it is said what was in them.
     """
+    from bridge.record.family import parts_of
     from bridge.record.recover import recover
     from tools.console import say
 
     result = recover(file, out, force=force)
+    others = parts_of(file)[1:]
+    if others:
+        say(f"the run goes on in {', '.join(part.name for part in others)}: recover each by itself")
     for loss in result.losses:
         say(f"lost: {loss.text()}")
     if result.undeclared:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from pathlib import Path
 
@@ -23,9 +22,9 @@ from tools import options
     help="Seconds of the log for each second, in the viewer.  [default: 1]",
 )
 @click.option(
-    "--from", "start_s", type=options.Seconds(0.0, 1e9), default=0.0, help="Begin at this second."
+    "--from", "start_s", type=options.Number(0.0, 1e9), default=0.0, help="Begin at this second."
 )
-@click.option("--to", "end_s", type=options.Seconds(0.0, 1e9), help="End at this second.")
+@click.option("--to", "end_s", type=options.Number(0.0, 1e9), help="End at this second.")
 @click.option("--serve", is_flag=True, help="Show it in a browser on this machine.")
 @click.option(
     "--link",
@@ -61,7 +60,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     whose name is the first line on stdout ("ready PORT"): it sends what it sent, damaged bytes
     included, answers hello and time, and cannot be driven.
     """
-    from bridge.record.captures import readable
+    from bridge.record.sources import readable
 
     if pty_link is not None and link is None:
         raise click.UsageError("--pty-link goes with --link pty")
@@ -100,13 +99,12 @@ def _serve(log: Path, pty_link: Path | None) -> int:
     from sim_device.ports.pty_port import PtyPort
     from tools.console import say
     from tools.replaying import serve
+    from tools.stopping import until_signalled
 
     device = replay_device(LogReader(log))
     stopper = Stopper()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopper.stop())
     try:
-        with PtyPort(pty_link) as port:
+        with until_signalled(stopper.stop), PtyPort(pty_link) as port:
             sys.stdout.write(f"ready {port.path}\n")
             sys.stdout.flush()
             name = device.recording.hello.name
@@ -125,12 +123,12 @@ def _view(log: Path, speed: float, span_s: tuple[float, float | None], *, serve:
     from bridge.view.feeder import FeedOptions, feed
     from tools.console import say
     from tools.recording import check_view
+    from tools.stopping import until_signalled
 
     check_view(view=True, serve=serve)
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
     start_s, end_s = span_s
     options_ = FeedOptions(log, speed=speed, start_s=start_s, end_s=end_s, serve=serve, tell=say)
-    feed(options_, ended.is_set)
+    with until_signalled(ended.set):
+        feed(options_, ended.is_set)
     return 0

@@ -18,7 +18,8 @@ from tools import options
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Page to write; default: FILE with .html for its ending.",
+    help="Page to write; default: FILE with .html for its ending (left as it is where it exists "
+    "and --png alone is given).",
 )
 @click.option(
     "--png", type=click.Path(dir_okay=False, path_type=Path), help="Also draw it as one picture."
@@ -31,21 +32,26 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     What was run, room and path, coverage against time, holes, energy, wire and clock, faults
     and events, beside the paper's figures and the lower bound.
     """
-    from bridge.record.captures import readable
+    from bridge.record.sources import readable
     from bridge.view.report import default_path, write_report
     from tools.console import say
 
-    page = out or default_path(file)
+    default = default_path(file)
+    # Only the picture was asked for by name, and the page is there from before.
+    is_there = out is None and png is not None and default.exists() and not force
+    page = None if is_there else out or default
     with readable(file) as log:
         data = write_report(log, page, png=png, force=force)
     if as_json:
         told: dict[str, object] = {
-            "report": str(page),
+            "report": None if page is None else str(page),
             "png": str(png) if png else None,
             "whole": data.whole,
         }
         told |= {"problems": data.problems, "events": len(data.happenings), "lost": data.lost}
         sys.stdout.write(json.dumps(told) + "\n")
     else:
-        say(f"wrote {page}" + (f" and {png}" if png else ""))
+        say("wrote " + " and ".join(str(path) for path in (page, png) if path is not None))
+        if is_there:
+            say(f"{default} was there and is left as it is; --force writes it anew")
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 from pathlib import Path
 
@@ -34,8 +33,8 @@ def command(
 
     FILE is a log, a `candump -l` log, or the raw bytes of a serial line.
     """
-    from bridge.record.captures import readable
     from bridge.record.reader import LogReader
+    from bridge.record.sources import readable
 
     with readable(file) as log:
         LogReader(log)  # a file that is no log is told before a display that is missing
@@ -72,9 +71,9 @@ def _serve(log: Path) -> None:
     from bridge.view.feeder import FeedOptions, feed
     from tools.console import say
     from tools.recording import check_view
+    from tools.stopping import until_signalled
 
     check_view(view=False, serve=True)
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.set())
-    feed(FeedOptions(log, serve=True, tell=say), ended.is_set)
+    with until_signalled(ended.set):
+        feed(FeedOptions(log, serve=True, tell=say), ended.is_set)

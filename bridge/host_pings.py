@@ -1,0 +1,50 @@
+"""What round trips tell: of the clock, of the line, and of a delay that was declared."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from bridge.telemetry import Severity
+from bridge.timesync import STAMP_NS
+
+if TYPE_CHECKING:
+    from bridge.session_events import Ping
+    from bridge.timesync import TimeSync
+    from bridge.wire_statistics import WireStatistics
+    from protocol.clock import HostNs
+
+
+class Tell(Protocol):
+    """Puts an event on record."""
+
+    def __call__(
+        self, now_ns: HostNs, severity: Severity, source: str, kind: str, text: str, /
+    ) -> None:
+        """When, how grave, of what, and in words."""
+
+
+class Pings:
+    """Takes each answered time request."""
+
+    def __init__(self, sync: TimeSync, wire: WireStatistics, declared_ns: int, tell: Tell) -> None:
+        """``declared_ns``: least delay of both ways together, as a person has told it."""
+        self._sync, self._wire, self._tell = sync, wire, tell
+        self._declared_ns = declared_ns
+        """0 once it was found not to be true."""
+
+    def take(self, ping: Ping, now_ns: HostNs) -> None:
+        """Fit the clock, count the round trip, and hold the declaration against it."""
+        sync = self._sync
+        received, replied = sync.extend(ping.received_us), sync.extend(ping.replied_us)
+        if not sync.exchange(ping.sent_ns, received, replied, ping.arrived_ns):
+            self._tell(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
+        round_trip_ns = sync.round_trip_ns
+        self._wire.round_trip.add(round_trip_ns)
+        if round_trip_ns + 2 * STAMP_NS < self._declared_ns:
+            text = (
+                f"a round trip took {round_trip_ns / 1e6:.3f} ms, and the delays that "
+                f"were declared come to {self._declared_ns / 1e6:.3f} ms: the bounds on time "
+                "stamps are not true; declare less (--adapter-delay)"
+            )
+            self._tell(now_ns, Severity.WARNING, "clock", "declared", text)
+            self._declared_ns = 0

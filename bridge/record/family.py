@@ -1,0 +1,85 @@
+"""The files of a run that was recorded into several."""
+
+from __future__ import annotations
+
+import glob
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Metadata
+
+from bridge.record.errors import LogReadError
+from bridge.record.names import METADATA
+from bridge.record.scan import Damage, opened, records
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_SAME = ("opened_unix_ns", "port")
+"""What all files of a run say alike."""
+
+
+def part_name(first: Path, number: int) -> Path:
+    """The name of a run's n-th file."""
+    return first if number == 1 else first.with_name(f"{first.stem}-{number:04d}{first.suffix}")
+
+
+def parts_of(path: Path) -> list[Path]:
+    """The files of the run that begins with this one, in turn; itself where it is the only one.
+
+    A file that is not the first stands for itself. One that lies beside the first under a name
+    that fits, and is of another run, ends the row.
+
+    Raises:
+        LogReadError: the file is missing, cannot be read, or is no MCAP file.
+
+    """
+    found, first = [path], _run(path)
+    while (following := _part_after(path, first, len(found))) is not None:
+        found.append(following)
+    return found
+
+
+def part_after(first: Path, number: int) -> Path | None:
+    """The file in which a run goes on after its n-th one; None where there is none (yet).
+
+    Raises:
+        LogReadError: the first file is missing, cannot be read, or is no MCAP file.
+
+    """
+    return _part_after(first, _run(first), number)
+
+
+def stray_part(first: Path) -> Path | None:
+    """A file whose name a run that begins with this one would need, sooner or later."""
+    pattern = f"{glob.escape(first.stem)}-[0-9][0-9][0-9][0-9]{glob.escape(first.suffix)}"
+    return min(first.parent.glob(pattern), default=None)
+
+
+def _part_after(first: Path, run: dict[str, str], number: int) -> Path | None:
+    if run.get("part") != "1":
+        return None
+    following = part_name(first, number + 1)
+    expected = {name: run.get(name) for name in _SAME}
+    expected["previous"] = part_name(first, number).name
+    try:
+        told = _run(following)
+    except LogReadError:  # it is not there, or was begun and no more
+        return None
+    return following if all(told.get(name) == it for name, it in expected.items()) else None
+
+
+def _run(path: Path) -> dict[str, str]:
+    """What a file says of its run; it stands before all messages."""
+    with opened(path) as data:
+        for found in records(data):
+            if isinstance(found, Damage) or found.opcode in {Opcode.CHUNK, Opcode.DATA_END}:
+                break
+            if found.opcode == Opcode.METADATA:
+                metadata = Metadata.read(ReadDataStream(BytesIO(data[found.start : found.end])))
+                if metadata.name == METADATA:
+                    run: dict[str, str] = metadata.metadata
+                    return run
+    return {}

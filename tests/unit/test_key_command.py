@@ -1,0 +1,64 @@
+"""``sweepctl key --set``: a key that the robot may have is never thrown away."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Self
+
+import pytest
+from click.testing import CliRunner
+
+import bridge
+from bridge.errors import CommandRejectedError, DeviceLostError
+from tools.commands.key import command
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class Robot:
+    """Takes a key, and then says what it is told to."""
+
+    def __init__(self, error: BaseException | None) -> None:
+        self.error = error
+        self.key: bytes | None = None
+
+    def set_key(self, key: bytes) -> None:
+        self.key = key
+        if self.error is not None:
+            raise self.error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing is open."""
+
+
+@pytest.mark.parametrize(
+    ("error", "kept", "said"),
+    [
+        (None, True, "the key is set; keep"),
+        (CommandRejectedError("set key", "not_local"), False, ""),
+        (DeviceLostError("the device did not answer set key"), True, "may have taken the key"),
+        (DeviceLostError("no answer with its challenge"), True, "may have taken the key"),
+        (KeyboardInterrupt(), True, "may have taken the key"),
+    ],
+    ids=["accepted", "refused", "no answer", "no challenge", "Ctrl-C"],
+)
+def test_only_a_key_that_the_robot_refused_is_deleted(
+    error: BaseException | None,
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    kept: bool,
+) -> None:
+    robot, path = Robot(error), tmp_path / "robot.key"
+    monkeypatch.setattr(bridge, "open", lambda *_args, **_options: robot)
+    done = CliRunner().invoke(command, ["/dev/ttyUSB7", "--set", str(path)])
+    assert path.exists() is kept
+    if kept:
+        assert robot.key is not None
+        assert path.read_text().strip() == robot.key.hex()
+    assert said in done.stderr
+    assert ("taken" in done.stderr) is (error is not None and kept)

@@ -1,0 +1,53 @@
+"""Whoever opens a port or a bus to the network is told what that means."""
+
+from __future__ import annotations
+
+import pytest
+
+from tools.lan_risk import bus_risk, port_risk
+
+
+@pytest.mark.parametrize(
+    ("link", "listen", "lan"),
+    [
+        ("tcp", None, False),
+        ("tcp", ("127.0.0.1", 0), False),
+        ("tcp", ("::1", 7000), False),
+        ("tcp", ("localhost", 0), False),
+        ("udpcan", None, False),
+        ("pty", None, False),
+    ],
+)
+def test_what_stays_on_this_machine_is_no_risk(
+    link: str, listen: tuple[str, int] | None, *, lan: bool
+) -> None:
+    assert port_risk(link, listen, lan=lan, keyed=False) is None
+
+
+@pytest.mark.parametrize(
+    ("link", "listen", "lan", "who"),
+    [
+        ("tcp", None, True, "reaches this port"),
+        ("tcp", ("0.0.0.0", 0), False, "reaches this port"),  # noqa: S104 - what is warned of
+        ("tcp", ("192.168.1.2", 0), False, "reaches this port"),
+        ("tcp", ("robot.lan", 0), False, "reaches this port"),
+        ("udpcan", None, True, "joins this bus"),
+    ],
+)
+def test_what_others_reach_is_named_with_what_they_can_do(
+    link: str, listen: tuple[str, int] | None, who: str, *, lan: bool
+) -> None:
+    bare = port_risk(link, listen, lan=lan, keyed=False) or ""
+    assert f"whoever {who} over the network can drive the robot" in bare
+    assert "--key-file" in bare
+    keyed = port_risk(link, listen, lan=lan, keyed=True) or ""
+    assert "can stop the robot and hear what it says" in keyed
+    assert "drive" not in keyed
+
+
+def test_a_host_that_joins_a_bus_of_the_network_is_told_too() -> None:
+    bus = "can:udp_multicast:239.74.163.2"
+    assert bus_risk(bus, lan=False, keyed=False) is None
+    assert bus_risk("/dev/ttyUSB0", lan=True, keyed=False) is None
+    assert "drive the robot" in (bus_risk(bus, lan=True, keyed=False) or "")
+    assert "forge what it says" in (bus_risk(bus, lan=True, keyed=True) or "")

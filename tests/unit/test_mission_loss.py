@@ -1,0 +1,381 @@
+"""A run that loses its device, goes on or does not, and every limit of its waiting."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.mission import Ending, Mission, Phase, Request, Resume
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from protocol.commands import Outcome
+from protocol.messages import ClearStop, SetMode, Status, Stop
+from protocol.values import Mode, NackReason, StopCause
+
+if TYPE_CHECKING:
+    from bridge.runners import Runner
+
+AHEAD = VelocityCommand(0.2, 0.0)
+OBS = Observation(
+    *(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, None, None, None, False, False, False),
+)
+
+
+class Plan:
+    """A plan that drives ahead, can be held, and ends when it is told to."""
+
+    def __init__(self) -> None:
+        self.finished = False
+        self.finish_reason: str | None = None
+        self.said: list[str] = []
+
+    def step(self, obs: Observation) -> VelocityCommand:
+        del obs
+        return AHEAD
+
+    def pause(self) -> None:
+        self.said.append("held")
+
+    def resume(self) -> None:
+        self.said.append("released")
+
+
+def status(cause: int = 0) -> Status:
+    return Status(0, cause, 0, 0, 0)
+
+
+def accepted(message: ClearStop | SetMode | Stop, reason: NackReason | None = None) -> Outcome:
+    return Outcome(message, accepted=reason is None, reason=reason)
+
+
+def made(plan: Plan | None = None, **options: object) -> Mission:
+    given: Runner = plan or Plan()  # type: ignore[assignment]  # what a mission asks of one
+    return Mission(given, **options)  # type: ignore[arg-type]  # by name
+
+
+def driving(plan: Plan | None = None, **options: object) -> Mission:
+    """On its way since 16 s."""
+    mission = made(plan, settle_s=2.0, **options)
+    mission.on_ready(10.0)
+    mission.on_status(status(), 12.0)
+    mission.on_command(accepted(SetMode(1, 1)), 14.0)
+    assert mission.step(OBS, None, 16.0) == HALT
+    assert mission.step(OBS, None, 16.0) == AHEAD
+    mission.requests()
+    return mission
+
+
+def phase(mission: Mission) -> Phase:
+    return mission.phase
+
+
+def ending(mission: Mission) -> Ending | None:
+    return mission.ending
+
+
+def runner(mission: Mission) -> object:
+    return mission.runner
+
+
+def go_on(mission: Mission, at_s: float, cause: StopCause = StopCause.LINK) -> None:
+    """The steps of leave to move, after a loss."""
+    mission.on_status(status(cause), at_s)
+    mission.on_command(accepted(ClearStop(2, cause)), at_s)
+    mission.on_command(accepted(SetMode(3, 1)), at_s)
+    mission.step(OBS, None, at_s + 2.0)
+
+
+def test_what_a_mission_begins_with() -> None:
+    mission = made()
+    assert (mission.phase, mission.done, mission.ending) == (Phase.WAITING, False, None)
+    assert (mission.asking, mission.stop_confirmed) == (False, False)
+    assert {each.value for each in Resume} == {"never", "ask", "auto"}
+    assert Request("mode", 1) == Request("mode", 1, planner=0)
+
+
+def test_by_default_it_settles_for_2_5_s() -> None:
+    mission = made()
+    mission.on_ready(0.0)
+    mission.on_status(status(), 0.0)
+    mission.on_command(accepted(SetMode(1, 1)), 1.0)
+    assert mission.step(OBS, None, 3.49) == HALT
+    assert phase(mission) is Phase.SETTLING
+    mission.step(OBS, None, 3.5)
+    assert phase(mission) is Phase.DRIVING
+
+
+@pytest.mark.parametrize(("obs", "stale"), [(None, None), (OBS, "imu"), (None, "imu")])
+def test_it_does_not_set_out_without_its_data(obs: Observation | None, stale: str | None) -> None:
+    mission = made(settle_s=2.0)
+    mission.on_ready(0.0)
+    mission.on_status(status(), 0.0)
+    mission.on_command(accepted(SetMode(1, 1)), 1.0)
+    for at_s in (3.0, 6.0):  # 2 s to settle, 3 s to wait for data
+        assert mission.step(obs, stale, at_s) == HALT
+        assert phase(mission) is Phase.SETTLING
+        assert mission.drive_started_s is None
+    assert mission.step(obs, stale, 6.01) == HALT
+    assert ending(mission) == Ending("stopped", f"no {stale or 'range'} data from the device", 5)
+    assert mission.drive_ended_s is None, "it never set out"
+
+
+def test_without_an_observation_it_stands() -> None:
+    mission = driving()
+    assert mission.step(None, None, 17.0) == HALT
+    assert ending(mission) is None
+    assert mission.step(None, "imu", 17.0) == HALT
+    assert ending(mission) is None, "nothing to judge by"
+    assert mission.step(OBS, "imu", 17.0) == HALT
+    assert ending(mission) == Ending(
+        "stopped", "no imu data from the device", 5, StopCause.SUPERVISE
+    )
+    idle = Mission(None)
+    idle.phase = Phase.DRIVING
+    assert idle.step(OBS, None, 1.0) == HALT
+
+
+@pytest.mark.parametrize(("reason", "told"), [("all swept", "all swept"), (None, "finished")])
+def test_a_plan_that_ends_completes_the_run(reason: str | None, told: str) -> None:
+    mission = driving(plan := Plan())
+    plan.finished, plan.finish_reason = True, reason
+    assert mission.step(OBS, None, 20.0) == AHEAD, "its last command; the stop follows"
+    assert ending(mission) == Ending("complete", told, 0)
+    assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
+    assert (mission.drive_started_s, mission.drive_ended_s) == (16.0, 20.0)
+    assert not mission.done
+    mission.on_command(accepted(Stop(3, 1)), 20.5)
+    assert (mission.done, mission.stop_confirmed) == (True, True)
+    assert mission.drive_ended_s == 20.0
+
+
+def test_a_run_may_take_all_of_its_time() -> None:
+    mission = driving(max_time_s=4.0)
+    assert mission.step(OBS, None, 20.0) == AHEAD
+    assert mission.step(OBS, None, 20.25) == HALT
+    assert ending(mission) == Ending("timeout", "not finished after 4 s", 1)
+
+
+def test_a_stop_that_was_refused_is_not_confirmed() -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "so", 0), 17.0)
+    mission.on_command(accepted(Stop(3, 1), NackReason.FAULT), 17.1)
+    assert (mission.done, mission.stop_confirmed) == (True, False)
+
+
+def test_a_stop_is_waited_for_as_long_as_it_takes_and_no_longer() -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "so", 0), 17.0)
+    assert mission.step(OBS, None, 18.0) is None
+    assert not mission.done
+    mission.step(OBS, None, 18.25)
+    assert mission.done
+
+
+def test_after_its_end_nothing_begins_a_second_one() -> None:
+    mission = driving()
+    mission.on_failed("gone", 3, 17.0)
+    assert (mission.done, mission.drive_ended_s) == (True, 17.0)
+    mission.request_end(Ending("stopped", "so", 0), 18.0)
+    assert mission.requests() == []
+    fresh = made()
+    fresh.on_failed("never there", 3, 17.0)
+    assert (fresh.done, fresh.drive_ended_s) == (True, None)
+    watching = Mission(None)
+    watching.phase = Phase.DONE
+    watching.request_end(Ending("stopped", "so", 0), 18.0)
+    assert (watching.ending, watching.requests()) == (None, [])
+
+
+@pytest.mark.parametrize(
+    ("message", "what"), [(ClearStop(1, 1), "clear stop"), (SetMode(1, 1), "velocity mode")]
+)
+def test_what_was_refused_or_not_answered_is_named(message: ClearStop | SetMode, what: str) -> None:
+    for reason, text in ((None, f"the device did not answer {what}"), (NackReason.FAULT, None)):
+        mission = made()
+        mission.on_ready(0.0)
+        mission.on_status(status(StopCause.SESSION_END), 0.0)
+        mission.on_command(Outcome(message, accepted=False, reason=reason), 0.5)
+        assert mission.ending is not None
+        assert mission.ending.exit_status == 4
+        assert text is None or mission.ending.reason == text
+        assert text or mission.ending.reason.startswith(f"the device refused {what}: ")
+
+
+def test_a_plan_is_given_once_and_only_to_a_run_that_waits() -> None:
+    first, second = Plan(), Plan()
+    mission = Mission(None)
+    mission.start(first)  # type: ignore[arg-type]  # what a mission asks of one
+    mission.start(second)  # type: ignore[arg-type]  # what a mission asks of one
+    assert runner(mission) is first
+    gone = Mission(None)
+    gone.on_ready(0.0)
+    gone.on_lost(1.0)
+    gone.start(first)  # type: ignore[arg-type]  # what a mission asks of one
+    assert runner(gone) is None, "the device is away"
+
+
+def test_a_status_is_waited_for_from_when_there_is_a_plan_and_a_device() -> None:
+    mission = Mission(None)
+    mission.step(None, None, 0.0)
+    mission.on_ready(1.0)
+    mission.step(None, None, 2.0)
+    mission.start(Plan())  # type: ignore[arg-type]  # what a mission asks of one
+    for at_s in (100.0, 103.0):
+        mission.step(None, None, at_s)
+        assert ending(mission) is None
+    mission.step(None, None, 103.25)
+    assert ending(mission) == Ending("fault", "no status from the device", 3)
+    away = made()
+    for at_s in (0.0, 50.0):
+        away.step(None, None, at_s)
+    assert ending(away) is None, "no device yet"
+
+
+def test_a_status_is_waited_for_anew_after_a_loss() -> None:
+    mission = made(resume=Resume.AUTO)
+    mission.on_ready(0.0)
+    mission.step(None, None, 1.0)
+    mission.on_lost(2.0)
+    mission.on_ready(20.0)
+    mission.step(None, None, 20.0)
+    mission.step(None, None, 23.0)
+    assert ending(mission) is None
+
+
+# ---- lost ------------------------------------------------------------------------------------
+
+
+def test_a_device_may_be_away_for_30_s() -> None:
+    mission = driving(plan := Plan())
+    mission.on_lost(20.0)
+    assert (mission.phase, plan.said) == (Phase.HOLDING, ["held"])
+    mission.step(None, None, 50.0)
+    assert ending(mission) is None
+    mission.step(None, None, 50.25)
+    assert ending(mission) == Ending("fault", "the device was lost for 30 s", 3)
+    assert (mission.done, mission.drive_ended_s) == (True, 50.25)
+
+
+def test_a_plan_that_did_not_drive_is_not_held() -> None:
+    plan = Plan()
+    mission = made(plan)
+    mission.on_lost(1.0)
+    assert phase(mission) is Phase.WAITING, "it never was there"
+    mission.on_ready(2.0)
+    mission.on_lost(3.0)
+    assert (mission.phase, plan.said) == (Phase.HOLDING, [])
+
+
+def test_a_loss_while_it_stops_ends_the_run_unconfirmed() -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "so", 0), 17.0)
+    mission.on_lost(17.5)
+    reason = "so; the device did not confirm the stop"
+    assert (mission.done, mission.ending) == (True, Ending("stopped", reason, 0))
+    mission.on_lost(18.0)
+    assert phase(mission) is Phase.DONE
+
+
+def test_an_end_without_a_device_waits_for_nothing() -> None:
+    mission = driving()
+    mission.on_lost(17.0)
+    mission.request_end(Ending("stopped", "so", 0), 18.0)
+    assert (mission.done, mission.requests()) == (True, [])
+    assert mission.drive_ended_s == 18.0
+
+
+def test_asked_and_answered_it_goes_on_with_its_plan() -> None:
+    mission = driving(plan := Plan(), resume=Resume.ASK)
+    assert mission.resume(17.0) is False, "nothing was asked"
+    mission.on_lost(18.0)
+    assert mission.resume(18.5) is False, "the device is away"
+    mission.on_ready(20.0)
+    assert (mission.phase, mission.asking) == (Phase.HOLDING, True)
+    mission.on_status(status(StopCause.LINK), 21.0)
+    assert mission.requests() == [], "nobody has said so"
+    assert mission.resume(22.0) is True
+    assert (mission.phase, mission.asking) == (Phase.WAITING, False)
+    assert mission.resume(22.0) is False, "once"
+    go_on(mission, 23.0)
+    assert mission.requests() == [Request("clear", StopCause.LINK), Request("mode", Mode.VELOCITY)]
+    assert phase(mission) is Phase.DRIVING
+    assert plan.said == ["held", "released"]
+    assert mission.drive_started_s == 16.0, "one drive"
+
+
+def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
+    mission = driving(resume=Resume.ASK)
+    mission.on_lost(18.0)
+    mission.on_ready(20.0)
+    mission.resume(22.0)
+    mission.on_status(status(StopCause.OPERATOR), 23.0)
+    assert mission.ending is not None, "somebody stopped it meanwhile"
+    mission = driving(plan := Plan(), resume=Resume.ASK)
+    mission.on_lost(18.0)
+    mission.on_ready(20.0)
+    mission.resume(22.0)
+    go_on(mission, 23.0)
+    mission.phase = Phase.WAITING  # as if it waited for leave once more
+    mission.requests()
+    mission.on_status(status(StopCause.LINK), 26.0)
+    assert mission.requests() == [Request("stop", StopCause.SESSION_END)], "leave was used up"
+    assert plan.said == ["held", "released"]
+
+
+def test_a_second_loss_takes_the_question_back() -> None:
+    mission = driving(resume=Resume.ASK)
+    mission.on_lost(18.0)
+    mission.on_ready(20.0)
+    mission.on_lost(21.0)
+    assert mission.asking is False
+    assert mission.resume(22.0) is False
+    mission.step(None, None, 51.25)
+    assert ending(mission) == Ending("fault", "the device was lost for 30 s", 3)
+
+
+def test_a_question_that_nobody_answers_ends_the_run() -> None:
+    mission = driving(resume=Resume.ASK)
+    mission.on_lost(18.0)
+    mission.on_ready(20.0)
+    mission.step(None, None, 50.0)
+    assert ending(mission) is None
+    mission.step(None, None, 50.25)
+    text = "the device was lost and is back, and nobody said to go on"
+    assert ending(mission) == Ending("stopped", text, 5)
+    assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
+    assert mission.resume(51.0) is False
+
+
+def test_nothing_is_asked_while_it_drives_or_waits() -> None:
+    mission = driving(resume=Resume.ASK)
+    mission.asking = True
+    assert mission.resume(17.0) is False
+    assert phase(mission) is Phase.DRIVING
+    mission = made(resume=Resume.ASK)
+    mission.on_ready(0.0)
+    mission.on_lost(1.0)
+    assert mission.resume(1.0) is False
+
+
+def test_a_simulated_run_goes_on_by_itself() -> None:
+    mission = driving(plan := Plan(), resume=Resume.AUTO)
+    mission.on_lost(18.0)
+    mission.on_ready(20.0)
+    assert phase(mission) is Phase.WAITING
+    go_on(mission, 21.0)
+    assert (mission.phase, plan.said) == (Phase.DRIVING, ["held", "released"])
+
+
+def test_by_default_it_ends() -> None:
+    mission = driving()
+    mission.on_lost(18.0)
+    mission.on_ready(20.0)
+    assert mission.ending is not None
+    assert (mission.ending.outcome, mission.ending.exit_status) == ("stopped", 5)
+
+
+def test_a_free_device_that_is_moved_on_is_no_stop() -> None:
+    mission = driving()
+    mission.on_status(status(StopCause.NONE), 17.0)
+    assert ending(mission) is None
