@@ -58,9 +58,17 @@ class Belief:
         return ph, rows @ ph[columns]
 
     def update(
-        self, index: Sequence[int], rows: Floats, innovation: Floats, noise: Floats
+        self,
+        index: Sequence[int],
+        rows: Floats,
+        innovation: Floats,
+        noise: Floats,
+        held: Sequence[int] = (),
     ) -> Floats:
         """Take a measurement (measured less predicted, its covariance); what to add to the means.
+
+        States in ``held`` count with their doubt and are not changed (Schmidt's filter): for a
+        measurement that is wrong in a way which would pass for them.
 
         Raises:
             numpy.linalg.LinAlgError: the innovation's covariance is singular.
@@ -68,11 +76,15 @@ class Belief:
         """
         ph, s = self.project(index, rows)
         gain = np.linalg.solve(s + noise, ph.T).T
+        kept = [float(self.p[i, i]) for i in held]
         self.p -= gain @ ph.T
         # Rounding makes it lopsided in the long run, and small negative variances with it.
         self.p += self.p.T
         self.p *= 0.5
         step: Floats = gain @ innovation
+        for i, variance in zip(held, kept, strict=True):
+            self.p[i, i] = variance
+            step[i] = 0.0
         return step
 
     def update_one(self, index: int, innovation: float, variance: float) -> Floats:

@@ -147,11 +147,16 @@ class PoseFilter:
         self.correct((X, Y), rows, np.array([-error_m]), np.array([[variance]]))
 
     def correct(
-        self, index: Sequence[int], rows: Floats, innovation: Floats, noise: Floats
+        self,
+        index: Sequence[int],
+        rows: Floats,
+        innovation: Floats,
+        noise: Floats,
+        held: Sequence[int] = (),
     ) -> None:
         """Take a measurement of any states, as ``Belief.update``."""
         self.settle()
-        self.apply(self.belief.update(index, rows, innovation, noise))
+        self.apply(self.belief.update(index, rows, innovation, noise, held))
 
     def disturb(self, sigma_m: float, sigma_rad: float) -> None:
         """Grow the doubt: something moved the robot that wheels and gyro do not tell whole."""

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.wall_map import WallMap
-from bridge.motion.wall_sight import MAX_SPAN_M, MOVING_M_S, STEADY_RAD_S, FrontSights, SideSight
+from bridge.motion.wall_sight import (
+    MAX_SPAN_M,
+    MOVING_M_S,
+    STEADY_RAD_S,
+    FrontSight,
+    FrontSights,
+    SideSight,
+)
 
 if TYPE_CHECKING:
     from bridge.motion.estimator import PoseEstimator
@@ -95,7 +102,10 @@ class Relocaliser:
         front = self._front.add(seen_from, ultrasonic_m, steady=steady and fresh)
         if front is not None:
             off_m = ECHO_AGE_SIGMA_S * estimator.v_m_s
-            front = front._replace(variance=front.variance + off_m * off_m)
+            front = FrontSight(
+                front.range_m - _ahead_m(seen_from, estimator.odometry),
+                front.variance + off_m * off_m,
+            )
         if front is not None and self.walls.see_front(front, self._ultrasonic):
             self.position_fixes += 1
 
@@ -133,3 +143,9 @@ class Relocaliser:
         self._grazed_m += way
         self._last = here
         self._touching = touching
+
+
+def _ahead_m(then: Pose2, now: Pose2) -> float:
+    """Way from one place to another along the heading of the first: a range is less by it."""
+    c, s = math.cos(then.theta_rad), math.sin(then.theta_rad)
+    return (now.x_m - then.x_m) * c + (now.y_m - then.y_m) * s

@@ -156,7 +156,7 @@ class WallFollower:
         ``most_m_s``: fastest forward speed allowed now.
         """
         ahead_m, into_rad = self._motion(observation.pose)
-        self._track.move(ahead_m, into_rad)
+        self._track.move(ahead_m, into_rad, self._radius_m)
         self._see(observation, dt_s, ahead_m, into_rad)
         self._straight_m += abs(ahead_m)
         if self._state is FollowState.CORNER:
@@ -293,7 +293,11 @@ class WallFollower:
         steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
         if abs(off) > _INTEGRAL_BAND_M:
             self._aim.reset()
-        aim = -tune.approach_rad / 4.0 if nudge else self._aim.update(off, dt_s)
+        if nudge:
+            self._aim.reset()
+            aim = -tune.approach_rad / 4.0
+        else:
+            aim = self._aim.update(off, dt_s)
         aim = max(min(aim, steepest), -tune.approach_rad)
         error = aim - self._track.yaw_rad
         gain = tune.yaw_gain_s * min(1.0, _SURE_RAD / max(self._track.yaw_sigma_rad, 1e-6))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.motion.pose_filter import STATES, THETA, X, Y
+from bridge.motion.pose_filter import STATES, THETA, WHEEL_SCALE, X, Y
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,6 +48,8 @@ FRONT_MARGIN_M = 0.2
 FRONT_CONE_RAD = math.radians(7.0)
 FRONT_NEW_RAD = math.radians(4.3)
 """The direction of a surface that only the ultrasonic saw: uniform over its cone."""
+SKEW = 0.7
+"""Ranges to a wall that stands askew by δ shrink by cos δ less than the way: δ²/2 of it."""
 FRONT_NEW_M = 1.0
 SQUARE_SURE_RAD = math.radians(0.9)
 SQUARE_RAD = math.radians(0.15)
@@ -172,8 +174,9 @@ class WallMap:
             return False
         if best_chi > SAME_CHI1 or second_chi < SAME_CHI1 or abs(best_surprise[0]) > GATE_M:
             return False
-        estimator.correct(self._index(best), best_rows, best_surprise, noise)
         wall = self.walls[best]
+        held = () if wall.seen_m >= NEW_SPAN_M else (WHEEL_SCALE,)
+        estimator.correct(self._index(best), best_rows, best_surprise, noise, held)
         along = _along(wall, self.normal_rad(best), sensor)
         wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
         wall.sights += 1
@@ -219,7 +222,10 @@ class WallMap:
         _, by_turning = self._estimator.belief.project(
             index, np.array([[by_theta, dx * s - dy * c]])
         )
-        return rows, self.offset_m(i) - dx * c - dy * s, float(by_turning[0, 0])
+        turned = float(self._estimator.belief.p[index[1], index[1]])
+        skew = SKEW * turned * (dx * c + dy * s)
+        variance = float(by_turning[0, 0]) + skew * skew
+        return rows, self.offset_m(i) - dx * c - dy * s, variance
 
     def _beside(self, wall: Wall, i: int, sight: LineSight, pose: Pose2) -> bool:
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))

@@ -76,12 +76,18 @@ class WallTrack:
         self._pdy = slope * self._pyy
         self._pdd = slope * self._pdy + infrared_sigma_m(range_m) ** 2
 
-    def move(self, ahead_m: float, into_rad: float) -> None:
-        """The robot drove ``ahead_m`` and turned by ``into_rad`` towards the wall's side."""
+    def move(self, ahead_m: float, into_rad: float, least_m: float = 0.0) -> None:
+        """The robot drove ``ahead_m`` and turned by ``into_rad`` towards the wall's side.
+
+        At ``least_m`` it touches: it then slides along the wall, and a distance that stays says
+        nothing of the direction. Round a corner it may be nearer to the line of a wall that
+        only begins there: no way takes it to the line then, and none is held back.
+        """
         if self.distance_m is None:
             return
         mid = self.yaw_rad + 0.5 * into_rad
-        self.distance_m -= ahead_m * math.sin(mid)
+        distance = self.distance_m
+        self.distance_m = max(distance - ahead_m * math.sin(mid), min(distance, least_m))
         self.yaw_rad += into_rad
         slope = -ahead_m * math.cos(mid)
         way = abs(ahead_m)

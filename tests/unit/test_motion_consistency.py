@@ -135,10 +135,11 @@ def test_through_the_virtual_body_at_typical(seed: int) -> None:
 
 
 def test_walls_tell_wheel_scale_and_the_bias_of_motion() -> None:
+    """In the second round: in the first no wall's direction is known that it drives up to."""
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
     drive.rest(2.0)
     before = drive.estimator.wheel_scale_sigma
-    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)):
+    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 2:
         drive.turn_to(heading * math.pi)
         drive.straight(way)
     body = drive.body
@@ -146,6 +147,17 @@ def test_walls_tell_wheel_scale_and_the_bias_of_motion() -> None:
     mean = 0.5 * (body.left_radius_m + body.right_radius_m) / nominal
     assert drive.estimator.wheel_scale_sigma < 0.5 * before
     assert drive.estimator.wheel_scale == pytest.approx(mean, abs=0.003)
+
+
+def test_without_noise_nothing_is_left_that_grows() -> None:
+    """What the rangers say is of an older place than the pose: held apart, or the room grows."""
+    drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "none", 1)
+    drive.rest(2.0)
+    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 2:
+        drive.turn_to(heading * math.pi)
+        drive.straight(way)
+    assert max(drive.errors.position_m) < 0.003
+    assert drive.estimator.wheel_scale == pytest.approx(1.0, abs=0.001)
 
 
 # ---- the reference ---------------------------------------------------------------------

@@ -171,6 +171,20 @@ def test_light_contact(side: Side) -> None:
     assert sum(gap < 0.002 for gap in run.gaps[first:]) > 0.6 * len(run.gaps[first:])
 
 
+def test_who_touches_knows_that_he_slides() -> None:
+    """Pressed to the wall at 3°, the distance stays; the heading into it must not be forgotten."""
+    track = WallTrack(MODEL.infrared_left)
+    heading = 3.0 * DEGREE
+    reads = RADIUS_M - MODEL.infrared_left.y_m
+    track.begin(reads, heading, 0.2 * DEGREE)
+    for _ in range(100):
+        track.move(0.01, 0.0, RADIUS_M)
+        touching = (RADIUS_M - MODEL.infrared_left.x_m * math.sin(heading)) / math.cos(heading)
+        assert track.take(touching - MODEL.infrared_left.y_m, 4.0, 0.02)
+    assert track.yaw_rad == pytest.approx(heading, abs=0.7 * DEGREE)
+    assert track.distance_m == pytest.approx(RADIUS_M, abs=0.0015)
+
+
 def test_a_wall_ahead_blocks_it_before_it_is_touched() -> None:
     run = follow((4.0, RADIUS_M + 0.05, 0.0), Side.RIGHT, 0.05, 20.0, noise=TYPICAL)
     assert run.states == ["following", "blocked"]

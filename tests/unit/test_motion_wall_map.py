@@ -125,6 +125,20 @@ def test_an_update_is_kalmans() -> None:
     assert belief.p[0, 0] == pytest.approx(4.0 - 8.0 * 8.0 / 25.0)
 
 
+def test_a_held_state_counts_with_its_doubt_and_stays() -> None:
+    """Schmidt's filter, by hand: s = 4 + 1 + 4, gains 4/9 and, held, 0."""
+    belief = Belief((4.0, 1.0))
+    row = np.array([[1.0, 1.0]])
+    step = belief.update((0, 1), row, np.array([9.0]), np.array([[4.0]]), held=(1,))
+    assert step == pytest.approx([4.0, 0.0])
+    assert belief.p == pytest.approx(np.array([[4.0 - 16.0 / 9.0, -4.0 / 9.0], [-4.0 / 9.0, 1.0]]))
+    # (I - KH) P (I - KH)' + KRK', Joseph's form, which holds for any gain
+    gain = np.array([[4.0 / 9.0], [0.0]])
+    keep = np.eye(2) - gain @ row
+    joseph = keep @ np.diag([4.0, 1.0]) @ keep.T + 4.0 * gain @ gain.T
+    assert belief.p == pytest.approx(joseph)
+
+
 # ---- walls -----------------------------------------------------------------------------
 
 
@@ -205,6 +219,19 @@ def test_the_ultrasonic_corrects_along_its_view() -> None:
     assert room.walls.see_front(FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.002**2), MODEL.ultrasonic)
     assert room.filter.pose.x_m == pytest.approx(0.0, abs=0.001)
     assert room.filter.pose.y_m == pytest.approx(0.01)
+
+
+def test_a_surface_of_unknown_direction_tells_nothing_of_the_wheels() -> None:
+    """Askew by 5°, its range shrinks by 4 permille less than the way: no fault of the tyres."""
+    room = Room()
+    mount = MODEL.ultrasonic
+    scale = room.filter.wheel_scale_sigma
+    for i in range(6):
+        assert room.walls.see_front(FrontSight(0.9 - 0.0996 * i, 0.001**2), mount) is (i > 0)
+        room.filter.advance(0.1, 0.0, 0.5, 0.5, by_wheels=False)
+        room.filter.settle()
+    assert room.filter.wheel_scale == 1.0
+    assert room.filter.wheel_scale_sigma == scale
 
 
 def test_a_surface_far_off_the_doubt_is_another() -> None:
