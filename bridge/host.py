@@ -99,7 +99,7 @@ class Host(HostSenses):
         self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
         """Told time (s, host) and estimate of every control step of the drive."""
         self.wire = WireStatistics()
-        self._pings = Pings(self.sync, self.wire, sum(options.least_delay_ns), self.event)
+        self._pings = Pings(self.wire, sum(options.least_delay_ns), self.event)
         self._sink = sink
         bus = self.session.link.medium is Medium.CAN
         self._records = HostRecords(sink, options.unix_offset_ns, options.planner, bus=bus)
@@ -134,11 +134,14 @@ class Host(HostSenses):
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
         """Take bytes from the port."""
-        if data:
-            self._tap(data, now_ns, outgoing=False)
+        if not data:
+            return
+        try:
             events = self.session.receive(data, now_ns)
-            self.wire.hear((events, now_ns))
             self._digest(events, now_ns)
+        finally:  # somebody may wait for an answer among them, and nobody for the log
+            self._tap(data, now_ns, outgoing=False)
+        self.wire.hear((events, now_ns))
 
     def poll(self, now_ns: HostNs) -> None:
         """Do what time asks for, the control step included."""
@@ -227,7 +230,7 @@ class Host(HostSenses):
                 if not self.dialogue.ended(event.outcome):
                     self._answered(event.outcome, now_ns)
             case Ping():
-                self._pings.take(event, now_ns)
+                self._pings.take(event, self.sync, now_ns)
             case StateChanged():
                 self._changed(event, now_ns)
             case Agreed():

@@ -26,15 +26,14 @@ class Tell(Protocol):
 class Pings:
     """Takes each answered time request."""
 
-    def __init__(self, sync: TimeSync, wire: WireStatistics, declared_ns: int, tell: Tell) -> None:
+    def __init__(self, wire: WireStatistics, declared_ns: int, tell: Tell) -> None:
         """``declared_ns``: least delay of both ways together, as a person has told it."""
-        self._sync, self._wire, self._tell = sync, wire, tell
+        self._wire, self._tell = wire, tell
         self._declared_ns = declared_ns
         """0 once it was found not to be true."""
 
-    def take(self, ping: Ping, now_ns: HostNs) -> None:
+    def take(self, ping: Ping, sync: TimeSync, now_ns: HostNs) -> None:
         """Fit the clock, count the round trip, and hold the declaration against it."""
-        sync = self._sync
         received, replied = sync.extend(ping.received_us), sync.extend(ping.replied_us)
         if not sync.exchange(ping.sent_ns, received, replied, ping.arrived_ns):
             self._tell(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")

@@ -47,6 +47,11 @@ FAST_PING_NS = 100_000_000
 FAST_PINGS = 50
 SLOW_PING_NS = 250_000_000
 """Four a second: the device holds us lost after 1 s, and one or two lost pings are normal."""
+PING_SPREAD_NS = 16_000_000
+"""By up to so much each comes early, the slowest adapter's period: in step with one that looks
+every so often, each would wait for it as long as the one before, and none be quick."""
+_GOLDEN_NS = round(PING_SPREAD_NS * 0.6180339887)
+"""Moments so far apart fall evenly into a period, and into a whole part of it."""
 _new = tuple.__new__
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 
@@ -80,6 +85,7 @@ class Session(SessionHandshake):
             catalogue=catalogue,
             key=key,
         )
+        self._pings = 0
         self._wanted_node = node
         self._evidence = Evidence()
         self._heard_ns = HostNs(0)
@@ -233,7 +239,9 @@ class Session(SessionHandshake):
                 self._outbox.ping(now_ns)
                 fast = self._tries < FAST_PINGS
                 self._tries += 1
-                self._next_ns = now_ns + (FAST_PING_NS if fast else SLOW_PING_NS)
+                self._pings += 1
+                early_ns = self._pings * _GOLDEN_NS % PING_SPREAD_NS
+                self._next_ns = now_ns + (FAST_PING_NS if fast else SLOW_PING_NS) - early_ns
             case State.LOST:
                 self._send_hello(now_ns, agreed=0)
                 self._next_ns = now_ns + _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]

@@ -199,3 +199,5 @@ class RunInfo:
     robot_toml: str
     plan: FloorPlan | None = None
     extra: dict[str, str] = field(default_factory=dict)
+    begun_unix_ns: int | None = None
+    """Of this file, where it is not the run's first."""

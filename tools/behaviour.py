@@ -188,6 +188,12 @@ def _host_rules() -> Iterator[Rule]:
         yield Rule("host", what, _ms(value), f"bridge.session.{source}")
     yield Rule(
         "host",
+        "a time request comes early, each by another share of",
+        _ms(session.PING_SPREAD_NS),
+        "bridge.session.PING_SPREAD_NS",
+    )
+    yield Rule(
+        "host",
         "questions asked again after",
         _ms(session_handshake.ANSWER_PERIOD_NS),
         "bridge.session_handshake.ANSWER_PERIOD_NS",

@@ -64,6 +64,8 @@ class FollowTuning:
     """Greatest speed across at which contact is sought: half of what counts as a collision."""
     press_m: float = 0.004
     """Light contact aims this far into the wall, so that range noise does not lift it off."""
+    corner_gap_m: float = 0.005
+    """At least so far from a corner it is circled: what it is thought to be is no better."""
     stop_gap_m: float = 0.03
     """Gap ahead of the rim at which it halts before a wall ahead."""
     jump_m: float = 0.02
@@ -278,7 +280,7 @@ class WallFollower:
         if nudge is None:
             return self._halt()
         if self._state is FollowState.CORNER:
-            return self._circle(speed)
+            return self._circle(speed, nudge=nudge)
         distance = self._track.distance_m
         if distance is None:
             self._state = FollowState.LOST
@@ -305,11 +307,15 @@ class WallFollower:
         slow = max(math.cos(min(2.0 * abs(error), 0.5 * math.pi)), 0.2)
         return VelocityCommand(speed * slow, self._side * rate)
 
-    def _circle(self, speed: float) -> VelocityCommand:
+    def _circle(self, speed: float, *, nudge: bool) -> VelocityCommand:
         """Drive on until the corner is abeam of the axle, then round it at its distance."""
-        x, y = self._corner
-        radius = self._radius_m + max(self._gap_m, 0.0)
+        radius = self._radius_m + max(self._gap_m, self._tune.corner_gap_m)
         slow = min(speed, _CORNER_SHARE * self._speed)
+        if nudge:  # it is at the rim, and not yet abeam: turn until it is
+            self._touch_corner()
+            self._arcing = True
+            return VelocityCommand(0.0, -self._side * self._max_rate)
+        x, y = self._corner
         if x > 0.0 and not self._arcing:
             return VelocityCommand(slow, 0.0)
         self._arcing = True
@@ -320,6 +326,14 @@ class WallFollower:
             bearing + max(min(far / self._tune.lookahead_m, 0.3), -0.3)
         )
         return VelocityCommand(slow, self._side * max(min(turn, self._max_rate), -self._max_rate))
+
+    def _touch_corner(self) -> None:
+        """Take the corner to where the rim was touched, in the direction where it was thought."""
+        x, y = self._corner
+        far = math.hypot(x, y)
+        if far > 0.0:
+            share = self._radius_m / far
+            self._corner = (share * x, share * y)
 
     def _bumped(self, obs: Observation, dt_s: float) -> bool | None:
         """Whether to turn off the wall that presses the bumper; ``None``: blocked."""
@@ -334,6 +348,8 @@ class WallFollower:
             return False
         self._pressed_s += dt_s
         distance = self._track.distance_m
+        if self._state is FollowState.CORNER:
+            distance = math.hypot(*self._corner)
         grazing = distance is not None and distance - self._radius_m < self._tune.jump_m
         return True if grazing and self._pressed_s < self._tune.nudge_s else None
 

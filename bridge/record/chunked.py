@@ -129,6 +129,8 @@ class ChunkedFile:
             self._write(MAGIC + _bytes_of(Header(profile="", library=library)))
         except LogWriteError:
             self._file.close()
+            if not force:  # it is ours, and says nothing
+                path.unlink(missing_ok=True)
             raise
 
     # ---- what goes in

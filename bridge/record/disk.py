@@ -57,6 +57,8 @@ class LogFile(FileIO):
         except OSError:
             self._release()
             self.close()
+            if "x" in mode:  # it is ours, and empty
+                path.unlink(missing_ok=True)
             raise
 
     def write(self, data: ReadableBuffer, /) -> int:

@@ -130,6 +130,8 @@ class RotatingWriter:
         if self.parts:
             extra["previous"] = self.parts[-1].name
         self.path = part_name(self._first, number)
-        writer = self._make(self.path, replace(self._info, extra=extra))
+        begun_ns = self._begun_ns if self.parts else None
+        info = replace(self._info, extra=extra, begun_unix_ns=begun_ns)
+        writer = self._make(self.path, info)
         self.parts.append(self.path)
         return writer

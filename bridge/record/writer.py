@@ -90,19 +90,22 @@ class RunWriter:
         self._rows: dict[type, Rows] = {}
         self._flat_channels: dict[str, int] = {}
         self._foxglove_channels: dict[str, int] = {}
-        self._last_ns = info.opened_unix_ns
+        begun_ns = info.opened_unix_ns if info.begun_unix_ns is None else info.begun_unix_ns
+        self._last_ns = begun_ns
         try:
             self._write_head(info)
         except LogWriteError:
             self._file.finish()
+            if not force:  # it is ours, and says nothing
+                path.unlink(missing_ok=True)
             raise
         for name, mount in (
             ("front", model.ultrasonic),
             ("left", model.infrared_left),
             ("right", model.infrared_right),
         ):
-            data = foxglove.mount(info.opened_unix_ns, name, mount)
-            self._add_foxglove("/tf_static", foxglove.FRAME_TRANSFORM, info.opened_unix_ns, data)
+            data = foxglove.mount(begun_ns, name, mount)
+            self._add_foxglove("/tf_static", foxglove.FRAME_TRANSFORM, begun_ns, data)
         self._handlers: dict[type, Callable[[Any], None]] = {
             RawBytes: self._raw,
             RawCan: self._raw_can,

@@ -208,7 +208,8 @@ def draw_clock(data: RunData, axes: Axes) -> None:
 def draw_link(data: RunData, axes: Axes) -> None:
     """Frames each second, and those that are missing."""
     seconds, frames, lost = np.array(data.link).T
-    axes.plot(seconds, frames, color=BLUE, lw=1.2, label="frames a second")
+    whole = slice(-1)  # the last second has just begun as the log ends
+    axes.plot(seconds[whole], frames[whole], color=BLUE, lw=1.2, label="frames a second")
     axes.fill_between(seconds, 0, lost, color=RED, lw=0, label="lost", step="mid")
     axes.set_ylim(bottom=0)
     axes.set_xlabel("time in the log (s)")
@@ -242,7 +243,7 @@ def panels(data: RunData) -> list[Panel]:
     if len(data.clock) > 1:
         note = "The bound is how far a sample's time may be off; below 2 ms is good."
         made.append(("Clock", note, draw_clock))
-    if len(data.link) > 1:
+    if len(data.link) > 2:  # noqa: PLR2004 - two whole seconds make a line
         note = "A level line is a healthy wire; red is what never came."
         made.append(("Wire", note, draw_link))
     return made

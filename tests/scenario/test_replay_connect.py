@@ -6,6 +6,7 @@ import signal
 from typing import TYPE_CHECKING
 
 import pytest
+from mcap.writer import Writer
 
 from bridge.record.reader import LogReader
 from bridge.replay_device import load, replay_device
@@ -192,3 +193,12 @@ def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
     text = tmp_path / "text"
     text.write_text("hello")
     assert sweepctl("replay", text, "--check").status == 1
+    foreign = tmp_path / "foreign.mcap"
+    with foreign.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_message(writer.register_channel("/json", "json", 0), 1, b"{}", 1)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+    checked = sweepctl("replay", foreign, "--check")
+    assert checked.status == 1
+    assert "no messages of a robot" in checked.line

@@ -90,7 +90,8 @@ def listen(
     return stamps, inside / len(stamps.rows), bounds[int(0.95 * len(bounds))] / 1e6
 
 
-@pytest.mark.parametrize("drift_ppm", [-100.0, 30.0])
+# At 0 device and adapter keep step: what waits for it, always waits for as long.
+@pytest.mark.parametrize("drift_ppm", [-100.0, 0.0, 30.0])
 def test_at_an_adapter_of_1_ms_the_bound_is_true_and_below_a_tenth_of_it(drift_ppm: float) -> None:
     stamps, inside, p95_ms = listen(1_000, drift_ppm, (ON_THE_LINE_NS, ON_THE_LINE_NS))
     assert len(stamps.late) > 1_000

@@ -274,6 +274,21 @@ def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() 
     assert steps[-1].state is FollowState.BLOCKED
 
 
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_a_leg_that_is_touched_on_the_way_round_is_turned_from(side: Side) -> None:
+    """On the spot, away from it, until the bumper is free; then round it again."""
+    follower = WallFollower(MODEL, side, 0.0005)
+    follower.go_round(0.05, RADIUS_M + 0.01)
+    left = side is Side.LEFT
+    pressed = [
+        follower.step(sees(None, bumper=(left, not left)), STEP_S).command for _ in range(20)
+    ]
+    assert all(c.v_m_s == 0.0 and c.yaw_rate_rad_s * side < 0.0 for c in pressed)
+    free = follower.step(sees(None), STEP_S)
+    assert free.state is FollowState.CORNER
+    assert free.command.v_m_s > 0.05
+
+
 def test_speed_respects_the_way_left_to_a_wall_ahead() -> None:
     speeds = []
     for front_m in (2.0, 0.3, 0.15, 0.10):

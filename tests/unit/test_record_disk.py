@@ -6,6 +6,7 @@ import errno
 import io
 from collections import Counter
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,8 +57,8 @@ class Disk:
     def ballast(self, _folder: Path) -> io.BytesIO:
         return Held(self)
 
-    def open(self, path: Path, *, force: bool) -> LogFile:  # noqa: ARG002 - an opener's interface
-        return OnDisk(self, path)
+    def open(self, path: Path, *, force: bool) -> LogFile:
+        return OnDisk(self, path, "wb" if force else "xb")
 
 
 class Held(io.BytesIO):
@@ -76,9 +77,9 @@ class Held(io.BytesIO):
 
 
 class OnDisk(LogFile):
-    def __init__(self, disk: Disk, path: Path) -> None:
+    def __init__(self, disk: Disk, path: Path, mode: str) -> None:
         self.disk = disk
-        super().__init__(path, "wb", sync=self.account, ballast=disk.ballast)
+        super().__init__(path, mode, sync=self.account, ballast=disk.ballast)
         self.counted = 0
 
     def account(self, _number: int) -> None:
@@ -121,11 +122,12 @@ def test_a_full_disk_is_told_and_the_log_is_closed_whole(tmp_path: Path, size: i
     assert at.log_ns - last_ns <= 2 * CHUNK_NS, "what did not reach the file is one chunk"
 
 
-def test_no_room_for_so_much_as_the_end(tmp_path: Path) -> None:
-    disk = Disk(RESERVE_BYTES // 2)
-    with pytest.raises(OSError, match="No space"):
+@pytest.mark.parametrize("size", [RESERVE_BYTES // 2, RESERVE_BYTES + 500, RESERVE_BYTES + 66_000])
+def test_no_room_for_so_much_as_the_end_or_the_head(tmp_path: Path, size: int) -> None:
+    disk = Disk(size)
+    with pytest.raises((OSError, LogWriteError), match="No space"):
         RunWriter(tmp_path / "run.mcap", run_info(), opener=disk.open)
-    assert disk.used == 0
+    assert list(tmp_path.iterdir()) == [], "no file is left that says nothing"
 
 
 def test_a_disk_that_is_full_in_truth() -> None:
@@ -258,6 +260,10 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
     ]
     whole = [(m.topic, m.log_ns, m.data) for m in LogReader(single).messages(topics)]
     assert sorted(joined) == sorted(whole), "no record lost or doubled"
+    begun = [min(m.log_ns for m in LogReader(p, alone=True).messages()) for p in parts]
+    ended = [max(m.log_ns for m in LogReader(p, alone=True).messages()) for p in parts]
+    assert all(after >= before for before, after in pairwise(ended)), "in turn"
+    assert all(b >= e for e, b in zip(ended, begun[1:], strict=False)), "none reaches back"
     run_of_all = LogReader(path)  # the first file stands for all
     assert run_of_all.parts == parts
     again = [(m.topic, m.log_ns, m.data) for m in run_of_all.messages(topics)]

@@ -77,11 +77,14 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _check(log: Path, *, as_json: bool) -> int:
+    from bridge.record.errors import LogReadError
     from bridge.record.redecode import as_json as comparison_json
     from bridge.record.redecode import compare
     from tools.console import say
 
     result = compare(log)
+    if not result.recorded:
+        raise LogReadError(log, "it holds no messages of a robot to compare with")
     if as_json:
         sys.stdout.write(comparison_json(result) + "\n")
     elif result.same:
