@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.doctor.body_view import BodyView
 from bridge.doctor.findings import Finding
-from bridge.doctor.timing import Timing, measure
+from bridge.doctor.timing import HOLE_S, Timing, measure
 from bridge.doctor.wire_view import WireView
 from bridge.session_evidence import Evidence
 from bridge.telemetry import Severity
@@ -27,6 +27,8 @@ LEAST_DAMAGED = 3
 a port are the end of a frame more often than not."""
 STRANGE_BYTES, STRANGE_TIMES = 1000, 10
 """Of damaged bytes that are like nothing a sweeper sends: so many, and so many times the rest."""
+LEAST_PIECE = 10
+"""Frames missing one after the other: fewer may be a full buffer's doing."""
 NOISE_SHARE = 1e-4
 """Of the frames: below it noise is told as a note."""
 LATE_P95_MS = 5.0
@@ -202,9 +204,9 @@ class Examination:
             data = {"holes": [(hole.at_s, hole.for_s) for hole in own[:50]]}
             yield Finding("gap", _WARN, text, data)
         elsewhere = wire.lost - in_holes - wire.damaged.total
-        if elsewhere > max(LEAST_DAMAGED, NOISE_SHARE * wire.frames) and wire.damaged.total == 0:
-            text = f"{wire.lost} frames are missing by their numbers, none of them came damaged"
-            yield Finding("overrun", _WARN, text, {"lost": wire.lost, "frames": wire.frames})
+        few_damaged = wire.damaged.total < LEAST_DAMAGED  # else damage is told, with its kind
+        if elsewhere > max(LEAST_DAMAGED, NOISE_SHARE * wire.frames) and few_damaged:
+            yield self._missing(elsewhere)
         if wire.device_damaged >= LEAST_DAMAGED and not self._mostly_garbage():
             # At another rate the one end hears what the other does.
             text = f"the device counted {wire.device_damaged} damaged frames from the host"
@@ -212,6 +214,26 @@ class Examination:
         if wire.device_stale > max(LEAST_DAMAGED, STALE_SHARE * wire.device_received):
             text = f"the device refused {wire.device_stale} velocities as old or repeated"
             yield Finding("late_setpoints", _WARN, text, {"stale": wire.device_stale})
+
+    def _missing(self, elsewhere: int) -> Finding:
+        """Frames whose numbers are missing: in one piece a gap, here and there an overrun."""
+        wire, marks = self.wire, self.wire.marks
+        data: dict[str, Any] = {"lost": wire.lost, "frames": wire.frames}
+        short = [
+            (skipped, index)
+            for index, skipped in enumerate(marks.skipped)
+            if index and marks.arrived_ns[index] - marks.arrived_ns[index - 1] <= HOLE_S * 1e9
+        ]
+        piece, index = max(short, default=(0, 0))
+        if piece < LEAST_PIECE or 2 * piece < elsewhere:
+            text = f"{wire.lost} frames are missing by their numbers, "
+            text += f"{wire.damaged.total or 'none'} of them came damaged"
+            return Finding("overrun", _WARN, text, data)
+        at_s = (marks.arrived_ns[index - 1] - marks.arrived_ns[0]) * 1e-9
+        share = 100.0 * wire.lost / (wire.frames + wire.lost)
+        text = f"{wire.lost} frames are missing by their numbers ({share:.1f} %), {piece} of them "
+        text += f"in one piece at {at_s:.1f} s"
+        return Finding("gap", _WARN, text, data | {"piece": piece, "at_s": round(at_s, 3)})
 
     def _delays(self) -> Iterator[Finding]:
         """What comes late, and why that may be."""

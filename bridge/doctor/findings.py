@@ -37,7 +37,7 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "late_setpoints": "the device refused velocities as too old: something holds them up on "
         "the way to it; see latency and host_stall",
         "gap": "the line was silent and came back: a loose plug, a radio link, or a device that "
-        "was busy; move the cable and see",
+        "was busy; move the cable and see. In a log that was recovered: what was left out",
         "unplugged": "the port went away: a plug, a hub's power, or a driver that reset it; see "
         "the kernel's log (dmesg)",
         "host_stall": "this computer did not read for a while: end what loads it, do not run the "

@@ -18,6 +18,7 @@ from bridge.motion.legs import (
     Turn,
 )
 from bridge.motion.motion_tuning import MotionTuning
+from bridge.motion.noise_monitor import RangingNoise
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.point_to_point import PointToPointController
 from bridge.motion.range_filter import RangeAhead
@@ -55,6 +56,7 @@ class LegExecutor:
         self._target = HALT
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, tune.lowpass)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, tune.lowpass)
+        self._ranging = RangingNoise()
         self._ahead = RangeAhead()
         self._hidden = HiddenAhead(model, self._brake_m_s2)
         self._wary_m_s = math.inf
@@ -109,7 +111,12 @@ class LegExecutor:
             self._timeout_s = leg.timeout_s
             side = Side.LEFT if leg.left else Side.RIGHT
             self._follower = WallFollower(
-                self._model, side, leg.gap_m, speed_m_s=leg.speed_m_s, tuning=_FOLLOW
+                self._model,
+                side,
+                leg.gap_m,
+                speed_m_s=leg.speed_m_s,
+                tuning=_FOLLOW,
+                noise=self._ranging,
             )
             if leg.touching:
                 self._follower.go_round(0.0, self._model.radius_m + leg.gap_m)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.motion.braking import Braking
+from bridge.motion.noise_monitor import RangingNoise
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.pid import Pid, PidGains
 from bridge.motion.wall_track import MAX_YAW_RAD, WallTrack
@@ -96,7 +97,7 @@ class WallFollower:
     that wall's direction at once. A round column is simply followed.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - a robot, a wall, and how to follow it
         self,
         model: RobotModel,
         side: Side,
@@ -104,6 +105,7 @@ class WallFollower:
         *,
         speed_m_s: float | None = None,
         tuning: FollowTuning | None = None,
+        noise: RangingNoise | None = None,
     ) -> None:
         """Follow at ``distance_m`` between rim and wall; 0: in light contact.
 
@@ -129,6 +131,7 @@ class WallFollower:
         self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
         self._front_m = model.radius_m - model.ultrasonic.x_m
         self._track = WallTrack(mount)
+        self._noise = noise or RangingNoise()
         gains = PidGains(kp=1.0 / tune.lookahead_m, ti_s=tune.integral_s)
         self._aim = Pid(gains, tune.approach_rad)
         self._pose: Pose2 | None = None
@@ -206,13 +209,19 @@ class WallFollower:
             if range_m is not None:
                 self._track.begin(range_m)
                 self._state = FollowState.FOLLOWING
-        elif range_m is None or not self._track.take(
-            range_m, self._tune.gate_sigmas, self._tune.jump_m
-        ):
+        elif range_m is None or not self._take(range_m):
             self._miss(range_m, obs.v_m_s)
         else:
             self._silent_s = 0.0
             self._state = FollowState.FOLLOWING
+
+    def _take(self, range_m: float) -> bool:
+        expected, sure = self._track.expected_m(), self._track.yaw_sigma_rad < _SURE_RAD
+        if not self._track.take(range_m, self._tune.gate_sigmas, self._tune.jump_m):
+            return False
+        if expected is not None and sure:
+            self._noise.learn(range_m - expected)
+        return True
 
     def _miss(self, range_m: float | None, v_m_s: float) -> None:
         """Judge a reading that is not of the wall: nearer is another wall, farther an end."""
@@ -287,7 +296,8 @@ class WallFollower:
             return HALT
         if self._state is FollowState.BLOCKED:
             self._state = FollowState.FOLLOWING
-        off = distance - self._radius_m - self._gap_m
+        gap_m = self._gap_m + (self._noise.stand_off_m if self._gap_m > 0.0 else 0.0)
+        off = distance - self._radius_m - gap_m
         tune = self._tune
         gap = max(distance - self._radius_m, 0.0)
         # Touching is slow across: the steepest heading shrinks with the gap that is left.

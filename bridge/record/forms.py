@@ -9,15 +9,19 @@ goes a message at a time, through the library that knows its encoding.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, NamedTuple
+from itertools import islice
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
 
+_T = TypeVar("_T")
+MOST_COLUMNS = 4096
+"""Of one topic: a schema that somebody else wrote may nest messages into millions of them."""
 STRUCTURE, VARINT, VALUE = 0xFF, 0x80, 0x00
 """Of a byte: all of it must be as in the template, or whether more follow, or nothing."""
 
@@ -101,6 +105,19 @@ class Opaque(Form):
         (column,) = self.columns
         value = data if column.type == "bytes" else data.decode("utf-8", "replace")
         return {column.name: value}
+
+
+def few(columns: Iterable[_T]) -> tuple[_T, ...]:
+    """All columns, where there are not too many: messages in messages multiply.
+
+    Raises:
+        ValueError: there are.
+
+    """
+    found = tuple(islice(columns, MOST_COLUMNS + 1))
+    if len(found) > MOST_COLUMNS:
+        raise ValueError(f"it has more than {MOST_COLUMNS} fields")
+    return found
 
 
 def varints(rows: NDArray[np.uint8]) -> NDArray[np.uint64]:

@@ -12,7 +12,7 @@ from google.protobuf.json_format import MessageToDict
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 
-from bridge.record.forms import VALUE, VARINT, Column, Form, Leaf, Template
+from bridge.record.forms import VALUE, VARINT, Column, Form, Leaf, Template, few
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -61,7 +61,7 @@ class ProtobufForm(Form):
             self._class = GetMessageClass(self._descriptor)
         except (DecodeError, KeyError, TypeError) as error:
             raise ValueError(f"no descriptor of {type_name}: {error}") from None
-        self._by_path: dict[tuple[int, ...], Column] = dict(_columns(self._descriptor, (), ""))
+        self._by_path: dict[tuple[int, ...], Column] = dict(few(_columns(self._descriptor, (), "")))
         self.columns = tuple(self._by_path.values())
 
     def template(self, data: bytes) -> Template | None:

@@ -153,7 +153,7 @@ class LogReader:
                     try:
                         self._take_head(opcode, data[start:end])
                     except DAMAGE as error:
-                        self._head_problems.append(f"damaged record stepped over: {error!r}")
+                        self._head_problems.append(f"damaged record stepped over: {_why(error)}")
         return whole
 
     def _take_head(self, opcode: int, record: bytes) -> None:
@@ -198,7 +198,7 @@ class LogReader:
                 try:
                     found.extend(within(chunk_content(record), state))
                 except DAMAGE as error:
-                    self.problems.append(f"damaged chunk stepped over: {error!r}")
+                    self.problems.append(f"damaged chunk stepped over: {_why(error)}")
                 # A writer may keep a chunk's topics apart, as ours does.
                 yield from sorted(found, key=_log_ns)
             else:
@@ -216,7 +216,7 @@ class LogReader:
             else:
                 state.take(opcode, record)
         except DAMAGE as error:
-            self.problems.append(f"damaged record stepped over: {error!r}")
+            self.problems.append(f"damaged record stepped over: {_why(error)}")
 
     @staticmethod
     def _records(path: Path, skip: frozenset[int]) -> Iterator[tuple[int, bytes]]:
@@ -361,3 +361,8 @@ def attachment_is_damaged(record: bytes) -> bool:
     """Whether an attachment's own CRC says so; 0: it has none."""
     stored = int.from_bytes(record[-4:], "little")
     return stored != 0 and stored != zlib.crc32(record[:-4])
+
+
+def _why(error: Exception) -> str:
+    """What an error says, in one line."""
+    return " ".join(str(error).split()) or type(error).__name__

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from bridge.record.forms import Column, Form, Leaf, Template
+from bridge.record.forms import Column, Form, Leaf, Template, few
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -55,15 +55,19 @@ class RosForm(Form):
         """Read the definition.
 
         Raises:
-            ValueError: a type that it uses is not in it.
+            ValueError: a type that it uses is not in it, it does not parse, or it has too many
+                fields.
 
         """
         self._types = _definitions(definition)
         self._fixed = True
-        self.columns = tuple(self._columns("", "", 0))
+        self.columns = few(self._columns("", "", 0))
         self._by_name = {column.name: column for column in self.columns}
         schema = Schema(id=1, name=type_name, encoding="ros2msg", data=definition.encode())
-        self._decode = DecoderFactory().decoder_for("cdr", schema)
+        try:
+            self._decode = DecoderFactory().decoder_for("cdr", schema)
+        except Exception as error:  # noqa: BLE001 - whatever it finds wrong with the definition
+            raise ValueError(f"the definition of {type_name} does not parse: {error}") from None
 
     def _columns(self, type_name: str, prefix: str, depth: int) -> Iterator[Column]:
         if type_name not in self._types:

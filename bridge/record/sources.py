@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
 CANDUMP, RAW, MCAP = "candump", "raw", "mcap"
 _SNIFFED = 1 << 16
+_LINE = 512
 LOG_LINE = re.compile(
-    rb"\((\d+)\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)"
+    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)"
 )
 """As ``candump -l`` and ``-L`` write it."""
 SHOWN_LINE = re.compile(
-    rb"\((\d+)\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+(?:[RT]X\s+\S*\s+)?"
+    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+(?:[RT]X\s+\S*\s+)?"
     rb"\[\d+\]\s*(remote)?\s*((?:[0-9A-Fa-f]{2} ?)*)"
 )
 """As ``candump -ta`` shows it."""
@@ -41,7 +42,7 @@ def kind_of(path: Path) -> str:
         raise LogReadError(path, error.strerror or str(error)) from None
     if begin.startswith(MAGIC[:5]):
         return MCAP
-    first = begin.lstrip().split(b"\n", 1)[0]
+    first = begin.lstrip().split(b"\n", 1)[0][:_LINE]
     return CANDUMP if LOG_LINE.match(first) or SHOWN_LINE.match(first) else RAW
 
 

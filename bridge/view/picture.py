@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bridge.coverage.metrics import CoverageReport
     from bridge.view.run_track import RunTrack
 
+LEAST_SPAN_M = 1.0
 _WALL, _OBSTACLE = "#30343b", "#9aa2ad"
 _MOUTH, _BODY, _MISSED = "#8fd0b5", "#d9efe5", "#f0a35e"
 _PATH, _ESTIMATE = "#1f4e79", "#b03a48"
@@ -143,12 +144,25 @@ def draw_path(axes: Axes, track: RunTrack) -> None:
         if not poses:
             continue
         xs, ys = [p.x_m for _, p in poses], [p.y_m for _, p in poses]
-        axes.plot(xs, ys, color=colour, lw=0.9, ls=style, label=text, zorder=5)
+        axes.plot(xs, ys, color=colour, lw=1.2, ls=style, label=text, zorder=5)
     if track.best:
         first, last = track.best[0][1], track.best[-1][1]
         mark: dict[str, Any] = {"zorder": 6, "ls": "none", "mec": "white"}
         axes.plot(first.x_m, first.y_m, "o", color=_PATH, ms=8, label="start", **mark)
         axes.plot(last.x_m, last.y_m, "s", color=_PATH, ms=8, label="end", **mark)
+    _widen(axes)
+
+
+def _widen(axes: Axes) -> None:
+    """Give a straight path without a room around it some floor on both sides."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    least_m = max(LEAST_SPAN_M, max(right - left, top - bottom) / 3.0)
+    more_x = max(0.0, least_m - (right - left)) / 2.0
+    more_y = max(0.0, least_m - (top - bottom)) / 2.0
+    if more_x:
+        axes.set_xlim(left - more_x, right + more_x)
+    if more_y:
+        axes.set_ylim(bottom - more_y, top + more_y)
 
 
 def _title(track: RunTrack) -> str:

@@ -1,4 +1,4 @@
-"""Speed of the wire against pymavlink: decoding, encoding, captures, and bytes on the line.
+"""Speed of the wire against pymavlink: decoding, encoding, captures, bytes; what a key costs.
 
     PYTHONPATH=tests python -m bench.wire
 
@@ -15,6 +15,7 @@ import time
 from random import Random
 from typing import TYPE_CHECKING
 
+from bench import signing
 from bench.mavlink import parse_all, same_content
 from protocol.batch import decode_capture
 from protocol.link import Link
@@ -156,6 +157,8 @@ def main() -> None:
         f"bytes on the line, stamped IMU (14 B): ours {sizes[0] - 1}, {sizes[0]} on an idle line;"
     )
     print(f"MAVLink 2: {sizes[1]} for the same content, {sizes[2]} as RAW_IMU (two registers more)")
+    print()
+    signing.measure(rounds)
 
 
 if __name__ == "__main__":

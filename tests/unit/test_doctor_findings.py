@@ -114,6 +114,27 @@ def test_missing_numbers_without_damage_are_an_overrun() -> None:
     assert line.examination.wire.lost == 4
 
 
+@pytest.mark.parametrize("cut", [0, 3], ids=["between frames", "inside a frame"])
+def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
+    """As of a recovered log without one chunk: it may end in the middle of a frame."""
+    line = Line()
+    line.say(hello())
+    line.say(COUNTS, every_ms=4, count=400)
+    if cut:
+        line.link.send(COUNTS, line.now_ms * 1000, node=1)
+        line.hear(line.link.data_to_send()[:cut])
+    for _ in range(54):
+        line.now_ms += 4  # 0.2 s, less than what is called a hole by time alone
+        line.link.send(COUNTS, line.now_ms * 1000, node=1)
+        line.link.data_to_send()
+    line.say(COUNTS, every_ms=4, count=400)
+    (found,) = line.examination.conclude()
+    assert (found.kind, found.severity) == ("gap", Severity.WARNING)
+    missing = 55 if cut else 54
+    assert found.data == {"lost": missing, "frames": 801, "piece": missing, "at_s": 1.6}
+    assert "in one piece at 1.6 s" in found.text
+
+
 def test_a_hole_and_a_stall() -> None:
     line = Line()
     line.say(hello())

@@ -62,3 +62,19 @@ def test_only_a_key_that_the_robot_refused_is_deleted(
         assert path.read_text().strip() == robot.key.hex()
     assert said in done.stderr
     assert ("taken" in done.stderr) is (error is not None and kept)
+
+
+@pytest.mark.parametrize("port", ["can:slcan:/dev/ttyACM0", "socket://10.0.0.7:5000"])
+@pytest.mark.parametrize("clear", [True, False])
+def test_a_key_is_not_even_sent_over_a_bus_or_a_network(
+    port: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, clear: bool
+) -> None:
+    opened: list[object] = []
+    monkeypatch.setattr(bridge, "open", lambda *args, **_options: opened.append(args))
+    path = tmp_path / "robot.key"
+    what = ["--clear"] if clear else ["--set", str(path)]
+    done = CliRunner().invoke(command, [port, *what])
+    assert done.exit_code == 2
+    assert f"{port} is a bus or a network" in " ".join(done.stderr.split())
+    assert not opened
+    assert not path.exists()

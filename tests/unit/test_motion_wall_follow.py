@@ -10,6 +10,7 @@ import pytest
 
 from bridge.coverage.floorplan import FloorPlan, Polygon
 from bridge.motion.geometry import Pose2
+from bridge.motion.noise_monitor import RangingNoise
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.motion.smoothing import VelocitySmoother
@@ -154,6 +155,25 @@ def test_it_comes_to_the_set_distance(noise: WorldNoise, side: Side, degrees: fl
     assert min(run.gaps) > 0.02, "never near touching"
     assert max(abs(gap - 0.05) for gap in settled) < (0.004 if noise is IDEAL else 0.012)
     assert run.truth[-1].x_m > 2.7, "at cruise speed"
+
+
+def test_a_noisy_sensor_keeps_it_off_the_wall() -> None:
+    """3 mm of noise for 600 readings: five times what is above 1.5 mm; a good one adds nothing."""
+    rng = random.Random(7)
+    noisy, good = RangingNoise(), RangingNoise()
+    for _ in range(600):
+        noisy.learn(rng.gauss(0.0, 0.003))
+        good.learn(rng.gauss(0.0, 0.001))
+    assert noisy.stand_off_m == pytest.approx(5.0 * 0.0015, rel=0.2)
+    assert good.stand_off_m == 0.0
+    good.learn(1.0)
+    assert good.stand_off_m < 0.0005, "one surprise is another surface"
+    gaps = []
+    for noise in (noisy, good):
+        follower = WallFollower(MODEL, Side.LEFT, 0.0005, noise=noise)
+        steps = [follower.step(sees(0.064), STEP_S) for _ in range(50)]
+        gaps.append(steps[-1].command.yaw_rate_rad_s)
+    assert gaps[0] < 0.0 < gaps[1], "at 4 mm the one turns off, the other nearer"
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])

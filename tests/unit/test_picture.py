@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from matplotlib import image
+from matplotlib.figure import Figure
 
 from bridge.coverage.floorplan import parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.record.errors import LogReadError, LogWriteError
 from bridge.record.writer import RunWriter
 from bridge.telemetry import PoseRecord, RunInfo, TruthRecord
-from bridge.view.picture import draw_run
+from bridge.view.picture import draw_path, draw_run
 from bridge.view.run_track import load_track
 
 if TYPE_CHECKING:
@@ -195,3 +196,13 @@ def test_both_tracks_share_a_clock(tmp_path: Path) -> None:
     track = load_track(path)
     assert [t for t, _ in track.truth] == [0.0]
     assert [t for t, _ in track.estimate] == [2.0]
+
+
+def test_a_straight_path_without_a_room_has_floor_on_both_sides(tmp_path: Path) -> None:
+    axes = Figure().add_subplot()
+    draw_path(axes, load_track(write_log(tmp_path / "log.mcap", room=False, truth=False)))
+    bottom, top = axes.get_ylim()
+    assert (bottom + top) / 2 == pytest.approx(0.35, abs=0.01)
+    assert top - bottom == pytest.approx(1.0, abs=0.01)
+    left, right = axes.get_xlim()
+    assert right - left == pytest.approx(1.4, rel=0.15), "as long as the path, with its margins"

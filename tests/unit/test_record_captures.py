@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 from typing import TYPE_CHECKING
 
 import pytest
@@ -114,3 +115,38 @@ def test_what_holds_nothing_of_a_sweeper(tmp_path: Path, content: bytes) -> None
     path.write_text("(1700000000.000100) can0 7FF#00\n")
     with pytest.raises(LogReadError, match="none of its frames"):
         describe_any(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"(1700000000.000100) can0 7FF#" + b"A" * 1_000_000,
+        b"(" + b"9" * 5000 + b".0) can0 7FF#00\n",
+        bytes(100_000),
+        b"\x01\0" * 40_000,
+    ],
+    ids=["a line of 1 MB", "a moment of 5000 digits", "zeros", "every other byte a zero"],
+)
+def test_hostile_captures_take_no_more_memory_than_they_have_bytes(
+    tmp_path: Path, content: bytes
+) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"")
+    with pytest.raises(LogReadError):
+        describe_any(path)  # imports what it needs
+    path.write_bytes(content)
+    tracemalloc.start()
+    try:
+        with pytest.raises(LogReadError):
+            describe_any(path)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < 3 * path.stat().st_size + 2_000_000
+
+
+def test_a_moment_that_no_clock_can_have_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "candump.log"
+    path.write_text("(9999999999.0) can0 123#00\n" + CANDUMP_LOG)
+    with readable(path) as made:
+        assert len(list(LogReader(made).messages({"/raw/can"}))) == 6

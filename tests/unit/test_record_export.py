@@ -327,6 +327,36 @@ def test_encodings_that_are_not_known(tmp_path: Path) -> None:
     ]
 
 
+def _deep(wide: int, deep: int) -> str:
+    """A definition whose messages nest: wide ** deep values in all."""
+    levels = ["".join(f"p/L1 f{i}\n" for i in range(wide))]
+    for level in range(1, deep):
+        kind = "uint8" if level == deep - 1 else f"p/L{level + 1}"
+        fields = "".join(f"{kind} f{i}\n" for i in range(wide))
+        levels.append(f"MSG: p/L{level}\n{fields}")
+    return f"{'=' * 80}\n".join(levels)
+
+
+@pytest.mark.parametrize(
+    ("name", "definition"),
+    [("NoPackage", "float64[4000000000] x"), ("p/Deep", _deep(10, 9)), ("p/Itself", "p/Itself x")],
+    ids=["does not parse", "a billion columns", "within itself"],
+)
+def test_hostile_definitions_are_kept_as_bytes(tmp_path: Path, name: str, definition: str) -> None:
+    log = tmp_path / "log.mcap"
+    with log.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(name, "ros2msg", definition.encode())
+        channel = writer.register_channel("/a", "cdr", schema)
+        writer.add_message(channel, 5, b"\0\1\0\0abcd", 5)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+    result = export(log, tmp_path / "out")
+    table = pq.read_table(result.files["/a"])
+    assert table.num_columns == 4
+    assert table.column("data").to_pylist() == [b"\0\1\0\0abcd"]
+
+
 def test_a_damaged_log(log: Path, tmp_path: Path) -> None:
     data = bytearray(log.read_bytes())
     data[len(data) // 2] ^= 0xFF
