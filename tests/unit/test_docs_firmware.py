@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bridge import session_handshake as handshake
 from bridge.robot_state import missing_needs
 from bridge.session import Session
 from bridge.session_evidence import Evidence
@@ -52,7 +53,8 @@ def test_the_minimal_set_and_range_are_what_driving_needs() -> None:
 
 def test_what_the_host_complains_of_is_explained() -> None:
     """By the words that the session uses."""
-    files = (Session.__init__.__code__.co_filename, Evidence.verdict.__code__.co_filename)
+    files = [handshake.__file__, Session.__init__.__code__.co_filename]
+    files.append(Evidence.verdict.__code__.co_filename)
     source = "".join(Path(str(file)).read_text(encoding="utf-8") for file in files)
     for words in (
         "nothing was heard",

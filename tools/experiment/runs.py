@@ -16,8 +16,8 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeE
 from rich.text import Text
 
 from tools.console import err, say
+from tools.experiment.ending import prepare_worker, run_until_ended
 from tools.experiment.trials import room_of, work
-from tools.experiment.worker import run_trial
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -75,14 +75,14 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
             disable=not err().is_terminal,
             speed_estimate_period=_SPEED_OVER_S,
         ) as bar,
-        ProcessPoolExecutor(workers, context, initializer=_leave_ctrl_c_to_parent) as pool,
+        ProcessPoolExecutor(workers, context, initializer=prepare_worker) as pool,
     ):
         done = len(trials) - len(missing)
         task = bar.add_task("", total=sum(costs.values()), done=done, count=len(trials))
         try:
             # the longest first: none of them is left alone at the end
             ordered = sorted(missing, key=lambda trial: -costs[trial])
-            running = {pool.submit(run_trial, trial): trial for trial in ordered}
+            running = {pool.submit(run_until_ended, trial): trial for trial in ordered}
             while running:
                 ended, _ = wait(running, return_when=FIRST_COMPLETED)
                 for future in ended:
@@ -160,7 +160,3 @@ def sigterm_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _leave_ctrl_c_to_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
