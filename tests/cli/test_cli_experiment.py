@@ -68,6 +68,7 @@ def wait_for_a_line(path: Path, process: subprocess.Popen[str]) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_sigterm_keep_what_is_done(tmp_path: Path, number: signal.Signals) -> None:
     process = start(

@@ -177,6 +177,7 @@ def test_ended_in_the_middle(tmp_path: Path, number: signal.Signals) -> None:
     assert max(velocities) > 0.1
 
 
+@pytest.mark.realtime
 def test_a_second_signal_changes_nothing(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
     process = start("simulate", "empty", "--json", "--out", log, cwd=tmp_path)

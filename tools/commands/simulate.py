@@ -211,7 +211,8 @@ def _interruptible() -> Iterator[Callable[[], Ending | None]]:
         yield ending
     finally:
         for number, handler in handlers.items():
-            signal.signal(number, handler)
+            # Who asked is being served: another signal must not cut off log and summary.
+            signal.signal(number, signal.SIG_IGN if asked else handler)
 
 
 @contextlib.contextmanager
