@@ -157,6 +157,17 @@ def test_it_comes_to_the_set_distance(noise: WorldNoise, side: Side, degrees: fl
     assert run.truth[-1].x_m > 2.7, "at cruise speed"
 
 
+def test_the_line_of_a_wall_that_begins_at_a_corner_may_be_nearer_than_the_rim() -> None:
+    """At 45° off it, before the corner: the way tells the distance by hand, nothing lifts it."""
+    track = WallTrack(MODEL.infrared_left)
+    track.begin(0.11, -45.0 * DEGREE, 0.1)
+    first = track.distance_m
+    assert first is not None
+    assert first < RADIUS_M - 0.03
+    track.move(0.01, 0.0, RADIUS_M)
+    assert track.distance_m == pytest.approx(first + 0.01 * math.sin(45.0 * DEGREE))
+
+
 def test_a_noisy_sensor_keeps_it_off_the_wall() -> None:
     """3 mm of noise for 600 readings: five times what is above 1.5 mm; a good one adds nothing."""
     rng = random.Random(7)
