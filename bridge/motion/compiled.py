@@ -28,7 +28,7 @@ _Args = ParamSpec("_Args")
 _Result = TypeVar("_Result")
 
 _SCALARS = {"int": "i", "float": "d", "bool": "b"}
-_FORMAT = 1
+_FORMAT = 2
 """Of the kept files; raised when what ``kernel_build`` makes changes."""
 
 KERNELS: dict[Any, Kernel] = {}
@@ -59,12 +59,23 @@ def compiled(kernel: Callable[_Args, _Result]) -> Callable[_Args, _Result]:
     return cast("Callable[_Args, _Result]", Kernel(kernel).stub)
 
 
+def compiled_unlocked(kernel: Callable[_Args, _Result]) -> Callable[_Args, _Result]:
+    """Compile as ``compiled`` does; the code runs without the interpreter's lock.
+
+    For what takes long enough that other threads should go on meanwhile. Nobody else may
+    write to the arrays until it is done.
+    """
+    return cast("Callable[_Args, _Result]", Kernel(kernel, unlocked=True).stub)
+
+
 class Kernel:
     """One kernel: its Python text, and its machine code once it was called."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
+    def __init__(self, function: Callable[..., Any], *, unlocked: bool = False) -> None:
         """Nothing is compiled yet."""
         self.function = function
+        self.unlocked = unlocked
+        """Whether it runs without the interpreter's lock."""
         self.name = f"{function.__module__}.{function.__name__}"
         self.kinds: tuple[str, ...] | None = None
         """What it was compiled for, once it is compiled or loaded."""
@@ -135,7 +146,7 @@ class Kernel:
         constants = sorted(_constants(self.function).items())
         features = sorted(n for n, there in llvm.get_host_cpu_features().items() if there)
         # Each numba belongs to one llvmlite.
-        version = _FORMAT, llvmlite.__version__, sys.implementation.cache_tag
+        version = _FORMAT, self.unlocked, llvmlite.__version__, sys.implementation.cache_tag
         on = repr((version, llvm.get_host_cpu_name(), features, kinds, constants))
         digest = hashlib.sha256(source + on.encode()).hexdigest()[:20]
         return f"{self.name}.{digest}.kernel"

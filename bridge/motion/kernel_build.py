@@ -88,7 +88,8 @@ def build(kernel: Kernel, kinds: tuple[str, ...]) -> bytes:
     outer = numba.cfunc(kind_of.void(*types_), error_model="numpy")(entry)
     symbol = outer.native_name.removeprefix("cfunc.")
     module = llvm.parse_assembly(outer.inspect_llvm())
-    module.link_in(llvm.parse_assembly(wrapper_text(symbol, kernel.name, kinds, results)))
+    text = wrapper_text(symbol, kernel.name, kinds, results, unlocked=kernel.unlocked)
+    module.link_in(llvm.parse_assembly(text))
     _strip(module, kernel.name)
     foreign = [f.name for f in module.functions if f.name.startswith(_FOREIGN)]
     if foreign:
@@ -109,7 +110,7 @@ def dispatcher(kernel: Kernel) -> Numba:
         function = kernel.function
         scope = dict(function.__globals__)
         copy = types.FunctionType(function.__code__, scope, function.__name__)
-        _dispatchers[kernel] = numba.njit(error_model="numpy")(copy)
+        _dispatchers[kernel] = numba.njit(error_model="numpy", nogil=kernel.unlocked)(copy)
         for name in function.__code__.co_names:
             callee = KERNELS.get(scope[name]) if callable(scope.get(name)) else None
             if callee is not None:

@@ -35,6 +35,8 @@ declare ptr @PyTuple_New(i64)
 declare i32 @PyTuple_SetItem(ptr, i64, ptr)
 declare ptr @PyObject_Vectorcall(ptr, ptr, i64, ptr)
 declare void @Py_IncRef(ptr)
+declare ptr @PyEval_SaveThread()
+declare void @PyEval_RestoreThread(ptr)
 @_Py_NoneStruct = external global i8
 """
 
@@ -57,9 +59,12 @@ def layout_is_known() -> bool:
     )
 
 
-def wrapper_text(symbol: str, name: str, kinds: tuple[str, ...], results: list[str]) -> str:
+def wrapper_text(
+    symbol: str, name: str, kinds: tuple[str, ...], results: list[str], *, unlocked: bool = False
+) -> str:
     """Write the LLVM text of the function ``name``, which calls the code at ``symbol``.
 
+    Where ``unlocked``, without the interpreter's lock: the caller's references keep the arrays.
     ``kinds`` and ``results`` are as in ``compiled``. The text has a global ``name.types`` that
     ``make_function`` fills in: the addresses of numpy's array type and of each array's dtype.
     """
@@ -121,7 +126,9 @@ def wrapper_text(symbol: str, name: str, kinds: tuple[str, ...], results: list[s
             "  ret ptr null",
             "go:",
         ]
-    body.append(f'  call i32 @"{symbol}"({", ".join(passed)})')
+    call = f'  call i32 @"{symbol}"({", ".join(passed)})'
+    save, restore = "  %thread = call ptr @PyEval_SaveThread()", "PyEval_RestoreThread(ptr %thread)"
+    body += [save, call, f"  call void @{restore}"] if unlocked else [call]
     body += _result_text(results)
     body += [
         "wrong:",

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from bridge.record.scan import Bytes, Found
 
-BLOCK_BYTES = 16 << 20
+BLOCK_BYTES = 24 << 20
 _FRONT = 9
 """Opcode and length."""
 MESSAGE_HEAD = 31

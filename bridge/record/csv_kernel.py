@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.motion.compiled import compiled
+from bridge.motion.compiled import compiled, compiled_unlocked
 from bridge.record.shortest_kernel import FIRST_POWER, POWERS
 from bridge.record.shortest_kernel import _count_digits as count_digits
 from bridge.record.shortest_kernel import _shortest as shortest
@@ -206,6 +206,19 @@ def _copy(out: Bytes, at: int, source: Bytes, start: int, end: int) -> int:
 
 
 @compiled
+def _repeat(out: Bytes, begin: int, end: int, times: int) -> int:
+    """Have a stretch so many times in all, one after the other; where the last one ends."""
+    start, done = np.uint64(begin), np.uint64(end - begin)
+    whole = done * np.uint64(times)
+    while done < whole:  # what is there by now is copied: each time twice as much
+        size = min(done, whole - done)
+        for i in range(size):
+            out[start + done + i] = out[start + i]
+        done += size
+    return begin + int(whole)
+
+
+@compiled
 def _put_text(out: Bytes, at: int, text: Bytes, start: int, end: int) -> int:
     """Write a text, quoted where it must be; the empty one is, as nothing at all is a null."""
     size, begin = np.uint64(end - start), np.uint64(start)
@@ -238,7 +251,7 @@ def _put_hex(out: Bytes, at: int, text: Bytes, start: int, end: int) -> int:
     return at + 2 * (end - start)
 
 
-@compiled
+@compiled_unlocked
 def put_rows(  # noqa: PLR0913, PLR0917 - columns, texts, tables, and a place
     kinds: Ints,
     bits: Ints,
@@ -299,7 +312,7 @@ def put_rows(  # noqa: PLR0913, PLR0917 - columns, texts, tables, and a place
     return at
 
 
-@compiled
+@compiled_unlocked
 def put_lists(
     kind: int,
     bits: Ints,
@@ -327,15 +340,9 @@ def put_lists(
             at += 1
         out[at] = 91  # [
         at += 1
-        size, before = _NONE, np.int64(0)
-        for i in range(np.uint64(offsets[row]), np.uint64(offsets[row + 1])):
-            value = bits[i]
-            to = np.uint64(at)
-            if value == before and size:  # most of a map
-                for k in range(size):
-                    out[to + k] = out[to + k - size]
-                at += int(size)
-                continue
+        first, end = np.uint64(offsets[row]), np.uint64(offsets[row + 1])
+        while first < end:
+            begin, value = at, bits[first]
             # JSON has neither NaN nor infinity.
             if is_float and value & infinite == infinite:
                 at = _put_word(out, at, NULL)
@@ -343,7 +350,11 @@ def put_lists(
                 at = _put_number(out, at, value, kind)
             out[at] = _COMMA
             at += 1
-            size, before = np.uint64(at) - to, value
+            last = first + _ONE
+            while last < end and bits[last] == value:  # most of a map
+                last += _ONE
+            at = _repeat(out, begin, at, int(last - first))
+            first = last
         if offsets[row + 1] > offsets[row]:
             at -= 1
         out[at] = 93  # ]

@@ -167,9 +167,13 @@ class _Exporter:
             elif channel_id not in self._unknown:
                 self._unknown.add(channel_id)
                 self._result.problems.append(f"channel {channel_id} is declared nowhere")
-        for topic, channel_ids in by_topic.items():
-            if not self._wanted(topic):
-                continue
+        sizes = {
+            topic: sum(int(block.lengths[channel_id].sum()) for channel_id in channel_ids)
+            for topic, channel_ids in by_topic.items()
+            if self._wanted(topic)
+        }
+        for topic in sorted(sizes, key=lambda topic: -sizes[topic]):  # so that they end together
+            channel_ids = by_topic[topic]
             writer = self._writers.get(topic) or self._open(topic, channel_ids[0], force=force)
             parts = [(channel_id, self._form(channel_id)) for channel_id in channel_ids]
             self._started.append((topic, self._pool.submit(writer.write, block, parts)))

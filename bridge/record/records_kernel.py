@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.motion.compiled import compiled
+from bridge.motion.compiled import compiled, compiled_unlocked
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,7 +26,7 @@ _INDEX_HEAD = 15
 """And the size of a message index."""
 
 
-@compiled
+@compiled_unlocked
 def find_records(content: Bytes, starts: Ints, lengths: Ints, channels: Ints) -> int:
     """Walk a chunk's content; how many records there are, negative where the last is cut.
 
@@ -59,7 +59,7 @@ def find_records(content: Bytes, starts: Ints, lengths: Ints, channels: Ints) ->
     return count
 
 
-@compiled
+@compiled_unlocked
 def split_messages(  # noqa: PLR0913, PLR0917 - what is read, by which shape, into what
     data: Bytes,
     starts: Ints,

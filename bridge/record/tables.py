@@ -70,9 +70,14 @@ class TableWriter:
         if path.suffix == ".csv":
             self._csv = CsvTable(path, dict(fields))
         else:
-            # Dictionaries would take twice the time and, of measured values, more room.
+            # Dictionaries would take twice the time and, of measured values, more room; the
+            # least and most of a list's values help nobody to find a row.
             self._parquet = pa_parquet.ParquetWriter(
-                str(path), self._schema, compression="zstd", use_dictionary=False
+                str(path),
+                self._schema,
+                compression="zstd",
+                use_dictionary=False,
+                write_statistics=[n for n, kind in fields if not pa.types.is_list(kind)],
             )
 
     def write(self, block: Block, channels: Iterable[tuple[int, Form]]) -> int:

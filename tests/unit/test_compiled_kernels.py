@@ -7,13 +7,21 @@ import importlib
 import importlib.util
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from bridge.motion.compiled import KERNELS, KernelArgumentError, compiled, keep
+from bridge.motion.compiled import (
+    KERNELS,
+    KernelArgumentError,
+    compiled,
+    compiled_unlocked,
+    keep,
+)
 from bridge.motion.kernel_call import layout_is_known
 
 if TYPE_CHECKING:
@@ -57,6 +65,14 @@ def filled(marks: Any, value: int) -> None:  # noqa: ANN401
         marks[k] = value
 
 
+@compiled_unlocked
+def spun(times: int, value: int) -> int:
+    for _ in range(times):
+        value ^= value << 13
+        value ^= value >> 7
+    return value
+
+
 @compiled
 def allocating(count: int) -> float:
     return float(np.zeros(count)[0])
@@ -71,6 +87,26 @@ def test_numbers_and_arrays_go_in_and_a_tuple_comes_out() -> None:
     assert looked_at(grid(), marks, 4, 2.0, True) == (24, 1.5, False)  # noqa: FBT003
     assert marks.tolist() == [7, 7, 0]
     assert [type(v) for v in looked_at(grid(), marks, 4, 2.0, False)] == [int, float, bool]  # noqa: FBT003
+
+
+def test_other_threads_go_on_while_an_unlocked_kernel_runs() -> None:
+    spun(1, 1)
+    span: list[float] = []
+    met: list[float] = []
+
+    def work() -> None:
+        span.append(time.perf_counter())
+        spun(200_000_000, 1)
+        span.append(time.perf_counter())
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    while thread.is_alive():
+        met.append(time.perf_counter())
+        time.sleep(0.001)
+    begin, end = span
+    tenth = 0.1 * (end - begin)
+    assert any(begin + tenth < at < end - tenth for at in met)
 
 
 def test_nothing_comes_out_of_nothing() -> None:
