@@ -131,6 +131,8 @@ class Host(HostSenses):
         """Start to look for the device."""
         self._control_ns = now_ns
         self.session.open(now_ns)
+        # On record at this moment, not at that of the first bytes: the session's times begin here.
+        self._digest(self.session.receive(b"", now_ns), now_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
         """Take bytes from the port."""
@@ -319,7 +321,13 @@ class Host(HostSenses):
         now_s = now_ns / 1e9
         estimator, mission = self.estimator, self.mission
         pose = estimator.pose
-        obs = self.state.observation(now_s, pose, estimator.v_m_s, estimator.yaw_rate_rad_s)
+        obs = self.state.observation(
+            now_s,
+            pose,
+            estimator.v_m_s,
+            estimator.yaw_rate_rad_s,
+            estimator.gyro_bias_sigma_rad_s,
+        )
         stale = self.state.stale(now_s)
         if stale is None and not estimator.known:
             stale = "odometry"

@@ -43,7 +43,11 @@ class HostSenses:
         self.state.imu = message
         self.state.arrived_s[Imu] = now_ns / 1e9
         self.estimator.on_imu(
-            device_us * 1e-6, message.gyro_z_rad_s, message.accel_x_m_s2, message.accel_y_m_s2
+            device_us * 1e-6,
+            message.gyro_z_rad_s,
+            message.accel_x_m_s2,
+            message.accel_y_m_s2,
+            message.temperature_deg_c,
         )
 
     def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:

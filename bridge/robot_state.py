@@ -104,7 +104,12 @@ class RobotState:
         return None
 
     def observation(
-        self, now_s: float, pose: Pose2, v_m_s: float, yaw_rate_rad_s: float
+        self,
+        now_s: float,
+        pose: Pose2,
+        v_m_s: float,
+        yaw_rate_rad_s: float,
+        gyro_doubt_rad_s: float = 0.0,
     ) -> Observation | None:
         """What planner and controllers are told; None before the first range reading."""
         reading = self.range
@@ -121,7 +126,7 @@ class RobotState:
                 contacts & _RIGHT != 0,
                 contacts & _CLIFF != 0,
             )
-        return Observation(now_s, pose, v_m_s, yaw_rate_rad_s, *self._sight)
+        return Observation(now_s, pose, v_m_s, yaw_rate_rad_s, *self._sight, gyro_doubt_rad_s)
 
     def forget(self) -> None:
         """Drop everything: another boot or session."""

@@ -30,6 +30,8 @@ SETTLE_US = 2_500_000
 STEP_TICKS = 2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
 """MPU6050 at ±250 °/s: 131 LSB for a degree a second."""
+_TEMPERATURE_C = 1.0 / 340.0
+"""Of its temperature register (map, section 4.18); the offset does not matter here."""
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 _NAMES = {
     OnboardPlanner.PAPER: "paper",
@@ -110,7 +112,10 @@ class Onboard:
         ``around`` is given in the periods in which the rangers were sounded.
         """
         t_s = now_us * 1e-6
-        self.estimator.on_imu(t_s, sampler.imu.gyro_z * _GYRO_RAD_S)
+        imu = sampler.imu
+        self.estimator.on_imu(
+            t_s, imu.gyro_z * _GYRO_RAD_S, temperature_c=imu.temperature * _TEMPERATURE_C
+        )
         decides = tick % STEP_TICKS == 0
         if decides:
             self.estimator.on_encoders(t_s, *sampler.counts)
@@ -140,6 +145,7 @@ class Onboard:
                 bumper_left,
                 bumper_right,
                 cliff,
+                estimator.gyro_bias_sigma_rad_s,
             )
         )
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import Finish, Planner, PlannerEvent, PlannerState, Watcher
+from bridge.coverage.resting import GyroRest
 from bridge.motion.executor import LegExecutor
 from bridge.motion.legs import Drive, Turn
 from bridge.motion.observation import HALT, Observation, VelocityCommand
@@ -34,6 +36,8 @@ class PlanRunner:
         self._planner = planner
         self._watcher = planner if isinstance(planner, Watcher) else None
         self._executor = LegExecutor(model, tuning)
+        self._rest = GyroRest()
+        self._rests: list[PlannerEvent] = []
         self._started = False
         self._paused = False
         self._finish: Finish | None = None
@@ -87,8 +91,9 @@ class PlanRunner:
         return self._paused
 
     def drain_events(self) -> list[PlannerEvent]:
-        """The planner's decisions since the last call, oldest first."""
-        return self._planner.drain_events()
+        """The planner's decisions and the rests since the last call, oldest first."""
+        rests, self._rests = self._rests, []
+        return [*self._planner.drain_events(), *rests]
 
     def pause(self) -> None:
         """Hold: ``step`` brakes to rest and stays there until ``resume``; the leg is kept."""
@@ -107,10 +112,12 @@ class PlanRunner:
             if self._watcher.watch(obs):
                 executor.cancel(obs)
             executor.most_m_s = self._watcher.most_m_s
-        if self._started:
+        if self._started and not self._rest.held:
             command = executor.step(obs)
             if executor.result is None:
                 return command
+        if self._watcher is not None and self._holds(obs):
+            return executor.brake(obs)
         for _ in range(_MAX_DECISIONS):
             self._decide(obs)
             if self.finished:
@@ -120,6 +127,15 @@ class PlanRunner:
                 return command
         self._finish = Finish("planner made no progress")
         return HALT
+
+    def _holds(self, obs: Observation) -> bool:
+        """Whether to rest now."""
+        was_held = self._rest.held
+        if self._rest.holds(obs) and not was_held:
+            doubt = round(math.degrees(obs.gyro_doubt_rad_s), 4)
+            reason = "the gyro's bias is in doubt: standing still measures it"
+            self._rests.append(PlannerEvent("rest", reason, {"doubt_deg_s": doubt}))
+        return self._rest.held
 
     def _decide(self, obs: Observation) -> None:
         result = self._executor.result

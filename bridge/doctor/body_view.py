@@ -84,7 +84,9 @@ class BodyView:
         self._newest[message.__class__] = message
         if isinstance(message, Imu):
             self._estimator.on_imu(
-                now_s, message.gyro_z_rad_s, message.accel_x_m_s2, message.accel_y_m_s2
+                now_s,
+                message.gyro_z_rad_s,
+                *(message.accel_x_m_s2, message.accel_y_m_s2, message.temperature_deg_c),
             )
             self._sign(self._rest.on_imu(now_s, message), now_us)
             self._sign(self._frozen.on_imu(message), now_us)

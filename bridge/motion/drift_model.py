@@ -21,7 +21,10 @@ class DriftModel:
     bias_prior_rad_s: float = math.radians(20.0)
     """Zero-rate output at power-up: what is believed before the first rest."""
     bias_walk_rad_s_sqrt_s: float = 1e-5
-    """Walk of the bias: 0.006 °/s in 100 s (our choice, temperature mostly)."""
+    """Walk of the bias: 0.006 °/s in 100 s (our choice)."""
+    bias_slope_rad_s_c: float = math.radians(0.01)
+    """Of the bias with the chip's temperature, what a compensation leaves (our choice): ±20 °/s
+    over -40..85 °C would be 0.16 °/s per °C if it were straight."""
     motion_bias_rad_s: float = math.radians(0.015)
     """Shift of the bias by the vibration of motion, which no rest can show (our choice)."""
     motion_bias_walk_rad_s_sqrt_s: float = 2e-6

@@ -7,6 +7,7 @@ An extended Kalman filter over
     m         shift of that bias in motion (vibration), which only walls seen again can show
     k         gyro scale error
     s         wheel scale error: a count is worth (1 + s) times its nominal way
+    c         slope of b with the chip's temperature: b' = c·T'
 
 and behind them the walls that ``wall_map`` remembers. The gyro turns the heading,
 θ' = (g - b - m)(1 - k); the encoders move the position along the arc (eq. 5); standing still
@@ -52,6 +53,9 @@ _BRIDGE_M_S, _BRIDGE_M_S2 = 0.012, 0.02
 _SLIP_SHARE = 0.5
 """Of the way put right when one wheel slips, taken as its sigma."""
 _ONSET_S, _KEPT = 1.0, 64
+_WARMING_LOWPASS, _WARMING_JUMP_C = 0.02, 2.0
+"""Share of the newest sample in the chip's temperature, whose register is noisy, and what no chip
+warms up by between samples."""
 _SPEED_LOWPASS = 0.5
 """Share of the newest interval in the speed: one count in 20 ms is already 6.5 mm/s."""
 
@@ -76,6 +80,7 @@ class PoseEstimator(PoseFilter):
         self._counts: tuple[int, int] | None = None
         self._encoder_s = 0.0
         self._imu_s: float | None = None
+        self._chip_c: float | None = None
         self._rest_samples = 0
         self._rest_sum, self._rest_count = 0.0, 0
         self._rest_mean: float | None = None
@@ -152,17 +157,21 @@ class PoseEstimator(PoseFilter):
         gyro_z_rad_s: float,
         accel_x_m_s2: float | None = None,
         accel_y_m_s2: float | None = None,
+        temperature_c: float | None = None,
     ) -> None:
         """Take one sample: yaw rate in rad/s, uncorrected, counter-clockwise positive.
 
         The sample is taken as the mean over the time since the last one, as the chip's low-pass
         makes it. With the acceleration (ahead, to the left, at the axle's centre; gravity's
         share on a slanting floor and the bias are learnt at rest) bumps are found and bridged.
+        With the chip's temperature the bias follows as the chip warms up.
         """
         previous_s = self._imu_s
         if previous_s is not None and t_s <= previous_s:
             return
         self._imu_s = t_s
+        if temperature_c is not None:
+            self._warm_to(temperature_c)
         offset = self._bias + self._motion_bias
         rate = (gyro_z_rad_s - offset) * (1.0 - self._gyro_scale)
         trusted = self._rest_samples >= _FIRST_BIAS_SAMPLES
@@ -224,6 +233,14 @@ class PoseEstimator(PoseFilter):
         )
 
     # -- inside ----------------------------------------------------------------------------
+
+    def _warm_to(self, temperature_c: float) -> None:
+        before_c = self._chip_c
+        if before_c is None or abs(temperature_c - before_c) > _WARMING_JUMP_C:
+            self._chip_c = temperature_c  # a device that began anew
+            return
+        self._chip_c = before_c + _WARMING_LOWPASS * (temperature_c - before_c)
+        self.warm(self._chip_c - before_c)
 
     def _roll(self, t_s: float, dt: float, left: float, right: float) -> None:
         """Move by what both wheels went, metres, in the time since the last sample."""

@@ -26,6 +26,8 @@ class Observation(NamedTuple):
     bumper_left: bool
     bumper_right: bool
     cliff: bool
+    gyro_doubt_rad_s: float = 0.0
+    """Standard deviation of the gyro's bias: a rest takes it away."""
 
 
 class VelocityCommand(NamedTuple):

@@ -2,7 +2,8 @@
 
 States: x, y, θ; b, the gyro's bias at rest; m, its shift in motion (vibration), which only
 walls seen again can show; k, the gyro's scale error; s, the wheels' scale error (a count is
-worth 1 + s times its nominal way); and behind them the walls that ``wall_map`` remembers.
+worth 1 + s times its nominal way); c, how much b changes with the chip's temperature; and behind
+them the walls that ``wall_map`` remembers.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ Covariance = tuple[
     tuple[float, float, float],
 ]
 
-X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE = range(7)
-STATES = 7
+X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE, BIAS_SLOPE = range(8)
+STATES = 8
 SETTLE_S = 0.1
 """The covariance is at most this old."""
 _SLIP_MARGIN = 1.5
@@ -54,6 +55,8 @@ class Due:
     turned: float = 0.0
     turning_s: float = 0.0
     rotation: float = 0.0
+    warmed_c: float = 0.0
+    """By how much the gyro became warmer."""
     time_s: float = 0.0
 
 
@@ -72,6 +75,7 @@ class PoseFilter:
                 noise.motion_bias_rad_s**2,
                 noise.gyro_scale**2,
                 noise.wheel_scale**2,
+                noise.bias_slope_rad_s_c**2,
             )
         )
         self.walls: list[float] = []
@@ -83,6 +87,7 @@ class PoseFilter:
         self._x, self._y, self._theta = start
         self._heading_mark = self._theta
         self._bias = self._motion_bias = self._gyro_scale = self._wheel_scale = 0.0
+        self._bias_slope = 0.0
         self._odometry = Pose2(0.0, 0.0, 0.0)
         self._due = Due()
         self._shaken = self._worst_shaken = 1.0
@@ -183,7 +188,7 @@ class PoseFilter:
 
     def apply(self, step: Floats) -> None:
         """Add a correction to the means of every state."""
-        x, y, theta, bias, motion_bias, gyro_scale, wheel_scale = step[:STATES].tolist()
+        x, y, theta, bias, motion_bias, gyro_scale, wheel_scale, slope = step[:STATES].tolist()
         self._x += x
         self._y += y
         self._theta += theta
@@ -192,6 +197,7 @@ class PoseFilter:
         self._motion_bias += motion_bias
         self._gyro_scale += gyro_scale
         self._wheel_scale += wheel_scale
+        self._bias_slope += slope
         for i, change in enumerate(step[STATES:].tolist()):
             self.walls[i] += change
 
@@ -267,6 +273,7 @@ class PoseFilter:
         f[X, WHEEL_SCALE], f[Y, WHEEL_SCALE] = due.dx, due.dy
         f[THETA, BIAS] = f[THETA, MOTION_BIAS] = -due.turning_s
         f[THETA, GYRO_SCALE] = -due.rotation
+        f[BIAS, BIAS_SLOPE] = due.warmed_c
         across_m = drift.across_m_sqrt_m
         along_m = max(_SLIP_MARGIN * self.slip_monitor.along_m_sqrt_m, across_m)
         along = self.way_noise.value * along_m * along_m
@@ -282,6 +289,11 @@ class PoseFilter:
         q[MOTION_BIAS, MOTION_BIAS] = drift.motion_bias_walk_rad_s_sqrt_s**2 * due.turning_s
         self.belief.propagate(f, q)
 
+    def warm(self, change_c: float) -> None:
+        """Tell that the gyro became warmer, by so many °C: its bias moves with that."""
+        self._bias += self._bias_slope * change_c
+        self._due.warmed_c += change_c
+
     def shift(self, ahead_m: float, aside_m: float) -> None:
         """Move the position in the body's frame."""
         for way, side in ((ahead_m, 0.0), (aside_m, 0.5 * math.pi)):
@@ -295,7 +307,7 @@ class PoseFilter:
     def shake(self, vibration_m_s2: float) -> None:
         """Tell how much the robot vibrates: the gyro is the worse for it, its bias as well."""
         share = gyro_share(vibration_m_s2)
-        most = max(self._worst_shaken, share)
+        most = max(self._worst_shaken, math.sqrt(share))
         if most > self._worst_shaken:
             grown = most * most - self._worst_shaken * self._worst_shaken
             p = self.belief.p

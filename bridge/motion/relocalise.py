@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import Pose2
@@ -38,6 +39,7 @@ ECHO_AGE_SIGMA_S = 0.02
 has come to rest before it."""
 GRAZE_M = 0.005
 """A wall abeam that is nearer to the rim than this may be rubbed against, ..."""
+_READINGS = 5
 GRAZE_SHARE = 0.15
 """... which pushes the robot aside by up to this share of its way from reading to reading, ..."""
 GRAZE_RAD = math.radians(1.5)
@@ -55,6 +57,7 @@ class Relocaliser:
             model.radius_m - abs(m.y_m) + GRAZE_M
             for m in (model.infrared_left, model.infrared_right)
         )
+        self._near = (_Nearness(), _Nearness())
         self._grazed_m = math.inf
         self._sides = (SideSight(model.infrared_left), SideSight(model.infrared_right))
         self._front = FrontSights(model.ultrasonic)
@@ -81,8 +84,8 @@ class Relocaliser:
         """
         estimator = self._estimator
         grazing = any(
-            r is not None and r < most
-            for r, most in zip((left_m, right_m), self._graze_m, strict=True)
+            near.take(r) < most
+            for near, r, most in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
         )
         self._doubt_touch(touching=touching, grazing=grazing)
         seen_from = self._place(t_s)
@@ -143,6 +146,20 @@ class Relocaliser:
         self._grazed_m += way
         self._last = here
         self._touching = touching
+
+
+class _Nearness:
+    """The middle one of a side's last readings: noise alone is no touch."""
+
+    __slots__ = ("_last",)
+
+    def __init__(self) -> None:
+        self._last: deque[float] = deque(maxlen=_READINGS)
+
+    def take(self, range_m: float | None) -> float:
+        """Take a reading; infinite while nothing is near."""
+        self._last.append(math.inf if range_m is None else range_m)
+        return sorted(self._last)[len(self._last) // 2]
 
 
 def _ahead_m(then: Pose2, now: Pose2) -> float:

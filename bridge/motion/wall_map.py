@@ -37,13 +37,14 @@ OTHER_CHI2, OTHER_CHI1 = 30.0, 25.0
 """A surface that surprises by more than this is another; between the two: passed over."""
 SAME_SHARE, SAME_M, SAME_RAD = 0.7, 0.03, math.radians(2.5)
 """A stretch that for this share lies before a known wall, this near to it, is that wall."""
-GATE_M = 0.06
-"""Never is a wall seen again that stands further off than this."""
+GATE_M, GATE_SIGMAS = 0.06, 2.5
+"""Never is a wall seen again that stands further off than this, unless the doubt is as large."""
 GATE_RAD = math.radians(5.0)
 NEW_SPAN_M = 0.15
 NEW_SIGMA_RAD = math.radians(1.2)
-APART_M = 0.5
-"""A stretch this far from what was seen of a wall may be another wall in line with it."""
+APART_M, APART_SHORT_M = 0.5, 0.1
+"""A stretch this far from what was seen of a wall may be another wall in line with it; a short
+one, below ``NEW_SPAN_M``, may even be a piece of a column."""
 FRONT_MARGIN_M = 0.2
 FRONT_CONE_RAD = math.radians(7.0)
 FRONT_NEW_RAD = math.radians(4.3)
@@ -56,7 +57,11 @@ SQUARE_RAD = math.radians(0.15)
 """What is left of squareness in a well-built room."""
 SQUARE_SIGMAS = 2.5
 SQUARE_GATE_RAD = math.radians(1.6)
-MAX_WALLS = 24
+LONG_M = 0.5
+"""Of walls of which so much was seen less is asked before they are taken to be square: ..."""
+LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
+"""... a box that stands askew by as little as this seldom is as long."""
+MAX_WALLS = 40
 _QUARTER = 0.5 * math.pi
 
 
@@ -71,7 +76,8 @@ class Wall:
     high_m: float
     seen_m: float = 0.0
     sights: int = 0
-    squared: bool = False
+    frame: int = -1
+    """Walls of one number have been found to be square to each other; -1 is none."""
     """Whether its direction has been tied to another wall's; once, or it counts twice."""
 
 
@@ -82,6 +88,7 @@ class WallMap:
         """``estimator``: whose belief the walls join."""
         self._estimator = estimator
         self.walls: list[Wall] = []
+        self._frames = -1
 
     # -- what is known ---------------------------------------------------------------------
 
@@ -126,7 +133,8 @@ class WallMap:
             self._add_line(sight, pose, noise)
             return False
         estimator = self._estimator
-        wide = abs(best_surprise[0]) > GATE_RAD or abs(best_surprise[1]) > GATE_M
+        gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best_s[1, 1]))
+        wide = abs(best_surprise[0]) > GATE_RAD or abs(best_surprise[1]) > gate_m
         if second_chi2 < SAME_CHI2 or wide:
             return False
         if same or best_chi2 < SAME_CHI2:
@@ -149,7 +157,7 @@ class WallMap:
         pose = estimator.pose
         noise = np.array([[sight.variance]])
         sensor = pose.transform(mount.x_m, mount.y_m)
-        best, best_chi, second_chi = -1, math.inf, math.inf
+        best, best_chi, second_chi, gate_m = -1, math.inf, math.inf, GATE_M
         best_rows, best_surprise = None, None
         for i, wall in enumerate(self.walls):
             alpha = self.normal_rad(i)
@@ -163,16 +171,18 @@ class WallMap:
             surprise = np.array([sight.range_m - predicted_m])
             _, s = estimator.belief.project(self._index(i), rows)
             variance = sight.variance + by_turning
-            chi = float(surprise[0] ** 2 / (s[0, 0] + variance))
+            total = float(s[0, 0]) + variance
+            chi = float(surprise[0] ** 2) / total
             if chi < best_chi:
                 best, best_chi, second_chi = i, chi, best_chi
+                gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(total))
                 best_rows, best_surprise, noise = rows, surprise, np.array([[variance]])
             else:
                 second_chi = min(second_chi, chi)
         if best_rows is None or best_surprise is None or best_chi > OTHER_CHI1:
             self._add_front(sight, pose, mount)
             return False
-        if best_chi > SAME_CHI1 or second_chi < SAME_CHI1 or abs(best_surprise[0]) > GATE_M:
+        if best_chi > SAME_CHI1 or second_chi < SAME_CHI1 or abs(best_surprise[0]) > gate_m:
             return False
         wall = self.walls[best]
         held = () if wall.seen_m >= NEW_SPAN_M else (WHEEL_SCALE,)
@@ -229,7 +239,8 @@ class WallMap:
 
     def _beside(self, wall: Wall, i: int, sight: LineSight, pose: Pose2) -> bool:
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
-        return at + sight.low_m < wall.high_m + APART_M and at + sight.high_m > wall.low_m - APART_M
+        apart = APART_M if sight.span_m >= NEW_SPAN_M else APART_SHORT_M
+        return at + sight.low_m < wall.high_m + apart and at + sight.high_m > wall.low_m - apart
 
     def _hides(self, i: int, sight: LineSight, pose: Pose2, surprise: Floats) -> bool:
         """Whether this can only be the wall itself: no other is seen where that one stood."""
@@ -295,30 +306,41 @@ class WallMap:
     def _square(self, i: int) -> None:
         """Tie a wall's direction to that of the longest wall which it is square to."""
         wall = self.walls[i]
-        if wall.squared:
-            return
         p = self._estimator.belief.p
         mine = STATES + 2 * i
         partner, error, longest = -1, 0.0, -1.0
         for j, other in enumerate(self.walls):
             if j == i or other.seen_m <= longest or other.seen_m < NEW_SPAN_M:
                 continue
+            if wall.frame == other.frame >= 0:
+                continue
             theirs = STATES + 2 * j
             variance = float(p[mine, mine] + p[theirs, theirs] - 2.0 * p[mine, theirs])
-            if variance > SQUARE_SURE_RAD**2:
+            is_long = min(wall.seen_m, other.seen_m) >= LONG_M
+            if variance > (LONG_SURE_RAD if is_long else SQUARE_SURE_RAD) ** 2:
                 continue
             off = self.normal_rad(i) - self.normal_rad(j)
             off = (off + 0.5 * _QUARTER) % _QUARTER - 0.5 * _QUARTER
             sigma = math.sqrt(max(variance, 0.0) + SQUARE_RAD**2)
-            if abs(off) < min(SQUARE_SIGMAS * sigma, SQUARE_GATE_RAD):
+            gate = LONG_GATE_RAD if is_long else SQUARE_GATE_RAD
+            if abs(off) < min(SQUARE_SIGMAS * sigma, gate):
                 partner, error, longest = j, off, other.seen_m
         if partner < 0:
             return
-        wall.squared = True
-        self.walls[partner].squared = True
+        self._join(wall, self.walls[partner])
         rows = np.array([[1.0, -1.0]])
         index = (mine, STATES + 2 * partner)
         self._estimator.correct(index, rows, np.array([-error]), np.array([[SQUARE_RAD**2]]))
+
+    def _join(self, wall: Wall, other: Wall) -> None:
+        """Have two walls, and those square to either, in one frame."""
+        if other.frame < 0:
+            other.frame = self._frames = self._frames + 1
+        before = wall.frame
+        wall.frame = other.frame
+        for each in self.walls:
+            if each.frame == before >= 0:
+                each.frame = other.frame
 
 
 def _along(wall: Wall, alpha: float, point: tuple[float, float]) -> float:

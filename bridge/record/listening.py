@@ -64,6 +64,7 @@ class Listener:
                 self._estimator.on_imu(
                     device_us * 1e-6,
                     *(message.gyro_z_rad_s, message.accel_x_m_s2, message.accel_y_m_s2),
+                    message.temperature_deg_c,
                 )
             case Encoders():
                 self._estimator.on_encoders(device_us * 1e-6, message.left, message.right)

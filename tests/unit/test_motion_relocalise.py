@@ -186,6 +186,19 @@ def test_a_touch_is_doubted_once() -> None:
     assert traces[4] == pytest.approx(2 * traces[1])
 
 
+def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
+    """Rubbing along a wall may push the robot aside; a reading that strays does not."""
+    touch = MODEL.radius_m - abs(MODEL.infrared_left.y_m)
+    for near, doubted in ((1, False), (2, False), (3, True)):
+        driven = Driven()
+        walls = Relocaliser(MODEL, driven.estimator)
+        for i in range(10):
+            driven.drive(0.2, 0.0, 5)
+            before = driven.estimator.covariance[1][1]
+            walls.update(None, touch + (0.02 if i < 10 - near else 0.002), None, touching=False)
+        assert (driven.estimator.covariance[1][1] > before + 1e-7) is doubted
+
+
 def test_nothing_is_corrected_before_a_wall_gave_the_grid() -> None:
     estimator = PoseEstimator(MODEL, START)
     walls = Relocaliser(MODEL, estimator)

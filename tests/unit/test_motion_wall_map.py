@@ -204,11 +204,72 @@ def test_an_askew_box_bends_nothing(degrees: float) -> None:
     room.walls.see_line(line(degrees * DEGREE, 0.8))
     assert room.filter.pose == ORIGIN
     assert len(room.walls.walls) == 2
-    assert not any(wall.squared for wall in room.walls.walls)
+    assert all(wall.frame < 0 for wall in room.walls.walls)
     # and is a reference of its own
     room.believe(0.0, 0.0, 0.3 * DEGREE)
     assert room.walls.see_line(line(degrees * DEGREE, 0.8))
     assert abs(room.filter.pose.theta_rad) < 0.1 * DEGREE
+
+
+def test_long_walls_are_square_though_their_angle_is_less_sure() -> None:
+    """Drift between two walls of 1.7° is below their doubt; a box's side would not be so long."""
+    for span_m, squared in ((0.3, False), (0.6, True)):
+        room = Room()
+        room.walls.see_line(line(math.pi / 2, 0.5, span_m))
+        room.doubt(0.0, 1.5 * DEGREE)
+        room.believe(0.0, 0.0, 1.7 * DEGREE)
+        room.walls.see_line(line(0.0, 0.8, span_m))
+        off = abs(room.filter.pose.theta_rad)
+        assert (off < 0.15 * DEGREE) is squared
+        assert off < 0.15 * DEGREE or off == pytest.approx(1.7 * DEGREE)
+
+
+def test_two_frames_of_square_walls_become_one() -> None:
+    """A pair that stands askew to the first until both have been seen for long enough."""
+    room = Room()
+    first = (line(math.pi / 2, 0.5), line(0.0, 0.8))
+    for sight in first:
+        room.walls.see_line(sight)
+    room.doubt(0.0, 1.5 * DEGREE)
+    room.believe(0.0, 0.0, 1.7 * DEGREE)
+    for sight in (line(-math.pi / 2, 1.5), line(math.pi, 1.8)):
+        room.walls.see_line(sight)
+    walls = room.walls.walls
+    assert walls[0].frame == walls[1].frame != walls[2].frame == walls[3].frame
+    assert room.filter.pose.theta_rad == pytest.approx(1.7 * DEGREE)
+    room.walls.see_line(line(-math.pi / 2, 1.5))  # now for 0.6 m, but the first for 0.3 m
+    assert room.filter.pose.theta_rad == pytest.approx(1.7 * DEGREE, abs=1e-6)
+    walls[0].seen_m = 0.6
+    room.walls.see_line(line(-math.pi / 2, 1.5))
+    assert len({wall.frame for wall in walls}) == 1
+    assert abs(room.filter.pose.theta_rad) < 0.2 * DEGREE
+    for i in range(4):
+        assert abs(math.remainder(room.walls.normal_rad(i), math.pi / 2)) < 0.2 * DEGREE
+
+
+def test_a_short_stretch_beside_a_walls_end_may_be_a_column() -> None:
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))  # seen from -0.15 to 0.15 m
+    room.doubt(0.01, DEGREE)
+
+    def beside(at_m: float, span_m: float) -> LineSight:
+        half = 0.5 * span_m
+        return line(math.pi / 2, 0.5)._replace(low_m=at_m - half, high_m=at_m + half)
+
+    assert not room.walls.see_line(beside(0.45, 0.12))
+    assert room.walls.see_line(beside(0.45, 0.2))
+    assert room.walls.see_line(beside(0.65, 0.12)), "at the end of what is known by now"
+
+
+def test_a_wall_may_be_as_far_off_as_the_doubt() -> None:
+    for sigma_m, known in ((0.02, False), (0.06, True)):
+        room = Room()
+        room.walls.see_line(line(0.0, 0.8))
+        room.doubt(sigma_m, 0.0)
+        room.believe(0.1, 0.0, 0.0)
+        sight = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.002**2)
+        assert room.walls.see_front(sight, MODEL.ultrasonic) is known
+        assert (abs(room.filter.pose.x_m) < 0.002) is known
 
 
 def test_the_ultrasonic_corrects_along_its_view() -> None:

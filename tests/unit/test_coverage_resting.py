@@ -1,0 +1,94 @@
+"""Rests between legs, for the gyro's sake."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.coverage.resting import GyroRest
+from bridge.coverage.runner import PlanRunner
+from bridge.motion.geometry import Pose2
+from bridge.motion.legs import Drive
+from bridge.motion.observation import HALT, Observation
+from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from bridge.coverage.planner import PlannerEvent
+    from bridge.motion.legs import Leg, LegResult
+
+DOUBTFUL, SURE = math.radians(0.02), math.radians(0.004)
+
+
+def seen(time_s: float, doubt: float, x: float = 0.0) -> Observation:
+    return Observation(
+        *(time_s, Pose2(x, 0.0, 0.0), 0.0, 0.0, None, None, None, False, False, False),
+        doubt,
+    )
+
+
+def test_a_rest_lasts_until_the_bias_is_sure() -> None:
+    rest = GyroRest()
+    assert not rest.holds(seen(0.0, SURE))
+    assert rest.holds(seen(1.0, DOUBTFUL))
+    assert rest.held
+    assert rest.holds(seen(2.0, DOUBTFUL))
+    assert not rest.holds(seen(2.1, SURE))
+    assert not rest.held
+
+
+def test_a_rest_that_helps_nothing_ends_and_is_not_begun_again_at_once() -> None:
+    rest = GyroRest()
+    times = [0.1 * k for k in range(400) if rest.holds(seen(0.1 * k, DOUBTFUL))]
+    assert 2.0 < sum(t < 20.0 for t in times) * 0.1 < 3.0
+    assert not any(3.0 < t < 20.0 for t in times)
+    assert any(t > 20.0 for t in times), "but once more, later"
+
+
+class Legs:
+    """Two short legs, for a planner that watches, or one that does not."""
+
+    state = None
+    most_m_s = 1.0
+
+    def __init__(self) -> None:
+        self.asked: list[float] = []
+
+    def start(self, obs: Observation) -> Leg:
+        return self._leg(obs)
+
+    def next(self, _result: LegResult, obs: Observation) -> Leg:
+        return self._leg(obs)
+
+    def drain_events(self) -> list[PlannerEvent]:
+        return []
+
+    def _leg(self, obs: Observation) -> Leg:
+        self.asked.append(obs.time_s)
+        return Drive(0.0, 0.02, purpose="lane")
+
+
+class Watching(Legs):
+    """As ``recovery`` is."""
+
+    def watch(self, _obs: Observation) -> bool:
+        return False
+
+
+def test_only_a_planner_that_watches_is_held_and_only_between_its_legs() -> None:
+    for planner, holds in ((Watching(), True), (Legs(), False)):
+        runner = PlanRunner(planner, RobotModel())  # type: ignore[arg-type]  # no state to tell
+        x, moved = 0.0, []
+        for k in range(300):
+            now_s = 0.02 * k
+            doubt = DOUBTFUL if 0.5 < now_s < 3.0 else SURE
+            command = runner.step(seen(now_s, doubt, x))
+            x += 0.02 * command.v_m_s
+            if command != HALT:
+                moved.append(now_s)
+        kinds = [event.kind for event in runner.drain_events()]
+        assert kinds == (["rest"] if holds else [])
+        assert runner.drain_events() == []
+        asked = [t for t in planner.asked if 0.5 < t < 3.0]
+        assert (not asked) is holds, "no leg is begun in a rest"
+        assert any(0.5 < t < 0.9 for t in moved), "the leg that it came in is brought to its end"
+        assert any(t > 3.1 for t in moved)
