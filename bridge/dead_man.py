@@ -76,6 +76,11 @@ class DeadMan:
         self._held.clear()
         self._stick = None
 
+    @property
+    def key_m_s(self) -> float:
+        """What a key drives at: less than a stick where no release would be told."""
+        return self.speed_m_s if self.releases else min(self.speed_m_s, PRESS_M_S)
+
     def faster(self) -> None:
         """Drive faster, up to the robot's limit."""
         self.speed_m_s = min(self.max_speed_m_s, self.speed_m_s * _SPEED_STEP)
@@ -101,8 +106,8 @@ class DeadMan:
         ahead = _share(sum(DIRECTIONS[key][0] for key in self._held))
         turn = _share(sum(DIRECTIONS[key][1] for key in self._held))
         if self.releases:
-            return VelocityCommand(ahead * self.speed_m_s, turn * TURN_RAD_S)
-        return VelocityCommand(ahead * min(self.speed_m_s, PRESS_M_S), turn * PRESS_RAD_S)
+            return VelocityCommand(ahead * self.key_m_s, turn * TURN_RAD_S)
+        return VelocityCommand(ahead * self.key_m_s, turn * PRESS_RAD_S)
 
     def _opposes(self, key: str) -> bool:
         ahead, turn = DIRECTIONS[key]

@@ -52,7 +52,13 @@ _STANDING = (Status, Encoders, Imu, Range, Power)
 """What is repeated after the recording's end: a robot that stands still."""
 _HELLO_NS = 1_000_000_000
 _STANDING_NS = 50_000_000
-_MAX_EVENTS_US = 1 << 32
+_WRAP_US = 1 << 32
+_BEFORE_US = 60_000_000
+"""By this much the stamps before the playing lie before the recording's first moment.
+
+When it will begin is not known then. A stamp that is too early bounds the clock loosely; one
+that is too late would be a clock that jumps as the playing begins.
+"""
 
 
 class Played(NamedTuple):
@@ -194,8 +200,10 @@ class ReplayDevice:
     # ---- inside ---------------------------------------------------------------------------
 
     def _device_us(self, now_ns: HostNs) -> int:
-        """The device's clock; before the playing began it runs towards the recording's start."""
-        return max(0, self._clock_us + (now_ns - (self._begun_ns or now_ns)) // 1000)
+        """The device's clock, as it goes on the wire."""
+        if self._begun_ns is None:
+            return (self._clock_us - _BEFORE_US) % _WRAP_US
+        return (self._clock_us + (now_ns - self._begun_ns) // 1000) % _WRAP_US
 
     def _drain(self) -> None:
         self._out += self._link.data_to_send()
@@ -206,19 +214,19 @@ class ReplayDevice:
             # Between delimiters, so that it damages no neighbour that was whole.
             self._out += b"\0" + played.payload.replace(b"\0", b"\1") + b"\0"
         else:
-            stamp = played.t_us % _MAX_EVENTS_US
+            stamp = played.t_us % _WRAP_US
             self._link.send_payload(played.type_id, played.payload, stamp, played.node)
 
     def _stand(self, now_ns: HostNs) -> None:
         """Repeat the last of each kind: the robot is there and does not move."""
-        stamp = self._device_us(now_ns) % _MAX_EVENTS_US
+        stamp = self._device_us(now_ns)
         for message in _STANDING:
             last = self._last.get(CATALOGUE.spec(message).type_id)
             if last is not None:
                 self._link.send_payload(last.type_id, last.payload, stamp, last.node)
 
     def _send(self, message: Message, now_ns: HostNs) -> None:
-        stamp = self._device_us(now_ns) % _MAX_EVENTS_US
+        stamp = self._device_us(now_ns)
         self._link.send(message, stamp, node=self.recording.node)
 
     def _send_hello(self, now_ns: HostNs) -> None:
@@ -234,8 +242,7 @@ class ReplayDevice:
                 if message.agreed and self._begun_ns is None:
                     self._begun_ns = now_ns
             case TimeRequest():
-                received_us = self._device_us(now_ns) % _MAX_EVENTS_US
-                self._send(TimeReply(message.ping, received_us), now_ns)
+                self._send(TimeReply(message.ping, self._device_us(now_ns)), now_ns)
             case Describe():
                 self._send(describe(CATALOGUE, message), now_ns)
             case Stop() | ClearStop():

@@ -105,7 +105,9 @@ def log_options(f: Callable[..., object]) -> Callable[..., object]:
         command = click.get_current_context().command_path.partition(" ")[2]
         return f(log=None if path is None else BenchLog(path, force, command), **given)
 
-    made = click.option("--force", is_flag=True, help="Replace the log if it exists.")(gathered)
+    made = click.option("--force", is_flag=True, help="Replace files to write that exist.")(
+        gathered
+    )
     return click.option(
         "--log",
         type=click.Path(dir_okay=False, path_type=Path),

@@ -12,6 +12,7 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
 _OUTCOME_STYLE = {"complete": "green", "stopped": "yellow", "timeout": "red", "fault": "red"}
 
@@ -21,7 +22,7 @@ def err() -> Console:
     """Where people read; made, and its library imported, when there is something to read."""
     from rich.console import Console
 
-    return Console(stderr=True, highlight=False)
+    return Console(stderr=True, highlight=False, emoji=False)
 
 
 def say(text: str) -> None:
@@ -40,26 +41,33 @@ def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
         sys.stdout.write(json.dumps(summary) + "\n")
         sys.stdout.flush()
         return
+    plain_console().print(summary_table(summary))
+
+
+def plain_console() -> Console:
+    """Stdout, for what others have named: no word of a log or a file's name is markup."""
     from rich.console import Console
 
-    Console(highlight=False).print(summary_table(summary))
+    return Console(highlight=False, markup=False, emoji=False)
 
 
 def summary_table(summary: dict[str, Any]) -> Table:
     """The figures that people ask for first."""
     from rich.table import Table
+    from rich.text import Text
 
     coverage, wire = summary["coverage"], summary["wire"]
     style = _OUTCOME_STYLE.get(summary["outcome"], "")
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="dim")
-    table.add_column()
+    table.add_column(overflow="fold")  # the log's name is for copying
     what = [str(summary[k]) for k in ("room", "planner") if summary[k] is not None]
     if summary["seed"] is not None:
         what.append(f"seed {summary['seed']}")
-    rows = [
+    outcome = Text.assemble((str(summary["outcome"]), style), f" - {summary['reason']}")
+    rows: list[tuple[str, str | Text | None]] = [
         ("run", ", ".join(what) or None),
-        ("outcome", f"[{style}]{summary['outcome']}[/] - {summary['reason']}"),
+        ("outcome", outcome),
         ("time", _with(summary["duration_s"], "{:.1f} s")),
         ("path", _path(summary)),
         ("swept by the mouth", _share(coverage, "mouth_sweepable", "of what it can reach")),
@@ -81,7 +89,8 @@ def summary_table(summary: dict[str, Any]) -> Table:
     ]
     for name, value in rows:
         if value is not None:
-            table.add_row(name, value)
+            # Rooms and reasons are others' words: no markup.
+            table.add_row(name, Text(value) if isinstance(value, str) else value)
     return table
 
 

@@ -45,9 +45,9 @@ _STYLES = {
     Severity.ERROR: "red",
 }
 _KEPT_EVENTS = 200
-_NARROW, _LOW = 110, 22
+_NARROW, _LOW, _LOWEST, _FOOTER = 110, 22, 15, 2
 """Columns and rows below which one small table tells what matters most."""
-_COLUMN = 44
+_COLUMN, _TABLE, _LEAST_MAP = 44, 46, 10
 
 
 class Teller:
@@ -114,25 +114,30 @@ class LivePicture:
         pose = host.estimator.pose
         if not self._trail or math.dist(self._trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
             self._trail.append((pose.x_m, pose.y_m))
-        events = max(4, min(10, height // 4))
-        body = max(8, height - events - 3)
+        # In a low window the robot and the keys stay, and the last line of all is theirs.
+        events = max(4, min(10, height // 4)) if height >= _LOWEST else 0
+        body = max(8, height - events - 3) if events else max(1, height - _FOOTER)
         wide = width >= _NARROW
         columns = Layout()
         if wide and body >= _LOW:
             self._three(columns, width, body)
         else:
-            table = compact_table(host, self._rates)
-            map_width = max(10, width - 46)
-            picture = swept_picture(host, map_width - 4, 2 * (body - 2), self._trail)
-            columns.split_row(
-                Layout(Panel(table, title="robot", title_align="left"), size=46),
-                Layout(Panel(picture, title="map", title_align="left")),
-            )
+            table = Panel(compact_table(host, self._rates), title="robot", title_align="left")
+            map_width = width - _TABLE
+            if map_width < _LEAST_MAP:
+                columns.update(table)
+            else:
+                picture = swept_picture(host, map_width - 4, max(2, 2 * (body - 2)), self._trail)
+                columns.split_row(
+                    Layout(table, size=_TABLE),
+                    Layout(Panel(picture, title="map", title_align="left")),
+                )
         page = Layout()
+        happened = Layout(Panel(self._events(events - 2), title="events", title_align="left"))
         page.split_column(
             Layout(columns, size=body),
-            Layout(Panel(self._events(events - 2), title="events", title_align="left")),
-            Layout(self._footer(width), size=2),
+            *([happened] if events else []),
+            Layout(self._footer(width), size=_FOOTER),
         )
         return page
 

@@ -54,10 +54,12 @@ class Rates:
 
 def _rows(rows: list[tuple[str, str | Text]]) -> Table:
     table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="dim", no_wrap=True)
+    names = max((len(name) for name, _ in rows), default=0)
+    table.add_column(style="dim", no_wrap=True, min_width=names)  # a value is cut before its name
     table.add_column(overflow="ellipsis", no_wrap=True)
     for name, value in rows:
-        table.add_row(name, value)
+        # A device's own words, too: no markup.
+        table.add_row(name, Text(value) if isinstance(value, str) else value)
     return table
 
 

@@ -129,19 +129,31 @@ class Table(Nothing):
         """Nothing is drawn before it is entered."""
         self._monitor, self._port, self._types = monitor, port, types
         self._drawn_ns = 0
+        self._console = Console(highlight=False, markup=False, emoji=False)
         self._live = Live(
-            self.picture(), console=Console(highlight=False), auto_refresh=False, screen=False
+            self.picture(self._console), console=self._console, auto_refresh=False, screen=False
         )
 
-    def picture(self) -> Group:
-        """The table as it is now."""
+    def picture(self, console: Console) -> Group:
+        """The table as it is now; in a low window a line for each type, cut at its end."""
+        whole = self._picture(is_low=False)
+        if len(console.render_lines(whole)) <= console.height:
+            return whole
+        return self._picture(is_low=True)
+
+    def _picture(self, *, is_low: bool) -> Group:
         monitor = self._monitor
-        table = RichTable(title=f"{self._port} - listening, nothing is sent", title_justify="left")
-        table.add_column("message", style="cyan", no_wrap=True)
-        table.add_column("from", style="dim")
-        table.add_column("Hz", justify="right")
-        table.add_column("count", justify="right")
-        table.add_column("newest")
+        title = Text(f"{self._port} - listening, nothing is sent", "italic")
+        table = RichTable(title=title, title_justify="left")
+        if is_low:
+            table.box, table.pad_edge, table.expand = None, False, True
+        # What is cut in a narrow window is the content, never a name or a number.
+        names = max(map(len, monitor.types), default=0)
+        table.add_column("message", style="cyan", no_wrap=True, min_width=names)
+        table.add_column("from", style="dim", no_wrap=True, min_width=6)
+        table.add_column("Hz", justify="right", no_wrap=True, min_width=5)
+        table.add_column("count", justify="right", no_wrap=True, min_width=5)
+        table.add_column("newest", no_wrap=is_low, ratio=1 if is_low else None)
         rates = monitor.rates_hz()
         for name, count in sorted(monitor.types.items()):
             if (self._types and name not in self._types) or count.newest is None:
@@ -156,7 +168,10 @@ class Table(Nothing):
         if bad is not None:
             more = "…" if len(bad.raw) > _SHOWN_BYTES else ""
             shown = bad.raw[:_SHOWN_BYTES].hex(" ")
-            parts.append(Text(f"newest bad: {bad.text}: {shown}{more}", style="red"))
+            text = f"newest bad: {bad.text}: {shown}{more}"
+            told = Text(text, style="red", no_wrap=is_low)
+            told.overflow = "ellipsis" if is_low else "fold"
+            parts.append(told)
         parts.append(Text("Ctrl-C: end", style="dim"))
         return Group(*parts)
 
@@ -164,7 +179,7 @@ class Table(Nothing):
         """Draw anew, four times a second."""
         if now_ns - self._drawn_ns >= _REDRAW_NS:
             self._drawn_ns = now_ns
-            self._live.update(self.picture(), refresh=True)
+            self._live.update(self.picture(self._console), refresh=True)
 
     def __enter__(self) -> Self:
         """Take the terminal."""
@@ -179,7 +194,7 @@ class Table(Nothing):
     ) -> None:
         """Leave the last picture on it."""
         with contextlib.suppress(OSError):
-            self._live.update(self.picture(), refresh=True)
+            self._live.update(self.picture(self._console), refresh=True)
             self._live.stop()
 
 

@@ -27,8 +27,11 @@ if TYPE_CHECKING:
 TWICE_NS = 4_000_000_000
 """Within this a key that lets the robot move must be pressed again."""
 _STOP = {"space", "s"}
-_WIDE = 112
-"""Columns that the long line of keys needs."""
+_KEYS = (
+    "space s: STOP   g: start plan   p: pause   d: drive by hand   m: mark   "
+    "c: clear stop   r: go on   Ctrl-C: end"
+)
+_DRIVE_KEYS = "space s: STOP   m: mark   d: end of the drive   Ctrl-C: end"
 _ORDERLY = {StopCause.NONE, StopCause.SESSION_END}
 
 
@@ -243,20 +246,20 @@ class Operating:
         return False
 
     def help(self, width: int) -> str:
-        """The keys, for the picture's last line, in so many columns."""
-        wide = width >= _WIDE
+        """The keys, for the picture's last line: as many words as so many columns take."""
         if self.operator.hand is Hand.MANUAL:
-            held = "hold" if self.dead_man.releases else "tap (0.7 s each)"
-            speed = f"{self.dead_man.speed_m_s:.2f} m/s"
-            if not wide:
-                return f"arrows: {held}  {speed} +/-  space STOP  m mark  d leave  ^C end"
-            return (
-                f"arrows: {held} to drive, {speed}   +/-: speed   "
-                "space s: STOP   m: mark   d: end of the drive   Ctrl-C: end"
-            )
-        if not wide:
-            return "space STOP  g start  p pause  d drive  m mark  c clear  r go on  ^C end"
-        return (
-            "space s: STOP   g: start plan   p: pause   d: drive by hand   m: mark   "
-            "c: clear stop   r: go on   Ctrl-C: end"
-        )
+            held = "hold" if self.dead_man.releases else "tap"
+            each = "" if self.dead_man.releases else " (0.7 s each)"
+            speed = f"{self.dead_man.key_m_s:.2f} m/s"
+            said = [
+                f"arrows: {held}{each} to drive, {speed}   +/-: speed   {_DRIVE_KEYS}",
+                f"arrows: {held}{each}  {speed} +/-  space STOP  m mark  d leave  ^C end",
+                f"space STOP  arrows: {held}  {speed} +/-  d leave  ^C end",
+            ]
+        else:
+            said = [
+                _KEYS,
+                "space STOP  g start  p pause  d drive  m mark  c clear  r go on  ^C end",
+                "space STOP g start p pause d drive m mark c clear r go ^C",
+            ]
+        return next((line for line in said if len(line) <= width), said[-1])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import importlib
+import io
 import json
 import os
 import sys
-from typing import Any
+from typing import Any, TextIO
 
 import click
 
@@ -87,6 +89,7 @@ def _run(arguments: list[str]) -> int:
 
     try:
         result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)
+        sys.stdout.flush()  # what cannot be written is told now, not as the interpreter ends
     except click.ClickException as error:
         text = _usage_text(error)
         if text is None:
@@ -103,10 +106,21 @@ def _run(arguments: list[str]) -> int:
             _print_failure(str(error), status)
         return status
     except BrokenPipeError:
-        # The reader of our output left; nothing more can be said, at exit neither.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of our output left; nothing more can be said.
+        _silence_stdout()
+        return 1
+    except OSError as error:
+        if error.errno not in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG} or error.filename:
+            raise
+        complain(f"cannot write the output: {error.strerror}")
+        _silence_stdout()
         return 1
     return result if isinstance(result, int) else 0
+
+
+def _silence_stdout() -> None:
+    """Nothing is tried again as the interpreter ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _usage_text(error: click.ClickException) -> str | None:
@@ -123,11 +137,22 @@ def _print_failure(text: str, status: int) -> None:
     sys.stdout.write(json.dumps({"outcome": "fault", "reason": text, "exit_status": status}) + "\n")
 
 
+def _nowhere() -> TextIO:
+    return os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+
+
 def main() -> None:
     """Entry point."""
     # Imports make tens of thousands of objects that stay: looking at them all again and again
     # is a tenth of a short command's time.
     gc.set_threshold(50_000, 20, 20)
+    # Where whoever started us closed them, their numbers must not become a log's.
+    sys.stdout = sys.stdout or _nowhere()
+    sys.stderr = sys.stderr or _nowhere()
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal, or a file's name, that knows no "m²": a mark in its place, no traceback.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     status = run()
     gc.freeze()  # the same when the interpreter ends: a tenth of a second of looking
     sys.exit(status)

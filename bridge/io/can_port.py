@@ -17,6 +17,7 @@ import can
 
 from bridge.errors import PortBusyError, PortError
 from bridge.io.device_lock import DeviceLock
+from bridge.io.port_names import CAN_EXAMPLE
 from protocol.can_frames import RECORD
 
 if TYPE_CHECKING:
@@ -48,7 +49,9 @@ def split_port(port: str) -> tuple[str, str]:
     _, _, rest = port.partition(":")
     interface, _, channel = rest.partition(":")
     if not interface or not channel:
-        raise PortError(f"{port} is not a CAN port: write can:INTERFACE:CHANNEL")
+        raise PortError(
+            f"{port} is not a CAN port: write can:INTERFACE:CHANNEL, like {CAN_EXAMPLE}"
+        )
     return interface, channel
 
 
@@ -239,6 +242,11 @@ def from_bytes(record: bytes) -> can.Message:
 
 
 def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:
+    if interface not in can.VALID_INTERFACES:
+        raise PortError(
+            f"cannot open {port}: there is no CAN interface {interface!r}; it is slcan, socketcan, "
+            "udp_multicast or another of python-can's"
+        )
     try:
         return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
     except can.CanInterfaceNotImplementedError as error:

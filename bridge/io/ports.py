@@ -13,6 +13,7 @@ import serial
 
 from bridge.errors import PortBusyError, PortError
 from bridge.io.device_lock import owner_pid
+from bridge.io.port_names import misspelt, tcp_mistake
 from protocol.can_link import CanLink
 from protocol.link import Link, LinkBase
 
@@ -206,6 +207,9 @@ def open_port(  # noqa: PLR0913 - what the two kinds of port can be asked for
 
 
 def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial:
+    mistake = tcp_mistake(url)
+    if mistake is not None:
+        raise PortError(mistake)
     try:
         port = serial.serial_for_url(url, baudrate=baud, do_not_open=True)
         with suppress(AttributeError, NotImplementedError):
@@ -216,21 +220,23 @@ def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial:
     except (serial.SerialException, OSError) as error:
         raise _open_error(url, error) from None
     except ValueError as error:
-        raise PortError(f"{url} is not a port: {error}") from None
+        raise PortError(misspelt(url) or f"{url} is not a port: {error}") from None
     return port
 
 
 def _open_error(url: str, error: OSError) -> PortError:
     number = error.errno
     if number == errno.ENOENT:
-        return PortError(f"{url} does not exist; is the robot plugged in?")
+        return PortError(misspelt(url) or f"{url} does not exist; is the robot plugged in?")
     if number == errno.EACCES:
         return PortError(_denied(url))
     if number in {errno.EBUSY, errno.EAGAIN} or "exclusively lock" in str(error):
         return PortBusyError(url, owner_pid(url))
     if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
         return PortError(f"{url} is not a serial port")
-    return PortError(f"cannot open {url}: {_reason(error)}")
+    # pyserial wraps what the system said in words of its own, with the name once more.
+    cause = error.__context__ if isinstance(error.__context__, OSError) else error
+    return PortError(f"cannot open {url}: {_reason(cause)}")
 
 
 def _denied(url: str) -> str:

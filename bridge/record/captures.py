@@ -17,6 +17,7 @@ from bridge.config import to_toml
 from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogReadError
 from bridge.record.listening import Listener
+from bridge.record.names import readable_name
 from bridge.record.sources import CANDUMP, LOG_LINE, SHOWN_LINE, kind_of
 from bridge.record.writer import RunWriter
 from bridge.telemetry import RunInfo
@@ -81,7 +82,7 @@ def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
         )
     model = RobotModel()
     info = RunInfo(
-        *(source.name, "", None, "", first.host_ns, 0, to_toml(model), None),
+        *(readable_name(source.name), "", None, "", first.host_ns, 0, to_toml(model), None),
         {"captured_by": "candump" if kind == CANDUMP else "raw capture"},
     )
     writer = RunWriter(target, info)

@@ -17,6 +17,7 @@ from bridge.record.blocks import BLOCK_BYTES, Declared, blocks
 from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.record.family import parts_of
 from bridge.record.forms import Form, Opaque
+from bridge.record.names import readable_name
 from bridge.record.protobuf_form import ProtobufForm
 from bridge.record.recover import summary_declarations
 from bridge.record.ros_form import RosForm
@@ -219,7 +220,11 @@ class _Exporter:
             raise LogExistsError(file)
         channel = self.declared.channels[channel_id]
         schema = self.declared.schemas.get(channel.schema_id)
-        notes = {"topic": topic, "schema": schema.name if schema else "", "log": self._path.name}
+        notes = {
+            "topic": topic,
+            "schema": schema.name if schema else "",
+            "log": readable_name(self._path.name),
+        }
         try:
             writer = TableWriter(file, self._form(channel_id).columns, notes)
         except OSError as error:

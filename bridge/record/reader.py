@@ -7,7 +7,6 @@ reads like any other, as far as whole chunks go.
 from __future__ import annotations
 
 import contextlib
-import json
 import struct
 import zlib
 from dataclasses import dataclass
@@ -28,6 +27,7 @@ from zstandard import ZstdError
 from bridge.record.family import parts_of
 from bridge.record.names import METADATA, SUMMARY_ATTACHMENT
 from bridge.record.scan import CHUNK_HEAD, HEAD, Damage, is_whole, opened, records
+from bridge.record.summaries import read_summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator
@@ -174,11 +174,8 @@ class LogReader:
     @property
     def summary(self) -> dict[str, Any] | None:
         """The run's summary, where it came to one."""
-        try:
-            value = json.loads(self.attachments[SUMMARY_ATTACHMENT])
-        except (KeyError, ValueError):
-            return None
-        return value if isinstance(value, dict) else None
+        data = self.attachments.get(SUMMARY_ATTACHMENT)
+        return None if data is None else read_summary(data)
 
     def messages(self, topics: Container[str] | None = None) -> Iterator[LogMessage]:
         """Every message (of these topics): chunk by chunk, in each by log time.

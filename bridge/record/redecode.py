@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass, field
+from struct import error as StructError  # noqa: N812 - it is a class
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.record.reader import LogReader
 from bridge.record.schemas import device_encoders
 from bridge.session import Session
+from bridge.session_bus import LISTEN_NS
 from bridge.session_events import Agreed, Data, Ping
 from bridge.telemetry import DeviceMessage
 from bridge.timesync import TimeSync
@@ -72,16 +75,20 @@ class Comparison:
 
 
 def wire_records(messages: Iterable[LogMessage]) -> Iterator[WireRecord]:
-    """The raw bytes among a log's messages."""
+    """The raw bytes among a log's messages; another program's topics of that name have none."""
     for message in messages:
         topic = message.channel.topic
-        if topic == "/raw/can":
-            raw = message.decoded
-            data = RECORD.pack(raw.can_id, len(raw.data), raw.data)
-            yield WireRecord(message.log_ns, bool(raw.outgoing), data, is_can=True)
-        elif topic in RAW_TOPICS:
-            outgoing = topic.endswith("tx")
-            yield WireRecord(message.log_ns, outgoing, message.decoded.data, is_can=False)
+        if topic in RAW_TOPICS:
+            with suppress(ValueError, AttributeError, TypeError, StructError):
+                yield _wire_record(message, topic)
+
+
+def _wire_record(message: LogMessage, topic: str) -> WireRecord:
+    raw = message.decoded
+    if topic == "/raw/can":
+        data = RECORD.pack(raw.can_id, len(raw.data), raw.data)
+        return WireRecord(message.log_ns, bool(raw.outgoing), data, is_can=True)
+    return WireRecord(message.log_ns, topic.endswith("tx"), bytes(raw.data), is_can=False)
 
 
 def compare(path: Path) -> Comparison:
@@ -113,7 +120,7 @@ def compare(path: Path) -> Comparison:
 
 def redecode(reader: LogReader) -> Iterator[Decoded]:
     """Every ``/device/*`` message that a log's raw bytes hold, as the live bridge gave it."""
-    offset_ns = int(reader.run.get("clock_offset_ns", "0"))
+    offset_ns = _number(reader.run.get("clock_offset_ns")) or 0
     records = sorted(wire_records(reader.messages(RAW_TOPICS)), key=in_order)
     if not records:
         return
@@ -121,7 +128,7 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
     ids = _session_ids(records, link)
     session = Session(lambda: next(ids, 1), node=_node(reader), link=link)
     sync, encoders = TimeSync(), device_encoders()
-    session.open(HostNs(_opened_ns(reader, records[0].log_ns) - offset_ns))
+    session.open(HostNs(_opened_ns(reader, records) - offset_ns))
     for record in records:
         now_ns = HostNs(record.log_ns - offset_ns)
         if record.outgoing:
@@ -185,17 +192,28 @@ def _session_ids(records: list[WireRecord], link: type[LinkBase]) -> Iterator[in
 
 def _node(reader: LogReader) -> int | None:
     """Which device of several the run talked to."""
-    node = reader.metadata.get("device", {}).get("node")
-    return int(node) if node is not None else None
+    return _number(reader.metadata.get("device", {}).get("node"))
 
 
-def _opened_ns(reader: LogReader, first_ns: int) -> int:
-    """When the session was opened: its first event says so."""
+def _number(text: str | None) -> int | None:
+    """Of a log's metadata; None where another program wrote something else there."""
+    try:
+        return None if text is None else int(text)
+    except ValueError:
+        return None
+
+
+def _opened_ns(reader: LogReader, records: list[WireRecord]) -> int:
+    """When the session was opened: its first event says so, where that was told at once."""
+    opened_ns = records[0].log_ns
+    if records[0].is_can:  # it listens for so long before it says anything
+        sent = (record.log_ns for record in records if record.outgoing)
+        opened_ns = min(opened_ns, next(sent, opened_ns + LISTEN_NS) - LISTEN_NS)
     for message in reader.messages({"/events"}):
         event = message.decoded
         if event.source == "session" and event.kind == "opening":
-            return min(message.log_ns, first_ns)
-    return first_ns
+            return min(message.log_ns, opened_ns)
+    return opened_ns
 
 
 def _difference(topic: str, then: list[Decoded], now: list[Decoded]) -> str:

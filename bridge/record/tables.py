@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import pyarrow.parquet as pa_parquet
 from bridge.record.blocks import LOG_NS, MESSAGE_HEAD, PUBLISH_NS, SEQUENCE
 from bridge.record.csv_table import CsvTable
 from bridge.record.forms import unzigzag, varints
+from bridge.record.names import is_utf8
 from bridge.record.records_kernel import split_messages
 
 if TYPE_CHECKING:
@@ -70,6 +72,8 @@ class TableWriter:
         if path.suffix == ".csv":
             self._csv = CsvTable(path, dict(fields))
         else:
+            if not is_utf8(path):
+                raise OSError(errno.EILSEQ, "Parquet needs a name in UTF-8; CSV does not")
             # Dictionaries would take twice the time and, of measured values, more room; the
             # least and most of a list's values help nobody to find a row.
             self._parquet = pa_parquet.ParquetWriter(

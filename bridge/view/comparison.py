@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.record.errors import LogExistsError
 from bridge.view import report, report_figures
 from bridge.view.page import document, section, table
+from bridge.view.picture import drawn_text
 from bridge.view.run_data import load_run
 
 if TYPE_CHECKING:
@@ -130,7 +131,7 @@ def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str,
     if out.exists() and not force:
         raise LogExistsError(out)
     runs = load_run(a), load_run(b)
-    content = picture(*runs) if out.suffix == ".png" else render(*runs).encode()
+    content = picture(*runs) if out.suffix == ".png" else render(*runs).encode(errors="replace")
     report.write(out, content)
     return compare(*runs)
 
@@ -160,10 +161,22 @@ def picture(a: RunData, b: RunData) -> bytes:
     """Paths and curves as a PNG."""
     figure = report_figures.blank(14.0, 6.6)
     left, right = figure.subplots(1, 2)
-    _paths(left, a, b)
-    _curves(right, a, b)
-    figure.suptitle(f"A: {report.title(a)}      B: {report.title(b)}", fontsize=10)
+    if any(run.track.best for run in (a, b)):
+        _paths(left, a, b)
+    else:
+        _nothing(left, "no pose in either log")
+    if any(run.coverage is not None for run in (a, b)):
+        _curves(right, a, b)
+    else:
+        _nothing(right, "the coverage of neither run is known")
+    titles = f"A: {report.title(a)}      B: {report.title(b)}"
+    figure.suptitle(drawn_text(titles), fontsize=10)
     return report_figures.as_png(figure)
+
+
+def _nothing(axes: Axes, why: str) -> None:
+    axes.text(0.5, 0.5, why, ha="center", transform=axes.transAxes)
+    axes.set_axis_off()
 
 
 def _paths(axes: Axes, a: RunData, b: RunData) -> None:
@@ -178,7 +191,8 @@ def _paths(axes: Axes, a: RunData, b: RunData) -> None:
         poses = [pose for _, pose in run.track.best]
         if poses:
             xs, ys = [p.x_m for p in poses], [p.y_m for p in poses]
-            axes.plot(xs, ys, color=colour, lw=1.0, alpha=0.85, label=f"{name}: {run.track.name}")
+            label = drawn_text(f"{name}: {run.track.name}")
+            axes.plot(xs, ys, color=colour, lw=1.0, alpha=0.85, label=label)
             axes.plot(xs[-1], ys[-1], "s", color=colour, mec="white", ms=8)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
@@ -189,7 +203,6 @@ def _paths(axes: Axes, a: RunData, b: RunData) -> None:
 def _curves(axes: Axes, a: RunData, b: RunData) -> None:
     for name, run, colour in zip("AB", (a, b), _COLOURS, strict=True):
         if run.coverage is not None:
-            report_figures.draw_coverage(
-                axes, run, colour=colour, label=f"{name}: {run.track.name}"
-            )
+            label = drawn_text(f"{name}: {run.track.name}")
+            report_figures.draw_coverage(axes, run, colour=colour, label=label)
     report_figures.finish_coverage(axes)

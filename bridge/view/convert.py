@@ -12,7 +12,7 @@ from bridge.coverage.floorplan import FloorPlanError, parse_floorplan
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
 from bridge.record.losses import LossCounter
-from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT
+from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT, readable_name
 from bridge.record.reader import LogReader
 from bridge.record.wheels import WheelAngles
 from bridge.view import paths, planning, scene
@@ -66,7 +66,7 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
         run.take(message)
         last_ns = max(last_ns, message.log_ns)
     run.send(recording)
-    stream.send_recording_name(path.stem)
+    stream.send_recording_name(readable_name(path.stem))
     return Converted(reader, plan, recording.seconds(last_ns))
 
 

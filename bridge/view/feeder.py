@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 from bridge.io import clock
 from bridge.io.free_port import free_tcp_port
 from bridge.record.following import POLL_S, Follower, paced, wait_for_log
+from bridge.record.names import readable_name
 from bridge.record.reader import LogReader
 from bridge.view.errors import ViewerFailedError
 from bridge.view.launch import APPLICATION, viewer_environment, viewer_program
@@ -202,7 +203,7 @@ class _Feed:
                 scene.draw_plan(self._recording, self._plan)
             whole_s = None if self._is_live else (batch[-1].log_ns - batch[0].log_ns) / 1e9
             self._stream.send_blueprint(blueprint(self._plan, whole_s))
-            self._stream.send_recording_name(self._options.log.stem)
+            self._stream.send_recording_name(readable_name(self._options.log.stem))
         for message in batch:
             self._run.take(message)
         self._run.send(self._recording)

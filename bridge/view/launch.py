@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bridge.record.errors import LogWriteError
+from bridge.record.names import is_utf8, readable_name
 from bridge.view.errors import NoDisplayError, ViewerFailedError, ViewerMissingError
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def open_viewer(path: Path, *, save: Path | None = None, serve_web: bool = False
     if not serve_web and not has_display():
         raise NoDisplayError(_INSTEAD)
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
-        file = Path(folder) / f"{path.stem}.rrd"
+        file = Path(folder) / f"{readable_name(path.stem)}.rrd"
         reader = write_rerun_file(path, file)
         _run_viewer(viewer_command(file, serve_web=serve_web))
     return reader
@@ -71,6 +72,8 @@ def write_rerun_file(path: Path, file: Path) -> LogReader:
     from bridge.view.blueprint import blueprint  # noqa: PLC0415 - loads rerun
     from bridge.view.convert import to_rerun  # noqa: PLC0415 - loads rerun
 
+    if not is_utf8(file):
+        raise LogWriteError(file, "Rerun needs a name in UTF-8")
     stream = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
     try:
         # Rerun only warns where it cannot write.

@@ -56,7 +56,7 @@ def draw_run(log: Path, png: Path) -> Path:
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    figure.suptitle(_title(track), fontsize=10, x=0.06, ha="left")
+    figure.suptitle(drawn_text(_title(track)), fontsize=10, x=0.06, ha="left")
     lines, _ = axes.get_legend_handles_labels()
     axes.legend(
         handles=[*lines, *floor_legend(track)],
@@ -163,6 +163,11 @@ def _widen(axes: Axes) -> None:
         axes.set_xlim(left - more_x, right + more_x)
     if more_y:
         axes.set_ylim(bottom - more_y, top + more_y)
+
+
+def drawn_text(text: str) -> str:
+    """Others' words, as a figure takes them: no mathematics between dollars, no half letters."""
+    return text.encode("utf-8", "replace").decode().replace("$", r"\$")
 
 
 def _title(track: RunTrack) -> str:

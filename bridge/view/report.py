@@ -53,7 +53,8 @@ def write_report(
     data = load_run(log)
     found = rows.holes(data)
     if out is not None:
-        write(out, render(data, found).encode())
+        # A name that is no UTF-8 is shown with marks for what cannot be.
+        write(out, render(data, found).encode(errors="replace"))
     if png is not None:
         from bridge.view.report_png import picture  # noqa: PLC0415 - loads matplotlib
 
@@ -169,7 +170,11 @@ def tiles(data: RunData) -> list[Tile]:
     duration_s, path_m = data.figure("duration_s"), data.figure("path_m")
     if duration_s is not None:
         made.append(Tile(f"{duration_s:.0f} s", "driving"))
-    if path_m is not None:
+    elif data.duration_s:
+        made.append(Tile(f"{data.duration_s:.1f} s", "in the log"))
+    if path_m is None and data.track.best:
+        made.append(Tile(f"{data.track.length_m:.1f} m", "path, by the poses in the log"))
+    elif path_m is not None:
         turns = data.figure("turns")
         made.append(Tile(f"{path_m:.1f} m", f"path, {turns:.0f} turns" if turns else "path"))
     if report is not None:
@@ -256,6 +261,8 @@ def _coverage(data: RunData) -> Any:  # noqa: ANN401 - a drawing
 
 def _room_note(data: RunData) -> str:
     basis = "the simulator's truth" if data.track.truth else "the robot's own estimate"
+    if data.coverage is None:
+        return f"The path by {basis}."
     return f"Swept floor by {basis}. Numbers mark the pieces of the table below, largest first."
 
 

@@ -6,6 +6,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from bridge.view import report, report_figures, report_tables
+from bridge.view.picture import drawn_text
 
 if TYPE_CHECKING:
     from bridge.view.report_tables import Hole
@@ -30,10 +31,10 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
     figure = report_figures.blank(_WIDTH, _HEIGHT)
     heights = [_HEAD, 1.0 - _HEAD]
     top, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    top.text(0.012, 0.93, report.title(data), fontsize=17, weight="bold", va="top")
+    top.text(0.012, 0.93, drawn_text(report.title(data)), fontsize=17, weight="bold", va="top")
     story = " ".join([f"{report.when(data)}.", *report.story(data)])
     words = "\n".join(textwrap.wrap(story, _LETTERS))
-    top.text(0.012, 0.66, words, fontsize=10, va="top", linespacing=1.5)
+    top.text(0.012, 0.66, drawn_text(words), fontsize=10, va="top", linespacing=1.5)
     is_band = bool(data.track.best) and report_figures.room_ratio(data) < _BAND
     if is_band:
         band = report_figures.room_height(data, _WIDTH) / _HEIGHT

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from bridge.config import parse_robot
@@ -11,6 +12,7 @@ from bridge.coverage.floorplan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.errors import ConfigError
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from bridge.record.names import readable_name
 from bridge.record.reader import LogReader
 
 if TYPE_CHECKING:
@@ -43,6 +45,12 @@ class RunTrack:
         """The truth where known, else the estimate."""
         return self.truth or self.estimate
 
+    @property
+    def length_m(self) -> float:
+        """Of the path, pose by pose; what a jump of the estimate moved counts too."""
+        steps = pairwise(pose for _, pose in self.best)
+        return sum(math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in steps)
+
 
 def load_track(path: Path) -> RunTrack:
     """Read a log's room, robot, poses and summary.
@@ -64,7 +72,9 @@ def load_track(path: Path) -> RunTrack:
         except ConfigError:
             model = RobotModel()
     first_ns, truth, estimate = _poses(reader.messages({TRUTH_TOPIC, POSE_TOPIC}))
-    return RunTrack(path.stem, plan, model, truth, estimate, reader.summary or {}, first_ns)
+    return RunTrack(
+        readable_name(path.stem), plan, model, truth, estimate, reader.summary or {}, first_ns
+    )
 
 
 def _poses(

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 from bridge.io import clock
 from bridge.io.free_port import free_tcp_port
+from bridge.record.names import readable_name
 from bridge.view.errors import ViewerFailedError
 from bridge.view.launch import viewer_command, viewer_environment, write_rerun_file
+from bridge.view.report import write
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
@@ -28,11 +30,12 @@ def save_screenshot(path: Path, png: Path) -> LogReader:
     Raises:
         ViewerMissingError: Rerun is not installed.
         LogReadError: the log cannot be read.
+        LogWriteError: the picture cannot be written.
         ViewerFailedError: the viewer has nothing to draw with, or never came to rest.
 
     """
     with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
-        file = Path(folder) / f"{path.stem}.rrd"
+        file = Path(folder) / f"{readable_name(path.stem)}.rrd"
         reader = write_rerun_file(path, file)
         port = free_tcp_port()
         command = [
@@ -82,7 +85,7 @@ def _when_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
             raise ViewerFailedError(1, told[0] if told else "it drew nothing") from None
         image = shot.read_bytes()
         if image == last:
-            png.write_bytes(image)
+            write(png, image)
             return
         last = image
         clock.pause(SETTLE_S)

@@ -52,6 +52,13 @@ def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
         assert [s["wheel"] for s in stepped.json["wheel_steps"]] == ["left", "right"]
         assert plot.read_bytes()[:4] == b"\x89PNG"
         assert "+0.150" in stepped.err, "and drawn in characters"
+        stood = plant.wheel_angles_rad
+        for name, status in (("step.png", 1), ("step.txt", 2)):
+            kept = ("--step", "control", "--plot", tmp_path / name)
+            refused = bringup(monkeypatch, "y\n", served.port, *kept)
+            assert refused.status == status
+            assert str(tmp_path / name) in refused.line
+        assert plant.wheel_angles_rad == stood, "told before a wheel turns"
 
         recorded = compare(log)
         assert recorded.same, recorded.first

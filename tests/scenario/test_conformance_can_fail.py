@@ -149,19 +149,16 @@ def test_a_sound_device_passes(runs: dict[str, Future[Outcome]]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("port", "line"),
+    ("port", "why"),
     [
-        (
-            "/dev/no-such-robot",
-            "ERROR: /dev/no-such-robot does not exist; is the robot plugged in?",
-        ),
-        ("can:nothing", "ERROR: can:nothing is not a CAN port: write can:INTERFACE:CHANNEL"),
+        ("/dev/no-such-robot", "does not exist; is the robot plugged in?"),
+        ("can:nothing", "is not a CAN port: write can:INTERFACE:CHANNEL, like can:socketcan:can0"),
     ],
 )
-def test_a_port_that_cannot_be_opened_is_one_line(tmp_path: Path, port: str, line: str) -> None:
+def test_a_port_that_cannot_be_opened_is_one_line(tmp_path: Path, port: str, why: str) -> None:
     outcome = conformance(tmp_path, f"--port={port}")
     assert outcome.status == 4
-    assert outcome.out.strip().splitlines() == [line]
+    assert outcome.out.strip().splitlines() == [f"ERROR: {port} {why}"]
 
 
 def test_a_device_that_dies_on_the_way_ends_the_run_with_one_line(tmp_path: Path) -> None:

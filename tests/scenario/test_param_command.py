@@ -101,10 +101,30 @@ def test_diff_with_a_robot_file(port: str, tmp_path: Path) -> None:
 
 def test_a_table_for_people(port: str) -> None:
     lines = param("list", port).out.splitlines()
-    assert " ".join(lines[0].split()) == "no parameter value unit type range default state"
+    assert " ".join(lines[0].split()) == ("no parameter value unit type range default counts state")
     row = next(line for line in lines if " wheel_diameter " in line)
     assert row.split()[1:6] == ["wheel_diameter", "0.065", "m", "f32", "0.01"]
-    assert "needs a reboot" in row
+    assert "  after reboot" in row
+    assert "needs" not in row, "nothing of it was changed"
+    assert "  at once" in next(line for line in lines if " max_speed " in line)
+
+
+def test_a_value_that_a_reboot_would_undo_says_what_it_needs(port: str) -> None:
+    present = param("get", port, "infrared_left_scale").out.strip()
+    value = "1.03" if present == "1.02" else "1.02"
+
+    def row(name: str) -> str:
+        lines = param("list", port).out.splitlines()
+        return next(line for line in lines if f" {name} " in line)
+
+    told = param("set", port, "infrared_left_scale", value)
+    assert "so save and reboot it" in told.err
+    assert row("infrared_left_scale").endswith("after reboot  needs save and reboot")
+    assert "needs" not in row("infrared_right_scale")
+    assert "infrared_left_scale: counts from the device's next boot on, so reboot it" in (
+        param("save", port).err
+    )
+    assert row("infrared_left_scale").endswith("after reboot  stored")
 
 
 def test_no_such_port() -> None:

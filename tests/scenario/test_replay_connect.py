@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 import signal
+from collections import deque
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,6 +12,9 @@ from mcap.writer import Writer
 
 from bridge.record.reader import LogReader
 from bridge.replay_device import load, replay_device
+from bridge.session import Session
+from bridge.session_events import Data, Ping, State
+from bridge.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Link, Received
 from protocol.message import Direction
@@ -31,6 +36,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.replay_device import ReplayDevice
+    from bridge.session_events import SessionEvent
     from protocol.link import LinkEvent
     from protocol.message import Message
 
@@ -184,12 +190,25 @@ def test_the_live_bridge_runs_on_it(tmp_path: Path, log: Path) -> None:
 
 
 def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
-    for options in (("--pty-link", "x"), ("--link", "pty", "--speed", "2"), ("--json",)):
+    for options in (
+        ("--pty-link", "x"),
+        ("--link", "pty", "--speed", "2"),
+        ("--json",),
+        ("--check", "--link", "pty"),
+        ("--check", "--serve"),
+        ("--check", "--to", "3"),
+        ("--from", "5", "--to", "5"),
+    ):
         assert sweepctl("replay", log, *options).status == 2
     checked = sweepctl("replay", log, "--check", "--json")
     assert checked.status == 0
     assert checked.json["same"] is True
     assert checked.json["equal"] == checked.json["recorded"] > 2000
+    capture = tmp_path / "capture.bin"
+    capture.write_bytes(b"".join(m.decoded.data for m in LogReader(log).messages({"/raw/uart/rx"})))
+    alone = sweepctl("replay", capture, "--check")
+    assert alone.status == 1
+    assert f"cannot read {capture}: it is a capture" in alone.line
     text = tmp_path / "text"
     text.write_text("hello")
     assert sweepctl("replay", text, "--check").status == 1
@@ -202,3 +221,47 @@ def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
     checked = sweepctl("replay", foreign, "--check")
     assert checked.status == 1
     assert "no messages of a robot" in checked.line
+
+
+@pytest.mark.parametrize(("least_ms", "most_ms"), [(1.0, 5.0), (10.0, 10.0)])
+def test_its_clock_does_not_jump_as_the_playing_begins(
+    log: Path, least_ms: float, most_ms: float
+) -> None:
+    """Its first hello is stamped before anybody knows when a host will have agreed."""
+    rng = random.Random(1)
+    device, session, sync = replay_device(LogReader(log)), Session(lambda: 99), TimeSync()
+    up: deque[tuple[int, bytes]] = deque()
+    down: deque[tuple[int, bytes]] = deque()
+    last_ns = {"up": 0, "down": 0}
+
+    def sent(way: str, queue: deque[tuple[int, bytes]], data: bytes, now_ns: int) -> None:
+        if data:
+            last_ns[way] = max(last_ns[way], now_ns + round(rng.uniform(least_ms, most_ms) * 1e6))
+            queue.append((last_ns[way], data))
+
+    opened_ns = 5_000_000_000
+    for now in range(4_000_000_000, 8_000_000_000, 500_000):
+        now_ns = HostNs(now)
+        while up and up[0][0] <= now:
+            device.receive(up.popleft()[1], now_ns)
+        device.poll(now_ns)
+        sent("down", down, device.data_to_send(), now)
+        if now < opened_ns:  # what nobody reads waits in the terminal
+            continue
+        session.open(now_ns)
+        events: list[SessionEvent] = []
+        while down and down[0][0] <= now:
+            events += session.receive(down.popleft()[1], now_ns)
+        events += session.poll(now_ns)
+        sent("up", up, session.data_to_send(), now)
+        for event in events:
+            if isinstance(event, Data):
+                sync.observe(event[0].frame.t_us, now_ns)
+            elif isinstance(event, Ping):
+                received, replied = sync.extend(event.received_us), sync.extend(event.replied_us)
+                sync.exchange(event.sent_ns, received, replied, event.arrived_ns)
+    assert session.state is State.READY
+    assert sync.steps == 0
+    assert sync.samples > 25
+    assert sync.fit is not None
+    assert sync.fit.bound_ns > least_ms * 1e6 - 5_000, "nothing tells how a round trip divides"

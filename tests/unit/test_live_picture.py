@@ -69,6 +69,23 @@ def test_what_matters_is_there_at_every_size(width: int, height: int) -> None:
             assert part in text, part
 
 
+@pytest.mark.parametrize(("width", "height"), [(40, 10), (60, 14), (50, 6)])
+def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
+    found = host()
+
+    class Loop:
+        host = found
+
+    operator = Operator(MODEL, DeadMan(0.3, 0.15))
+    operating = Operating(Loop(), operator, go_on=lambda: None)  # type: ignore[arg-type]  # all of a pump that it asks
+    operating.message = "mark 1 is on record"
+    lines = drawn(LivePicture(found, Teller(NullSink(), plain=False), operating), width, height)
+    assert len(lines) == height
+    assert max(map(len, lines)) <= width
+    assert "session  closed" in lines[1]
+    assert lines[-1].startswith("space STOP"), "always the last line"
+
+
 def test_the_map_shows_where_it_swept_and_where_it_looks() -> None:
     facing_up = host(pose=Pose2(0.0, 0.0, 1.5708))
     facing_up.swept = SweptMap(MODEL)
@@ -120,10 +137,13 @@ def test_keys_fit_their_line() -> None:
 
     operator = Operator(MODEL, DeadMan(0.3, 0.15))
     keys = Operating(Loop(), operator, go_on=lambda: None)  # type: ignore[arg-type]  # asked for help alone
-    for width in (80, 120):
+    for width in (58, 60, 80, 120):
         assert len(keys.help(width)) <= width
         assert "STOP" in keys.help(width)
+    assert keys.help(30).startswith("space STOP"), "cut at its end, not at its beginning"
     operator.take_over()
-    for width in (80, 120):
+    for width in (58, 60, 80, 120):
         assert len(keys.help(width)) <= width
+        assert "STOP" in keys.help(width)
         assert "tap" in keys.help(width)
+        assert "0.10 m/s" in keys.help(width), "a press is slow, whatever a stick would be"

@@ -12,6 +12,7 @@ from bridge.mission import LOST_TIMEOUT_S, Mission, Phase, Resume
 from bridge.motion.robot_model import RobotModel
 from bridge.session_events import Agreed, Failed, State, StateChanged
 from bridge.telemetry import EventRecord
+from protocol.clock import HostNs
 from protocol.messages import Power
 from protocol.values import Mode, StopCause
 from support.ends import (
@@ -227,3 +228,14 @@ def test_a_run_without_motion_just_goes_on() -> None:
     ends.run(1.0)
     assert not host.mission.done
     assert host.state.imu is not None
+
+
+def test_the_opening_is_on_record_at_its_own_moment() -> None:
+    """A session's waits are counted from it: told with the first bytes it would be too late."""
+    sink = Collector()
+    host = Host(RobotModel(), sink, HostOptions(0), Mission(None), lambda: 1)
+    host.open(HostNs(7_000_000))
+    host.receive(b"\0", HostNs(7_300_000))
+    host.poll(HostNs(7_300_000))
+    (opening,) = [event for event in sink.of(EventRecord) if event.kind == "opening"]
+    assert opening.log_ns == 7_000_000

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
@@ -173,6 +175,10 @@ def test_a_log_without_its_end(tmp_path: Path, tmp_path_factory: pytest.TempPath
     text = Page((tmp_path / "cut.html").read_text()).text
     assert "its writer was killed or lost power" in text
     assert "no: its end is missing" in text
+    truth = LogReader(log).messages({"/truth/pose"})
+    ways = [(m.decoded.pose.position.x, m.decoded.pose.position.y) for m in truth]
+    length_m = sum(math.dist(a, b) for a, b in pairwise(ways))
+    assert f"{length_m:.1f} m path, by the poses in the log" in text
     again = sweepctl("report", log)
     assert again.status == 1
     assert "--force" in again.line
@@ -197,6 +203,7 @@ def test_a_capture_without_room_or_summary(
     assert done.status == 0, done.err
     text = Page((tmp_path / "capture.html").read_text()).text
     assert "The room is not known, so nothing can be said of what it swept" in text
+    assert "Swept floor" not in text, "no floor is drawn"
     assert png.read_bytes().startswith(b"\x89PNG")
 
 

@@ -64,6 +64,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.console import say
 
     model, text = load_robot(robot)
+    if plot is not None:
+        _check_plot(plot)
     with desk_on(port, log, text) as desk:
         bench = BringUp(desk, Terminal(desk), model, clear_stop=clear_stop)
         bench.run(steps or _STEPS)
@@ -109,11 +111,26 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def _check_plot(path: Path) -> None:
+    """Complain of a picture that could not be drawn, before a wheel turns for it."""
+    from importlib.util import find_spec
+
+    from tools.outputs import check_outputs
+
+    if find_spec("matplotlib") is None:
+        raise click.UsageError("--plot needs matplotlib: pip install 'sweepctl[plot]'")
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    known = FigureCanvasBase.get_supported_filetypes()
+    if path.suffix[1:] not in known:
+        raise click.UsageError(f"--plot {path}: write a name that ends with .png, .svg or .pdf")
+    force = click.get_current_context().params.get("force")  # of the log, and of the picture
+    check_outputs([path], [], force=bool(force))
+
+
 def _draw(steps: tuple[WheelStep, ...], path: Path) -> None:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise click.UsageError("--plot needs matplotlib: pip install 'sweepctl[plot]'") from None
+    from matplotlib.figure import Figure
+
     from bridge.errors import BridgeError
 
     figure = Figure(figsize=(7, 4), layout="constrained")

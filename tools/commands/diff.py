@@ -31,7 +31,9 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
     from bridge.view.comparison import compare, rows, write_page
     from bridge.view.run_data import load_run
     from tools.console import say
+    from tools.outputs import check_outputs
 
+    check_outputs([out], [a, b], force=force)
     with readable(a) as first, readable(b) as second:
         if as_json or out is not None:
             told = (
@@ -46,8 +48,9 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
                 say(f"wrote {out}")
             return 0
         lines = rows(load_run(first), load_run(second))
-    from rich.console import Console
     from rich.table import Table
+
+    from tools.console import plain_console
 
     table = Table(box=None, header_style="dim")
     table.add_column("")
@@ -55,5 +58,5 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
         table.add_column(name, justify="right")
     for line in lines:
         table.add_row(*line)
-    Console(highlight=False).print(table)
+    plain_console().print(table)
     return 0

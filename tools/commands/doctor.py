@@ -178,9 +178,10 @@ def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN4
         told.append(f"delay p95 {delay['p95']:.1f} ms")
     if figures["drift_ppm"] is not None:
         told.append(f"clock {figures['drift_ppm']:+.0f} ppm")
-    console.print(f"[dim]{', '.join(told)}[/]")
+    console.print(", ".join(told), style="dim", markup=False)
     for boot in figures["boots"][:1]:
-        console.print(f"[dim]{boot['firmware']}, uid {boot['uid']}, booted by {boot['cause']}[/]")
+        who = f"{boot['firmware']}, uid {boot['uid']}, booted by {boot['cause']}"
+        console.print(who, style="dim", markup=False)
     off = [
         f"{name} {stream['rate_hz']:g} Hz (default {stream['default_hz']:g})"
         for name, stream in figures["streams"].items()
@@ -190,4 +191,5 @@ def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN4
         and name != "hello"
     ]
     if off:
-        console.print(f"[dim]rates other than the defaults: {', '.join(off)}[/]")
+        others = f"rates other than the defaults: {', '.join(off)}"
+        console.print(others, style="dim", markup=False)

@@ -35,32 +35,33 @@ def command(*, file: Path, as_json: bool) -> int:
 
 
 def _print(description: RunDescription) -> None:
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    from tools.console import summary_table
+    from bridge.record.summaries import is_run
+    from tools.console import plain_console, summary_table
 
-    console = Console(highlight=False)
-    console.print(f"[bold]{description.path}[/]  {description.file_bytes / 1e6:.2f} MB", end="  ")
+    console = plain_console()
+    console.print(Text(str(description.path), "bold"), end="  ")
+    console.print(f"{description.file_bytes / 1e6:.2f} MB", end="  ")
     console.print(f"{description.duration_s:.1f} s, {description.message_count} messages")
     if description.format != "mcap":
         console.print(f"a {description.format} capture; below is what it decodes to")
     if not description.whole:
-        console.print(
-            "[yellow]its end is missing (the writer was killed); what is there was read[/]"
-        )
+        lost = "its end is missing (the writer was killed); what is there was read"
+        console.print(lost, style="yellow")
     parts = description.parts
     if parts:
         console.print(f"the run is in {len(parts)} files, {parts[0].name} to {parts[-1].name}")
     elif description.metadata.get("previous"):
         part, previous = description.metadata.get("part", "?"), description.metadata["previous"]
-        console.print(f"file {part} of a run: what came before is in {previous}", markup=False)
+        console.print(f"file {part} of a run: what came before is in {previous}")
     for problem in description.problems:
-        console.print(f"[yellow]{problem}[/]")
+        console.print(problem, style="yellow")
     for key in ("version", "port", "firmware", "uid", "boot_id", "planner", "seed", "noise"):
         if description.metadata.get(key):
-            console.print(f"{key:<9}{description.metadata[key]}", markup=False)
-    if description.summary is not None and "coverage" in description.summary:
+            console.print(f"{key:<9}{description.metadata[key]}")
+    if description.summary is not None and is_run(description.summary):
         console.print(summary_table({**description.summary, "log": None}))
     table = Table(box=None, header_style="dim")
     table.add_column("topic")

@@ -13,10 +13,12 @@ from tools import options
 from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from bridge.owner import Reached
     from bridge.parameters import Parameter
+
+_WIDEST = 2000
 
 
 @click.group(
@@ -36,7 +38,10 @@ def command() -> None:
 @click.option("--changed", is_flag=True, help="Only those that differ from the default.")
 @options.json_option
 def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
-    """Show every parameter with its value, unit, range, default and state."""
+    """Show every parameter with its value, unit, range and default.
+
+    Then when a change of it counts, and the state of its value: stored, or not saved yet.
+    """
     with _reach(port) as robot:
         found = robot.list_parameters()
     if changed:
@@ -108,6 +113,9 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
         found = robot.list_parameters()
     names = ", ".join(p.name for p in kept)
     say(f"saved: {names}" if names else "saved; nothing had changed")
+    late = ", ".join(p.name for p in kept if p.needs_reboot)
+    if late:
+        say(f"{late}: counts from the device's next boot on, so reboot it")
     if as_json:
         _show(found, as_json=True)
     return 0
@@ -165,34 +173,50 @@ def _show(parameters: Sequence[Parameter], *, as_json: bool) -> None:
             p.kind,
             f"{_number(p, p.low)} to {_number(p, p.high)}",
             _number(p, p.default),
+            "" if p.read_only else "after reboot" if p.needs_reboot else "at once",
             _state(p),
         )
         for p in parameters
     ]
-    _table(("no", "parameter", "value", "unit", "type", "range", "default", "state"), rows)
+    head = ("no", "parameter", "value", "unit", "type", "range", "default", "counts", "state")
+    _table(head, rows)
 
 
 def _state(p: Parameter) -> str:
-    words = [
-        "read-only" if p.read_only else "",
-        "not saved" if p.changed else "stored" if p.stored else "",
-        "needs a reboot" if p.needs_reboot else "",
-    ]
-    return ", ".join(word for word in words if word)
+    if p.read_only:
+        return "read-only"
+    if p.changed:  # the device goes on by the value that it booted with
+        return "needs save and reboot" if p.needs_reboot else "not saved"
+    return "stored" if p.stored else ""
 
 
-def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     from rich.console import Console
+    from rich.measure import Measurement
     from rich.table import Table
 
-    table = Table(box=None, pad_edge=False)
-    for name in head:
-        right = name in {"no", "value", "default", "device"}
-        table.add_column(name, justify="right" if right else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    # On a pipe no line is folded, however narrow the reader.
-    Console(highlight=False, width=None if sys.stdout.isatty() else 200).print(table)
+    def without(dropped: tuple[str, ...]) -> Table:
+        table = Table(box=None, pad_edge=False)
+        kept = [at for at, name in enumerate(head) if name not in dropped]
+        for at in kept:
+            right = head[at] in {"no", "value", "default", "device"}
+            table.add_column(head[at], justify="right" if right else "left", no_wrap=True)
+        for row in rows:
+            table.add_row(*(row[at] for at in kept))
+        return table
+
+    console = Console(highlight=False)
+    wide = console.options.update(width=_WIDEST)
+    table = without(())
+    for dropped in (("no",), ("no", "default")):  # what a person needs least
+        if not sys.stdout.isatty() or (
+            Measurement.get(console, wide, table).maximum <= console.width
+        ):
+            break
+        table = without(dropped)
+    # No cell is cut, however narrow the reader: a terminal folds the line, a pipe has no width.
+    for line in console.render_lines(table, wide, pad=False):
+        console.file.write("".join(part.text for part in line).rstrip() + "\n")
 
 
 def _number(parameter: Parameter, value: float) -> str:
@@ -213,4 +237,5 @@ def _remind(parameters: Sequence[Parameter]) -> None:
         say("until the next boot; `sweepctl param save` makes it stay")
     late = [p.name for p in parameters if p.needs_reboot]
     if late:
-        say(f"{', '.join(late)}: counts from the device's next boot on, so save and reboot it")
+        what = "save and reboot" if any(p.changed for p in parameters) else "reboot"
+        say(f"{', '.join(late)}: counts from the device's next boot on, so {what} it")

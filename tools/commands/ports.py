@@ -75,8 +75,9 @@ def command(
 
 
 def _show(found: list[Candidate]) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from tools.console import plain_console
 
     table = Table(box=None, pad_edge=False)
     for title in ("port", "device", "adapter", "state"):
@@ -85,7 +86,7 @@ def _show(found: list[Candidate]) -> None:
         style = "bold green" if one.found else "" if one.known else "dim"
         device = "" if one.device == one.port else one.device
         table.add_row(one.port, device, one.what, _state(one), style=style)
-    Console(highlight=False).print(table)
+    plain_console().print(table)
 
 
 def _state(one: Candidate) -> str:

@@ -60,14 +60,23 @@ def command(  # noqa: PLR0913 - one parameter per option
     whose name is the first line on stdout ("ready PORT"): it sends what it sent, damaged bytes
     included, answers hello and time, and cannot be driven.
     """
-    from bridge.record.sources import readable
+    from bridge.record.sources import MCAP, kind_of, readable
 
     if pty_link is not None and link is None:
         raise click.UsageError("--pty-link goes with --link pty")
-    if link is not None and (speed is not None or serve or start_s or end_s is not None):
+    is_part = bool(start_s) or end_s is not None
+    if check and (link is not None or speed is not None or serve or is_part):
+        raise click.UsageError("--check plays nothing: only --json goes with it")
+    if end_s is not None and end_s <= start_s:
+        raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
+    if link is not None and (speed is not None or serve or is_part):
         raise click.UsageError("a port plays in the robot's own time: no --speed, --from, --to")
     if as_json and not check:
         raise click.UsageError("--json goes with --check")
+    if check and kind_of(file) != MCAP:
+        from bridge.record.errors import LogReadError
+
+        raise LogReadError(file, "it is a capture: beside its bytes it holds nothing to compare")
     with readable(file) as log:
         if check:
             return _check(log, as_json=as_json)

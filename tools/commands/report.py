@@ -35,11 +35,13 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     from bridge.record.sources import readable
     from bridge.view.report import default_path, write_report
     from tools.console import say
+    from tools.outputs import check_outputs
 
     default = default_path(file)
     # Only the picture was asked for by name, and the page is there from before.
     is_there = out is None and png is not None and default.exists() and not force
     page = None if is_there else out or default
+    check_outputs((page, png), [file], force=force)
     with readable(file) as log:
         data = write_report(log, page, png=png, force=force)
     if as_json:

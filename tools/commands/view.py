@@ -26,44 +26,55 @@ import click
     help="Save what the window would show as a PNG; needs no display.",
 )
 @click.option("--serve", is_flag=True, help="Serve it to a browser on this machine, until Ctrl-C.")
-def command(
-    *, file: Path, save: Path | None, png: Path | None, screenshot: Path | None, serve: bool
+@click.option("--force", is_flag=True, help="Replace a file to write that exists.")
+def command(  # noqa: PLR0913 - one parameter per option
+    *,
+    file: Path,
+    save: Path | None,
+    png: Path | None,
+    screenshot: Path | None,
+    serve: bool,
+    force: bool,
 ) -> int:
     """Open FILE in Rerun: the room with path and swept map, sensors, planner and link.
 
-    FILE is a log, a `candump -l` log, or the raw bytes of a serial line.
+    FILE is a log, a `candump -l` log, or the raw bytes of a serial line. With --save, --png or
+    --screenshot, or several of them, files are written and no window opens.
     """
     from bridge.record.reader import LogReader
     from bridge.record.sources import readable
+    from tools.outputs import check_outputs
 
     with readable(file) as log:
         LogReader(log)  # a file that is no log is told before a display that is missing
-        return _show(log, save, png, screenshot, serve=serve)
+        check_outputs((save, png, screenshot), [file], force=force)
+        _write(log, save, png, screenshot)
+        if serve:
+            _serve(log)
+        elif save is None and png is None and screenshot is None:
+            from bridge.view.launch import open_viewer
+
+            open_viewer(log)
+    return 0
 
 
-def _show(
-    log: Path, save: Path | None, png: Path | None, screenshot: Path | None, *, serve: bool
-) -> int:
+def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | None) -> None:
     from tools.console import say
 
+    if save is not None:
+        from bridge.view.launch import open_viewer
+
+        open_viewer(log, save=save)
+        say(f"wrote {save}")
     if png is not None:
         from bridge.view.picture import draw_run
 
         say(f"wrote {draw_run(log, png)}")
-    elif screenshot is not None:
+    if screenshot is not None:
         from bridge.view.screenshot import save_screenshot
 
         save_screenshot(log, screenshot)
         say(f"wrote {screenshot}")
-    elif serve:
-        _serve(log)
-    else:
-        from bridge.view.launch import open_viewer
-
-        open_viewer(log, save=save)
-        if save is not None:
-            say(f"wrote {save}")
-    return 0
 
 
 def _serve(log: Path) -> None:

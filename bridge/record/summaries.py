@@ -1,0 +1,74 @@
+"""A run's summary as a log has it: ours, an older one's, or another program's file of that name."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+_NUMBERS = (
+    *("seed", "duration_s", "path_m", "turns", "collisions", "contact_s", "energy_wh"),
+    *("t90_s", "t99_s", "largest_hole_cm2", "hole_inradius_m", "repeat_ratio"),
+)
+_TEXTS = ("room", "planner", "outcome", "reason", "log")
+_TABLES: dict[str, tuple[str, ...]] = {
+    "coverage": ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8"),
+    "pose_error_m": ("end", "max"),
+    "wire": ("lost", "crc_errors"),
+}
+_BY_DIRECTION = ("frames", "bytes")
+_SHOWN = {
+    *("room", "planner", "outcome", "reason", "seed", "duration_s", "path_m", "turns"),
+    *("collisions", "energy_wh", "t90_s", "t99_s", "largest_hole_cm2"),
+}
+
+
+def read_summary(data: bytes) -> dict[str, Any] | None:
+    """The object, or None where it is none.
+
+    A known key whose value is of another kind than ours is left out, as though it had not been
+    told; a number that no JSON has (NaN, infinity) is null.
+    """
+    try:
+        value = json.loads(data, parse_constant=lambda _: None, parse_float=_finite)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(value, dict):
+        return None
+    return {key: told for key, told in value.items() if _is_ours(key, told)}
+
+
+def is_run(summary: dict[str, Any]) -> bool:
+    """Whether it has all that a run's table shows; a bench command's has other things."""
+    if not summary.keys() >= _SHOWN:
+        return False
+    if not all(summary.get(name, {}).keys() >= {*keys} for name, keys in _TABLES.items()):
+        return False
+    return all(summary["wire"].get(name, {}).keys() >= {"rx", "tx"} for name in _BY_DIRECTION)
+
+
+def _finite(text: str) -> float | None:
+    number = float(text)
+    return number if math.isfinite(number) else None
+
+
+def _is_ours(key: str, told: Any) -> bool:  # noqa: ANN401 - whatever JSON has
+    if key in _TABLES:
+        return isinstance(told, dict) and _is_table(key, told)
+    if told is None:
+        return True
+    return _is_number(told) if key in _NUMBERS else key not in _TEXTS or isinstance(told, str)
+
+
+def _is_table(key: str, told: dict[str, Any]) -> bool:
+    if not all(told.get(name) is None or _is_number(told[name]) for name in _TABLES[key]):
+        return False
+    ways = [told[name] for name in _BY_DIRECTION if key == "wire" and name in told]
+    return all(
+        isinstance(way, dict) and all(_is_number(way.get(end, 0)) for end in ("rx", "tx"))
+        for way in ways
+    )
+
+
+def _is_number(told: Any) -> bool:  # noqa: ANN401 - whatever JSON has
+    return isinstance(told, int | float) and not isinstance(told, bool)

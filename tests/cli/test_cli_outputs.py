@@ -1,0 +1,93 @@
+"""Files that reading commands write: nothing that is there is lost unless that is asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bridge.record.errors import LogWriteError
+from bridge.view import screenshot
+from support.cli import short_runs, sweepctl
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return short_runs(tmp_path_factory)[0].log
+
+
+@pytest.mark.parametrize("option", ["--png", "--save", "--screenshot"])
+def test_view_replaces_nothing_unless_it_is_told_to(log: Path, tmp_path: Path, option: str) -> None:
+    target = tmp_path / "kept"
+    target.write_text("another's")
+    done = sweepctl("view", log, option, target)
+    assert done.status == 1
+    assert done.line.count("\n") <= 1
+    assert f"{target} exists; give another name, or --force to replace it" in done.line
+    assert target.read_text() == "another's"
+
+
+def test_view_replaces_where_it_is_told_to_and_where_nothing_is_lost(
+    log: Path, tmp_path: Path
+) -> None:
+    target, empty = tmp_path / "old.png", tmp_path / "made-by-mktemp.png"
+    target.write_text("another's")
+    empty.touch()
+    assert sweepctl("view", log, "--png", target, "--force").status == 0
+    assert target.read_bytes().startswith(b"\x89PNG")
+    assert sweepctl("view", log, "--png", empty).status == 0
+    assert empty.read_bytes() == target.read_bytes()
+
+
+def test_view_writes_all_that_it_was_asked_for(log: Path, tmp_path: Path) -> None:
+    png, rrd = tmp_path / "run.png", tmp_path / "run.rrd"
+    assert sweepctl("view", log, "--png", png, "--save", rrd).status == 0
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert rrd.read_bytes().startswith(b"RRF2")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("view", "--png"),
+        ("view", "--save"),
+        ("view", "--screenshot"),
+        ("report", "--out"),
+        ("report", "--png"),
+    ],
+)
+def test_the_log_itself_is_never_written_over(
+    log: Path, tmp_path: Path, command: tuple[str, str]
+) -> None:
+    copy = tmp_path / "run.mcap"
+    copy.write_bytes(log.read_bytes())
+    name, option = command
+    done = sweepctl(name, copy, option, tmp_path / "." / "run.mcap", "--force")
+    assert done.status == 1
+    assert "it is the file to read; give another name" in done.line
+    assert copy.read_bytes() == log.read_bytes()
+    both = sweepctl("diff", log, copy, "--out", copy, "--force")
+    assert both.status == 1
+    assert copy.read_bytes() == log.read_bytes()
+
+
+def test_two_outputs_of_one_name_are_told(log: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page"
+    assert sweepctl("report", log, "--out", page, "--png", page).status == 2
+    assert sweepctl("view", log, "--save", page, "--png", page).status == 2
+    assert not page.exists()
+
+
+class Still:
+    """A viewer whose picture is always the same."""
+
+    def save_screenshot(self, path: str) -> None:
+        Path(path).write_bytes(b"picture")
+
+
+def test_a_screenshot_that_cannot_be_written_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(screenshot, "SETTLE_S", 0.0)
+    with pytest.raises(LogWriteError, match=r"cannot write /proc/none/x\.png"):
+        screenshot._when_at_rest(Still(), tmp_path / "shot.png", Path("/proc/none/x.png"))  # type: ignore[arg-type]  # noqa: SLF001 - all of a client that it uses

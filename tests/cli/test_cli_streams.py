@@ -1,0 +1,69 @@
+"""Where output goes: a terminal that knows few letters, a full disk, nowhere at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.writer import Writer
+
+from support.cli import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/größe", "json", 0)
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+    return path
+
+
+def run(
+    *arguments: str | Path, led: str = "", env: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """The command in a shell, its streams led as ``led`` says."""
+    words = [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)]
+    return subprocess.run(
+        ["/bin/sh", "-c", f'"$@" {led}', "sh", *words],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})},
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_a_terminal_of_few_letters_gets_marks_in_their_place(log: Path) -> None:
+    told = run("info", log, env=ASCII)
+    assert (told.returncode, told.stderr) == (0, "")
+    assert "/gr??e" in told.stdout.replace("\n", "")
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_a_full_disk_is_told_in_one_line(log: Path, options: tuple[str, ...]) -> None:
+    told = run("info", log, *options, led=">/dev/full")
+    assert told.returncode == 1
+    assert told.stderr == "sweepctl: cannot write the output: No space left on device\n"
+
+
+def test_without_a_stdout_it_does_its_work(log: Path, tmp_path: Path) -> None:
+    target = tmp_path / "whole.mcap"
+    told = run("recover", log, "--out", target, "--json", led=">&-")
+    assert (told.returncode, told.stderr) == (0, "")
+    whole = run("info", target, "--json")
+    assert json.loads(whole.stdout)["messages"] == 1
+    assert target.read_bytes().startswith(b"\x89MCAP"), "nothing was said into it"

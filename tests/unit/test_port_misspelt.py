@@ -1,0 +1,90 @@
+"""A name that is no port: what it was meant to be is told, never that a robot is missing."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.errors import PortError
+from bridge.io.port_names import FORMS, misspelt, tcp_mistake
+from bridge.io.ports import open_port
+
+
+def told(name: str) -> str:
+    with pytest.raises(PortError) as caught:
+        open_port(name).close()
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_status == 3
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("tcp:host", "for TCP write socket://HOST:PORT, like socket://127.0.0.1:5000"),
+        ("tcp:127.0.0.1", "for TCP write socket://HOST:PORT, like socket://127.0.0.1:5000"),
+        ("tcp:host:notaport", "for TCP write socket://HOST:PORT, like socket://127.0.0.1:5000"),
+        ("tcp:127.0.0.1:5000", "for TCP write socket://127.0.0.1:5000"),
+        ("tcp://127.0.0.1:5000", "for TCP write socket://127.0.0.1:5000"),
+        ("TCP://[::1]:5000", "for TCP write socket://[::1]:5000"),
+        ("socket:robot.local:5000", "for TCP write socket://robot.local:5000"),
+        ("rfc2217:robot", "for TCP write rfc2217://HOST:PORT, like rfc2217://127.0.0.1:5000"),
+        ("127.0.0.1:5000", "for TCP write socket://127.0.0.1:5000"),
+        ("robot:5000", "for TCP write socket://robot:5000"),
+        ("slcan:/dev/pts/9", "for a CAN bus write can:slcan:/dev/pts/9"),
+        ("slcan:", "for a CAN bus write can:slcan:/dev/ttyACM0"),
+        ("socketcan:can1", "for a CAN bus write can:socketcan:can1"),
+        ("udpcan:239.74.163.2", "for a CAN bus write can:udp_multicast:239.74.163.2"),
+        ("udp_multicast://239.74.163.9", "for a CAN bus write can:udp_multicast:239.74.163.9"),
+        ("foo:bar", f"write {FORMS}"),
+        ("http://robot/", f"write {FORMS}"),
+    ],
+)
+def test_a_misspelt_name_is_told_its_form(name: str, meant: str) -> None:
+    assert told(name) == f"{name} is not a port: {meant}"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("socket://", "socket://127.0.0.1", "socket://127.0.0.1:x", "socket://:5000"),
+        *("socket://127.0.0.1:0", "socket://127.0.0.1:99999", "rfc2217://robot"),
+    ],
+)
+def test_an_address_without_a_host_or_a_port_is_told_before_it_is_opened(name: str) -> None:
+    scheme = name.partition(":")[0]
+    assert told(name) == (
+        f"{name} is not a port: after {scheme}:// come a host and its TCP port, 1 to 65535, like "
+        f"{scheme}://127.0.0.1:5000"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("/dev/ttySWEEPER9", "/dev/ttySWEEPER9 does not exist; is the robot plugged in?"),
+        ("ttySWEEPER9", "ttySWEEPER9 does not exist; is the robot plugged in?"),
+        ("/dev/by-path/pci-0000:00:14.0", "is the robot plugged in?"),
+        ("socket://127.0.0.1:1", "cannot open socket://127.0.0.1:1: Connection refused"),
+        ("/", "cannot open /: Is a directory"),
+        ("can:nothing", "write can:INTERFACE:CHANNEL, like can:socketcan:can0"),
+        ("can:foo:bar", "there is no CAN interface 'foo'; it is slcan, socketcan"),
+    ],
+)
+def test_a_name_of_the_right_form_is_told_what_is_missing(name: str, text: str) -> None:
+    assert text in told(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("/dev/ttyUSB0", "COM3", "loop://", "spy:///dev/ttyUSB0", "hwgrep://0403:6001"),
+        *("can:socketcan:can0", "socket://[::1]:5000", "socket://robot:5000?logging=debug"),
+    ],
+)
+def test_what_can_be_a_port_is_let_pass(name: str) -> None:
+    assert tcp_mistake(name) is None
+
+
+@pytest.mark.parametrize("name", ["/dev/ttyUSB0", "COM3", "loop://", "spy:///dev/ttyUSB0"])
+def test_a_path_is_no_misspelling(name: str) -> None:
+    assert misspelt(name) is None
