@@ -114,19 +114,16 @@ def python_twin(plan: FloorPlan) -> list[Message]:
     device, link = VirtualSweeper(plan, noise="none"), Link(Direction.HOST)
     heard: list[Message] = []
     leave = [*LEAVE]
-    finished: list[PlannerState] = []
-    now_us = 0
-    while not finished and now_us < 400_000_000:
+    end_us, now_us = 400_000_000, 0
+    while now_us < end_us:
         now_us += 100_000
         message: Message = leave.pop(0) if leave else TimeRequest(0)
         link.send(message, now_us, node=1)
         events = link.receive(device.step(link.data_to_send(), now_us))
         heard += [e.message for e in events if isinstance(e, Received)]
-        finished = [
-            m
-            for m in heard[-20:]
-            if isinstance(m, PlannerState) and m.phase == PlannerPhase.FINISHED
-        ]
+        told = [m for m in heard[-20:] if isinstance(m, PlannerState)]
+        if any(m.phase == PlannerPhase.FINISHED for m in told):
+            end_us = min(end_us, now_us + 1_000_000)  # its reason may be a line later
     return heard
 
 
