@@ -16,7 +16,7 @@ def check_outputs(
 ) -> None:
     """Refuse to write over what exists, over a log that is read, or twice into one file.
 
-    A device, and an empty file as mktemp makes one, hold nothing to lose.
+    A device holds nothing to lose.
 
     Raises:
         click.UsageError: two outputs have one name.
@@ -33,5 +33,5 @@ def check_outputs(
     for path in given:
         if path.resolve() in read:
             raise LogWriteError(path, "it is the file to read; give another name")
-        if path.is_file() and path.stat().st_size and not force:
+        if path.is_file() and not force:
             raise LogExistsError(path)

@@ -27,16 +27,14 @@ def test_view_replaces_nothing_unless_it_is_told_to(log: Path, tmp_path: Path, o
     assert target.read_text() == "another's"
 
 
-def test_view_replaces_where_it_is_told_to_and_where_nothing_is_lost(
-    log: Path, tmp_path: Path
-) -> None:
+def test_view_replaces_only_where_it_is_told_to(log: Path, tmp_path: Path) -> None:
     target, empty = tmp_path / "old.png", tmp_path / "made-by-mktemp.png"
     target.write_text("another's")
     empty.touch()
     assert sweepctl("view", log, "--png", target, "--force").status == 0
     assert target.read_bytes().startswith(b"\x89PNG")
-    assert sweepctl("view", log, "--png", empty).status == 0
-    assert empty.read_bytes() == target.read_bytes()
+    assert sweepctl("view", log, "--png", empty).status == 1
+    assert not empty.read_bytes(), "an existing file, as any"
 
 
 def test_view_writes_all_that_it_was_asked_for(log: Path, tmp_path: Path) -> None:
