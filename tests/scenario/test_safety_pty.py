@@ -35,6 +35,7 @@ pytestmark = pytest.mark.realtime
 
 AT_REST_S = 0.25 + 0.45
 """Time to live, and the ramp with the motors' lag."""
+MOVING_M_S = 0.15
 SLACK_S = 0.3
 """What two busy cores may add between our clock and the kernel's delivery of a signal."""
 
@@ -42,8 +43,19 @@ SLACK_S = 0.3
 def drive(device: Emulator, cwd: Path, *arguments: str | Path) -> Command:
     host = Command("connect", device.port, "--plan", "paper", *arguments, cwd=cwd)
     host.says("run is driving")
-    time.sleep(0.8)  # by now it is under way
+    under_way(device, 0.08)
     return host
+
+
+def under_way(device: Emulator, path_m: float) -> None:
+    """Wait until it has made so much of a way, and moves: a busy machine takes its time."""
+    until_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until_s:
+        told = ask(device.port, {"do": "status"})["status"]
+        if told["path_m"] > path_m and told["v_m_s"] > MOVING_M_S:
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"it did not get under way in {PATIENCE_S} s")
 
 
 def run(cwd: Path, *arguments: str) -> Ended:
@@ -67,7 +79,7 @@ def a_killed_host(tmp_path: Path) -> None:
         assert "--clear-stop" in refused.complaint
         assert refused.json["outcome"] == "stopped"
         with drive(device, tmp_path, "--clear-stop", "--json", "--out", "f.mcap") as host:
-            time.sleep(0.5)
+            under_way(device, 0.12)
             host.send(signal.SIGINT)
             freed = host.end()
         assert freed.status == 0, freed.err
