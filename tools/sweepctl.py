@@ -78,7 +78,7 @@ def run(arguments: list[str] | None = None) -> int:
     try:
         return _run(sys.argv[1:] if arguments is None else arguments)
     except (click.Abort, KeyboardInterrupt):
-        click.echo("sweepctl: interrupted before anything was started", err=True)
+        click.echo("sweepctl: interrupted", err=True)
         return 0
 
 

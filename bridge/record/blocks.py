@@ -81,8 +81,8 @@ def blocks(
         work = _Gatherer(declared)
         for found in records(data, indexes=False):
             if isinstance(found, Damage):
-                if not found.is_tail:
-                    problems.append(f"damaged bytes at offset {found.offset} stepped over")
+                what = "all from there on is cut or damaged" if found.is_tail else "stepped over"
+                problems.append(f"damaged bytes at offset {found.offset}: {what}")
                 continue
             if found.opcode == Opcode.DATA_END:
                 break

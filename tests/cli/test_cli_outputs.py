@@ -9,6 +9,7 @@ import pytest
 from bridge.record.errors import LogWriteError
 from bridge.view import screenshot
 from support.cli import short_runs, sweepctl
+from tools.sweepctl import run
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +90,16 @@ def test_a_screenshot_that_cannot_be_written_is_one_line(
     monkeypatch.setattr(screenshot, "SETTLE_S", 0.0)
     with pytest.raises(LogWriteError, match=r"cannot write /proc/none/x\.png"):
         screenshot._when_at_rest(Still(), tmp_path / "shot.png", Path("/proc/none/x.png"))  # type: ignore[arg-type]  # noqa: SLF001 - all of a client that it uses
+
+
+def test_an_export_that_is_interrupted_says_what_it_left(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bridge.record.export.export", interrupted)
+    assert run(["export", str(log), "--out", str(tmp_path / "tables")]) == 1
+    said = capsys.readouterr().err
+    assert "interrupted: the tables in" in said
+    assert said.count("\n") == 1

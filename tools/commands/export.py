@@ -54,10 +54,14 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.record.export import as_json as exported_json
     from bridge.record.export import export
     from bridge.record.sources import readable
-    from tools.console import say
+    from tools.console import complain, say
 
-    with readable(file) as log:
-        result = export(log, out, file_format=file_format, topics=topics, force=force)
+    try:
+        with readable(file) as log:
+            result = export(log, out, file_format=file_format, topics=topics, force=force)
+    except KeyboardInterrupt:
+        complain(f"interrupted: the tables in {out} are not whole; --force writes them anew")
+        return 1
     for problem in result.problems:
         say(problem)
     if as_json:

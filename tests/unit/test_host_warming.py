@@ -1,0 +1,25 @@
+"""The chip's temperature reaches the host's estimate."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.motion.pose_filter import PoseFilter
+from bridge.motion.robot_model import RobotModel
+from bridge.record.sink import NullSink
+from tools.rooms import load_room
+from tools.virtual_run import run_virtual
+
+
+def test_the_host_follows_the_chip_as_it_warms_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6 °C in all with a time constant of 300 s: 0.39 °C in 20 s, less half a second of filter."""
+    told: list[float] = []
+    warm = PoseFilter.warm
+
+    def listened(self: PoseFilter, change_c: float) -> None:
+        told.append(change_c)
+        warm(self, change_c)
+
+    monkeypatch.setattr(PoseFilter, "warm", listened)
+    run_virtual(load_room("empty"), RobotModel(), "paper", NullSink(), max_time_s=20.0)
+    assert sum(told) == pytest.approx(0.39, abs=0.08)
