@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bridge.motion.braking import Braking
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.hidden_ahead import HiddenAhead
 from bridge.motion.legs import (
@@ -48,17 +49,20 @@ class LegExecutor:
         """At rest, with no leg."""
         self._model = model
         self._tuning = tune = tuning or MotionTuning()
-        self._brake_m_s2 = tune.brake_share * model.max_accel_m_s2
+        brake_m_s2 = tune.brake_share * model.max_accel_m_s2
+        self._brake = Braking(brake_m_s2, tune.lag_s, tune.creep_m_s)
         rate = tune.turn_rate_share * model.max_yaw_rate_rad_s
         brake_rad_s2 = 0.5 * model.max_yaw_accel_rad_s2
         self._rotary = RotaryController(rate, brake_rad_s2)
+        self._flow_rad_s = tune.flow_rate_share * model.max_yaw_rate_rad_s
+        self._flow = Braking(tune.flow_brake_share * model.max_yaw_accel_rad_s2, tune.lag_s)
         self._point = PointToPointController(model.max_speed_m_s, rate)
         self._target = HALT
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, tune.lowpass)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, tune.lowpass)
         self._ranging = RangingNoise()
         self._ahead = RangeAhead()
-        self._hidden = HiddenAhead(model, self._brake_m_s2)
+        self._hidden = HiddenAhead(model, brake_m_s2)
         self._wary_m_s = math.inf
         self.most_m_s = math.inf
         """Fastest forward speed that the planner allows now."""
@@ -217,9 +221,11 @@ class LegExecutor:
             speed = min(speed, self._allowed(wary=leg.wary))
         if leg.distance_m is not None:
             remaining = (leg.distance_m - self._along_m) * direction
-            if remaining <= self._run_out_m(obs.v_m_s):
+            if remaining <= self._brake.run_out(obs.v_m_s):
+                if leg.end_m_s > 0.0:
+                    return self._flow_on(StopReason.DISTANCE, obs)
                 return self._stop(StopReason.DISTANCE, obs, dt)
-            speed = min(speed, self._brake_speed(remaining))
+            speed = min(speed, max(self._brake.speed(remaining), leg.end_m_s))
         if self._stalled(self._along_m, self._tuning.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
         pose, origin = obs.pose, self._origin
@@ -233,11 +239,16 @@ class LegExecutor:
         tune = self._tuning
         error = wrap_angle(leg.heading_rad - obs.pose.theta_rad)
         run_out = 0.5 * tune.lag_s * abs(obs.yaw_rate_rad_s)
+        if leg.flowing and abs(error) < tune.flow_rad + run_out:
+            return self._flow_on(StopReason.DONE, obs)
         if abs(error) < tune.heading_tolerance_rad + run_out:
             return self._stop(StopReason.DONE, obs, dt)
         if self._stalled(obs.pose.theta_rad, tune.stall_rad):
             return self._stop(StopReason.STALLED, obs, dt)
-        rate = self._rotary.update(leg.heading_rad, obs.pose.theta_rad, dt)
+        if leg.flowing:
+            rate = math.copysign(min(self._flow.speed(abs(error)), self._flow_rad_s), error)
+        else:
+            rate = self._rotary.update(leg.heading_rad, obs.pose.theta_rad, dt)
         if abs(rate) < tune.min_turn_rad_s:
             rate = math.copysign(tune.min_turn_rad_s, error)
         return self._send(0.0, rate, dt)
@@ -264,7 +275,7 @@ class LegExecutor:
             most = self._approach(leg.stop_range_m, obs, dt, self._speed)
             if most <= 0.0:
                 return self._stop(StopReason.RANGE, obs, dt)
-            speed = min(max(speed, tune.creep_m_s), most, self._brake_speed(command.distance_m))
+            speed = min(max(speed, tune.creep_m_s), most, self._brake.speed(command.distance_m))
             speed = min(speed, self._allowed(wary=False))
         if self._stalled(self._along_m + obs.pose.theta_rad, tune.stall_m):
             return self._stop(StopReason.STALLED, obs, dt)
@@ -299,27 +310,14 @@ class LegExecutor:
         if ahead is None:
             return speed
         remaining = ahead - stop_range_m
-        if remaining <= self._run_out_m(obs.v_m_s):
+        if remaining <= self._brake.run_out(obs.v_m_s):
             return 0.0
-        return min(speed, self._brake_speed(remaining))
+        return min(speed, self._brake.speed(remaining))
 
     def _allowed(self, *, wary: bool) -> float:
         """Fastest forward speed for what is known, and with ``wary`` suspected, ahead."""
         most = min(self.most_m_s, self._wary_m_s) if wary else self.most_m_s
         return max(most, self._tuning.creep_m_s)
-
-    def _brake_speed(self, remaining_m: float) -> float:
-        """Fastest speed that stops within ``remaining_m`` by the brake share, lag included.
-
-        From d = v·τ + v²/2a: v = sqrt((aτ)² + 2ad) - aτ.
-        """
-        push = self._brake_m_s2 * self._tuning.lag_s
-        speed = math.sqrt(push * push + 2.0 * self._brake_m_s2 * max(remaining_m, 0.0)) - push
-        return max(speed, self._tuning.creep_m_s)
-
-    def _run_out_m(self, v_m_s: float) -> float:
-        """Way still made after a zero command at this speed: half the lag at a falling speed."""
-        return 0.5 * self._tuning.lag_s * abs(v_m_s)
 
     def _hit(self, obs: Observation) -> StopReason | None:
         if obs.cliff:
@@ -350,6 +348,13 @@ class LegExecutor:
             self.halt()
             return HALT
         return self._send(0.0, 0.0, dt)
+
+    def _flow_on(self, reason: StopReason, obs: Observation) -> VelocityCommand:
+        """End the leg in motion; the next one takes over from what was sent last."""
+        self._stopping = reason
+        self._bumped = (obs.bumper_left, obs.bumper_right)
+        self._finish(obs)
+        return VelocityCommand(self._smooth_v.output, self._smooth_w.output)
 
     def _settle(self, obs: Observation, dt: float) -> VelocityCommand:
         """Ramp to zero; the leg ends at rest, where its distance and pose are final."""

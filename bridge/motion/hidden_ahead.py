@@ -24,6 +24,8 @@ _SAME_M = 0.06
 _MARGIN_M = 0.012
 _TURNED_RAD = 0.15
 """After turning so far it is not known where it is."""
+_PAST_M = 0.03
+"""So far past the touch that was to come, and did not: there is nothing."""
 _MOST = 4
 _LATENCY_S = 0.10
 
@@ -83,12 +85,19 @@ class HiddenAhead:
         if not self._things:
             return math.inf
         self._things = [
-            thing for thing in self._things if thing[0] > 0.0 and abs(thing[2]) < _TURNED_RAD
+            thing
+            for thing in self._things
+            if thing[0] > self._passed_m(thing[1]) and abs(thing[2]) < _TURNED_RAD
         ]
         return min(
             (contact_speed(t[1], t[0], self._rim_m, self._brake) for t in self._things),
             default=math.inf,
         )
+
+    def _passed_m(self, aside_m: float) -> float:
+        """How far ahead a thing is where it would have been touched, if it were there."""
+        reach_m = math.sqrt(max(self._rim_m * self._rim_m - aside_m * aside_m, 0.0))
+        return max(reach_m - _PAST_M, 0.0)
 
     def _look(self, raw_m: float | None) -> None:
         last, self._range_m = self._range_m, raw_m

@@ -28,6 +28,8 @@ class Drive:
     """Stop where the ultrasonic reads this; ``None``: the ultrasonic does not stop the leg."""
     timeout_s: float | None = None
     """``None``: twice the time that the distance should take and 5 s, or 600 s without one."""
+    end_m_s: float = 0.0
+    """Speed at which it may end at its distance, the next leg following at once; 0: at rest."""
     wary: bool = False
     """Slow down for what left the ultrasonic's cone ahead: it may stand in the way beside it."""
     purpose: str = "drive"
@@ -39,6 +41,9 @@ class Turn:
     """Turn in place to a heading, the short way."""
 
     heading_rad: float
+    flowing: bool = False
+    """End within ``MotionTuning.flow_rad``, still turning: the next leg, which steers, follows at
+    once."""
     timeout_s: float = 15.0
     purpose: str = "turn"
 
@@ -118,7 +123,7 @@ _GOALS = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class LegResult:
-    """How a leg ended, after the robot came to rest."""
+    """How a leg ended: at rest, but for legs that flow into the next, or were cancelled."""
 
     leg: Leg
     reason: StopReason

@@ -22,6 +22,11 @@ class MotionTuning:
     min_turn_rad_s: float = 0.10
     """Slowest turn: below it wheels of this size stick."""
     heading_tolerance_rad: float = 0.004
+    flow_rad: float = 0.02
+    """A turn that flows into the next leg ends within this: what follows takes the rest out."""
+    flow_rate_share: float = 0.9
+    flow_brake_share: float = 0.75
+    """Of the yaw acceleration's limit, at which a turn that flows brakes."""
     point_tolerance_m: float = 0.006
     lowpass: float = 0.6
     """k of the velocity smoothing, per 20 ms step."""

@@ -23,8 +23,8 @@ _QUIET_M = 0.0015
 """Standard deviation of an infrared's surprises beside a wall: at ``typical`` they are 1.0 mm,
 at ``harsh`` 2.2 mm."""
 _LEARN = 0.01
-_STAND_OFF = 5.0
-"""Gap for each millimetre beyond: at ``harsh`` 3.5 mm. Less lets it slide, more leaves floor."""
+_STAND_OFF = 2.0
+"""Gap for each millimetre beyond: at ``harsh`` 1.4 mm. Less lets it slide, more leaves floor."""
 _SHARE = 0.05
 _MEAN_SHARE = 0.02
 

@@ -52,6 +52,9 @@ FRONT_NEW_RAD = math.radians(4.3)
 SKEW = 0.7
 """Ranges to a wall that stands askew by δ shrink by cos δ less than the way: δ²/2 of it."""
 FRONT_NEW_M = 1.0
+FRONT_SQUARE_RAD = math.radians(6.0)
+"""Where a room's walls are known, a surface that only the ultrasonic saw counts within this of
+their normals."""
 SQUARE_SURE_RAD = math.radians(0.9)
 SQUARE_RAD = math.radians(0.15)
 """What is left of squareness in a well-built room."""
@@ -159,7 +162,10 @@ class WallMap:
         sensor = pose.transform(mount.x_m, mount.y_m)
         best, best_chi, second_chi, gate_m = -1, math.inf, math.inf, GATE_M
         best_rows, best_surprise = None, None
+        straight_on = self._straight_on(pose.theta_rad + mount.yaw_rad)
         for i, wall in enumerate(self.walls):
+            if not straight_on and wall.seen_m < NEW_SPAN_M:
+                continue
             alpha = self.normal_rad(i)
             facing = math.remainder(alpha - pose.theta_rad - mount.yaw_rad, math.tau)
             if abs(facing) > FRONT_CONE_RAD:
@@ -180,7 +186,8 @@ class WallMap:
             else:
                 second_chi = min(second_chi, chi)
         if best_rows is None or best_surprise is None or best_chi > OTHER_CHI1:
-            self._add_front(sight, pose, mount)
+            if straight_on:
+                self._add_front(sight, pose, mount)
             return False
         if best_chi > SAME_CHI1 or second_chi < SAME_CHI1 or abs(best_surprise[0]) > gate_m:
             return False
@@ -200,6 +207,17 @@ class WallMap:
         self._estimator.settle()
         if 2 * len(self.walls) != len(self._estimator.walls):
             self.walls.clear()
+
+    def _straight_on(self, direction_rad: float) -> bool:
+        """Whether a room's walls would be met straight on; true where none are known.
+
+        What is met askew may be an edge or a corner, which is elsewhere for the next look.
+        """
+        framed = [i for i, wall in enumerate(self.walls) if wall.frame >= 0]
+        return not framed or any(
+            abs(math.remainder(direction_rad - self.normal_rad(i), _QUARTER)) < FRONT_SQUARE_RAD
+            for i in framed
+        )
 
     @staticmethod
     def _index(wall: int) -> tuple[int, ...]:

@@ -218,3 +218,51 @@ def test_nothing_to_do_is_a_halt() -> None:
     executor = LegExecutor(MODEL)
     assert executor.step(frozen(0.0)) == HALT
     assert executor.result is None
+
+
+def test_a_turn_that_flows_ends_near_its_heading_in_less_time() -> None:
+    world = world_at(2.0, 2.0)
+    driver = Driver(world)
+    begun = len(driver.commands)
+    still = driver.run(Turn(math.radians(90)))
+    by_rest = len(driver.commands) - begun
+    begun = len(driver.commands)
+    flowing = driver.run(Turn(math.radians(180), flowing=True))
+    assert len(driver.commands) - begun < 0.75 * by_rest
+    assert still.reason is flowing.reason is StopReason.DONE
+    off = math.remainder(world.truth.theta_rad - math.pi, math.tau)
+    assert abs(off) < math.radians(4)
+    # whoever steers on from there takes the rest out at once
+    driver.run(Drive(math.pi, 0.5))
+    off = math.remainder(world.truth.theta_rad - math.pi, math.tau)
+    assert abs(off) < math.radians(0.5)
+    assert world.truth.y_m == pytest.approx(2.0, abs=0.004)
+
+
+@pytest.mark.parametrize("end_m_s", [0.05, 0.12])
+def test_a_drive_that_flows_hands_its_speed_on_without_a_jump(end_m_s: float) -> None:
+    world = world_at(1.0, 2.0)
+    driver = Driver(world)
+    result = driver.run(Drive(0.0, 0.6, end_m_s=end_m_s))
+    assert result.reason is StopReason.DISTANCE
+    assert result.distance_m == pytest.approx(0.6, abs=0.008)
+    assert driver.commands[-1][0] == pytest.approx(end_m_s, abs=0.02)
+    driver.run(Drive(math.radians(10), 0.3))
+    speeds = [v for v, _ in driver.commands]
+    rates = [w for _, w in driver.commands]
+    assert max(abs(b - a) for a, b in itertools.pairwise(speeds)) < (
+        MODEL.max_accel_m_s2 * STEP_S + 0.01
+    )
+    assert max(abs(b - a) for a, b in itertools.pairwise(rates)) < (
+        MODEL.max_yaw_accel_rad_s2 * STEP_S + 0.03
+    )
+    way = math.hypot(world.truth.x_m - 1.0, world.truth.y_m - 2.0)
+    assert 0.85 < way < 0.91
+
+
+def test_a_drive_that_flows_still_heeds_a_bump() -> None:
+    post = ((2.0, 2.10), (2.05, 2.10), (2.05, 2.15), (2.0, 2.15))
+    driver = Driver(world_at(1.0, 2.0, obstacles=(post,)))
+    result = driver.run(Drive(0.0, 1.5, end_m_s=0.12))
+    assert result.reason is StopReason.BUMPER
+    assert driver.commands[-1] == HALT

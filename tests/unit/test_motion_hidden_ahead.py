@@ -73,3 +73,14 @@ def test_after_a_turn_it_is_not_known_where_it_stands() -> None:
     hidden.update(0.40, 0.0, 0.0)
     assert hidden.update(2.0, 0.01, 0.0) < math.inf
     assert hidden.update(2.01, 0.0, 0.2) == math.inf
+
+
+def test_what_is_not_touched_where_it_should_have_been_is_not_there() -> None:
+    hidden = HiddenAhead(MODEL, DECEL)
+    # 5 cm off the axis: touched 0.152 m ahead of the axle, if it is as far aside as it seems
+    speeds = drive(hidden, (1.0, 0.05), 1.0 - 0.10)
+    slow = [k for k, speed in enumerate(speeds) if speed < 0.04]
+    assert slow
+    # no touch came: free again a few centimetres on, not only when the axle has passed it
+    assert speeds[-1] == math.inf
+    assert 1.0 - 0.004 * slow[-1] == pytest.approx(0.152 - 0.03, abs=0.03)

@@ -295,6 +295,22 @@ def test_a_surface_of_unknown_direction_tells_nothing_of_the_wheels() -> None:
     assert room.filter.wheel_scale_sigma == scale
 
 
+@pytest.mark.parametrize(
+    ("degrees", "known"), [(0.0, True), (5.0, True), (8.0, False), (97.0, False)]
+)
+def test_an_echo_askew_to_the_rooms_walls_is_no_wall(degrees: float, *, known: bool) -> None:
+    """It may be an edge within the cone, and moved the pose by 3 cm when it was seen again."""
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.walls.see_line(line(0.0, 0.8))
+    assert {wall.frame for wall in room.walls.walls} == {0}
+    room.believe(-1.5, 0.0, degrees * DEGREE)  # where neither of the two is ahead
+    sight = FrontSight(0.5, 0.002**2)
+    assert not room.walls.see_front(sight, MODEL.ultrasonic)
+    assert len(room.walls.walls) == 2 + known
+    assert room.walls.see_front(sight, MODEL.ultrasonic) is known
+
+
 def test_a_surface_far_off_the_doubt_is_another() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))

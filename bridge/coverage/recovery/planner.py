@@ -42,6 +42,10 @@ _MOST_STUCK = 8
 """Attempts in a row that each gained less than ``_NO_WAY_M`` along a wall."""
 _LEAST_AWAY_RAD = math.radians(12.0)
 _LEAST_TURN_RAD = math.radians(2.0)
+_BEND_RAD = math.radians(15.0)
+"""A way that bends less is driven on without a turn in place: who drives steers."""
+_BEND_M_S, _CORNER_M_S = 0.12, 0.05
+"""Speeds through a bend, and into a turn in place, which takes the rest out."""
 
 
 class RecoveryPlanner(WatchfulPlanner):
@@ -202,7 +206,7 @@ class RecoveryPlanner(WatchfulPlanner):
         arrived = yield from self._travel(choice)
         if not arrived:
             return False
-        yield from self._turn(choice.heading_rad)
+        yield from self._turn(choice.heading_rad, _BEND_RAD)
         self._stand("lane", choice.way[-1])
         result = yield from self._drive(
             Drive(
@@ -253,20 +257,21 @@ class RecoveryPlanner(WatchfulPlanner):
 
     def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
         self._stand("travel", choice.way[-1])
-        for x, y in choice.way:
+        for k, (x, y) in enumerate(choice.way):
             pose = self._pose
             dx, dy = x - pose.x_m, y - pose.y_m
             way = math.hypot(dx, dy)
             if way < 0.01:  # noqa: PLR2004 - a centimetre is no way
                 continue
             heading = math.atan2(dy, dx)
-            yield from self._turn(heading)
+            yield from self._turn(heading, _BEND_RAD)
             result = yield from self._drive(
                 Drive(
                     heading,
                     way,
                     speed_m_s=self.options.travel_speed_m_s,
                     stop_range_m=self.options.stop_range_m,
+                    end_m_s=self._end_speed(choice, k, heading),
                     wary=True,
                     purpose="travel",
                 )
@@ -276,6 +281,15 @@ class RecoveryPlanner(WatchfulPlanner):
                     self._refused(result, heading)
                 return False
         return True
+
+    def _end_speed(self, choice: Choice, k: int, heading_rad: float) -> float:
+        """Speed at the end of the k-th piece of a way: it goes on through a slight bend."""
+        if k + 1 < len(choice.way):
+            (x, y), (x1, y1) = choice.way[k : k + 2]
+            bend = wrap_angle(math.atan2(y1 - y, x1 - x) - heading_rad)
+        else:
+            bend = wrap_angle(choice.heading_rad - heading_rad)
+        return _BEND_M_S if abs(bend) < _BEND_RAD else _CORNER_M_S
 
     def _refused(self, result: LegResult, heading_rad: float) -> None:
         """Shut a passage that refused the robot again, a little wider each time."""
@@ -296,9 +310,9 @@ class RecoveryPlanner(WatchfulPlanner):
                 times=self._refusals,
             )
 
-    def _turn(self, heading_rad: float) -> Generator[Leg, Step]:
-        if abs(wrap_angle(heading_rad - self._pose.theta_rad)) > _LEAST_TURN_RAD:
-            yield Turn(wrap_angle(heading_rad))
+    def _turn(self, heading_rad: float, least_rad: float = _LEAST_TURN_RAD) -> Generator[Leg, Step]:
+        if abs(wrap_angle(heading_rad - self._pose.theta_rad)) > least_rad:
+            yield Turn(wrap_angle(heading_rad), flowing=True)
 
     def _drive(self, leg: Drive) -> Part:
         """Drive; what stops it becomes evidence, and a bump is backed off from."""
