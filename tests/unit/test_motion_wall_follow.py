@@ -182,9 +182,9 @@ def test_a_noisy_sensor_keeps_it_off_the_wall() -> None:
     gaps = []
     for noise in (noisy, good):
         follower = WallFollower(MODEL, Side.LEFT, 0.0005, noise=noise)
-        steps = [follower.step(sees(0.064), STEP_S) for _ in range(50)]
+        steps = [follower.step(sees(0.062), STEP_S) for _ in range(50)]
         gaps.append(steps[-1].command.yaw_rate_rad_s)
-    assert gaps[0] < 0.0 < gaps[1], "at 4 mm the one turns off, the other nearer"
+    assert gaps[0] < 0.0 < gaps[1], "at 2 mm the one turns off, the other nearer"
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
