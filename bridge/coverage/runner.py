@@ -9,10 +9,10 @@ from bridge.coverage.planner import Finish, Planner, PlannerEvent, PlannerState,
 from bridge.coverage.resting import GyroRest
 from bridge.motion.executor import LegExecutor
 from bridge.motion.legs import Drive, Turn
-from bridge.motion.observation import HALT, Observation, VelocityCommand
 
 if TYPE_CHECKING:
     from bridge.motion.motion_tuning import MotionTuning
+    from bridge.motion.observation import Observation, VelocityCommand
     from bridge.motion.robot_model import RobotModel
 
 _MAX_DECISIONS = 16
@@ -126,7 +126,7 @@ class PlanRunner:
             if executor.result is None:
                 return command
         self._finish = Finish("planner made no progress")
-        return HALT
+        return executor.brake(obs)
 
     def _holds(self, obs: Observation) -> bool:
         """Whether to rest now."""

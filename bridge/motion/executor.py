@@ -175,8 +175,13 @@ class LegExecutor:
         """Bring the robot to rest within the acceleration limits, the leg under way kept.
 
         Once for every observation, until it gives a halt; the next ``step`` goes on from there.
+        A bumper or a cliff halts it at once.
         """
-        return self._slow_down(self._step_s(obs))
+        dt = self._step_s(obs)
+        if self._rolls_into(obs):
+            self.halt()
+            return HALT
+        return self._slow_down(dt)
 
     def halt(self) -> None:
         """Tell that the robot was stopped from outside: the next step ramps up from rest."""
@@ -237,6 +242,8 @@ class LegExecutor:
 
     def _turn(self, leg: Turn, obs: Observation, dt: float) -> VelocityCommand:
         tune = self._tuning
+        if self._rolls_into(obs):
+            self._smooth_v.reset()  # a turn is the way out, what is left of the way before is not
         error = wrap_angle(leg.heading_rad - obs.pose.theta_rad)
         run_out = 0.5 * tune.lag_s * abs(obs.yaw_rate_rad_s)
         if leg.flowing and abs(error) < tune.flow_rad + run_out:
@@ -325,6 +332,10 @@ class LegExecutor:
         if obs.bumper_left or obs.bumper_right:
             return StopReason.BUMPER
         return None
+
+    def _rolls_into(self, obs: Observation) -> bool:
+        """Whether it is still commanded ahead, by an earlier leg, and has met something there."""
+        return self._smooth_v.output > 0.0 and self._hit(obs) is not None
 
     def _stalled(self, progress: float, least: float) -> bool:
         if abs(progress - self._mark) > least:

@@ -24,8 +24,8 @@ _SAME_M = 0.06
 _MARGIN_M = 0.012
 _TURNED_RAD = 0.15
 """After turning so far it is not known where it is."""
-_PAST_M = 0.03
-"""So far past the touch that was to come, and did not: there is nothing."""
+_PAST_M, _ASIDE_M = 0.01, 0.02
+"""So far past the touch that did not come, were it farther aside by this: there is nothing."""
 _MOST = 4
 _LATENCY_S = 0.10
 
@@ -95,8 +95,9 @@ class HiddenAhead:
         )
 
     def _passed_m(self, aside_m: float) -> float:
-        """How far ahead a thing is where it would have been touched, if it were there."""
-        reach_m = math.sqrt(max(self._rim_m * self._rim_m - aside_m * aside_m, 0.0))
+        """How far ahead a thing is when the latest touch of it would have come, and a margin."""
+        body_m, aside_m = self._rim_m - _MARGIN_M, aside_m + _ASIDE_M
+        reach_m = math.sqrt(max(body_m * body_m - aside_m * aside_m, 0.0))
         return max(reach_m - _PAST_M, 0.0)
 
     def _look(self, raw_m: float | None) -> None:

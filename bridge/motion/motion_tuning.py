@@ -18,13 +18,14 @@ class MotionTuning:
     lookahead_m: float = 0.25
     """Lane keeping aims at the heading line this far ahead."""
     turn_rate_share: float = 0.75
-    """Share of the yaw rate limit used for turns, so that control keeps authority."""
+    """Share of the yaw rate limit used for turns that end at rest: control keeps authority."""
     min_turn_rad_s: float = 0.10
     """Slowest turn: below it wheels of this size stick."""
     heading_tolerance_rad: float = 0.004
     flow_rad: float = 0.02
     """A turn that flows into the next leg ends within this: what follows takes the rest out."""
     flow_rate_share: float = 0.9
+    """Of the yaw rate's limit, for a turn that flows."""
     flow_brake_share: float = 0.75
     """Of the yaw acceleration's limit, at which a turn that flows brakes."""
     point_tolerance_m: float = 0.006

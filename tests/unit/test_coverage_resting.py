@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING
 
+import pytest
+
+from bridge.coverage.planner import Finish
 from bridge.coverage.resting import GyroRest
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
@@ -92,3 +96,33 @@ def test_only_a_planner_that_watches_is_held_and_only_between_its_legs() -> None
         assert (not asked) is holds, "no leg is begun in a rest"
         assert any(0.5 < t < 0.9 for t in moved), "the leg that it came in is brought to its end"
         assert any(t > 3.1 for t in moved)
+
+
+class Flowing(Watching):
+    """Ends its only leg in motion, and the plan with it; or is in doubt of its gyro by then."""
+
+    def _leg(self, obs: Observation) -> Leg:
+        self.asked.append(obs.time_s)
+        if len(self.asked) > 1:
+            return Finish("done")  # type: ignore[return-value]  # as a plan may
+        return Drive(0.0, 0.5, end_m_s=0.12)
+
+
+@pytest.mark.parametrize("doubt", [SURE, DOUBTFUL])
+def test_a_plan_that_ends_or_rests_in_motion_brakes_within_the_limit(doubt: float) -> None:
+    planner = Flowing()
+    runner = PlanRunner(planner, RobotModel())  # type: ignore[arg-type]  # no state to tell
+    x = v = 0.0
+    sent = []
+    for k in range(500):
+        obs = seen(0.02 * k, doubt if x > 0.3 else SURE, x)._replace(v_m_s=v)
+        v = runner.step(obs).v_m_s
+        sent.append(v)
+        x += 0.02 * v
+    assert runner.finished
+    assert sent[-1] == 0.0
+    assert 0.49 < x < 0.53
+    handed_on = min(v for v in sent[sent.index(max(sent)) :] if v > 0.1)
+    assert handed_on == pytest.approx(0.12, abs=0.02), "it came to the leg's end in motion"
+    steps = [abs(b - a) for a, b in itertools.pairwise(sent)]
+    assert max(steps) <= RobotModel().max_accel_m_s2 * 0.02 + 0.01

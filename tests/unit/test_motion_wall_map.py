@@ -299,7 +299,7 @@ def test_a_surface_of_unknown_direction_tells_nothing_of_the_wheels() -> None:
     ("degrees", "known"), [(0.0, True), (5.0, True), (8.0, False), (97.0, False)]
 )
 def test_an_echo_askew_to_the_rooms_walls_is_no_wall(degrees: float, *, known: bool) -> None:
-    """It may be an edge within the cone, and moved the pose by 3 cm when it was seen again."""
+    """It may be an edge within the cone, which is elsewhere for the next look."""
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.walls.see_line(line(0.0, 0.8))
@@ -309,6 +309,23 @@ def test_an_echo_askew_to_the_rooms_walls_is_no_wall(degrees: float, *, known: b
     assert not room.walls.see_front(sight, MODEL.ultrasonic)
     assert len(room.walls.walls) == 2 + known
     assert room.walls.see_front(sight, MODEL.ultrasonic) is known
+
+
+def test_an_echo_askew_is_held_against_walls_that_the_infrared_saw_only() -> None:
+    room = Room()
+    room.believe(-1.5, 0.0, 8.0 * DEGREE)
+    askew = FrontSight(0.5, 0.002**2)
+    room.walls.see_front(askew, MODEL.ultrasonic)
+    assert room.walls.see_front(askew, MODEL.ultrasonic), "no room is known yet"
+    room.believe(1.5, 0.0, -8.0 * DEGREE)
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.walls.see_line(line(0.0, 0.8))
+    room.believe(-1.5, 0.0, 8.0 * DEGREE)
+    assert not room.walls.see_front(askew, MODEL.ultrasonic)
+    # 6.5° off the wall ahead, of whose line a stretch was seen
+    room.believe(1.5, 0.0, -1.5 * DEGREE)
+    to_wall = FrontSight(0.8 - MODEL.ultrasonic.x_m * math.cos(6.5 * DEGREE), 0.002**2)
+    assert room.walls.see_front(to_wall, MODEL.ultrasonic)
 
 
 def test_a_surface_far_off_the_doubt_is_another() -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.shadows import LEAST_M, Shadow, ShadowBook
 from bridge.coverage.recovery.watch import WatchfulPlanner
+from bridge.coverage.recovery.way import BEND_RAD, course, end_speed
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, Rest, StopReason, Turn
 
@@ -37,15 +38,13 @@ _FUTILE = 20
 """Decisions in a row that gained nothing, after which the evidence itself is doubted."""
 _MOST_FORGOTTEN = 3
 _FORGET_M = 0.6
+_NO_LEG_M = 0.01
+"""A centimetre is no way to go."""
 _NO_WAY_M = 0.02
 _MOST_STUCK = 8
 """Attempts in a row that each gained less than ``_NO_WAY_M`` along a wall."""
 _LEAST_AWAY_RAD = math.radians(12.0)
 _LEAST_TURN_RAD = math.radians(2.0)
-_BEND_RAD = math.radians(15.0)
-"""A way that bends less is driven on without a turn in place: who drives steers."""
-_BEND_M_S, _CORNER_M_S = 0.12, 0.05
-"""Speeds through a bend, and into a turn in place, which takes the rest out."""
 
 
 class RecoveryPlanner(WatchfulPlanner):
@@ -206,7 +205,7 @@ class RecoveryPlanner(WatchfulPlanner):
         arrived = yield from self._travel(choice)
         if not arrived:
             return False
-        yield from self._turn(choice.heading_rad, _BEND_RAD)
+        yield from self._turn(choice.heading_rad, BEND_RAD)
         self._stand("lane", choice.way[-1])
         result = yield from self._drive(
             Drive(
@@ -258,20 +257,20 @@ class RecoveryPlanner(WatchfulPlanner):
     def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
         self._stand("travel", choice.way[-1])
         for k, (x, y) in enumerate(choice.way):
-            pose = self._pose
-            dx, dy = x - pose.x_m, y - pose.y_m
-            way = math.hypot(dx, dy)
-            if way < 0.01:  # noqa: PLR2004 - a centimetre is no way
+            heading, way = course(self._pose, x, y)
+            if way < _NO_LEG_M:
                 continue
-            heading = math.atan2(dy, dx)
-            yield from self._turn(heading, _BEND_RAD)
+            yield from self._turn(heading, BEND_RAD)
+            heading, way = course(self._pose, x, y)  # it may have rolled on as it turned
+            if way < _NO_LEG_M:
+                continue
             result = yield from self._drive(
                 Drive(
                     heading,
                     way,
                     speed_m_s=self.options.travel_speed_m_s,
                     stop_range_m=self.options.stop_range_m,
-                    end_m_s=self._end_speed(choice, k, heading),
+                    end_m_s=end_speed(choice, k, heading),
                     wary=True,
                     purpose="travel",
                 )
@@ -281,15 +280,6 @@ class RecoveryPlanner(WatchfulPlanner):
                     self._refused(result, heading)
                 return False
         return True
-
-    def _end_speed(self, choice: Choice, k: int, heading_rad: float) -> float:
-        """Speed at the end of the k-th piece of a way: it goes on through a slight bend."""
-        if k + 1 < len(choice.way):
-            (x, y), (x1, y1) = choice.way[k : k + 2]
-            bend = wrap_angle(math.atan2(y1 - y, x1 - x) - heading_rad)
-        else:
-            bend = wrap_angle(choice.heading_rad - heading_rad)
-        return _BEND_M_S if abs(bend) < _BEND_RAD else _CORNER_M_S
 
     def _refused(self, result: LegResult, heading_rad: float) -> None:
         """Shut a passage that refused the robot again, a little wider each time."""

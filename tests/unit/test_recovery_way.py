@@ -1,0 +1,45 @@
+"""Courses along a way, and how fast a piece of it may end."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from bridge.coverage.recovery.choice import Choice
+from bridge.coverage.recovery.way import BEND_RAD, course, end_speed
+from bridge.motion.geometry import Pose2
+
+
+def choice(kind: str, heading_deg: float, *way: tuple[float, float]) -> Choice:
+    return Choice(kind, way, math.radians(heading_deg), 1.0, 0.1, 0.01)
+
+
+def test_a_course_is_heading_and_way() -> None:
+    heading, way = course(Pose2(1.0, 1.0, 2.0), 0.0, 0.0)
+    assert heading == pytest.approx(math.radians(-135))
+    assert way == pytest.approx(math.sqrt(2.0))
+
+
+@pytest.mark.parametrize(
+    ("bend_deg", "fast"), [(0.0, True), (9.0, True), (-9.0, True), (12.0, False)]
+)
+def test_only_a_slight_bend_is_gone_through(bend_deg: float, *, fast: bool) -> None:
+    bend = math.radians(bend_deg)
+    corner = (1.0, 0.0)
+    onwards = (1.0 + math.cos(bend), math.sin(bend))
+    inner = end_speed(choice("lane", 90.0, corner, onwards), 0, 0.0)
+    last = end_speed(choice("lane", bend_deg, corner), 0, 0.0)
+    assert inner == last
+    assert (inner > 0.1) is fast
+    # what is planned as slight is below the bend that is turned in place, and with room
+    assert abs(bend) < BEND_RAD - math.radians(3.0) or not fast
+
+
+def test_before_an_outline_it_is_slow_whichever_way_the_wall_runs() -> None:
+    for heading_deg in (0.0, 180.0):
+        assert end_speed(choice("outline", heading_deg, (1.0, 0.0)), 0, 0.0) < 0.06
+
+
+def test_a_bend_across_the_seam_is_slight_too() -> None:
+    assert end_speed(choice("lane", -176.0, (-1.0, 0.0)), 0, math.radians(176.0)) > 0.1
