@@ -41,6 +41,7 @@ class RecoveryOptions:
     travel_speed_m_s: float = 0.28
     turn_s_rad: float = 0.85
     stop_s: float = 0.9
+    """Prices of a turn and a stop. With 0.62 and 0.7, as legs that flow cost, runs are as long."""
     looks: tuple[int, ...] = (1100, 2600, 1 << 24)
     """Ways up to these costs (1 m is 500) are looked at, one after the other ..."""
     near_rate: float = 30.0
