@@ -4,7 +4,8 @@
   from it. The wheels meanwhile go on turning, so that the encoders tell a way that was not
   made. For the moments after it the accelerometer, integrated, tells the body's velocity far
   better (``InertialBridge``), sliding along the wall included.
-- A *stall* is a bump whose end does not come: the body stands, the wheels turn on.
+- A *stall* is a bump whose end does not come: the body stands, the wheels turn on. A body that
+  gains speed as the wheels do does not stand.
 - A *slip* of one wheel shows between encoders and gyro: a wheel that loses its grip counts
   more than the floor went by, so that the other one is believed.
 
@@ -37,6 +38,10 @@ AGREE_S = 0.05
 STANDS_M_S = 0.012
 """Slower than this after a bump, the body is taken to stand: else the offset's rest adds up."""
 STALL_S = 0.5
+GAIN_M_S = 0.05
+"""Wheels that gain so much speed in a stall show whether the body follows: inertia tells as much
+(within the shares below), or nothing."""
+_LEAST_SHARE, _MOST_SHARE = 0.5, 2.0
 LONGEST_S = 2.0
 """After this the accelerometer's offset has grown into the velocity: give up."""
 SLIP_M_S = 0.02
@@ -186,7 +191,18 @@ class SlipDetector:
 class InertialBridge:
     """The body's velocity after a bump, by inertia, until the wheels can be believed again."""
 
-    __slots__ = ("_agreed_s", "age_s", "cut", "stalled", "vx_m_s", "vy_m_s")
+    __slots__ = (
+        "_agreed_s",
+        "_gain_m_s",
+        "_wheels_m_s",
+        "_withheld_m",
+        "age_s",
+        "cut",
+        "given_back_m",
+        "stalled",
+        "vx_m_s",
+        "vy_m_s",
+    )
 
     def __init__(self, v_m_s: float) -> None:
         """``v_m_s``: forward speed before the bump."""
@@ -195,7 +211,11 @@ class InertialBridge:
         self.cut = False
         """Whether a sample was beyond the accelerometer's range: the bump was harder than told."""
         self.stalled = False
+        self.given_back_m = 0.0
+        """Way by the wheels that was taken for a stall's, and was made."""
         self._agreed_s = 0.0
+        self._wheels_m_s = self._gain_m_s = self._withheld_m = 0.0
+        """Speed of the wheels as the stall began, what inertia gained since, and their way."""
 
     def push(self, ahead: float, aside: float, yaw_rate: float, dt_s: float) -> tuple[float, float]:
         """Take a levelled sample; way made ahead and aside meanwhile."""
@@ -208,16 +228,25 @@ class InertialBridge:
         if self.cut and self.vx_m_s * before_x < before_x * before_x:
             # harder than could be told: what is left of the way ahead is not known to be real
             self.vx_m_s *= 0.5
+        if self.stalled:
+            self._gain_m_s += ahead * dt_s
         if self.stalled or math.hypot(self.vx_m_s, self.vy_m_s) < STANDS_M_S:
             self.vx_m_s = self.vy_m_s = 0.0
         return self.vx_m_s * dt_s, self.vy_m_s * dt_s
 
     def over(self, v_m_s: float, dt_s: float) -> bool:
         """Whether the wheels, at this speed, tell the same again."""
+        if self.stalled:
+            self._withheld_m += v_m_s * dt_s
+            gain = v_m_s - self._wheels_m_s
+            if abs(gain) > GAIN_M_S and _LEAST_SHARE < self._gain_m_s / gain < _MOST_SHARE:
+                self.given_back_m = self._withheld_m
+                return True
         agrees = math.hypot(self.vx_m_s - v_m_s, self.vy_m_s) < AGREE_M_S
         self._agreed_s = self._agreed_s + dt_s if agrees else 0.0
         if not agrees and not self.stalled and self.age_s > STALL_S:
             self.stalled = math.hypot(self.vx_m_s, self.vy_m_s) < 2.0 * AGREE_M_S
             if not self.stalled:
                 return True
+            self._wheels_m_s = v_m_s
         return self._agreed_s >= AGREE_S or self.age_s > LONGEST_S

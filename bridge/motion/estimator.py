@@ -253,6 +253,7 @@ class PoseEstimator(PoseFilter):
         if self._bridge is not None:
             travel = 0.0
             if self._bridge.over(self._speed, dt):
+                travel = self._bridge.given_back_m
                 self._end_bridge(self._bridge)
             elif self._bridge.stalled:
                 self._note(DisturbanceKind.STALL, t_s, self._speed)

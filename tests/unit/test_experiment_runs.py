@@ -8,7 +8,7 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from tools.experiment.limits import CAUSES
-from tools.experiment.trials import OPEN_FLOOR, PERFECT, Kind, Trial, room_of
+from tools.experiment.trials import OPEN_FLOOR, PERFECT, Kind, Trial, grid_trials, room_of
 from tools.experiment.worker import run_trial
 
 MODEL = RobotModel()
@@ -56,3 +56,19 @@ def test_a_run_of_zimablue_repeats_and_keeps_to_what_its_head_can_sweep() -> Non
     assert 0.0 < row["mouth_sweepable"] * row["sweepable_m2"] <= most_m2
     start = room_of("empty").start
     assert row["path"][0] == pytest.approx([start.x_m, start.y_m], abs=1e-3)
+
+
+def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
+    levels = ["none", PERFECT, "typical"]
+    trials = grid_trials(["case-1"], ["recovery", "random"], levels, range(3), 6.0)
+    assert len(set(trials)) == len(trials)
+    assert {(t.planner, t.noise, t.seed) for t in trials} == {
+        *(("recovery", noise, 0) for noise in ("none", PERFECT)),
+        *(("recovery", "typical", seed) for seed in range(3)),
+        *(("random", noise, seed) for noise in levels for seed in range(3)),
+    }
+
+
+def test_without_noise_a_run_is_the_same_for_every_seed() -> None:
+    rows = [run_trial(Trial("case-1", "recovery", "none", seed, 20.0)) for seed in (0, 1)]
+    assert rows[0] == rows[1]

@@ -85,6 +85,29 @@ def test_a_bridge_that_never_agrees_is_a_stall_where_the_body_stands() -> None:
     assert bridge.push(1.0, 1.0, 0.0, 0.02) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("follows", [True, False])
+def test_a_body_that_gains_speed_as_its_wheels_do_stands_no_more(*, follows: bool) -> None:
+    bridge = InertialBridge(0.06)
+    bridge.push(-5.0, 0.0, 0.0, 0.01)  # rubbed: inertia loses what the wheels go on to tell
+    for _ in range(30):
+        bridge.push(0.0, 0.0, 0.0, 0.02)
+        assert not bridge.over(0.06, 0.02)
+    assert bridge.stalled
+    told_m = 0.0
+    for k in range(1, 20):
+        speed = 0.06 + 0.008 * k  # 0.4 m/s²
+        bridge.push(0.4 if follows else 0.0, 0.0, 0.0, 0.02)
+        told_m += 0.02 * speed
+        if bridge.over(speed, 0.02):
+            break
+    # 0.05 m/s are gained in the seventh step; in the stall's last ones 5 cm/s were withheld
+    assert (k == 7) is follows
+    if follows:
+        assert told_m <= bridge.given_back_m < told_m + 0.01
+    else:
+        assert bridge.given_back_m == 0.0
+
+
 # ---- against the plant -----------------------------------------------------------------
 
 

@@ -75,7 +75,7 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     type=click.IntRange(1, 10_000),
     default=3,
     show_default=True,
-    help="Runs of each combination, with seeds from 0 on.",
+    help="Runs of each combination, with seeds from 0 on; without noise one, for all are alike.",
 )
 @click.option("--zimablue", is_flag=True, help="Compare with that package's online planners too.")
 @click.option("--jobs", type=click.IntRange(1, 256), help="Processes.  [default: one per core]")
