@@ -24,10 +24,12 @@ from bridge.coverage.recovery.window_kernels import (
     OCCUPIED,
     SWEPT,
     copy_window,
+    keep_holes,
     mark_targets,
     scan_outlines,
 )
 from bridge.motion.geometry import Pose2
+from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
 
 QUEUE = np.zeros((RING, 4096), dtype=np.int32)
@@ -199,6 +201,42 @@ def test_a_lane_is_taken_from_its_nearer_end() -> None:
     _, row, _, _, backwards, *_ = best_lane(target, (49.0, 95.0))
     assert row == 46
     assert backwards == 1
+
+
+def seen(pose: Pose2) -> Observation:
+    return Observation(*(pose.x_m, pose, 0.2, 0.0, None, None, None, False, False, False))
+
+
+def test_of_what_is_left_only_pieces_that_hold_a_disc_are_holes() -> None:
+    target = np.zeros((30, 30), dtype=np.uint8)
+    target[2:5, 2:28] = 1  # a sliver of 6 cm
+    target[10:14, 10:14] = 1
+    target[10, 10] = target[13, 13] = 0  # a hole of 8 cm, rounded
+    target[20:24, 20:23] = 1
+    hole = np.ones_like(target)
+    before = target.copy()
+    assert keep_holes(target, hole) == 14
+    assert (target[10:14, 10:14] == before[10:14, 10:14]).all()
+    assert target.sum() == 14
+    assert keep_holes(target, hole) == 14, "twice is once"
+
+
+def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
+    """A swept hall, and at its far end a hole, or as much floor in a sliver."""
+    for rows, cols, taken in ((5, 5, True), (2, 13, False)):
+        pose = Pose2(0.0, 0.0, 0.0)
+        memory = EvidenceMap(RobotModel(), RecoveryOptions(), pose)
+        for k in range(121):
+            memory.update(seen(Pose2(0.02 * k, 0.0, 0.0)))
+        memory.swept[:] = 1
+        column, row = (int(at) for at in memory.to_cells(2.4, 0.0))
+        memory.swept[row : row + rows, column : column + cols] = 0
+        choice = Chooser(RecoveryOptions()).choose(memory, pose, 0.0)
+        assert (choice is not None) is taken
+        if choice is not None:
+            x, y = choice.way[-1]
+            assert math.hypot(x - 2.4, y) < 0.3
+            assert choice.rate_m2_s < RecoveryOptions().least_rate * 4e-4
 
 
 def test_nothing_left_is_no_choice() -> None:

@@ -21,7 +21,12 @@ from bridge.coverage.recovery.travel_kernels import (
     travel,
     way_back,
 )
-from bridge.coverage.recovery.window_kernels import copy_window, mark_targets, scan_outlines
+from bridge.coverage.recovery.window_kernels import (
+    copy_window,
+    keep_holes,
+    mark_targets,
+    scan_outlines,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -221,6 +226,8 @@ class Chooser:
                 break
             if part == box and most >= _ENOUGH * (part[1] - part[0] + part[3] - part[2]):
                 break
+        if choice is None:
+            choice = yield from self._best(window, most, pose, grid_rad, memory.half, holes=True)
         return choice
 
     # -- inside ------------------------------------------------------------------------------
@@ -232,14 +239,25 @@ class Chooser:
             yield
         self._spent += cells
 
-    def _best(
-        self, window: _Window, most: int, pose: Pose2, grid_rad: float, half: float
+    def _best(  # noqa: PLR0913 - a window, and from where
+        self,
+        window: _Window,
+        most: int,
+        pose: Pose2,
+        grid_rad: float,
+        half: float,
+        *,
+        holes: bool = False,
     ) -> Generator[None, None, Choice | None]:
         options = self._options
+        least_rate = options.hole_rate if holes else options.least_rate
         speed = options.lane_speed_m_s * 100.0
         x, y = window.place(pose)
         yield from self._spend(_MARKING * window.cells)
         left = mark_targets(window.dist, most, window.done, window.target, window.ways)
+        if holes:
+            yield from self._spend(_MARKING * window.cells)
+            left = keep_holes(window.target, self._buffers.layer("hole", window.target.shape))
         outline = np.zeros(4)
         prices = np.array([speed, options.turn_s_rad, options.stop_s, options.outline_cells])
         scan_outlines(window.open, window.ways, window.done, y, x, pose.theta_rad, prices, outline)
@@ -267,7 +285,7 @@ class Chooser:
                     self._buffers.ints("sums", (1, target.shape[1])).ravel(),
                 )
         score = max(best[0, 0], best[1, 0], outline[0])
-        if score < options.least_rate:
+        if score < least_rate:
             return None
         if outline[0] == score or image is None:
             return self._outline(window, outline)

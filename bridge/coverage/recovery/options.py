@@ -31,6 +31,9 @@ class RecoveryOptions:
     """A lane must promise this many new cells: 28 cm²."""
     least_rate: float = 5.0
     """... and this many per second of all it takes; at full mouth a lane gives 70."""
+    hole_rate: float = 1.0
+    """This many are enough where a disc of 4 cm would be left: slivers are not gone back for, a
+    hole is."""
     gap_cells: int = 14
     """A lane goes on over so many cells with nothing new."""
     frontier: float = 2.0

@@ -7,6 +7,7 @@ installation did not, compiles it (seconds). Neither may happen while setpoints 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from bridge.coverage.recovery.choice import Chooser
@@ -45,6 +46,7 @@ def rehearse(model: RobotModel) -> None:
     chooser = Chooser(options)
     for grid_rad in (0.0, 0.3):
         chooser.choose(memory, pose, grid_rad)
+    Chooser(replace(options, least_rate=math.inf)).choose(memory, pose, 0.0)
     memory.forget(pose, 0.6)
     chooser.choose(memory, pose, 0.25 * math.pi)
 

@@ -114,6 +114,34 @@ def mark_targets(dist: Ints, most: int, done: Layer, target: Layer, ways: Ints) 
 
 
 @compiled
+def keep_holes(target: Layer, hole: Layer) -> int:
+    """Leave of the targets those of pieces into which a disc of 4 cm fits; their number.
+
+    It is looked for as a block of four by four cells (of 2 cm) without its corners. ``hole`` is
+    room for the result.
+    """
+    rows, cols = target.shape
+    for r in range(rows):
+        for c in range(cols):
+            hole[r, c] = 0
+    for r in range(rows - 3):
+        for c in range(cols - 3):
+            there = 0
+            for n in range(16):
+                if n // 4 % 3 or n % 4 % 3:
+                    there += target[r + n // 4, c + n % 4]
+            if there == 12:  # noqa: PLR2004 - all but the corners
+                for n in range(16):
+                    hole[r + n // 4, c + n % 4] = target[r + n // 4, c + n % 4]
+    count = 0
+    for r in range(rows):
+        for c in range(cols):
+            target[r, c] = hole[r, c]
+            count += hole[r, c]
+    return count
+
+
+@compiled
 def scan_outlines(
     open_: Layer,
     ways: Ints,
