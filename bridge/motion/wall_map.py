@@ -81,7 +81,6 @@ class Wall:
     sights: int = 0
     frame: int = -1
     """Walls of one number have been found to be square to each other; -1 is none."""
-    """Whether its direction has been tied to another wall's; once, or it counts twice."""
 
 
 class WallMap:

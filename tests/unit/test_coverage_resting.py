@@ -12,7 +12,7 @@ from bridge.coverage.planner import Finish
 from bridge.coverage.resting import GyroRest
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
-from bridge.motion.legs import Drive
+from bridge.motion.legs import Drive, Turn
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 
@@ -124,5 +124,27 @@ def test_a_plan_that_ends_or_rests_in_motion_brakes_within_the_limit(doubt: floa
     assert 0.49 < x < 0.53
     handed_on = min(v for v in sent[sent.index(max(sent)) :] if v > 0.1)
     assert handed_on == pytest.approx(0.12, abs=0.02), "it came to the leg's end in motion"
+    steps = [abs(b - a) for a, b in itertools.pairwise(sent)]
+    assert max(steps) <= RobotModel().max_accel_m_s2 * 0.02 + 0.01
+
+
+class Circling(Watching):
+    """After one leg, only turns to where it looks already, each ended as it begins."""
+
+    def _leg(self, obs: Observation) -> Leg:
+        self.asked.append(obs.time_s)
+        return Turn(0.0, flowing=True) if len(self.asked) > 1 else Drive(0.0, 0.5, end_m_s=0.12)
+
+
+def test_a_plan_that_goes_in_circles_is_ended_and_brakes_within_the_limit() -> None:
+    runner = PlanRunner(Circling(), RobotModel())  # type: ignore[arg-type]  # no state to tell
+    x = v = 0.0
+    sent = []
+    for k in range(500):
+        v = runner.step(seen(0.02 * k, SURE, x)._replace(v_m_s=v)).v_m_s
+        sent.append(v)
+        x += 0.02 * v
+    assert runner.finish_reason == "planner made no progress"
+    assert sent[-1] == 0.0
     steps = [abs(b - a) for a, b in itertools.pairwise(sent)]
     assert max(steps) <= RobotModel().max_accel_m_s2 * 0.02 + 0.01

@@ -151,6 +151,24 @@ def test_a_stall_is_told_and_its_wheels_are_not_believed() -> None:
     assert felt.errors.position_m[-1] < 0.02
 
 
+def test_a_stall_that_was_none_costs_no_way() -> None:
+    """A jerk by which inertia has lost all speed, of a robot that rolls on and then speeds up."""
+    drive = SimDrive(room((5.0, 5.0, 0.0)), "typical", 5, walls=False)
+    drive.rest(2.0)
+    for _ in range(100):
+        drive.step(0.06, 0.0)
+    drive.estimator.on_imu(0.001 * drive.body.tick_ms + 0.005, 0.0, -12.0, 0.0)
+    for _ in range(70):
+        drive.step(0.06, 0.0)
+    kinds = {found.kind for found in drive.estimator.disturbances}
+    assert {DisturbanceKind.BUMP, DisturbanceKind.STALL} <= kinds
+    for k in range(100):
+        drive.step(min(0.06 + 0.004 * k, 0.25), 0.0)
+    assert not drive.estimator.bridging
+    # half a second at 6 cm/s went by before it was called a stall; what that held back is given
+    assert drive.errors.position_m[-1] < 0.036
+
+
 @pytest.mark.parametrize("side", [0, 1])
 def test_a_slipping_wheel_is_told_and_the_other_believed(side: int) -> None:
     drive = SimDrive(room((5.0, 5.0, 0.0)), "typical", 4, walls=False)
