@@ -103,13 +103,14 @@ class RobotState:
                 return cls.__name__.lower()
         return None
 
-    def observation(
+    def observation(  # noqa: PLR0913, PLR0917 - what an observation is made of
         self,
         now_s: float,
         pose: Pose2,
         v_m_s: float,
         yaw_rate_rad_s: float,
         gyro_doubt_rad_s: float = 0.0,
+        heading_doubt_rad: float = 0.0,
     ) -> Observation | None:
         """What planner and controllers are told; None before the first range reading."""
         reading = self.range
@@ -126,7 +127,15 @@ class RobotState:
                 contacts & _RIGHT != 0,
                 contacts & _CLIFF != 0,
             )
-        return Observation(now_s, pose, v_m_s, yaw_rate_rad_s, *self._sight, gyro_doubt_rad_s)
+        return Observation(
+            now_s,
+            pose,
+            v_m_s,
+            yaw_rate_rad_s,
+            *self._sight,
+            gyro_doubt_rad_s,
+            heading_doubt_rad,
+        )
 
     def forget(self) -> None:
         """Drop everything: another boot or session."""

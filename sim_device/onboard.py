@@ -45,6 +45,7 @@ _PHASES = {
     "turn": PlannerPhase.TURN,
     "step": PlannerPhase.STEP,
     "travel": PlannerPhase.STEP,
+    "sight": PlannerPhase.STEP,
     "recovery-travel": PlannerPhase.RECOVERY_BACK,
     "recovery-back": PlannerPhase.RECOVERY_BACK,
     "recovery-lane": PlannerPhase.RECOVERY_LANE,
@@ -146,6 +147,7 @@ class Onboard:
                 bumper_right,
                 cliff,
                 estimator.gyro_bias_sigma_rad_s,
+                self._walls.walls.heading_doubt_rad,
             )
         )
 

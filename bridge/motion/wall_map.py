@@ -102,6 +102,21 @@ class WallMap:
         """Distance of a wall from its anchor."""
         return self._estimator.walls[2 * wall + 1]
 
+    @property
+    def heading_doubt_rad(self) -> float:
+        """Standard deviation of the heading against walls found square; 0: there are none.
+
+        Those of a frame are tied to each other, so that one stands for all; of several frames it
+        is the best known one.
+        """
+        p = self._estimator.belief.p
+        frame, least = -1, math.inf
+        for i, wall in enumerate(self.walls):
+            if wall.frame >= 0 and wall.frame != frame:
+                frame, k = wall.frame, STATES + 2 * i
+                least = min(least, float(p[THETA, THETA] + p[k, k] - 2.0 * p[THETA, k]))
+        return math.sqrt(max(least, 0.0)) if frame >= 0 else 0.0
+
     # -- sights ----------------------------------------------------------------------------
 
     def see_line(self, sight: LineSight) -> bool:

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import pytest
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
+from bridge.telemetry import EventRecord
 from tools.rooms import load_room
 from tools.virtual_run import run_virtual
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bridge.telemetry import Record
 
 MODEL = RobotModel()
 
@@ -25,3 +33,27 @@ def test_a_room_is_swept_and_the_run_ends_by_itself(room: str, noise: str) -> No
     assert report.path_ratio < 1.9
     assert report.time_ratio < 3.5
     assert run.device.plant.truth.collisions < 2.0 * report.sweepable_m2
+
+
+class Decisions:
+    """Keeps the planner's decisions of a run."""
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+
+    def write(self, record: Record) -> None:
+        if isinstance(record, EventRecord):
+            self.kinds.append(record.kind)
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        del summary
+
+
+def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall() -> None:
+    told = Decisions()
+    run = run_virtual(
+        *(load_room("empty"), MODEL, "recovery", told), seed=3, noise="harsh", max_time_s=180.0
+    )
+    assert "sight" in told.kinds
+    assert told.kinds.count("sight") < 8, "not again and again"
+    assert run.device.plant.truth.collisions < 2.0 * run.track.report(None).sweepable_m2

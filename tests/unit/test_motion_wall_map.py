@@ -372,3 +372,19 @@ def test_the_joint_covariance_stays_positive() -> None:
     assert np.allclose(p, p.T)
     assert float(np.linalg.eigvalsh(p).min()) > -1e-12
     assert p[THETA, THETA] > 0.0
+
+
+def test_the_headings_doubt_is_that_against_the_square_walls() -> None:
+    room = Room()
+    assert room.walls.heading_doubt_rad == 0.0
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.doubt(0.0, 0.5 * DEGREE)
+    assert room.walls.heading_doubt_rad == 0.0, "one wall squares with nothing"
+    room.walls.see_line(line(0.0, 0.8))
+    known = room.walls.heading_doubt_rad
+    assert 0.0 < known < 0.25 * DEGREE
+    # what the whole map is turned by does not count, what was drifted since does
+    room.doubt(0.0, 1.0 * DEGREE)
+    assert room.walls.heading_doubt_rad == pytest.approx(math.hypot(known, DEGREE), rel=1e-3)
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    assert room.walls.heading_doubt_rad < 0.25 * DEGREE

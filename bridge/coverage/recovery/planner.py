@@ -9,51 +9,29 @@ lane or outline that sweeps most per time is taken, until nothing is worth its t
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from bridge.coverage.recovery.driving import DrivingPlanner
 from bridge.coverage.recovery.evidence import EvidenceMap
-from bridge.coverage.recovery.shadows import LEAST_M, Shadow, ShadowBook
-from bridge.coverage.recovery.watch import WatchfulPlanner
-from bridge.coverage.recovery.way import BEND_RAD, course, end_speed
-from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, Rest, StopReason, Turn
+from bridge.coverage.recovery.shadows import ShadowBook
+from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.planner import Script, Step
     from bridge.coverage.recovery.choice import Choice
+    from bridge.motion.legs import Leg
     from bridge.motion.observation import Observation
 
-    Part = Generator[Leg, Step, LegResult]
-
-_QUARTER = 0.5 * math.pi
-_AHEAD_BAND_M = (0.02, 0.075)
-_CLOSED_M = 0.25
-"""An outline is not judged closed before this: it may begin on floor that a lane has swept."""
-_SAME_PLACE_M = 0.15
-_REFUSAL_M = 0.03
 _FUTILE = 20
 """Decisions in a row that gained nothing, after which the evidence itself is doubted."""
 _MOST_FORGOTTEN = 3
 _FORGET_M = 0.6
-_NO_LEG_M = 0.01
-"""A centimetre is no way to go."""
-_NO_WAY_M = 0.02
-_MOST_STUCK = 8
-"""Attempts in a row that each gained less than ``_NO_WAY_M`` along a wall."""
-_LEAST_AWAY_RAD = math.radians(12.0)
-_LEAST_TURN_RAD = math.radians(2.0)
 
 
-class RecoveryPlanner(WatchfulPlanner):
+class RecoveryPlanner(DrivingPlanner):
     """See the module."""
-
-    _recovering: Shadow | None = None
-    """The shadow that is gone back for just now."""
-    _lane_m = 0.0
-    """Length of the last lane."""
 
     # -- the plan ------------------------------------------------------------------------------
 
@@ -70,6 +48,7 @@ class RecoveryPlanner(WatchfulPlanner):
         yield from self._first_wall(obs)
         futile = forgotten = 0
         for _ in range(self.options.max_decisions):
+            yield from self._take_heading()
             choice = yield from self._think()
             if futile >= _FUTILE or self._chooser.shut_in:
                 if forgotten >= _MOST_FORGOTTEN:
@@ -95,13 +74,6 @@ class RecoveryPlanner(WatchfulPlanner):
     def _end(self, reason: str) -> str:
         self._stand("finished")
         return reason
-
-    def _stand(self, state: str, target: tuple[float, float] | None = None) -> None:
-        """Say where the planner stands, for the log and for whoever looks on."""
-        if self._recovering is not None and state in {"travel", "lane"}:
-            state = f"recovery-{state}"
-        if (state, target) != (self._state.state, self._state.target):
-            self._state = replace(self._state, state=state, target=target)
 
     def _tell(self, choice: Choice) -> None:
         x, y = choice.way[-1]
@@ -171,224 +143,4 @@ class RecoveryPlanner(WatchfulPlanner):
     def _think(self) -> Generator[Leg, Step, Choice | None]:
         """Choose what to do next; on a large floor over some control steps, standing."""
         search = self._chooser.search(self.memory, self._pose, self.grid_rad)
-        while True:
-            try:
-                next(search)
-            except StopIteration as stop:
-                choice: Choice | None = stop.value
-                return choice
-            self._stand("think")
-            yield Rest(0.0, purpose="think")
-
-    # -- parts ---------------------------------------------------------------------------------
-
-    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
-        near = 0.28
-        left, right = obs.infrared_left_m, obs.infrared_right_m
-        if right is not None and right < near and (left is None or right <= left):
-            yield from self._outline(left=False)
-            return
-        if left is not None and left < near:
-            yield from self._outline(left=True)
-            return
-        result = yield from self._drive(
-            Drive(
-                obs.pose.theta_rad,
-                stop_range_m=self.options.stop_range_m,
-                wary=True,
-                purpose="lane",
-            )
-        )
-        yield from self._meet(result)
-
-    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        arrived = yield from self._travel(choice)
-        if not arrived:
-            return False
-        yield from self._turn(choice.heading_rad, BEND_RAD)
-        self._stand("lane", choice.way[-1])
-        result = yield from self._drive(
-            Drive(
-                choice.heading_rad,
-                choice.length_m + 0.5 * self.options.cell_m,
-                speed_m_s=self.options.lane_speed_m_s,
-                stop_range_m=self.options.stop_range_m,
-                wary=True,
-                purpose="lane",
-            )
-        )
-        self._lane_done(result, choice.length_m)
-        yield from self._meet(result)
-        return True
-
-    def _lane_done(self, result: LegResult, planned_m: float) -> None:
-        """Keep the paper's variables, and what an obstacle hid of the lane."""
-        self._lane_m = max(result.distance_m, 0.0)
-        state = self._state
-        self._state = replace(
-            state, previous_lane_distance_m=state.lane_distance_m, lane_distance_m=self._lane_m
-        )
-        cut = result.reason.blocked or result.reason is StopReason.CANCELLED
-        if cut and planned_m - self._lane_m > LEAST_M:
-            heading = result.pose.theta_rad
-            shadow = self._shadows.found(result.pose, heading, planned_m, self._lane_m)
-            self.decide(
-                "shadow",
-                "an obstacle hides the rest of the lane: kept, to go back for",
-                shadow=shadow.number,
-                x_m=round(shadow.x_m, 3),
-                y_m=round(shadow.y_m, 3),
-                length_m=round(shadow.length_m, 2),
-            )
-
-    def _begin_outline(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        arrived = yield from self._travel(choice)
-        if not arrived:
-            return False
-        wall = choice.heading_rad - _QUARTER
-        pose = self._pose
-        ahead_left = self._fresh_along(Pose2(pose.x_m, pose.y_m, wall + _QUARTER), -1)
-        ahead_right = self._fresh_along(Pose2(pose.x_m, pose.y_m, wall - _QUARTER), 1)
-        left = ahead_right > ahead_left + 0.1
-        yield from self._turn(wall - _QUARTER if left else wall + _QUARTER)
-        yield from self._outline(left=left, touching=True)
-        return True
-
-    def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        self._stand("travel", choice.way[-1])
-        for k, (x, y) in enumerate(choice.way):
-            heading, way = course(self._pose, x, y)
-            if way < _NO_LEG_M:
-                continue
-            yield from self._turn(heading, BEND_RAD)
-            heading, way = course(self._pose, x, y)  # it may have rolled on as it turned
-            if way < _NO_LEG_M:
-                continue
-            result = yield from self._drive(
-                Drive(
-                    heading,
-                    way,
-                    speed_m_s=self.options.travel_speed_m_s,
-                    stop_range_m=self.options.stop_range_m,
-                    end_m_s=end_speed(choice, k, heading),
-                    wary=True,
-                    purpose="travel",
-                )
-            )
-            if result.reason.blocked and way - result.distance_m > 0.03:  # noqa: PLR2004
-                if not (yield from self._meet(result)):
-                    self._refused(result, heading)
-                return False
-        return True
-
-    def _refused(self, result: LegResult, heading_rad: float) -> None:
-        """Shut a passage that refused the robot again, a little wider each time."""
-        pose, last = result.pose, self._refused_at
-        again = last is not None and pose.distance_m(last) < _SAME_PLACE_M
-        self._refusals = self._refusals + 1 if again else 1
-        self._refused_at = pose
-        if self._refusals > 1:
-            radius_m = min(_REFUSAL_M * self._refusals, self.model.radius_m)
-            c, s = math.cos(heading_rad), math.sin(heading_rad)
-            way_m = radius_m + self.options.cell_m
-            self.memory.block(pose.x_m + way_m * c, pose.y_m + way_m * s, radius_m)
-            self.decide(
-                "passage-shut",
-                "it refused the robot again and again",
-                x_m=round(pose.x_m, 3),
-                y_m=round(pose.y_m, 3),
-                times=self._refusals,
-            )
-
-    def _turn(self, heading_rad: float, least_rad: float = _LEAST_TURN_RAD) -> Generator[Leg, Step]:
-        if abs(wrap_angle(heading_rad - self._pose.theta_rad)) > least_rad:
-            yield Turn(wrap_angle(heading_rad), flowing=True)
-
-    def _drive(self, leg: Drive) -> Part:
-        """Drive; what stops it becomes evidence, and a bump is backed off from."""
-        self._looking, self._aside = leg.purpose == "lane", 0
-        step = yield leg
-        self._looking = False
-        result = step.result
-        if result.reason is StopReason.CANCELLED:
-            self.decide("obstacle", "beside the lane, its outline not yet followed")
-            yield from self._outline(left=self._aside > 0)
-            return result
-        yield from self._note(result, leg.heading_rad)
-        return result
-
-    def _note(self, result: LegResult, heading_rad: float) -> Generator[Leg, Step]:
-        if result.reason is StopReason.RANGE:
-            self.memory.add_point(*result.pose.transform(self.model.radius_m + 0.01, 0.0))
-        elif result.reason in {StopReason.BUMPER, StopReason.CLIFF, StopReason.STALLED}:
-            both = not (result.bumper_left or result.bumper_right)
-            self.memory.add_bump(
-                result.pose, left=result.bumper_left or both, right=result.bumper_right or both
-            )
-            self.decide(
-                "obstacle",
-                f"{result.leg.purpose} ended: {result.reason}",
-                x_m=round(result.pose.x_m, 3),
-                y_m=round(result.pose.y_m, 3),
-            )
-            yield Drive(heading_rad, -self.options.back_off_m, speed_m_s=0.05, purpose="back-off")
-
-    def _meet(self, result: LegResult) -> Generator[Leg, Step, bool]:
-        """Follow what ended a drive early, if its outline was not swept yet; whether it was not."""
-        if not result.reason.blocked:
-            return False
-        pose = result.pose
-        bearing = self._contact(result)
-        left = bearing > 0.0
-        towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
-        if self.memory.fresh(towards, _AHEAD_BAND_M, (-0.04, 0.04)) < 0.4:  # noqa: PLR2004
-            return False
-        self.decide("obstacle", f"ahead, not yet followed: {result.reason}")
-        away = bearing + (-_QUARTER if left else _QUARTER)
-        yield from self._turn(pose.theta_rad + away)
-        yield from self._outline(left=left, touching=True)
-        return True
-
-    def _contact(self, result: LegResult) -> float:
-        """Bearing from the heading of what ended a leg."""
-        left, right = result.bumper_left, result.bumper_right
-        if result.reason is not StopReason.BUMPER or left == right:
-            return 0.0
-        return self.memory.contact_rad(result.pose, left=left, right=right)
-
-    def _outline(self, *, left: bool, touching: bool = False) -> Generator[Leg, Step]:
-        """Follow a wall until its outline is closed or lost."""
-        self._stand("outline")
-        self.decide("outline-begin", f"wall on the {'left' if left else 'right'}")
-        stuck = 0
-        side = 1 if left else -1
-        self._followed_m = self._checked_m = 0.0
-        while True:
-            self._following, self._last_pose, self._stale = side, None, 0
-            begun_m = self._followed_m
-            step = yield FollowWall(left, self.options.outline_gap_m, touching=touching)
-            self._following = 0
-            result = step.result
-            reason = result.reason
-            stuck = stuck + 1 if self._followed_m - begun_m < _NO_WAY_M else 0
-            if not reason.blocked or reason is StopReason.TIMEOUT or stuck > _MOST_STUCK:
-                break
-            yield from self._note(result, result.pose.theta_rad)
-            # turn until what was met is abeam; on the other side, it is an inner corner
-            away = side * self._contact(result)
-            away = max(_QUARTER - away, _LEAST_AWAY_RAD)
-            heading = result.pose.theta_rad - side * away
-            ahead = Pose2(self._pose.x_m, self._pose.y_m, heading)
-            if (
-                self._followed_m > _CLOSED_M
-                and self._fresh_along(ahead, side) < self.options.fresh_share
-            ):
-                reason = StopReason.CANCELLED
-                break
-            yield from self._turn(heading)
-            touching = True
-        why = {
-            StopReason.CANCELLED: "closed: what lies ahead is swept",
-            StopReason.LOST: "the wall is lost",
-        }.get(reason, f"no way along the wall: {reason}")
-        self.decide("outline-end", why, length_m=round(self._followed_m, 2))
+        return (yield from self._slices(search))

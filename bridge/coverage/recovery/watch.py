@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.planner import ScriptedPlanner
 from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.stretches import Stretches
 from bridge.motion.braking import Braking
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ _CLOSED_M = 0.25
 """An outline is not judged closed before this: it may begin on floor that a lane has swept."""
 _STRAIGHT_RAD_S = 0.3
 """Below it a wall is followed straight on: a leg is gone round at 0.7."""
+_ROUND_RAD_S = 0.7
+"""Above it the robot goes round a corner; below, a noisy infrared may be what turns it."""
 _BRAKE_SHARE, _LATENCY_S = 0.75, 0.10
 """Of the acceleration limit, as the controllers have it; from a command to the wheels."""
 _JUMP_M = 0.008
@@ -58,6 +61,9 @@ class WatchfulPlanner(ScriptedPlanner):
         self._grid = 0j
         self._last_pose: Pose2 | None = None
         self._most_m_s = math.inf
+        self._sighting = False
+        self._sighted_s = -math.inf
+        self._stretches = Stretches()
 
     @property
     def most_m_s(self) -> float:
@@ -90,8 +96,12 @@ class WatchfulPlanner(ScriptedPlanner):
         self._most_m_s = memory.pace(obs.pose, self._following, self._brake, straight=straight)
         if not self._following:
             return self._looking and self._look_aside(obs)
+        if self._sighting:
+            return False
         last = self._last_pose
         self._last_pose = obs.pose
+        round_a_corner = abs(obs.yaw_rate_rad_s) >= _ROUND_RAD_S
+        self._stretches.follow(obs.pose, self._following, straight=not round_a_corner)
         if last is None:
             return False
         way = last.distance_m(obs.pose)
@@ -155,7 +165,11 @@ class WatchfulPlanner(ScriptedPlanner):
         return math.atan2(self._grid.imag, self._grid.real) / 4.0
 
     @property
-    def _pose(self) -> Pose2:
+    def _seen(self) -> Observation:
         if self._obs is None:
             raise RuntimeError("the plan was not started")
-        return self._obs.pose
+        return self._obs
+
+    @property
+    def _pose(self) -> Pose2:
+        return self._seen.pose

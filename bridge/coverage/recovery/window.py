@@ -1,0 +1,201 @@
+"""A window of the map, as a search sees it: what is open, what is left, the ways to it.
+
+Its arrays are kept between searches; its images are turned to the lanes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bridge.coverage.recovery.lane_kernels import turn_images
+from bridge.coverage.recovery.travel_kernels import COUNTS, RING, WAITING, travel, way_back
+from bridge.coverage.recovery.window_kernels import copy_window
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bridge.coverage.recovery.evidence import EvidenceMap
+    from bridge.motion.geometry import Pose2
+
+    Layer = NDArray[np.uint8]
+    Ints = NDArray[np.int32]
+
+Point = tuple[float, float]
+
+_ROOM = 16384
+_CORNERS = 400
+_WAY = 8192
+"""Cells of the longest way: five times across the largest room."""
+_SNAP_CELLS = 6
+
+
+class Buffers:
+    """Arrays by name, kept between searches: fresh memory costs more than what is done in it."""
+
+    def __init__(self) -> None:
+        self._flat: dict[str, NDArray[np.generic]] = {}
+        self.queue: Ints = np.zeros((RING, _ROOM), dtype=np.int32)
+        self.state: Ints = np.zeros(COUNTS + RING, dtype=np.int32)
+        self.corners: Ints = np.zeros((_CORNERS, 2), dtype=np.int32)
+        self.way: Ints = np.zeros(_WAY, dtype=np.int32)
+
+    def layer(self, name: str, shape: tuple[int, int]) -> Layer:
+        """Bytes of a shape, of any content."""
+        return self._get(name, shape, np.uint8)
+
+    def ints(self, name: str, shape: tuple[int, int]) -> Ints:
+        """Integers of a shape, of any content."""
+        return self._get(name, shape, np.int32)
+
+    def _get(self, name: str, shape: tuple[int, int], kind: type[np.generic]) -> NDArray[Any]:
+        size = shape[0] * shape[1]
+        flat = self._flat.get(name)
+        if flat is None or flat.size < size:
+            flat = self._flat[name] = np.zeros(size + size // 4, dtype=kind)
+        return flat[:size].reshape(shape)
+
+
+class Window:
+    """A window of the map as it was when the search began, and what the search found in it."""
+
+    def __init__(
+        self,
+        memory: EvidenceMap,
+        window: tuple[int, int, int, int],
+        tries: int,
+        buffers: Buffers,
+    ) -> None:
+        r0, r1, c0, c1 = window
+        shape = (r1 - r0, c1 - c0)
+        self.x0_m, self.y0_m = memory.to_metres(c0, r0)
+        self.cell_m = memory.to_metres(c0 + 1, r0)[0] - self.x0_m
+        self.open = buffers.layer("open", shape)
+        self.done = buffers.layer("done", shape)
+        self.dist = buffers.ints("dist", shape)
+        self.target = buffers.layer("target", shape)
+        self.ways = buffers.ints("ways", shape)
+        self._buffers = buffers
+        self.settled = 0
+        copy_window(
+            memory.near,
+            memory.lens,
+            memory.been,
+            memory.swept,
+            memory.wall,
+            memory.tried,
+            tries,
+            r0,
+            c0,
+            self.open,
+            self.done,
+        )
+
+    @property
+    def cells(self) -> int:
+        """How many."""
+        return self.open.size
+
+    def place(self, pose: Pose2) -> tuple[float, float]:
+        """Column and row of a pose."""
+        return (pose.x_m - self.x0_m) / self.cell_m, (pose.y_m - self.y0_m) / self.cell_m
+
+    def metres(self, column: float, row: float) -> Point:
+        """Point at a column and a row with fractions."""
+        return self.x0_m + column * self.cell_m, self.y0_m + row * self.cell_m
+
+    def begin(self, start: tuple[int, int]) -> None:
+        """Begin the search for ways at a cell."""
+        row, col = start
+        buffers = self._buffers
+        self.dist.fill(-1)
+        self.dist[row, col] = 0
+        buffers.state.fill(0)
+        buffers.state[WAITING] = buffers.state[COUNTS] = 1
+        buffers.queue[0, 0] = row * self.dist.shape[1] + col
+
+    def go_on(self, most: int, budget: int) -> bool:
+        """Search for ways up to a cost; false: the budget of cells was used up before."""
+        self.settled, done = travel(
+            self.open.ravel(),
+            self.open.shape[1],
+            most,
+            max(budget, 1),
+            self.dist.ravel(),
+            self._buffers.queue,
+            self._buffers.state,
+        )
+        return done
+
+    def way(self, row: int, col: int) -> tuple[Point, ...]:
+        """Corners of the way to a cell."""
+        corners = self._buffers.corners
+        count = way_back(self.open, self.ways, row, col, corners, self._buffers.way)
+        cells = corners[1:count].tolist() or [[row, col]]
+        return tuple(self.metres(c + 0.5, r + 0.5) for r, c in cells)
+
+
+class Turned:
+    """A window's targets and ways in a frame turned to the lanes."""
+
+    def __init__(self, window: Window, angle_rad: float, buffers: Buffers) -> None:
+        rows, cols = window.open.shape
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        corners = [(k * c + r * s, r * c - k * s) for r in (0, rows) for k in (0, cols)]
+        self.angle_rad = angle_rad
+        self._left = left = math.floor(min(p[0] for p in corners))
+        self._low = low = math.floor(min(p[1] for p in corners))
+        shape = (
+            math.ceil(max(p[1] for p in corners)) - low,
+            math.ceil(max(p[0] for p in corners)) - left,
+        )
+        self._shape = shape
+        self._buffers = buffers
+        self._target = buffers.layer("turned target", shape)
+        self._ways = buffers.ints("turned ways", shape)
+        turn_images(
+            window.target,
+            window.ways,
+            angle_rad,
+            left * c - low * s,
+            left * s + low * c,
+            self._target,
+            self._ways,
+        )
+
+    def rows(self, *, across: int) -> tuple[Layer, Ints]:
+        """The images; ``across``: turned by a further quarter, so that rows run along +v."""
+        if not across:
+            return self._target, self._ways
+        shape = self._shape[::-1]
+        target = self._buffers.layer("across target", shape)
+        ways = self._buffers.ints("across ways", shape)
+        target[:] = self._target[:, ::-1].T
+        ways[:] = self._ways[:, ::-1].T
+        return target, ways
+
+    def place(self, x: float, y: float, *, across: int) -> tuple[float, float]:
+        """Row and column in the images of a point of the window."""
+        c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        u, v = x * c + y * s - self._left, y * c - x * s - self._low
+        return (self._shape[1] - u, v) if across else (v, u)
+
+    def point(self, row: float, column: float, *, across: int) -> tuple[float, float]:
+        """Point of the window at a row and a column of the images."""
+        u, v = (self._shape[1] - row, column) if across else (column, row)
+        u, v = u + self._left, v + self._low
+        c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        return u * c - v * s, u * s + v * c
+
+
+def free_cell(open_: Layer, row: int, col: int) -> tuple[int, int] | None:
+    """The passable cell nearest to one."""
+    rows, cols = open_.shape
+    for reach in range(_SNAP_CELLS + 1):
+        for r in range(row - reach, row + reach + 1):
+            for c in range(col - reach, col + reach + 1):
+                if 0 <= r < rows and 0 <= c < cols and open_[r, c]:
+                    return r, c
+    return None
