@@ -327,7 +327,7 @@ class Host(HostSenses):
             estimator.v_m_s,
             estimator.yaw_rate_rad_s,
             estimator.gyro_bias_sigma_rad_s,
-            self._walls.walls.heading_doubt_rad,
+            self.heading_doubt_rad,
         )
         stale = self.state.stale(now_s)
         if stale is None and not estimator.known:

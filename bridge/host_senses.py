@@ -56,6 +56,11 @@ class HostSenses:
         self.encoders_us = device_us
         self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
 
+    @property
+    def heading_doubt_rad(self) -> float:
+        """Standard deviation of the heading against the walls found square; 0: there are none."""
+        return self._walls.walls.heading_doubt_rad
+
     def _see_walls(self, message: Range, device_us: DeviceUs) -> None:
         """Let walls that are seen again correct the estimate."""
         self._walls.update(

@@ -90,9 +90,9 @@ class Relocaliser:
         self._doubt_touch(touching=touching, grazing=grazing)
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
-        moving = steady and abs(estimator.v_m_s) > MOVING_M_S
+        moving = abs(estimator.v_m_s) > MOVING_M_S
         for side, range_m in zip(self._sides, (left_m, right_m), strict=True):
-            line = side.add(seen_from, range_m, steady=moving)
+            line = side.add(seen_from, range_m, moving=moving, steady=steady)
             if line is not None and self._grazed_m < MAX_SPAN_M:
                 line = line.doubt(GRAZE_RAD)
             if line is not None and self.walls.see_line(line):

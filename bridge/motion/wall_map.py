@@ -3,23 +3,19 @@
 A wall is a line n·(p - a) = ρ with n = (cos α, sin α) pointing into it and a fixed anchor a
 near where it was first seen, so that α turns it about that place. α and ρ are states of the
 estimator's belief: what the first sight of a wall owes to a doubtful pose stays known, and a
-wall seen again takes away only the drift since.
-
-Rooms are mostly rectilinear, boxes in them may stand askew. So squareness is used only where
-the evidence is for it: when the angle between two walls is known to better than
-``SQUARE_SURE_RAD`` and agrees with a multiple of 90°. A box turned by some degrees stays a
-reference of its own and bends nothing.
+wall seen again takes away only the drift since. Which of them are square to each other:
+``wall_frames.py``.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from bridge.motion.pose_filter import STATES, THETA, WHEEL_SCALE, X, Y
+from bridge.motion.wall_frames import NEW_SPAN_M, SQUARE_RAD, Frames, Wall
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,7 +36,6 @@ SAME_SHARE, SAME_M, SAME_RAD = 0.7, 0.03, math.radians(2.5)
 GATE_M, GATE_SIGMAS = 0.06, 2.5
 """Never is a wall seen again that stands further off than this, unless the doubt is as large."""
 GATE_RAD = math.radians(5.0)
-NEW_SPAN_M = 0.15
 NEW_SIGMA_RAD = math.radians(1.2)
 APART_M, APART_SHORT_M = 0.5, 0.1
 """A stretch this far from what was seen of a wall may be another wall in line with it; a short
@@ -55,32 +50,20 @@ FRONT_NEW_M = 1.0
 FRONT_SQUARE_RAD = math.radians(6.0)
 """Where a room's walls are known, a surface that only the ultrasonic saw counts within this of
 their normals."""
-SQUARE_SURE_RAD = math.radians(0.9)
-SQUARE_RAD = math.radians(0.15)
-"""What is left of squareness in a well-built room."""
-SQUARE_SIGMAS = 2.5
-SQUARE_GATE_RAD = math.radians(1.6)
-LONG_M = 0.5
-"""Of walls of which so much was seen less is asked before they are taken to be square: ..."""
-LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
-"""... a box that stands askew by as little as this seldom is as long."""
 MAX_WALLS = 40
 _QUARTER = 0.5 * math.pi
 
 
-@dataclass(slots=True)
-class Wall:
-    """What is known of a wall beside its two states."""
-
-    anchor_x_m: float
-    anchor_y_m: float
-    low_m: float
-    """What was seen of it, along (-sin α, cos α) from the anchor."""
-    high_m: float
-    seen_m: float = 0.0
-    sights: int = 0
-    frame: int = -1
-    """Walls of one number have been found to be square to each other; -1 is none."""
+class _Match(NamedTuple):
+    wall: int
+    chi2: float
+    second_chi2: float
+    """Of the next other wall."""
+    rows: Floats
+    surprise: Floats
+    """Of direction and distance."""
+    expected: Floats
+    """Its covariance."""
 
 
 class WallMap:
@@ -90,7 +73,7 @@ class WallMap:
         """``estimator``: whose belief the walls join."""
         self._estimator = estimator
         self.walls: list[Wall] = []
-        self._frames = -1
+        self._frames = Frames(self.walls)
 
     # -- what is known ---------------------------------------------------------------------
 
@@ -104,67 +87,47 @@ class WallMap:
 
     @property
     def heading_doubt_rad(self) -> float:
-        """Standard deviation of the heading against walls found square; 0: there are none.
+        """Standard deviation of the heading against the walls found square; 0: there are none.
 
-        Those of a frame are tied to each other, so that one stands for all; of several frames it
-        is the best known one.
+        They are tied to each other, so that one stands for all; of several frames it is the one
+        of which most was seen. As of at most 0.1 s ago, as the covariance is.
         """
+        i = self._frames.widest
+        if i < 0 or 2 * len(self.walls) != len(self._estimator.walls):
+            return 0.0
+        k = STATES + 2 * i
         p = self._estimator.belief.p
-        frame, least = -1, math.inf
-        for i, wall in enumerate(self.walls):
-            if wall.frame >= 0 and wall.frame != frame:
-                frame, k = wall.frame, STATES + 2 * i
-                least = min(least, float(p[THETA, THETA] + p[k, k] - 2.0 * p[THETA, k]))
-        return math.sqrt(max(least, 0.0)) if frame >= 0 else 0.0
+        return math.sqrt(max(p.item(THETA, THETA) + p.item(k, k) - 2.0 * p.item(THETA, k), 0.0))
 
     # -- sights ----------------------------------------------------------------------------
 
     def see_line(self, sight: LineSight) -> bool:
         """Take a stretch of wall seen from the present pose; True: it was known."""
         self._check()
-        pose = self._estimator.pose
+        estimator, pose = self._estimator, self._estimator.pose
         noise = np.array(
             [[sight.var_normal, sight.covar], [sight.covar, sight.var_distance]], dtype=np.float64
         )
-        best, best_chi2, second_chi2 = -1, math.inf, math.inf
-        best_rows, best_surprise, best_s = None, np.zeros(2), noise
-        normal = pose.theta_rad + sight.normal_rad
-        for i, wall in enumerate(self.walls):
-            off = math.remainder(normal - self.normal_rad(i), math.tau)
-            if abs(off) > 3.0 * GATE_RAD:
-                continue
-            rows, predicted_m = self._line_rows(i, pose)
-            surprise = np.array([off, sight.distance_m - predicted_m])
-            if abs(surprise[1]) > 3.0 * GATE_M or not self._beside(wall, i, sight, pose):
-                continue
-            _, s = self._estimator.belief.project(self._index(i), rows)
-            s += noise
-            chi2 = float(surprise @ np.linalg.solve(s, surprise))
-            if chi2 < best_chi2:
-                best, best_chi2, second_chi2 = i, chi2, best_chi2
-                best_rows, best_surprise, best_s = rows, surprise, s
-            else:
-                second_chi2 = min(second_chi2, chi2)
-        same = best_rows is not None and self._hides(best, sight, pose, best_surprise)
-        if best_rows is None or (best_chi2 > OTHER_CHI2 and not same):
+        best = self._match(sight, pose, noise)
+        same = best is not None and self._hides(best.wall, sight, pose, best.surprise)
+        if best is None or (best.chi2 > OTHER_CHI2 and not same):
             self._add_line(sight, pose, noise)
             return False
-        estimator = self._estimator
-        gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best_s[1, 1]))
-        wide = abs(best_surprise[0]) > GATE_RAD or abs(best_surprise[1]) > gate_m
-        if second_chi2 < SAME_CHI2 or wide:
+        off_rad, off_m = best.surprise.tolist()
+        gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best.expected[1, 1]))
+        if best.second_chi2 < SAME_CHI2 or abs(off_rad) > GATE_RAD or abs(off_m) > gate_m:
             return False
-        if same or best_chi2 < SAME_CHI2:
-            estimator.yaw_noise.learn(float(best_surprise[0] ** 2 / best_s[0, 0]))
-            estimator.way_noise.learn(float(best_surprise[1] ** 2 / best_s[1, 1]))
-        if best_chi2 > SAME_CHI2:
+        if same or best.chi2 < SAME_CHI2:
+            estimator.yaw_noise.learn(off_rad**2 / float(best.expected[0, 0]))
+            estimator.way_noise.learn(off_m**2 / float(best.expected[1, 1]))
+        if best.chi2 > SAME_CHI2:
             if not same:
                 return False
             # Nothing else can stand there: it is the estimate that was too sure of itself.
-            estimator.disturb(abs(float(best_surprise[1])), abs(float(best_surprise[0])))
-        estimator.correct(self._index(best), best_rows, best_surprise, noise)
-        self._extend(best, sight, self._estimator.pose)
-        self._square(best)
+            estimator.disturb(abs(off_m), abs(off_rad))
+        estimator.correct(self._index(best.wall), best.rows, best.surprise, noise)
+        self._extend(best.wall, sight, estimator.pose)
+        self._square(best.wall)
         return True
 
     def see_front(self, sight: FrontSight, mount: RangerMount) -> bool:
@@ -221,6 +184,28 @@ class WallMap:
         self._estimator.settle()
         if 2 * len(self.walls) != len(self._estimator.walls):
             self.walls.clear()
+            self._frames.count()
+
+    def _match(self, sight: LineSight, pose: Pose2, noise: Floats) -> _Match | None:
+        """The wall that a sight surprises least, and how much it would the next other one."""
+        found: list[_Match] = []
+        for i, wall in enumerate(self.walls):
+            off = math.remainder(pose.theta_rad + sight.normal_rad - self.normal_rad(i), math.tau)
+            if abs(off) > 3.0 * GATE_RAD:
+                continue
+            rows, predicted_m = self._line_rows(i, pose)
+            surprise = np.array([off, sight.distance_m - predicted_m])
+            if abs(surprise[1]) > 3.0 * GATE_M or not self._beside(wall, i, sight, pose):
+                continue
+            _, s = self._estimator.belief.project(self._index(i), rows)
+            s += noise
+            chi2 = float(surprise @ np.linalg.solve(s, surprise))
+            found.append(_Match(i, chi2, math.inf, rows, surprise, s))
+        if not found:
+            return None
+        best = min(found, key=lambda match: match.chi2)
+        others = [m.chi2 for m in found if m is not best and not self._is_one(m.wall, best.wall)]
+        return best._replace(second_chi2=min(others, default=math.inf))
 
     def _straight_on(self, direction_rad: float) -> bool:
         """Whether a room's walls would be met straight on; true where none are known.
@@ -268,6 +253,18 @@ class WallMap:
         skew = SKEW * turned * (dx * c + dy * s)
         variance = float(by_turning[0, 0]) + skew * skew
         return rows, self.offset_m(i) - dx * c - dy * s, variance
+
+    def _is_one(self, i: int, j: int) -> bool:
+        """Whether two walls are one that was seen in two places: square, and in line."""
+        one, other = self.walls[i], self.walls[j]
+        if not one.frame == other.frame >= 0:
+            return False
+        alpha = self.normal_rad(i)
+        if math.cos(alpha - self.normal_rad(j)) < 0.0:
+            return False
+        dx, dy = other.anchor_x_m - one.anchor_x_m, other.anchor_y_m - one.anchor_y_m
+        off_m = dx * math.cos(alpha) + dy * math.sin(alpha) + self.offset_m(j) - self.offset_m(i)
+        return abs(off_m) < SAME_M
 
     def _beside(self, wall: Wall, i: int, sight: LineSight, pose: Pose2) -> bool:
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
@@ -334,45 +331,19 @@ class WallMap:
         del self.walls[i]
         del self._estimator.walls[2 * i : 2 * i + 2]
         self._estimator.belief.remove(STATES + 2 * i, 2)
+        self._frames.count()
 
     def _square(self, i: int) -> None:
         """Tie a wall's direction to that of the longest wall which it is square to."""
-        wall = self.walls[i]
-        p = self._estimator.belief.p
-        mine = STATES + 2 * i
-        partner, error, longest = -1, 0.0, -1.0
-        for j, other in enumerate(self.walls):
-            if j == i or other.seen_m <= longest or other.seen_m < NEW_SPAN_M:
-                continue
-            if wall.frame == other.frame >= 0:
-                continue
-            theirs = STATES + 2 * j
-            variance = float(p[mine, mine] + p[theirs, theirs] - 2.0 * p[mine, theirs])
-            is_long = min(wall.seen_m, other.seen_m) >= LONG_M
-            if variance > (LONG_SURE_RAD if is_long else SQUARE_SURE_RAD) ** 2:
-                continue
-            off = self.normal_rad(i) - self.normal_rad(j)
-            off = (off + 0.5 * _QUARTER) % _QUARTER - 0.5 * _QUARTER
-            sigma = math.sqrt(max(variance, 0.0) + SQUARE_RAD**2)
-            gate = LONG_GATE_RAD if is_long else SQUARE_GATE_RAD
-            if abs(off) < min(SQUARE_SIGMAS * sigma, gate):
-                partner, error, longest = j, off, other.seen_m
-        if partner < 0:
+        belief, alphas = self._estimator.belief, self._estimator.walls[::2]
+        found = self._frames.partner(i, alphas, belief.p[STATES::2, STATES::2])
+        if found is None:
             return
-        self._join(wall, self.walls[partner])
+        partner, error = found
+        self._frames.join(self.walls[i], self.walls[partner])
         rows = np.array([[1.0, -1.0]])
-        index = (mine, STATES + 2 * partner)
+        index = (STATES + 2 * i, STATES + 2 * partner)
         self._estimator.correct(index, rows, np.array([-error]), np.array([[SQUARE_RAD**2]]))
-
-    def _join(self, wall: Wall, other: Wall) -> None:
-        """Have two walls, and those square to either, in one frame."""
-        if other.frame < 0:
-            other.frame = self._frames = self._frames + 1
-        before = wall.frame
-        wall.frame = other.frame
-        for each in self.walls:
-            if each.frame == before >= 0:
-                each.frame = other.frame
 
 
 def _along(wall: Wall, alpha: float, point: tuple[float, float]) -> float:

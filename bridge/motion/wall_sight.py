@@ -97,10 +97,18 @@ class SideSight:
         self._hits: list[_Hit] = []
         self._last_m = 0.0
 
-    def add(self, odometry: Pose2, range_m: float | None, *, steady: bool) -> LineSight | None:
-        """Take one reading; give the sight that it ends, if any."""
-        if range_m is None or not steady:
+    def add(
+        self, odometry: Pose2, range_m: float | None, *, moving: bool, steady: bool
+    ) -> LineSight | None:
+        """Take one reading; give the sight that it ends, if any.
+
+        What is read in a quick turn is left out, and ends nothing: who follows a wall by a noisy
+        infrared turns to and fro.
+        """
+        if range_m is None or not moving:
             return self._end(odometry)
+        if not steady:
+            return None
         sigma = infrared_sigma_m(range_m)
         sight = None
         if self._hits and abs(range_m - self._last_m) > JUMP_M + 3.0 * sigma:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -10,11 +11,12 @@ from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.telemetry import EventRecord
 from tools.rooms import load_room
-from tools.virtual_run import run_virtual
+from tools.virtual_run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from bridge.host import Host
     from bridge.telemetry import Record
 
 MODEL = RobotModel()
@@ -36,14 +38,14 @@ def test_a_room_is_swept_and_the_run_ends_by_itself(room: str, noise: str) -> No
 
 
 class Decisions:
-    """Keeps the planner's decisions of a run."""
+    """Keeps the moments at which a run set out for a wall."""
 
     def __init__(self) -> None:
-        self.kinds: list[str] = []
+        self.sights_s: list[float] = []
 
     def write(self, record: Record) -> None:
-        if isinstance(record, EventRecord):
-            self.kinds.append(record.kind)
+        if isinstance(record, EventRecord) and record.kind == "sight":
+            self.sights_s.append((record.log_ns - EPOCH_NS) / 1e9)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
         del summary
@@ -51,9 +53,18 @@ class Decisions:
 
 def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall() -> None:
     told = Decisions()
-    run = run_virtual(
-        *(load_room("empty"), MODEL, "recovery", told), seed=3, noise="harsh", max_time_s=180.0
+    doubts: list[tuple[float, float]] = []
+
+    def look(t_s: float, host: Host) -> None:
+        doubts.append((t_s, math.degrees(host.heading_doubt_rad)))
+
+    plan = load_room("empty")
+    run_virtual(
+        plan, MODEL, "recovery", told, seed=3, noise="harsh", max_time_s=330.0, progress=look
     )
-    assert "sight" in told.kinds
-    assert told.kinds.count("sight") < 8, "not again and again"
-    assert run.device.plant.truth.collisions < 2.0 * run.track.report(None).sweepable_m2
+    assert 1 <= len(told.sights_s) < 8, "not again and again"
+    for begun_s in told.sights_s:
+        before = max(doubt for t_s, doubt in doubts if begun_s - 1.5 < t_s <= begun_s)
+        after = [doubt for t_s, doubt in doubts if begun_s < t_s < begun_s + 25.0]
+        assert before > 0.75
+        assert min(after) < 0.6

@@ -43,8 +43,8 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
         x = pose.x_m + mount.x_m
         bow = bow_m * (1.0 - (2.0 * 0.01 * i / way_m - 1.0) ** 2)
         range_m = wall_y + x * math.tan(slope_rad) - bow - mount.y_m + rng.gauss(0, noise_m)
-        side.add(pose, range_m, steady=True)
-    return side.add(pose, None, steady=True)
+        side.add(pose, range_m, moving=True, steady=True)
+    return side.add(pose, None, moving=True, steady=True)
 
 
 @pytest.mark.parametrize("degrees", [-6.0, 0.0, 4.0])
@@ -83,10 +83,23 @@ def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
     assert drive_by(0.2, 0.0, noise_m=0.015, seed=3) is None
     side = SideSight(MODEL.infrared_left)
     for i in range(12):
-        assert side.add(Pose2(0.01 * i, 0, 0), 0.10, steady=True) is None
-    first = side.add(Pose2(0.12, 0, 0), 0.20, steady=True)
+        assert side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True) is None
+    first = side.add(Pose2(0.12, 0, 0), 0.20, moving=True, steady=True)
     assert first is not None
     assert first.span_m == pytest.approx(0.11)
+
+
+def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:
+    side = SideSight(MODEL.infrared_left)
+    for i in range(31):
+        quick = i % 5 == 3
+        range_m = 0.15 if quick else 0.10
+        pose = Pose2(0.01 * i, 0, 0)
+        assert side.add(pose, range_m, moving=True, steady=not quick) is None
+    sight = side.add(pose, 0.10, moving=False, steady=True)  # it stands: the stretch is over
+    assert sight is not None
+    assert sight.span_m == pytest.approx(0.30)
+    assert sight.normal_rad == pytest.approx(math.pi / 2)
 
 
 def test_the_front_is_seen_from_where_the_robot_is_now() -> None:
@@ -388,3 +401,48 @@ def test_the_headings_doubt_is_that_against_the_square_walls() -> None:
     assert room.walls.heading_doubt_rad == pytest.approx(math.hypot(known, DEGREE), rel=1e-3)
     room.walls.see_line(line(math.pi / 2, 0.5))
     assert room.walls.heading_doubt_rad < 0.25 * DEGREE
+    room.filter.restart(ORIGIN)
+    assert room.walls.heading_doubt_rad == 0.0, "and a restart knows no walls"
+
+
+@pytest.mark.parametrize(("span_m", "hides"), [(0.2, False), (0.6, True)])
+def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hides: bool) -> None:
+    """A box that stands askew, just gone round, does not tell how sure the lanes' heading is."""
+    room = Room()
+    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
+        room.walls.see_line(sight)
+    room.doubt(0.0, 2.0 * DEGREE)
+    doubt = room.walls.heading_doubt_rad
+    askew = 20.0 * DEGREE
+    for sight in (line(math.pi / 2 + askew, 0.9, span_m), line(askew, 0.9, span_m)):
+        room.walls.see_line(sight)
+    walls = room.walls.walls
+    assert walls[0].frame == walls[1].frame != walls[2].frame == walls[3].frame >= 0
+    assert (room.walls.heading_doubt_rad < 0.25 * DEGREE < doubt) is hides
+
+
+def test_a_wall_that_the_map_holds_twice_still_tells_the_heading() -> None:
+    room = Room()
+    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
+        room.walls.see_line(sight)
+    room.believe(1.2, 0.0, 0.0)  # farther along the first wall, beyond what was seen of it
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    walls = room.walls.walls
+    assert len(walls) == 3
+    assert len({wall.frame for wall in walls}) == 1
+    # between both, where the sight may be of either
+    room.believe(-0.6, 0.0, 0.0)
+    room.doubt(0.01, DEGREE)
+    room.believe(0.0, 0.0, 0.8 * DEGREE)
+    assert room.walls.see_line(line(math.pi / 2, 0.5))
+    assert abs(room.filter.pose.theta_rad) < 0.2 * DEGREE
+
+
+def test_of_two_walls_that_may_be_meant_none_is_taken() -> None:
+    room = Room()
+    room.walls.see_line(line(math.pi / 2, 0.5))
+    room.believe(1.2, 0.03, 0.0)
+    room.walls.see_line(line(math.pi / 2, 0.5))  # a step of 3 cm, or an error; not tied to it
+    room.believe(-0.6, -0.015, 0.0)
+    room.doubt(0.02, DEGREE)
+    assert not room.walls.see_line(line(math.pi / 2, 0.5))

@@ -16,15 +16,15 @@ from bridge.coverage.recovery.lane_kernels import scan_lanes
 from bridge.coverage.recovery.travel_kernels import STRAIGHT
 from bridge.coverage.recovery.window import Buffers, Point, Turned, Window, free_cell
 from bridge.coverage.recovery.window_kernels import keep_holes, mark_targets, scan_outlines
-from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Generator, Sequence
 
     from numpy.typing import NDArray
 
     from bridge.coverage.recovery.evidence import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
+    from bridge.motion.geometry import Pose2
 
     Floats = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ _COPYING, _MARKING, _TURNING, _SCANNING = 0.2, 0.3, 0.4, 0.3
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A lane or an outline to begin, and how to get there."""
+    """A lane, an outline or a sight of a wall to begin, and how to get there."""
 
     kind: str
     """``lane``, ``outline`` or ``sight``."""
@@ -86,8 +86,7 @@ class Chooser:
             if k < len(parts):
                 yield from self._spend(_COPYING * _size(part))
                 window = Window(memory, part, options.tries, self._buffers)
-                x, y = window.place(pose)
-                start = free_cell(window.open, int(y), int(x))
+                start = free_cell(window.open, *window.cell(pose.x_m, pose.y_m))
                 self.shut_in = start is None
                 if start is None:
                     return None
@@ -106,28 +105,33 @@ class Chooser:
         return choice
 
     def way_to(
-        self, memory: EvidenceMap, pose: Pose2, x_m: float, y_m: float
-    ) -> Generator[None, None, tuple[Point, ...] | None]:
-        """Corners of the way to a point, in slices; ``None``: there is none."""
+        self, memory: EvidenceMap, pose: Pose2, points: Sequence[Point]
+    ) -> Generator[None, None, tuple[int, tuple[Point, ...]] | None]:
+        """The point with the shortest way, and its corners, in slices; ``None``: none is near.
+
+        Points are left out where the map has no place to be.
+        """
+        options = self._options
         self._spent = 0.0
         box = memory.box()
         yield from self._spend(_COPYING * _size(box))
-        window = Window(memory, box, self._options.tries, self._buffers)
-        column, row = window.place(pose)
-        start = free_cell(window.open, int(row), int(column))
-        goal_column, goal_row = window.place(Pose2(x_m, y_m, 0.0))
-        goal = free_cell(window.open, int(goal_row), int(goal_column))
-        if start is None or goal is None:
+        window = Window(memory, box, options.tries, self._buffers)
+        start = free_cell(window.open, *window.cell(pose.x_m, pose.y_m))
+        goals = [free_cell(window.open, *window.cell(*point), 1) for point in points]
+        if start is None:
             return None
         window.begin(start)
-        for most in self._options.looks:
-            while not window.go_on(most, int(self._options.slice_cells - self._spent)):
+        for most in options.looks[:-1]:
+            while not window.go_on(most, int(options.slice_cells - self._spent)):
                 self._spent = 0.0
                 yield
             self._spent += window.settled
-            if 0 <= window.dist[goal] <= most:
+            ways = [(int(window.dist[goal]), k) for k, goal in enumerate(goals) if goal is not None]
+            way, k = min((way for way in ways if way[0] >= 0), default=(most, -1))
+            goal = goals[k]
+            if way < most and goal is not None:
                 window.ways[:] = window.dist
-                return (*window.way(*goal)[:-1], (x_m, y_m))
+                return k, (*window.way(*goal)[:-1], points[k])
         return None
 
     # -- inside ------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from bridge.coverage.recovery.choice import Choice
 from bridge.coverage.recovery.shadows import LEAST_M, Shadow, ShadowBook
-from bridge.coverage.recovery.stretches import OFF_M, SIGHT_M
+from bridge.coverage.recovery.stretches import SIGHT_M
 from bridge.coverage.recovery.watch import WatchfulPlanner
 from bridge.coverage.recovery.way import BEND_RAD, course, end_speed
 from bridge.motion.geometry import Pose2, wrap_angle
@@ -39,6 +39,11 @@ _MOST_STUCK = 8
 _DOUBT_RAD = math.radians(0.8)
 """Of the heading, from which on a wall is gone to: 2 m of a lane end 3 cm aside."""
 _APART_S = 20.0
+"""From one run along a wall to the next; twice as long after each that took no doubt away."""
+_SIGHT_M_S, _READ_S = 0.15, 0.15
+"""Slow, for more readings; the last of them is on its way when the robot stands."""
+_NEAR_M = 0.15
+"""Whoever meets something so near to a wall's beginning is there: his place is in doubt, too."""
 _LEAST_AWAY_RAD = math.radians(12.0)
 _LEAST_TURN_RAD = math.radians(2.0)
 
@@ -69,40 +74,53 @@ class DrivingPlanner(WatchfulPlanner):
             self._stand("think")
             yield Rest(0.0, purpose="think")
 
-    def _take_heading(self) -> Generator[Leg, Step]:
-        """Go along a known wall where the heading is in doubt."""
-        obs = self._seen
-        if obs.heading_doubt_rad < _DOUBT_RAD:
-            return
-        start = self._stretches.nearest(obs.pose)
-        if start is None or obs.time_s < self._sighted_s + _APART_S:
-            return
-        way = yield from self._slices(
-            self._chooser.way_to(self.memory, obs.pose, start.x_m, start.y_m)
+    def _take_heading(self) -> Generator[Leg, Step, bool]:
+        """Go along a known wall where the heading is in doubt; whether the robot set out."""
+        obs, starts = self._seen, self._stretches.starts()
+        if not starts or obs.heading_doubt_rad < _DOUBT_RAD or obs.time_s < self._sight_due_s:
+            return False
+        found = yield from self._slices(
+            self._chooser.way_to(self.memory, obs.pose, [(s.x_m, s.y_m) for s in starts])
         )
-        if way is not None:
-            self.decide(
-                "sight",
-                "the heading is in doubt: along a wall that is known",
-                x_m=round(start.x_m, 3),
-                y_m=round(start.y_m, 3),
-                doubt_deg=round(math.degrees(obs.heading_doubt_rad), 2),
-            )
-            yield from self._sight(start, way)
-        if self._seen.heading_doubt_rad >= _DOUBT_RAD:  # there is no way, or no such wall any more
-            self._stretches.drop(start)
-        self._sighted_s = self._seen.time_s
+        if found is None:
+            self._sight_due_s = self._seen.time_s + _APART_S
+            return False
+        k, way = found
+        start = starts[k]
+        self.decide(
+            "sight",
+            "the heading is in doubt: along a wall that is known",
+            x_m=round(start.x_m, 3),
+            y_m=round(start.y_m, 3),
+            doubt_deg=round(math.degrees(obs.heading_doubt_rad), 2),
+        )
+        yield from self._sight(start, way)
+        if self._seen.heading_doubt_rad < _DOUBT_RAD:
+            self._sights_failed = 0
+        else:
+            self._stretches.failed(start)
+            self._sights_failed += 1
+        self._sight_due_s = self._seen.time_s + _APART_S * 2**self._sights_failed
+        return True
 
     def _sight(self, start: Start, way: tuple[Point, ...]) -> Generator[Leg, Step]:
-        choice = Choice("sight", way, start.heading_rad, SIGHT_M)
-        if not (yield from self._travel(choice)):
+        """Straight along a wall, not led by it: a noisy infrared leads to and fro."""
+        arrived = yield from self._travel(Choice("sight", way, start.heading_rad, SIGHT_M))
+        if not arrived or self._seen.heading_doubt_rad < _DOUBT_RAD:  # the way told it already
             return
         yield from self._turn(start.heading_rad)
-        self._stand("sight")
-        self._following, self._sighting = start.side, True
-        step = yield FollowWall(start.side > 0, OFF_M, distance_m=SIGHT_M, purpose="sight")
-        self._following, self._sighting = 0, False
-        yield from self._note(step.result, step.result.pose.theta_rad)
+        self._stand("sight", way[-1])
+        yield from self._drive(
+            Drive(
+                start.heading_rad,
+                SIGHT_M,
+                speed_m_s=_SIGHT_M_S,
+                stop_range_m=self.options.stop_range_m,
+                wary=True,
+                purpose="sight",
+            )
+        )
+        yield Rest(_READ_S, purpose="sight")
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
         near = 0.28
@@ -198,6 +216,8 @@ class DrivingPlanner(WatchfulPlanner):
                 )
             )
             if result.reason.blocked and way - result.distance_m > 0.03:  # noqa: PLR2004
+                if choice.kind == "sight":  # its wall stands about here
+                    return math.dist(self._pose[:2], choice.way[-1]) < _NEAR_M
                 if not (yield from self._meet(result)):
                     self._refused(result, heading)
                 return False

@@ -48,7 +48,6 @@ class RecoveryPlanner(DrivingPlanner):
         yield from self._first_wall(obs)
         futile = forgotten = 0
         for _ in range(self.options.max_decisions):
-            yield from self._take_heading()
             choice = yield from self._think()
             if futile >= _FUTILE or self._chooser.shut_in:
                 if forgotten >= _MOST_FORGOTTEN:
@@ -60,6 +59,8 @@ class RecoveryPlanner(DrivingPlanner):
                 continue
             if choice is None:
                 return self._end("no reachable unswept piece is worth its time")
+            if (yield from self._take_heading()):
+                continue
             before = memory.new_cells
             self._tell(choice)
             part = self._lane if choice.kind == "lane" else self._begin_outline

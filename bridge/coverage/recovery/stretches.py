@@ -13,13 +13,16 @@ from bridge.motion.geometry import wrap_angle
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
-SIGHT_M = 0.45
-"""So much of a wall tells its direction to a fifth of a degree by a noisy infrared."""
-OFF_M = 0.02
-"""Farther off it than an outline: who rubs against it takes the wall for his heading."""
+SIGHT_M = 0.48
+"""One sight of 40 cm, which tells the direction to a third of a degree by a noisy infrared, and
+what it takes to come onto the line."""
+OFF_M = 0.035
+"""Farther off the wall than its outline: the place may be as wrong, and who rubs against a wall
+takes it for his heading."""
 _LEAST_M = 0.5
 _MOST = 24
 _BENT_RAD = math.radians(10.0)
+_TRIES = 2
 
 
 class Start(NamedTuple):
@@ -28,8 +31,6 @@ class Start(NamedTuple):
     x_m: float
     y_m: float
     heading_rad: float
-    side: int
-    """The wall is on the left (1) or right (-1)."""
 
 
 class _Stretch(NamedTuple):
@@ -38,6 +39,7 @@ class _Stretch(NamedTuple):
     y_m: float
     heading_rad: float
     side: int
+    """The wall is on the left (1) or right (-1)."""
 
     def starts(self) -> tuple[Start, Start]:
         """From either end."""
@@ -45,8 +47,8 @@ class _Stretch(NamedTuple):
         x, y = self.x_m + self.side * OFF_M * s, self.y_m - self.side * OFF_M * c
         back = wrap_angle(self.heading_rad + math.pi)
         return (
-            Start(x, y, self.heading_rad, self.side),
-            Start(x + self.length_m * c, y + self.length_m * s, back, -self.side),
+            Start(x, y, self.heading_rad),
+            Start(x + self.length_m * c, y + self.length_m * s, back),
         )
 
 
@@ -57,6 +59,7 @@ class Stretches:
         """None yet."""
         self._begun: Pose2 | None = None
         self._kept: list[_Stretch] = []
+        self._failed: list[_Stretch] = []
 
     def follow(self, pose: Pose2, side: int, *, straight: bool) -> None:
         """Take a step along a wall on the left (1) or right (-1)."""
@@ -81,13 +84,13 @@ class Stretches:
         if len(self._kept) > _MOST:
             self._kept.remove(min(self._kept))
 
-    def nearest(self, pose: Pose2) -> Start | None:
-        """The nearest beginning, of either end; ``None``: nothing straight is known."""
-        starts = (start for stretch in self._kept for start in stretch.starts())
-        return min(
-            starts, key=lambda s: math.hypot(s.x_m - pose.x_m, s.y_m - pose.y_m), default=None
-        )
+    def starts(self) -> list[Start]:
+        """Where one could begin: of every stretch both ends."""
+        return [start for stretch in self._kept for start in stretch.starts()]
 
-    def drop(self, start: Start) -> None:
-        """Forget the stretch that begins there: it gave nothing."""
-        self._kept = [stretch for stretch in self._kept if start not in stretch.starts()]
+    def failed(self, start: Start) -> None:
+        """Going along the stretch that begins there gave nothing: twice, and it is forgotten."""
+        for stretch in [stretch for stretch in self._kept if start in stretch.starts()]:
+            self._failed.append(stretch)
+            if self._failed.count(stretch) >= _TRIES:
+                self._kept.remove(stretch)

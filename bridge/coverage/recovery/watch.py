@@ -61,8 +61,8 @@ class WatchfulPlanner(ScriptedPlanner):
         self._grid = 0j
         self._last_pose: Pose2 | None = None
         self._most_m_s = math.inf
-        self._sighting = False
-        self._sighted_s = -math.inf
+        self._sight_due_s = -math.inf
+        self._sights_failed = 0
         self._stretches = Stretches()
 
     @property
@@ -96,8 +96,6 @@ class WatchfulPlanner(ScriptedPlanner):
         self._most_m_s = memory.pace(obs.pose, self._following, self._brake, straight=straight)
         if not self._following:
             return self._looking and self._look_aside(obs)
-        if self._sighting:
-            return False
         last = self._last_pose
         self._last_pose = obs.pose
         round_a_corner = abs(obs.yaw_rate_rad_s) >= _ROUND_RAD_S
@@ -129,6 +127,8 @@ class WatchfulPlanner(ScriptedPlanner):
         way_m = max(abs(obs.v_m_s), abs(last.v_m_s)) * max(obs.time_s - last.time_s, 0.0)
         jump_m = math.hypot(dx, dy) - way_m
         if jump_m > _JUMP_M:
+            if self._following:
+                self._stretches.end(last.pose, self._following)
             self.decide("re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4))
 
     def _fresh_along(self, pose: Pose2, side: int) -> float:

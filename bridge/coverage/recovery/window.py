@@ -102,6 +102,10 @@ class Window:
         """Column and row of a pose."""
         return (pose.x_m - self.x0_m) / self.cell_m, (pose.y_m - self.y0_m) / self.cell_m
 
+    def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """Row and column of the cell that a point is in."""
+        return int((y_m - self.y0_m) // self.cell_m), int((x_m - self.x0_m) // self.cell_m)
+
     def metres(self, column: float, row: float) -> Point:
         """Point at a column and a row with fractions."""
         return self.x0_m + column * self.cell_m, self.y0_m + row * self.cell_m
@@ -190,12 +194,12 @@ class Turned:
         return u * c - v * s, u * s + v * c
 
 
-def free_cell(open_: Layer, row: int, col: int) -> tuple[int, int] | None:
+def free_cell(open_: Layer, row: int, col: int, reach: int = _SNAP_CELLS) -> tuple[int, int] | None:
     """The passable cell nearest to one."""
     rows, cols = open_.shape
-    for reach in range(_SNAP_CELLS + 1):
-        for r in range(row - reach, row + reach + 1):
-            for c in range(col - reach, col + reach + 1):
+    for off in range(reach + 1):
+        for r in range(row - off, row + off + 1):
+            for c in range(col - off, col + off + 1):
                 if 0 <= r < rows and 0 <= c < cols and open_[r, c]:
                     return r, c
     return None

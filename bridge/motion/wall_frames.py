@@ -1,0 +1,107 @@
+"""Which walls are square to each other: those of a frame stand for one another's direction.
+
+Rooms are mostly rectilinear, boxes in them may stand askew. So squareness is used only where
+the evidence is for it: when the angle between two walls is known to better than
+``SQUARE_SURE_RAD`` and agrees with a multiple of 90°. A box turned by some degrees stays a
+reference of its own and bends nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+NEW_SPAN_M = 0.15
+"""Of a wall of which less was seen the direction is not known."""
+SQUARE_SURE_RAD = math.radians(0.9)
+SQUARE_RAD = math.radians(0.15)
+"""What is left of squareness in a well-built room."""
+SQUARE_SIGMAS = 2.5
+SQUARE_GATE_RAD = math.radians(1.6)
+LONG_M = 0.5
+"""Of walls of which so much was seen less is asked before they are taken to be square: ..."""
+LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
+"""... a box that stands askew by as little as this seldom is as long."""
+_QUARTER = 0.5 * math.pi
+
+
+@dataclass(slots=True)
+class Wall:
+    """What is known of a wall beside its two states."""
+
+    anchor_x_m: float
+    anchor_y_m: float
+    low_m: float
+    """What was seen of it, along (-sin α, cos α) from the anchor."""
+    high_m: float
+    seen_m: float = 0.0
+    sights: int = 0
+    frame: int = -1
+    """Walls of one number have been found to be square to each other; -1 is none."""
+
+
+class Frames:
+    """Numbers the walls by what they are square to."""
+
+    def __init__(self, walls: list[Wall]) -> None:
+        """``walls``: the map's own list."""
+        self._walls = walls
+        self._newest = -1
+        self.widest = -1
+        """A wall of the frame of which most was seen; -1: none is square to another."""
+
+    def partner(
+        self, i: int, alphas: Sequence[float], p: NDArray[np.float64]
+    ) -> tuple[int, float] | None:
+        """The longest wall that a wall is square to, not yet tied to it, and the angle's error.
+
+        Args:
+            i: the wall.
+            alphas: direction of each wall's normal, rad.
+            p: their covariance, ``(walls, walls)``, rad².
+
+        """
+        wall = self._walls[i]
+        found, longest = None, -1.0
+        for j, other in enumerate(self._walls):
+            if j == i or other.seen_m <= longest or other.seen_m < NEW_SPAN_M:
+                continue
+            if wall.frame == other.frame >= 0:
+                continue
+            variance = float(p[i, i] + p[j, j] - 2.0 * p[i, j])
+            is_long = min(wall.seen_m, other.seen_m) >= LONG_M
+            if variance > (LONG_SURE_RAD if is_long else SQUARE_SURE_RAD) ** 2:
+                continue
+            off = math.remainder(alphas[i] - alphas[j], _QUARTER)
+            sigma = math.sqrt(max(variance, 0.0) + SQUARE_RAD**2)
+            gate = LONG_GATE_RAD if is_long else SQUARE_GATE_RAD
+            if abs(off) < min(SQUARE_SIGMAS * sigma, gate):
+                found, longest = (j, off), other.seen_m
+        return found
+
+    def join(self, wall: Wall, other: Wall) -> None:
+        """Have two walls, and those square to either, in one frame."""
+        if other.frame < 0:
+            other.frame = self._newest = self._newest + 1
+        before = wall.frame
+        wall.frame = other.frame
+        for each in self._walls:
+            if each.frame == before >= 0:
+                each.frame = other.frame
+        self.count()
+
+    def count(self) -> None:
+        """Find the widest frame anew: walls were joined or forgotten."""
+        seen_m: dict[int, float] = {}
+        for wall in self._walls:
+            if wall.frame >= 0:
+                seen_m[wall.frame] = seen_m.get(wall.frame, 0.0) + wall.seen_m
+        most = max(seen_m, key=lambda frame: seen_m[frame], default=-1)
+        self.widest = next((i for i, w in enumerate(self._walls) if w.frame == most >= 0), -1)
