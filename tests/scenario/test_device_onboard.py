@@ -9,6 +9,7 @@ import pytest
 
 from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.registry import PLANNERS
+from bridge.coverage.runner import PlanRunner
 from bridge.motion.robot_model import RobotModel
 from protocol.messages import Encoders, Hello, PlannerState, Status, Sync
 from protocol.values import (
@@ -28,6 +29,7 @@ from tools.rooms import load_room
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
+    from bridge.motion.observation import Observation, VelocityCommand
 
 START, PAUSE, RESUME, ABORT = PlannerAction
 
@@ -239,6 +241,24 @@ def test_the_same_seed_drives_the_same_way() -> None:
 
     assert end(3) == end(3)
     assert end(3) != end(4)
+
+
+def test_the_plan_is_told_what_the_estimate_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Observation] = []
+    step = PlanRunner.step
+
+    def spy(self: PlanRunner, obs: Observation) -> VelocityCommand:
+        seen.append(obs)
+        return step(self, obs)
+
+    monkeypatch.setattr(PlanRunner, "step", spy)
+    host = WireHost(VirtualSweeper(load_room("case-1"), RobotModel(), seed=1, noise="typical"))
+    host.start_plan(OnboardPlanner.RECOVERY)
+    host.run(45.0)
+    assert all(0.0 < obs.gyro_doubt_rad_s < math.radians(0.1) for obs in seen[-100:])
+    # nothing yet, and once two walls have been found to be square
+    assert seen[0].heading_doubt_rad == 0.0
+    assert 0.0 < seen[-1].heading_doubt_rad < math.radians(2.0)
 
 
 def test_telemetry_is_what_it_always_is() -> None:

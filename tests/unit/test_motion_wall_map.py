@@ -369,6 +369,7 @@ def test_memory_is_bounded_and_a_restart_forgets() -> None:
     assert room.filter.belief.size == STATES + 2 * MAX_WALLS
     assert len(room.filter.walls) == 2 * MAX_WALLS
     room.filter.restart(ORIGIN)
+    assert room.walls.heading_doubt_rad == 0.0
     assert room.filter.belief.size == STATES
     room.walls.see_line(line(0.0, 0.5))
     assert len(room.walls.walls) == 1
@@ -446,3 +447,18 @@ def test_of_two_walls_that_may_be_meant_none_is_taken() -> None:
     room.believe(-0.6, -0.015, 0.0)
     room.doubt(0.02, DEGREE)
     assert not room.walls.see_line(line(math.pi / 2, 0.5))
+
+
+def test_a_wall_forgotten_stands_for_no_others() -> None:
+    room = Room()
+    room.walls.see_line(line(0.3, 0.3))
+    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
+        for _ in range(3):
+            room.walls.see_line(sight)
+    room.doubt(0.0, DEGREE)
+    doubt = room.walls.heading_doubt_rad
+    assert doubt > DEGREE
+    for i in range(MAX_WALLS - 2):  # the askew one goes, and others of which little was seen come
+        room.walls.see_line(line(0.5 + 0.02 * i, 1.0 + 0.11 * i, 0.15))
+    assert len(room.walls.walls) == MAX_WALLS
+    assert room.walls.heading_doubt_rad == pytest.approx(doubt, rel=1e-6)

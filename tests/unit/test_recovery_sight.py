@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 import pytest
 
+from bridge.coverage.recovery import driving
 from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.floorplan import FloorPlan
+    from bridge.coverage.planner import PlannerEvent
 
     Found = TypeVar("Found")
 
@@ -155,39 +157,101 @@ def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far()
     assert found[0] == 1
 
 
+class Open(RecoveryPlanner):
+    """Shows what it keeps of walls, and follows one by hand."""
+
+    @property
+    def starts(self) -> list[Start]:
+        return self._stretches.starts()
+
+    def follow(self, side: int) -> None:
+        self._following = side
+
+    def end(self) -> None:
+        self._stretches.end(self._pose, self._following)
+
+
+def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> Open:
+    """A planner that went along a wall on the left through places on a line, 1 cm at a time."""
+    planner = Open(MODEL)
+    begun = Pose2(*poses[0], 0.0)
+    planner.start(Observation(*(0.0, begun, 0.2, 0.0, None, None, None), *[False] * 3))
+    planner.follow(LEFT)
+    time_s = 0.0
+    for (x0, y0), (x1, y1) in pairwise(poses):
+        steps = max(round(math.dist((x0, y0), (x1, y1)) / 0.01), 1) if y0 == y1 else 1
+        for k in range(steps + 1):
+            time_s += 0.05
+            at = Pose2(x0 + k / steps * (x1 - x0), y0 + k / steps * (y1 - y0), 0.0)
+            rate = yaw_rate_rad_s if abs(at.x_m - 0.6) < 0.02 else 0.0
+            planner.watch(Observation(*(time_s, at, 0.2, rate, 0.9, 0.1, None), *[False] * 3))
+    planner.end()
+    return planner
+
+
+def test_a_pose_set_right_parts_a_stretch() -> None:
+    forth, _ = followed((0.0, 0.0), (0.3, 0.0), (0.3, 0.03), (1.2, 0.03)).starts
+    assert forth.heading_rad == pytest.approx(0.0, abs=1e-6)
+    assert forth.x_m == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize(("rate", "kept"), [(0.0, 1), (0.5, 1), (0.9, 2)])
+def test_a_corner_gone_round_parts_a_stretch_and_a_wriggle_does_not(rate: float, kept: int) -> None:
+    planner = followed((0.0, 0.0), (1.2, 0.0), yaw_rate_rad_s=rate)
+    assert len(planner.starts) == 2 * kept
+
+
 class Doubting:
     """A robot in a room that doubts its heading more and more, until it went along a wall."""
 
-    def __init__(self, plan: FloorPlan, *, cured: bool, off_m: float = 0.0) -> None:
-        """``off_m``: to the left of where it is, the robot believes to be."""
-        self.planner = RecoveryPlanner(MODEL)
+    def __init__(  # noqa: PLR0913 - what may be wrong with a robot
+        self,
+        plan: FloorPlan,
+        *,
+        cured_from: int = 0,
+        on_the_way: bool = False,
+        off_m: tuple[float, float] = (0.0, 0.0),
+        deg_s: float = 0.01,
+        max_time_s: float = 4000.0,
+    ) -> None:
+        """Run to the end.
+
+        ``cured_from``: which of the runs along a wall is the first to take doubt away, a tenth
+        of a second after its end; ``on_the_way``: the travel there does. ``off_m``: by how much
+        the robot's own place is wrong; ``deg_s``: how fast it begins to doubt.
+        """
+        self.planner = Open(MODEL)
         self.sights: list[list[tuple[float, float, float]]] = []
-        self.told: list[tuple[float, str]] = []
+        self.told: list[tuple[float, PlannerEvent]] = []
         self.most_rad = 0.0
         runner = PlanRunner(self.planner, MODEL)
         world = FastWorld(plan, MODEL)
         obs = world.step(HALT)
-        doubt_rad, was = 0.0, False
-        while not runner.finished and world.time_s < 4000.0:
-            off = min(off_m, 0.001 * world.time_s)
-            pose = Pose2(obs.pose.x_m, obs.pose.y_m + off, obs.pose.theta_rad)
+        doubt_rad, was, stood_s = 0.0, "", 0.0
+        while not runner.finished and world.time_s < max_time_s:
+            off_x, off_y = (math.copysign(min(abs(o), 0.001 * world.time_s), o) for o in off_m)
+            pose = Pose2(obs.pose.x_m + off_x, obs.pose.y_m + off_y, obs.pose.theta_rad)
             obs = world.step(runner.step(obs._replace(heading_doubt_rad=doubt_rad, pose=pose)))
-            doubt_rad += math.radians(0.01) * 0.02
-            sighting = self.planner.state.state == "sight"
-            if sighting and not was:
+            doubt_rad += math.radians(deg_s) * 0.02
+            state = self.planner.state.state
+            if state == "sight" and was != "sight":
                 self.sights.append([])
-            if sighting:
-                here = world.poses[-1][1:]
-                self.sights[-1].append(here)
-                if cured and math.dist(here, self.sights[-1][0]) > 0.4:  # as one line of it is
+            if state == "sight":
+                sight = self.sights[-1]
+                sight.append(world.poses[-1][1:])
+                stood_s = stood_s + 0.02 if obs.v_m_s < 0.01 else 0.0
+                whole = math.dist(sight[0][:2], sight[-1][:2]) > 0.4  # as a line of it is
+                if whole and stood_s > 0.1 and len(self.sights) > cured_from:
                     doubt_rad = 0.0
-            was = sighting
+            if on_the_way and state == "travel" and self.times("sight"):
+                doubt_rad = 0.0
+            was = state
             self.most_rad = max(self.most_rad, doubt_rad)
-            self.told += [(world.time_s, event.kind) for event in runner.drain_events()]
+            self.told += [(world.time_s, event) for event in runner.drain_events()]
         self.time_s, self.end = world.time_s, runner.finish_reason
 
     def times(self, kind: str) -> list[float]:
-        return [time_s for time_s, told in self.told if told == kind]
+        return [time_s for time_s, event in self.told if event.kind == kind]
 
 
 def room() -> FloorPlan:
@@ -204,29 +268,32 @@ def sure() -> float:
     return world.time_s
 
 
-@pytest.mark.parametrize("off_m", [0.0, 0.04, -0.04])
-def test_a_doubtful_robot_goes_along_a_wall_and_sweeps_on(sure: float, off_m: float) -> None:
-    run = Doubting(room(), cured=True, off_m=off_m)
+@pytest.mark.parametrize("off_m", [(0.0, 0.0), (0.0, 0.04), (-0.07, -0.07), (0.07, 0.07)])
+def test_a_doubtful_robot_goes_along_a_wall_and_sweeps_on(
+    sure: float, off_m: tuple[float, float]
+) -> None:
+    run = Doubting(room(), off_m=off_m)
     assert run.end is not None
     assert run.end.startswith("no reachable")
-    assert len(run.sights) >= 2
+    assert len(run.sights) == len(run.times("sight")) >= 2
     assert run.most_rad < math.radians(1.6), "a doubt is not carried about for long"
-    assert run.time_s < sure + 30.0 * len(run.sights)
+    assert run.time_s < sure + 30.0 * len(run.sights) + 500.0 * max(map(abs, off_m))
     edges = [(a, b) for a, b in room().edges() if a != b]
-    whole = [sight for sight in run.sights if math.dist(sight[0][:2], sight[-1][:2]) > 0.4]
-    assert len(whole) >= len(run.sights) - (off_m != 0.0)
-    for sight in whole:
+    for sight in run.sights:
+        assert math.dist(sight[0][:2], sight[-1][:2]) > 0.4
         # the whole way beside one wall, and along it
         x, y, theta = sight[-1]
         (ax, ay), (bx, by) = min(edges, key=lambda edge: off_wall_m(edge, x, y))
         assert abs(math.sin(math.atan2(by - ay, bx - ax) - theta)) < 0.06
         for at in sight:
             off = off_wall_m(((ax, ay), (bx, by)), *at[:2])
-            assert MODEL.radius_m - 1e-3 < off < MODEL.radius_m + OFF_M + abs(off_m) + 0.03
+            assert (
+                MODEL.radius_m - 1e-3 < off < MODEL.radius_m + OFF_M + max(map(abs, off_m)) + 0.03
+            )
 
 
 def test_a_doubt_that_no_wall_takes_does_not_hold_the_robot_up(sure: float) -> None:
-    run = Doubting(room(), cured=False)
+    run = Doubting(room(), cured_from=99)
     assert run.end is not None
     assert run.end.startswith("no reachable")
     begun = run.times("sight")
@@ -235,11 +302,38 @@ def test_a_doubt_that_no_wall_takes_does_not_hold_the_robot_up(sure: float) -> N
     assert run.time_s < sure + 30.0 * len(begun)
 
 
+def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(driving, "_APART_S", 0.01)
+    run = Doubting(room(), cured_from=99, deg_s=0.1)
+    places = [(event.data["x_m"], event.data["y_m"]) for _, event in run.told if is_sight(event)]
+    assert len(places) >= 6
+    assert max(places.count(place) for place in places) <= 2
+    assert run.end is not None
+
+
+def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
+    run = Doubting(room(), cured_from=1, deg_s=0.08, max_time_s=200.0)
+    first, second, third = run.times("sight")[:3]
+    assert second - first > 40.0, "the first gave nothing"
+    assert third - second < 20.0 + 20.0
+
+
+def test_a_way_that_tells_the_heading_is_enough() -> None:
+    run = Doubting(room(), on_the_way=True)
+    assert len(run.times("sight")) >= 1
+    assert run.sights == []
+
+
 def test_a_robot_that_has_swept_all_does_not_ask_for_its_heading() -> None:
-    run = Doubting(room(), cured=True)
-    kinds = [kind for _, kind in run.told]
+    kinds = [event.kind for _, event in Doubting(room()).told]
     last = max(k for k, kind in enumerate(kinds) if kind == "sight")
     assert {"lane", "outline"} & set(kinds[last:])
+
+
+def is_sight(event: PlannerEvent) -> bool:
+    return event.kind == "sight"
 
 
 def off_wall_m(edge: tuple[tuple[float, float], tuple[float, float]], x: float, y: float) -> float:
