@@ -442,23 +442,25 @@ def test_a_wall_that_the_map_holds_twice_still_tells_the_heading() -> None:
 def test_of_two_walls_that_may_be_meant_none_is_taken() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
-    room.believe(1.2, 0.03, 0.0)
-    room.walls.see_line(line(math.pi / 2, 0.5))  # a step of 3 cm, or an error; not tied to it
-    room.believe(-0.6, -0.015, 0.0)
+    room.doubt(0.0, 4.0 * DEGREE)  # so that they are not found to be parallel
+    room.believe(1.2, 0.02, 0.0)
+    room.walls.see_line(line(math.pi / 2, 0.5))  # a step of 2 cm, or an error
+    assert [wall.frame for wall in room.walls.walls] == [-1, -1]
+    room.believe(-0.6, -0.01, 0.0)
     room.doubt(0.02, DEGREE)
     assert not room.walls.see_line(line(math.pi / 2, 0.5))
 
 
 def test_a_wall_forgotten_stands_for_no_others() -> None:
     room = Room()
-    room.walls.see_line(line(0.3, 0.3))
-    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
-        for _ in range(3):
-            room.walls.see_line(sight)
+    askew, between = line(0.3, 0.3, 0.15), line(0.9, 1.7)
+    for sight in (askew, *[line(math.pi / 2, 0.5)] * 3, *[between] * 3, *[line(0.0, 0.8)] * 3):
+        room.walls.see_line(sight)
+    assert [wall.frame for wall in room.walls.walls] == [-1, 0, -1, 0]
     room.doubt(0.0, DEGREE)
     doubt = room.walls.heading_doubt_rad
     assert doubt > DEGREE
-    for i in range(MAX_WALLS - 2):  # the askew one goes, and others of which little was seen come
+    for i in range(MAX_WALLS - 3):  # the first one goes, and others of which little was seen come
         room.walls.see_line(line(0.5 + 0.02 * i, 1.0 + 0.11 * i, 0.15))
     assert len(room.walls.walls) == MAX_WALLS
     assert room.walls.heading_doubt_rad == pytest.approx(doubt, rel=1e-6)
