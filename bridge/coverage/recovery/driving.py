@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from bridge.coverage.recovery.choice import Choice
 from bridge.coverage.recovery.shadows import LEAST_M, Shadow, ShadowBook
 from bridge.coverage.recovery.stretches import SIGHT_M
-from bridge.coverage.recovery.watch import WatchfulPlanner
+from bridge.coverage.recovery.watch import CLOSED_M, WatchfulPlanner
 from bridge.coverage.recovery.way import BEND_RAD, course, end_speed
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, Rest, StopReason, Turn
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 _QUARTER = 0.5 * math.pi
 _AHEAD_BAND_M = (0.02, 0.075)
-_CLOSED_M = 0.25
-"""An outline is not judged closed before this: it may begin on floor that a lane has swept."""
 _SAME_PLACE_M = 0.15
 _REFUSAL_M = 0.03
 _NO_LEG_M = 0.01
@@ -323,7 +321,7 @@ class DrivingPlanner(WatchfulPlanner):
             heading = result.pose.theta_rad - side * away
             ahead = Pose2(self._pose.x_m, self._pose.y_m, heading)
             if (
-                self._followed_m > _CLOSED_M
+                self._followed_m > CLOSED_M
                 and self._fresh_along(ahead, side) < self.options.fresh_share
             ):
                 reason = StopReason.CANCELLED

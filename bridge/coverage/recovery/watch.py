@@ -24,12 +24,11 @@ _BAND_M = (0.03, 0.065)
 _SEEN_M = 0.20
 """A wall read nearer than this beside a lane takes a part of the lane's own band."""
 _MOSTLY = 0.8
-_CLOSED_M = 0.25
+CLOSED_M = 0.25
 """An outline is not judged closed before this: it may begin on floor that a lane has swept."""
-_STRAIGHT_RAD_S = 0.3
-"""Below it a wall is followed straight on: a leg is gone round at 0.7."""
-_ROUND_RAD_S = 0.7
-"""Above it the robot goes round a corner; below, a noisy infrared may be what turns it."""
+_STRAIGHT_RAD_S, _ROUND_RAD_S = 0.3, 0.7
+"""Below the first a wall is followed straight on; from the second on a corner is gone round.
+Between them it may be a noisy infrared that turns the robot."""
 _BRAKE_SHARE, _LATENCY_S = 0.75, 0.10
 """Of the acceleration limit, as the controllers have it; from a command to the wheels."""
 _JUMP_M = 0.008
@@ -114,7 +113,7 @@ class WatchfulPlanner(ScriptedPlanner):
             self._stale += 1
         else:
             self._stale = 0
-        return self._stale > 1 and self._followed_m > _CLOSED_M
+        return self._stale > 1 and self._followed_m > CLOSED_M
 
     def _see_jump(self, obs: Observation) -> None:
         """Tell where the estimate was set right: it moved farther than the robot did."""
