@@ -29,7 +29,7 @@ class RecoveryOptions:
     """An outline ends where less than this of the mouth's next way is unswept."""
     least_cells: int = 7
     """A lane must promise this many new cells: 28 cm²."""
-    least_rate: float = 5.0
+    least_rate: float = 15.0
     """... and this many per second of all it takes; at full mouth a lane gives 70."""
     hole_rate: float = 1.0
     """This many are enough where a disc of 4 cm would be left: slivers are not gone back for, a
