@@ -33,6 +33,8 @@ OTHER_CHI2, OTHER_CHI1 = 30.0, 25.0
 """A surface that surprises by more than this is another; between the two: passed over."""
 SAME_SHARE, SAME_M, SAME_RAD = 0.7, 0.03, math.radians(2.5)
 """A stretch that for this share lies before a known wall, this near to it, is that wall."""
+STEP_M = 0.003
+"""Walls are not perfectly flat: a step below it is none."""
 GATE_M, GATE_SIGMAS = 0.06, 2.5
 """Never is a wall seen again that stands further off than this, unless the doubt is as large."""
 GATE_RAD = math.radians(5.0)
@@ -255,16 +257,22 @@ class WallMap:
         return rows, self.offset_m(i) - dx * c - dy * s, variance
 
     def _is_one(self, i: int, j: int) -> bool:
-        """Whether two walls are one that was seen in two places: square, and in line."""
+        """Whether two walls that face the same way are one, seen in two places: square, in line.
+
+        A cupboard's front a little before a wall is no part of it: what is known of the step says.
+        """
         one, other = self.walls[i], self.walls[j]
         if not one.frame == other.frame >= 0:
             return False
         alpha = self.normal_rad(i)
-        if math.cos(alpha - self.normal_rad(j)) < 0.0:
-            return False
+        c, s = math.cos(alpha), math.sin(alpha)
         dx, dy = other.anchor_x_m - one.anchor_x_m, other.anchor_y_m - one.anchor_y_m
-        off_m = dx * math.cos(alpha) + dy * math.sin(alpha) + self.offset_m(j) - self.offset_m(i)
-        return abs(off_m) < SAME_M
+        step_m = dx * c + dy * s + self.offset_m(j) - self.offset_m(i)
+        index = (STATES + 2 * i, STATES + 2 * i + 1, STATES + 2 * j + 1)
+        rows = np.array([[dy * c - dx * s, -1.0, 1.0]])
+        _, variance = self._estimator.belief.project(index, rows)
+        sigma_m = math.hypot(STEP_M, math.sqrt(max(float(variance[0, 0]), 0.0)))
+        return abs(step_m) < min(2.0 * sigma_m, SAME_M)
 
     def _beside(self, wall: Wall, i: int, sight: LineSight, pose: Pose2) -> bool:
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
@@ -287,6 +295,7 @@ class WallMap:
         wall.high_m = max(wall.high_m, at + sight.high_m)
         wall.seen_m += sight.span_m
         wall.sights += 1
+        self._frames.count()
 
     def _add_line(self, sight: LineSight, pose: Pose2, noise: Floats) -> None:
         if sight.span_m < NEW_SPAN_M or sight.var_normal > NEW_SIGMA_RAD**2:

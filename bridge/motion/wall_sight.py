@@ -25,6 +25,8 @@ than thought, and the sight is worth less."""
 MAX_BOW_M = 0.003
 """A column of 0.7 m diameter bows 5 mm over 0.12 m."""
 JUMP_M = 0.012
+GAP_M, GAP_RAD = 0.08, math.radians(15.0)
+"""Between two hits of a stretch: beyond it another wall may have come abeam."""
 STEADY_RAD_S = 0.30
 MOVING_M_S = 0.02
 FLAT_M, FLAT_RAD = 0.001, math.radians(0.1)
@@ -96,14 +98,16 @@ class SideSight:
         self._mount = mount
         self._hits: list[_Hit] = []
         self._last_m = 0.0
+        self._last = Pose2(0.0, 0.0, 0.0)
+        """Where the last hit was read."""
 
     def add(
         self, odometry: Pose2, range_m: float | None, *, moving: bool, steady: bool
     ) -> LineSight | None:
         """Take one reading; give the sight that it ends, if any.
 
-        What is read in a quick turn is left out, and ends nothing: who follows a wall by a noisy
-        infrared turns to and fro.
+        What is read in a quick turn is left out and does not end the stretch, if that was short:
+        who follows a wall by a noisy infrared turns to and fro. Who goes round a corner turns on.
         """
         if range_m is None or not moving:
             return self._end(odometry)
@@ -111,7 +115,12 @@ class SideSight:
             return None
         sigma = infrared_sigma_m(range_m)
         sight = None
-        if self._hits and abs(range_m - self._last_m) > JUMP_M + 3.0 * sigma:
+        last = self._last
+        if self._hits and (
+            abs(range_m - self._last_m) > JUMP_M + 3.0 * sigma
+            or odometry.distance_m(last) > GAP_M
+            or abs(math.remainder(odometry.theta_rad - last.theta_rad, math.tau)) > GAP_RAD
+        ):
             sight = self._end(odometry)
         mount = self._mount
         reach = max(mount.min_range_m, range_m)
@@ -120,7 +129,7 @@ class SideSight:
             mount.y_m + reach * math.sin(mount.yaw_rad),
         )
         self._hits.append(_Hit(x, y, 1.0 / sigma**2))
-        self._last_m = range_m
+        self._last_m, self._last = range_m, odometry
         first = self._hits[0]
         if math.hypot(x - first.x_m, y - first.y_m) >= MAX_SPAN_M:
             return self._end(odometry)

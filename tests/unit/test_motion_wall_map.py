@@ -102,6 +102,26 @@ def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:
     assert sight.normal_rad == pytest.approx(math.pi / 2)
 
 
+@pytest.mark.parametrize(
+    ("gap_m", "turn_deg", "joined"),
+    [
+        (0.05, 0.0, True),
+        (0.05, 12.0, True),
+        (0.12, 0.0, False),
+        (0.05, 30.0, False),
+    ],
+)
+def test_after_a_long_or_wide_turn_another_wall_may_be_abeam(
+    gap_m: float, turn_deg: float, *, joined: bool
+) -> None:
+    side = SideSight(MODEL.infrared_left)
+    for i in range(16):
+        side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True)
+    assert side.add(Pose2(0.17, 0, 0), 0.10, moving=True, steady=False) is None
+    sight = side.add(Pose2(0.15 + gap_m, 0, turn_deg * DEGREE), 0.10, moving=True, steady=True)
+    assert (sight is None) is joined
+
+
 def test_the_front_is_seen_from_where_the_robot_is_now() -> None:
     front = FrontSights(MODEL.ultrasonic)
     found = [front.add(Pose2(0.01 * i, 0, 0), 0.8 - 0.01 * i, steady=True) for i in range(5)]
@@ -449,6 +469,35 @@ def test_of_two_walls_that_may_be_meant_none_is_taken() -> None:
     room.believe(-0.6, -0.01, 0.0)
     room.doubt(0.02, DEGREE)
     assert not room.walls.see_line(line(math.pi / 2, 0.5))
+
+
+def test_a_cupboards_front_before_a_wall_is_not_that_wall() -> None:
+    room = Room()
+    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
+        room.walls.see_line(sight)
+    room.believe(1.2, 0.0, 0.0)
+    room.walls.see_line(line(math.pi / 2, 0.475))
+    walls = room.walls.walls
+    assert len(walls) == 3
+    assert len({wall.frame for wall in walls}) == 1, "parallel, 2.5 cm apart, and surely so"
+    room.believe(-0.6, 0.0, 0.0)
+    room.doubt(0.02, 0.5 * DEGREE)
+    assert not room.walls.see_line(line(math.pi / 2, 0.49)), "it may be either"
+
+
+def test_a_frame_of_which_more_is_seen_later_counts_then() -> None:
+    room = Room()
+    askew = 20.0 * DEGREE
+    box = (line(math.pi / 2 + askew, 0.4, 0.4), line(askew, 0.4, 0.4))
+    for sight in box:
+        room.walls.see_line(sight)
+    room.doubt(0.0, 2.0 * DEGREE)  # of the angle between the box and the room
+    for sight in (line(math.pi / 2, 0.9), line(0.0, 0.9)):
+        room.walls.see_line(sight)
+    assert room.walls.heading_doubt_rad > DEGREE, "against the box, of which more was seen"
+    for _ in range(2):
+        room.walls.see_line(line(math.pi / 2, 0.9))
+    assert room.walls.heading_doubt_rad < 0.25 * DEGREE, "against the room"
 
 
 def test_a_wall_forgotten_stands_for_no_others() -> None:

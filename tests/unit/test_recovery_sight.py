@@ -99,9 +99,11 @@ def test_what_gave_nothing_twice_is_forgotten_from_both_ends() -> None:
         follow(stretches, LEFT, (0.0, y, 0.0))
         stretches.end(Pose2(1.0, y, 0.0), LEFT)
     forth, back, *other = stretches.starts()
-    stretches.failed(forth)
-    assert len(stretches.starts()) == 4, "somebody may have stood in the way"
-    stretches.failed(back)
+    stretches.tried(forth, helped=False)
+    stretches.tried(back, helped=True)
+    stretches.tried(forth, helped=False)
+    assert len(stretches.starts()) == 4, "not twice in a row"
+    stretches.tried(back, helped=False)
     assert stretches.starts() == other
 
 
@@ -207,27 +209,35 @@ def test_a_corner_gone_round_parts_a_stretch_and_a_wriggle_does_not(rate: float,
 
 
 @pytest.mark.parametrize(
-    ("kind", "short_m", "there"),
+    ("reason", "short_m", "there"),
     [
-        ("sight", 0.02, True),
-        ("sight", 0.10, True),
-        ("sight", 0.30, False),
+        (StopReason.RANGE, 0.02, True),
+        (StopReason.RANGE, 0.10, True),
+        (StopReason.STALLED, 0.10, True),
+        (StopReason.CLIFF, 0.10, False),
+        (StopReason.TIMEOUT, 0.10, False),
+        (StopReason.RANGE, 0.30, False),
     ],
 )
 def test_what_is_met_near_the_walls_beginning_is_that_wall(
-    kind: str, short_m: float, *, there: bool
+    reason: StopReason, short_m: float, *, there: bool
 ) -> None:
     planner = followed((0.0, 0.0), (1.2, 0.0))
-    way = planner.travel(Choice(kind, ((2.2, 0.0),), QUARTER, 0.48))
+    way = planner.travel(Choice("sight", ((2.2, 0.0),), QUARTER, 0.48))
     leg = next(way)
     assert isinstance(leg, Drive)
     pose = Pose2(2.2 - short_m, 0.0, 0.0)
     obs = Observation(*(9.0, pose, 0.0, 0.0, 0.04, None, None), *[False] * 3)
     planner.watch(obs)
-    result = LegResult(leg, StopReason.RANGE, 1.0 - short_m, 5.0, pose)
-    with pytest.raises(StopIteration) as ended:
-        way.send(Step(result, obs))
-    assert ended.value.value is there
+    result = LegResult(leg, reason, 1.0 - short_m, 5.0, pose)
+    arrived = None
+    try:
+        leg = way.send(Step(result, obs))
+        assert leg.purpose == "back-off"
+        way.send(Step(LegResult(leg, StopReason.DISTANCE, -0.015, 1.0, pose), obs))
+    except StopIteration as ended:
+        arrived = ended.value
+    assert arrived is there
 
 
 class Doubting:

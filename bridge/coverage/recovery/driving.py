@@ -38,10 +38,13 @@ _DOUBT_RAD = math.radians(0.8)
 """Of the heading, from which on a wall is gone to: 2 m of a lane end 3 cm aside."""
 _APART_S = 20.0
 """From one run along a wall to the next; twice as long after each that took no doubt away."""
+_HELPED = 0.75
+"""What is left of the doubt where a run along a wall was of use."""
 _SIGHT_M_S, _READ_S = 0.15, 0.15
 """Slow, for more readings; the last of them is on its way when the robot stands."""
 _NEAR_M = 0.15
 """Whoever meets something so near to a wall's beginning is there: his place is in doubt, too."""
+_TOUCHED = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 _LEAST_AWAY_RAD = math.radians(12.0)
 _LEAST_TURN_RAD = math.radians(2.0)
 
@@ -92,20 +95,23 @@ class DrivingPlanner(WatchfulPlanner):
             y_m=round(start.y_m, 3),
             doubt_deg=round(math.degrees(obs.heading_doubt_rad), 2),
         )
-        yield from self._sight(start, way)
-        if self._seen.heading_doubt_rad < _DOUBT_RAD:
-            self._sights_failed = 0
-        else:
-            self._stretches.failed(start)
-            self._sights_failed += 1
+        driven = yield from self._sight(start, way)
+        helped = self._seen.heading_doubt_rad < _HELPED * obs.heading_doubt_rad
+        self._sights_failed = 0 if helped else self._sights_failed + 1
+        if driven:  # somebody in the way there does not speak against the wall
+            self._stretches.tried(start, helped=helped)
         self._sight_due_s = self._seen.time_s + _APART_S * 2**self._sights_failed
         return True
 
-    def _sight(self, start: Start, way: tuple[Point, ...]) -> Generator[Leg, Step]:
-        """Straight along a wall, not led by it: a noisy infrared leads to and fro."""
+    def _sight(self, start: Start, way: tuple[Point, ...]) -> Generator[Leg, Step, bool]:
+        """Straight along a wall, not led by it: a noisy infrared leads to and fro.
+
+        Whether it was driven: not where the way there was barred, or told the heading already.
+        """
+        before_rad = self._seen.heading_doubt_rad
         arrived = yield from self._travel(Choice("sight", way, start.heading_rad, SIGHT_M))
-        if not arrived or self._seen.heading_doubt_rad < _DOUBT_RAD:  # the way told it already
-            return
+        if not arrived or self._seen.heading_doubt_rad < _HELPED * before_rad:
+            return False
         yield from self._turn(start.heading_rad)
         self._stand("sight", way[-1])
         yield from self._drive(
@@ -119,6 +125,7 @@ class DrivingPlanner(WatchfulPlanner):
             )
         )
         yield Rest(_READ_S, purpose="sight")
+        return True
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
         near = 0.28
@@ -215,7 +222,8 @@ class DrivingPlanner(WatchfulPlanner):
             )
             if result.reason.blocked and way - result.distance_m > 0.03:  # noqa: PLR2004
                 if choice.kind == "sight":  # its wall stands about here
-                    return math.dist(self._pose[:2], choice.way[-1]) < _NEAR_M
+                    near = math.dist(self._pose[:2], choice.way[-1]) < _NEAR_M
+                    return near and result.reason in _TOUCHED
                 if not (yield from self._meet(result)):
                     self._refused(result, heading)
                 return False

@@ -59,7 +59,7 @@ class Stretches:
         """None yet."""
         self._begun: Pose2 | None = None
         self._kept: list[_Stretch] = []
-        self._failed: list[_Stretch] = []
+        self._fails: dict[_Stretch, int] = {}
 
     def follow(self, pose: Pose2, side: int, *, straight: bool) -> None:
         """Take a step along a wall on the left (1) or right (-1)."""
@@ -88,9 +88,12 @@ class Stretches:
         """Where one could begin: of every stretch both ends."""
         return [start for stretch in self._kept for start in stretch.starts()]
 
-    def failed(self, start: Start) -> None:
-        """Going along the stretch that begins there gave nothing: twice, and it is forgotten."""
+    def tried(self, start: Start, *, helped: bool) -> None:
+        """Take what going along a stretch gave: nothing twice in a row, and it is forgotten."""
         for stretch in [stretch for stretch in self._kept if start in stretch.starts()]:
-            self._failed.append(stretch)
-            if self._failed.count(stretch) >= _TRIES:
+            if helped:
+                self._fails.pop(stretch, None)
+                continue
+            self._fails[stretch] = self._fails.get(stretch, 0) + 1
+            if self._fails[stretch] >= _TRIES:
                 self._kept.remove(stretch)
