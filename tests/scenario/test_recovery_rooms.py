@@ -52,19 +52,23 @@ class Decisions:
 
 
 def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall() -> None:
-    told = Decisions()
-    doubts: list[tuple[float, float]] = []
+    sights = 0
+    for seed in (2, 5):
+        told = Decisions()
+        doubts: list[tuple[float, float]] = []
 
-    def look(t_s: float, host: Host) -> None:
-        doubts.append((t_s, math.degrees(host.heading_doubt_rad)))
+        def look(t_s: float, host: Host, seen: list[tuple[float, float]] = doubts) -> None:
+            seen.append((t_s, math.degrees(host.heading_doubt_rad)))
 
-    plan = load_room("empty")
-    run_virtual(
-        plan, MODEL, "recovery", told, seed=3, noise="harsh", max_time_s=330.0, progress=look
-    )
-    assert 1 <= len(told.sights_s) < 8, "not again and again"
-    for begun_s in told.sights_s:
-        before = max(doubt for t_s, doubt in doubts if begun_s - 1.5 < t_s <= begun_s)
-        after = [doubt for t_s, doubt in doubts if begun_s < t_s < begun_s + 25.0]
-        assert before > 0.75
-        assert min(after) < 0.6
+        plan = load_room("empty")
+        run_virtual(
+            plan, MODEL, "recovery", told, seed=seed, noise="harsh", max_time_s=290.0, progress=look
+        )
+        sights += len(told.sights_s)
+        for begun_s in told.sights_s:
+            before = max(doubt for t_s, doubt in doubts if begun_s - 1.5 < t_s <= begun_s)
+            after = [doubt for t_s, doubt in doubts if begun_s < t_s < begun_s + 25.0]
+            assert before > 0.75
+            if begun_s < doubts[-1][0] - 25.0:
+                assert min(after) < 0.6
+    assert 1 <= sights < 16, "not again and again"
