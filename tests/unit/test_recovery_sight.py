@@ -164,6 +164,14 @@ def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far()
 class Open(RecoveryPlanner):
     """Shows what it keeps of walls, and follows one by hand."""
 
+    barred = False
+    """Somebody stands in the way to every wall."""
+
+    def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
+        if self.barred and choice.kind == "sight":
+            return False
+        return (yield from super()._travel(choice))
+
     @property
     def starts(self) -> list[Start]:
         return self._stretches.starts()
@@ -351,6 +359,17 @@ def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again(
     assert len(run.sights) >= 6
     assert len(run.planner.starts) < run.most_starts
     assert run.end is not None
+
+
+def test_a_way_that_is_barred_does_not_speak_against_the_wall(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(driving, "_APART_S", 0.01)
+    monkeypatch.setattr(Open, "barred", True)
+    run = Doubting(room(), deg_s=0.1, max_time_s=200.0)
+    assert len(run.times("sight")) >= 6
+    assert run.sights == []
+    assert len(run.planner.starts) == run.most_starts > 0
 
 
 def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
