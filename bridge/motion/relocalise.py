@@ -42,8 +42,11 @@ GRAZE_M = 0.005
 _READINGS = 5
 GRAZE_SHARE = 0.15
 """... which pushes the robot aside by up to this share of its way from reading to reading, ..."""
-GRAZE_RAD = math.radians(1.5)
-"""... and makes the wall look as if it ran along the heading."""
+RUB_M, RUB_RAD = 0.0005, math.radians(1.5)
+"""... and, where a whole stretch leaves no more room than this, makes the wall look as if it ran
+along the heading. ..."""
+GRAZE_RAD = math.radians(0.4)
+"""... With more room it is a touch now and then."""
 
 
 class Relocaliser:
@@ -57,6 +60,7 @@ class Relocaliser:
             model.radius_m - abs(m.y_m) + GRAZE_M
             for m in (model.infrared_left, model.infrared_right)
         )
+        self._rubbed_m = model.radius_m + RUB_M
         self._near = (_Nearness(), _Nearness())
         self._grazed_m = math.inf
         self._sides = (SideSight(model.infrared_left), SideSight(model.infrared_right))
@@ -94,7 +98,7 @@ class Relocaliser:
         for side, range_m in zip(self._sides, (left_m, right_m), strict=True):
             line = side.add(seen_from, range_m, moving=moving, steady=steady)
             if line is not None and self._grazed_m < MAX_SPAN_M:
-                line = line.doubt(GRAZE_RAD)
+                line = line.doubt(RUB_RAD if line.distance_m < self._rubbed_m else GRAZE_RAD)
             if line is not None and self.walls.see_line(line):
                 self.yaw_fixes += 1
                 self.position_fixes += 1
