@@ -1,0 +1,37 @@
+"""A pose filter with a wall map, and sights to feed it with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.pose_filter import PoseFilter
+from bridge.motion.wall_map import WallMap
+from bridge.motion.wall_sight import LineSight
+
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+DEGREE = math.radians(1.0)
+SURE = 0.05 * DEGREE
+
+
+def line(normal_rad: float, distance_m: float, span_m: float = 0.3) -> LineSight:
+    half = 0.5 * span_m
+    return LineSight(normal_rad, distance_m, SURE**2, 0.0, 0.001**2, -half, half)
+
+
+class Room:
+    """A filter, its walls, and a hand that makes it doubt."""
+
+    def __init__(self) -> None:
+        self.filter = PoseFilter(ORIGIN)
+        self.walls = WallMap(self.filter)
+
+    def doubt(self, sigma_m: float, sigma_rad: float) -> None:
+        self.filter.disturb(sigma_m, sigma_rad)
+
+    def believe(self, x: float, y: float, theta: float) -> None:
+        step = np.zeros(self.filter.belief.size)
+        step[:3] = x, y, theta
+        self.filter.apply(step)

@@ -1,0 +1,42 @@
+"""The filter's covariance by hand: states that are added, updated and held."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bridge.motion.belief import Belief
+
+
+def test_a_state_appended_shares_the_doubt_that_it_was_made_of() -> None:
+    belief = Belief((4.0, 1.0))
+    first = belief.append((0,), np.array([[1.0]]), np.array([[0.5]]))
+    assert first == 2
+    assert belief.p[2, 2] == pytest.approx(4.5)
+    assert belief.p[0, 2] == pytest.approx(4.0)
+    # seeing that their difference is as it was tells nothing of either
+    belief.update((0, 2), np.array([[1.0, -1.0]]), np.zeros(1), np.array([[1e-9]]))
+    assert belief.p[0, 0] == pytest.approx(4.0)
+    belief.remove(2, 1)
+    assert belief.size == 2
+
+
+def test_an_update_is_kalmans() -> None:
+    belief = Belief((4.0,))
+    step = belief.update((0,), np.array([[2.0]]), np.array([1.0]), np.array([[9.0]]))
+    assert step[0] == pytest.approx(4.0 * 2.0 / 25.0)
+    assert belief.p[0, 0] == pytest.approx(4.0 - 8.0 * 8.0 / 25.0)
+
+
+def test_a_held_state_counts_with_its_doubt_and_stays() -> None:
+    """Schmidt's filter, by hand: s = 4 + 1 + 4, gains 4/9 and, held, 0."""
+    belief = Belief((4.0, 1.0))
+    row = np.array([[1.0, 1.0]])
+    step = belief.update((0, 1), row, np.array([9.0]), np.array([[4.0]]), held=(1,))
+    assert step == pytest.approx([4.0, 0.0])
+    assert belief.p == pytest.approx(np.array([[4.0 - 16.0 / 9.0, -4.0 / 9.0], [-4.0 / 9.0, 1.0]]))
+    # (I - KH) P (I - KH)' + KRK', Joseph's form, which holds for any gain
+    gain = np.array([[4.0 / 9.0], [0.0]])
+    keep = np.eye(2) - gain @ row
+    joseph = keep @ np.diag([4.0, 1.0]) @ keep.T + 4.0 * gain @ gain.T
+    assert belief.p == pytest.approx(joseph)

@@ -1,0 +1,128 @@
+"""Sights of walls: what is a straight stretch, where it is, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from bridge.motion.wall_sight import FLAT_M, FLAT_RAD, FrontSights, LineSight, SideSight
+
+MODEL = RobotModel()
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+DEGREE = math.radians(1.0)
+
+
+def drive_by(  # noqa: PLR0913 - a wall and a drive
+    wall_y: float,
+    slope_rad: float,
+    *,
+    way_m: float = 0.3,
+    noise_m: float = 0.0,
+    bow_m: float = 0.0,
+    seed: int = 0,
+) -> LineSight | None:
+    """Past a wall on the left whose place at x = 0 is ``wall_y``; a reading each centimetre."""
+    rng = random.Random(seed)
+    mount = MODEL.infrared_left
+    side = SideSight(mount)
+    pose = ORIGIN
+    for i in range(round(way_m / 0.01) + 1):
+        pose = Pose2(0.01 * i, 0.0, 0.0)
+        x = pose.x_m + mount.x_m
+        bow = bow_m * (1.0 - (2.0 * 0.01 * i / way_m - 1.0) ** 2)
+        range_m = wall_y + x * math.tan(slope_rad) - bow - mount.y_m + rng.gauss(0, noise_m)
+        side.add(pose, range_m, moving=True, steady=True)
+    return side.add(pose, None, moving=True, steady=True)
+
+
+@pytest.mark.parametrize("degrees", [-6.0, 0.0, 4.0])
+def test_a_sight_is_the_walls_line_from_the_last_place(degrees: float) -> None:
+    sight = drive_by(0.2, degrees * DEGREE)
+    assert sight is not None
+    assert sight.normal_rad == pytest.approx(math.pi / 2 + degrees * DEGREE, abs=1e-6)
+    # the wall through (0, 0.2) at its slope, seen from (0.3, 0)
+    expected = (0.2 + 0.3 * math.tan(degrees * DEGREE)) * math.cos(degrees * DEGREE)
+    assert sight.distance_m == pytest.approx(expected, abs=1e-6)
+    assert sight.span_m == pytest.approx(0.3 / math.cos(degrees * DEGREE), abs=1e-6)
+    # to the left of the robot the wall's direction runs backwards: the stretch lies behind
+    assert sight.high_m > 0.2
+    assert sight.low_m > -0.1
+
+
+def test_a_sights_variance_is_that_of_its_errors() -> None:
+    """Over many noisy passes at 10 cm, where the sigma is 1.5 and 1.2 mm together."""
+    sights = [drive_by(0.2, 0.0, noise_m=0.0019, seed=seed) for seed in range(300)]
+    seen = [s for s in sights if s is not None]
+    assert len(seen) > 295
+    turn = np.array([s.normal_rad - math.pi / 2 for s in seen])
+    off = np.array([s.distance_m - 0.2 for s in seen])
+    ahead = 0.10  # from the robot's place at the end to the middle of the stretch
+    flat = FLAT_M**2 + (ahead * FLAT_RAD) ** 2  # which no averaging takes away, nor is it here
+    var_turn = float(np.mean([s.var_normal for s in seen])) - FLAT_RAD**2
+    var_off = float(np.mean([s.var_distance for s in seen])) - flat
+    assert 0.7 < float((turn**2).mean()) / var_turn < 1.3
+    assert 0.7 < float((off**2).mean()) / var_off < 1.3
+    assert float((turn * off).mean()) * float(np.mean([s.covar for s in seen])) > 0.0
+
+
+def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
+    assert drive_by(0.2, 0.0, bow_m=0.006) is None
+    assert drive_by(0.2, 0.0, way_m=0.07) is None
+    assert drive_by(0.2, 0.0, noise_m=0.015, seed=3) is None
+    side = SideSight(MODEL.infrared_left)
+    for i in range(12):
+        assert side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True) is None
+    first = side.add(Pose2(0.12, 0, 0), 0.20, moving=True, steady=True)
+    assert first is not None
+    assert first.span_m == pytest.approx(0.11)
+
+
+def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:
+    side = SideSight(MODEL.infrared_left)
+    for i in range(31):
+        quick = i % 5 == 3
+        range_m = 0.15 if quick else 0.10
+        pose = Pose2(0.01 * i, 0, 0)
+        assert side.add(pose, range_m, moving=True, steady=not quick) is None
+    sight = side.add(pose, 0.10, moving=False, steady=True)  # it stands: the stretch is over
+    assert sight is not None
+    assert sight.span_m == pytest.approx(0.30)
+    assert sight.normal_rad == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("gap_m", "turn_deg", "joined"),
+    [
+        (0.05, 0.0, True),
+        (0.05, 12.0, True),
+        (0.12, 0.0, False),
+        (0.05, 30.0, False),
+    ],
+)
+def test_after_a_long_or_wide_turn_another_wall_may_be_abeam(
+    gap_m: float, turn_deg: float, *, joined: bool
+) -> None:
+    side = SideSight(MODEL.infrared_left)
+    for i in range(16):
+        side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True)
+    assert side.add(Pose2(0.17, 0, 0), 0.10, moving=True, steady=False) is None
+    sight = side.add(Pose2(0.15 + gap_m, 0, turn_deg * DEGREE), 0.10, moving=True, steady=True)
+    assert (sight is None) is joined
+
+
+def test_the_front_is_seen_from_where_the_robot_is_now() -> None:
+    front = FrontSights(MODEL.ultrasonic)
+    found = [front.add(Pose2(0.01 * i, 0, 0), 0.8 - 0.01 * i, steady=True) for i in range(5)]
+    assert found[:4] == [None] * 4
+    assert found[4] is not None
+    assert found[4].range_m == pytest.approx(0.76)
+    standing = [front.add(Pose2(0.04, 0, 0), 0.76, steady=True) for _ in range(20)]
+    assert standing == [None] * 20, "standing, its errors would repeat"
+    edge = [0.7, 0.69, 0.9, 0.89, 0.88]
+    moved = [front.add(Pose2(0.1 + 0.01 * i, 0, 0), r, steady=True) for i, r in enumerate(edge)]
+    assert moved == [None] * 5
