@@ -375,8 +375,9 @@ _THIN_M = 0.08
 _INTEGRAL_BAND_M = 0.025
 _SURE_RAD = 0.1
 """A direction less sure than this is steered by in proportion."""
-_CORNER_SHARE = 0.6
-"""Of the speed: round a corner the wheels turn faster than the robot goes."""
+_CORNER_SHARE = 0.45
+"""Of the speed: what stands at the corner is touched at 70° off the bow, more or less, and at
+0.09 m/s that is harmless still."""
 _CORNER_SIGMA_M = 0.01
 """Of where a corner is thought to be: two readings' way at a slow speed."""
 _YAW_MARGIN_RAD = math.radians(10.0)
