@@ -238,6 +238,9 @@ def test_it_goes_round_a_box(noise: WorldNoise, side: Side) -> None:
     assert max(run.gaps) < 0.11
     on_wall = [g for g, s in zip(run.gaps, run.steps, strict=False) if s.state == "following"]
     assert sum(abs(gap - 0.05) < 0.015 for gap in on_wall) > 0.8 * len(on_wall)
+    # what stands at a corner is touched at 72° off the bow, or farther aside
+    rounding = max(step.command.v_m_s for step in run.steps if step.state == "corner")
+    assert 0.05 < rounding < 0.03 / math.cos(72.0 * DEGREE)
 
 
 def test_it_follows_a_round_column() -> None:
