@@ -279,7 +279,7 @@ class WallFollower:
     def _drive(self, obs: Observation, dt_s: float, most_m_s: float) -> VelocityCommand:
         speed = min(self._speed, most_m_s)
         if self._straight_m < _THIN_M:
-            speed = min(speed, _CORNER_SHARE * self._speed)
+            speed = min(speed, _CORNER_M_S)
         if obs.ultrasonic_m is not None:
             room = obs.ultrasonic_m - self._front_m - self._tune.stop_gap_m
             if room <= self._brake.run_out(obs.v_m_s):
@@ -320,7 +320,7 @@ class WallFollower:
     def _circle(self, speed: float, *, nudge: bool) -> VelocityCommand:
         """Drive on until the corner is abeam of the axle, then round it at its distance."""
         radius = self._radius_m + max(self._gap_m, self._tune.corner_gap_m)
-        slow = min(speed, _CORNER_SHARE * self._speed)
+        slow = min(speed, _CORNER_M_S)
         if nudge:  # it is at the rim, and not yet abeam: turn until it is
             self._touch_corner()
             self._arcing = True
@@ -375,9 +375,9 @@ _THIN_M = 0.08
 _INTEGRAL_BAND_M = 0.025
 _SURE_RAD = 0.1
 """A direction less sure than this is steered by in proportion."""
-_CORNER_SHARE = 0.45
-"""Of the speed: what stands at the corner is touched at 70° off the bow, more or less, and at
-0.09 m/s that is harmless still."""
+_CORNER_M_S = 0.09
+"""Round a corner: what stands there is touched at about 72° off the bow, which is harmless still,
+0.028 m/s along the normal."""
 _CORNER_SIGMA_M = 0.01
 """Of where a corner is thought to be: two readings' way at a slow speed."""
 _YAW_MARGIN_RAD = math.radians(10.0)

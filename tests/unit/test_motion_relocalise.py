@@ -302,11 +302,11 @@ def test_a_position_is_corrected_along_the_walls_normal(
     assert along == pytest.approx(-error * doubt / (doubt + variance), abs=1e-9)
 
 
-def beside_a_wall(gap_m: float) -> tuple[Relocaliser, PoseEstimator]:
-    """Drive 0.6 m along a wall on the right, the rim that far off it; readings without noise."""
+def between_walls(right_m: float, left_m: float | None = None) -> tuple[Relocaliser, PoseEstimator]:
+    """Drive 0.6 m along a wall or two, the rim that far off them; readings without noise."""
     estimator = PoseEstimator(MODEL, Pose2(0.0, 0.0, 0.0))
     places = Relocaliser(MODEL, estimator)
-    range_m = MODEL.radius_m + gap_m + MODEL.infrared_right.y_m
+    mount_m = MODEL.radius_m - MODEL.infrared_left.y_m
     way = 0.0
     for tick in range(1, 501):
         t = 0.01 * tick
@@ -316,13 +316,14 @@ def beside_a_wall(gap_m: float) -> tuple[Relocaliser, PoseEstimator]:
         if tick % 2 == 0:
             estimator.on_encoders(t, counts, counts)
         if tick % 5 == 0:
-            places.update(None, None, range_m, touching=False)
+            left = None if left_m is None else left_m + mount_m
+            places.update(None, left, right_m + mount_m, touching=False)
     return places, estimator
 
 
 @pytest.mark.parametrize("gap_m", [0.001, 0.003, 0.006, 0.05])
 def test_a_wall_passed_without_rubbing_enters_the_map(gap_m: float) -> None:
-    places, estimator = beside_a_wall(gap_m)
+    places, estimator = between_walls(gap_m)
     assert len(places.walls.walls) == 1
     assert places.walls.normal_rad(0) == pytest.approx(-math.pi / 2, abs=math.radians(0.1))
     variance = float(estimator.belief.p[STATES, STATES])
@@ -333,5 +334,11 @@ def test_a_wall_passed_without_rubbing_enters_the_map(gap_m: float) -> None:
 
 @pytest.mark.parametrize("gap_m", [-0.002, 0.0, 0.0003])
 def test_a_wall_rubbed_along_tells_too_little_of_its_direction(gap_m: float) -> None:
-    places, _ = beside_a_wall(gap_m)
+    places, _ = between_walls(gap_m)
     assert places.walls.walls == []
+
+
+def test_who_rubs_on_the_right_is_not_told_by_the_left() -> None:
+    """Who slides aside sees both walls turned alike."""
+    assert between_walls(0.0, 0.05)[0].walls.walls == []
+    assert len(between_walls(0.05, 0.05)[0].walls.walls) == 2

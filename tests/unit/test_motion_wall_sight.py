@@ -11,10 +11,9 @@ import pytest
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.motion.wall_sight import FLAT_M, FLAT_RAD, FrontSights, LineSight, SideSight
+from support.walled import DEGREE, ORIGIN
 
 MODEL = RobotModel()
-ORIGIN = Pose2(0.0, 0.0, 0.0)
-DEGREE = math.radians(1.0)
 
 
 def drive_by(  # noqa: PLR0913 - a wall and a drive

@@ -210,7 +210,7 @@ def test_a_pose_set_right_parts_a_stretch() -> None:
     assert forth.x_m == pytest.approx(0.3, abs=0.02)
 
 
-@pytest.mark.parametrize(("rate", "kept"), [(0.0, 1), (0.5, 1), (0.9, 2)])
+@pytest.mark.parametrize(("rate", "kept"), [(0.0, 1), (0.45, 1), (0.54, 2), (0.9, 2)])
 def test_a_corner_gone_round_parts_a_stretch_and_a_wriggle_does_not(rate: float, kept: int) -> None:
     planner = followed((0.0, 0.0), (1.2, 0.0), yaw_rate_rad_s=rate)
     assert len(planner.starts) == 2 * kept

@@ -26,9 +26,9 @@ _SEEN_M = 0.20
 _MOSTLY = 0.8
 CLOSED_M = 0.25
 """An outline is not judged closed before this: it may begin on floor that a lane has swept."""
-_STRAIGHT_RAD_S, _ROUND_RAD_S = 0.3, 0.7
-"""Below the first a wall is followed straight on; from the second on a corner is gone round.
-Between them it may be a noisy infrared that turns the robot."""
+_STRAIGHT_RAD_S, ROUND_RAD_S = 0.3, 0.5
+"""Below the first a wall is followed straight on; from the second on a corner is gone round, at
+0.54. Between them it may be a noisy infrared that turns the robot."""
 _BRAKE_SHARE, _LATENCY_S = 0.75, 0.10
 """Of the acceleration limit, as the controllers have it; from a command to the wheels."""
 _JUMP_M = 0.008
@@ -97,7 +97,7 @@ class WatchfulPlanner(ScriptedPlanner):
             return self._looking and self._look_aside(obs)
         last = self._last_pose
         self._last_pose = obs.pose
-        round_a_corner = abs(obs.yaw_rate_rad_s) >= _ROUND_RAD_S
+        round_a_corner = abs(obs.yaw_rate_rad_s) >= ROUND_RAD_S
         self._stretches.follow(obs.pose, self._following, straight=not round_a_corner)
         if last is None:
             return False
