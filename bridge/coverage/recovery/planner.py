@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 
 _FUTILE = 20
 """Decisions in a row that gained nothing, after which the evidence itself is doubted."""
+_SPARED = 8
+"""Up to so many of them in a row, a place is not blamed for a passage so far from it that refused
+the robot."""
+_FAR_M = 0.4
 _MOST_FORGOTTEN = 3
 _FORGET_M = 0.6
 
@@ -68,7 +72,7 @@ class RecoveryPlanner(DrivingPlanner):
             arrived = yield from part(choice)
             gained = memory.new_cells - before
             self._come_back(choice, gained, arrived=arrived)
-            self._judge(choice, gained, arrived=arrived)
+            self._judge(choice, gained, futile, arrived=arrived)
             futile = futile + 1 if gained < self.options.least_cells else 0
         return self._end(f"{self.options.max_decisions} decisions, the limit")
 
@@ -120,14 +124,21 @@ class RecoveryPlanner(DrivingPlanner):
         area_cm2 = round(new_cells * self.options.cell_m**2 * 1e4)
         self.decide("recovery-end", why, shadow=shadow.number, new_cm2=area_cm2)
 
-    def _judge(self, choice: Choice, new_cells: int, *, arrived: bool) -> None:
-        """Set a place aside that gave next to nothing."""
+    def _judge(self, choice: Choice, new_cells: int, futile: int, *, arrived: bool) -> None:
+        """Set a place aside that gave next to nothing, after so many decisions that gave nothing.
+
+        What refused the robot far from there is a passage, and is shut in time (``_refused``):
+        there may be another way.
+        """
         promised = choice.new_m2 / self.options.cell_m**2
         if choice.kind == "outline":
             promised = 40.0
         if new_cells > 0.3 * promised:
             return
         x, y = choice.way[-1]
+        far = math.dist(self._pose[:2], (x, y)) > _FAR_M
+        if far and not arrived and futile < _SPARED:
+            return
         c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
         done_m = 0.0
         if arrived:
