@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 from typing import TYPE_CHECKING
@@ -23,3 +24,19 @@ def until_signalled(end: Callable[[], None]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def leaving_at_once(text: str) -> Iterator[None]:
+    """Meanwhile a signal ends the process there and then, with a line on stderr and status 1.
+
+    For work that can be done again. An exception out of a signal's handler can come in the
+    middle of loading an extension module, which the interpreter does not survive.
+    """
+
+    def leave() -> None:
+        os.write(2, f"{text}\n".encode())
+        os._exit(1)
+
+    with until_signalled(leave):
+        yield

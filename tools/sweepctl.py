@@ -8,6 +8,7 @@ import importlib
 import io
 import json
 import os
+import signal
 import sys
 from typing import Any, TextIO
 
@@ -154,6 +155,9 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     status = run()
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        # From here on Ctrl-C finds nothing that it could break off in order.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     gc.freeze()  # the same when the interpreter ends: a tenth of a second of looking
     sys.exit(status)
 

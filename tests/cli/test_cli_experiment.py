@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
+import subprocess
+import sys
+import textwrap
 import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from support.cli import end, start, sweepctl
-from tools.experiment import output, runs, zimablue_run
+from support.cli import ROOT, end, start, sweepctl
+from tools.experiment import runs, zimablue_run
 from tools.experiment.store import LINES, Store
 from tools.experiment.trials import Trial
 
 if TYPE_CHECKING:
-    import subprocess
     from pathlib import Path
 
 SHORT = ("--rooms", "case-1", "--planners", "paper,u-shape", "--max-time", "6", "--seeds", "1")
@@ -29,7 +32,8 @@ def two_jobs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.status == 0
     assert done.json["runs"] == 2
     # off a terminal a line for every run that ended, with the time left
-    lines = done.err.strip().splitlines()
+    first, *lines = done.err.strip().splitlines()
+    assert first == "0/2 runs done, 2 at a time from here"
     assert [line.split()[0] for line in lines] == ["1/2", "2/2"]
     assert all("seed 0: mouth" in line for line in lines)
     return out
@@ -86,17 +90,57 @@ def test_ctrl_c_and_sigterm_keep_what_is_done(tmp_path: Path, number: signal.Sig
     assert (tmp_path / "report.html").exists()
 
 
-def test_interrupted_again_it_says_where_the_runs_are(
-    two_jobs: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
+@pytest.mark.realtime
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.1])
+def test_two_at_once_end_it_too(tmp_path: Path, delay_s: float) -> None:
+    """As from ``timeout``, which signals the process and its group; while the workers begin."""
+    process = start(
+        *("experiment", "compare", "--rooms", "case-1", "--planners", "u-shape", "--seeds", "200"),
+        *("--jobs", "2", "--out", tmp_path),
+        cwd=tmp_path,
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline() == "0/200 runs done, 2 at a time from here\n"
+    process.send_signal(signal.SIGINT)
+    time.sleep(delay_s)
+    done = end(process, signal.SIGINT)
+    # whether the second came before the end of the runs, after it, or as the command ended
+    assert done.status in {0, 1, -signal.SIGINT}
+    assert "Traceback" not in done.err
+    assert done.err.endswith("the same command goes on from there\n")
 
-    monkeypatch.setattr(output, "write_results", interrupted)
-    done = sweepctl("experiment", "compare", *SHORT, "--out", two_jobs)
+
+@pytest.mark.realtime
+def test_interrupted_again_it_says_where_the_runs_are(two_jobs: Path) -> None:
+    """A report that takes for ever, in a process whose runs are done."""
+    script = """
+        import sys, time
+        from tools.experiment import output
+        from tools.sweepctl import run
+        def for_ever(*_):
+            print("writing", file=sys.stderr, flush=True)
+            time.sleep(1000)
+        output.write_results = for_ever
+        run(sys.argv[1:])
+    """
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-c", textwrap.dedent(script)),
+            *("experiment", "compare", *SHORT, "--out", str(two_jobs)),
+        ],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline() == "writing\n"
+    done = end(process, signal.SIGINT)
     assert done.status == 1
-    assert f"the runs done are kept in {two_jobs}" in done.err
-    assert "before anything was started" not in done.err
+    assert done.err.splitlines() == [
+        f"interrupted again, before the report: the runs done are kept in {two_jobs}",
+        "the same command goes on from there",
+    ]
 
 
 def test_a_run_that_fails_is_named_and_the_others_go_on(tmp_path: Path) -> None:

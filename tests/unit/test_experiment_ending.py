@@ -4,52 +4,75 @@ from __future__ import annotations
 
 import os
 import signal
-from typing import TYPE_CHECKING, Any
+import subprocess
+import sys
+import textwrap
 
 import pytest
 
+from support.cli import PATIENCE_S, ROOT
+
+AS_A_WORKER = """
+import os, signal
 from tools.experiment import ending
-from tools.experiment.ending import EndedEarlyError, prepare_worker, run_until_ended
 from tools.experiment.trials import Trial
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 TRIAL = Trial("case-1", "u-shape", "none", 0, 1.0)
+ending.GRACE_S = 0.2
+
+def told(_trial=None):
+    os.kill(os.getpid(), signal.SIGTERM)
+    return {}
+
+ending.prepare_worker()
+"""
 
 
-@pytest.fixture(autouse=True)
-def _as_a_worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    before = [(number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM)]
-    monkeypatch.setattr(ending.Ending, "asked", False)
-    prepare_worker()
-    yield
-    for number, handler in before:
-        signal.signal(number, handler)
+def worker(script: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", AS_A_WORKER + textwrap.dedent(script)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
 
 
-def test_a_trial_under_way_is_broken_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    def runs_long(_: Trial) -> dict[str, Any]:
-        os.kill(os.getpid(), signal.SIGTERM)
-        return {"ran": "to its end"}
+def test_a_trial_under_way_is_broken_off_without_a_word() -> None:
+    done = worker("""
+        ending.run_trial = told
+        ending.run_until_ended(TRIAL)
+        print("ran to its end")
+    """)
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", "")
 
-    monkeypatch.setattr(ending, "run_trial", runs_long)
-    with pytest.raises(EndedEarlyError):
-        run_until_ended(TRIAL)
+
+def test_between_trials_nothing_is_broken_off_and_no_other_begins() -> None:
+    done = worker("""
+        ending.run_trial = lambda _trial: print("ran") or {}
+        print(ending.run_until_ended(TRIAL))
+        told()  # as while a result is told: it goes on
+        try:
+            ending.run_until_ended(TRIAL)
+        except ending.EndedEarlyError:
+            print("not begun")
+    """)
+    assert (done.returncode, done.stdout.splitlines()) == (0, ["ran", "{}", "not begun"])
 
 
-def test_between_trials_nothing_is_broken_off_and_no_other_begins(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    ran: list[Trial] = []
+@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="Windows ends a process at once")
+def test_one_that_waits_for_ever_is_ended_all_the_same() -> None:
+    done = worker("""
+        told()
+        os.read(os.pipe()[0], 1)
+    """)
+    assert done.returncode == -signal.SIGALRM
 
-    def run(trial: Trial) -> dict[str, Any]:
-        ran.append(trial)
-        return {}
 
-    monkeypatch.setattr(ending, "run_trial", run)
-    assert run_until_ended(TRIAL) == {}
-    os.kill(os.getpid(), signal.SIGTERM)  # as while a result is told: it goes on
-    with pytest.raises(EndedEarlyError):
-        run_until_ended(TRIAL)
-    assert ran == [TRIAL]
+def test_ctrl_c_is_the_parents() -> None:
+    done = worker("""
+        os.kill(os.getpid(), signal.SIGINT)
+        print("goes on")
+    """)
+    assert (done.returncode, done.stdout) == (0, "goes on\n")

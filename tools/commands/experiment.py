@@ -123,9 +123,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     """
     from tools.console import say
     from tools.experiment import figures, output
-    from tools.experiment.runs import run_all, sigterm_interrupts
+    from tools.experiment.runs import run_all
     from tools.experiment.store import Store, code_version
     from tools.experiment.trials import generated_rooms, paper_trials, room_of
+    from tools.stopping import leaving_at_once
 
     figures.check()
     if zimablue and what != "compare":
@@ -140,20 +141,20 @@ def command(  # noqa: PLR0913 - one parameter per option
     for name in dict.fromkeys(trial.room for trial in trials):
         room_of(name)  # a wrong name is told now, not after an hour
     store = Store(out, code_version(), force=force)
-    try:
-        with sigterm_interrupts():
-            outcome = run_all(store, trials, jobs)
-            rows = store.rows(trials)
-            if rows or as_json:
-                made = output.write_results(out, _TITLES[what], _typed(what), rows)
-                if as_json:
-                    output.print_json(made, out, rows, outcome.failed)
-                else:
-                    output.print_tables(made, out)
-    except KeyboardInterrupt:
-        say(f"interrupted again, before the report: the runs done are kept in {out}")
-        say("the same command goes on from there")
-        return 1
+    with leaving_at_once(
+        f"interrupted again, before the report: the runs done are kept in {out}\n"
+        "the same command goes on from there"
+    ):
+        outcome = run_all(store, trials, jobs)
+        rows = store.rows(trials)
+        if outcome.interrupted and rows:
+            say("the runs have ended; their report follows")
+        if rows or as_json:
+            made = output.write_results(out, _TITLES[what], _typed(what), rows)
+            if as_json:
+                output.print_json(made, out, rows, outcome.failed)
+            else:
+                output.print_tables(made, out)
     return _close(outcome, f"{len(rows)} of {len(trials)} runs done", out)
 
 

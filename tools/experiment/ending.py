@@ -1,11 +1,14 @@
 """How a worker process ends on SIGTERM: in the middle of a trial, never of telling its result.
 
 A process that dies while it writes to the pool's pipe leaves the reader waiting for the rest for
-ever, and the whole command with it at its exit.
+ever, and the whole command with it. In a trial it writes nothing there, and leaves at once: an
+exception from the signal's handler could come anywhere, also while an extension is loaded. One
+that tells a result, or waits for a trial, has a grace to be done with it.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +19,12 @@ if TYPE_CHECKING:
 
     from tools.experiment.trials import Trial
 
+GRACE_S = 5.0
+"""Enough to tell a result, and for the pool to say that there are no more trials."""
+
 
 class EndedEarlyError(Exception):
-    """The trial was broken off."""
+    """The trial was not begun."""
 
 
 class Ending:
@@ -35,16 +41,18 @@ def prepare_worker() -> None:
 
 
 def _on_sigterm(_number: int, _frame: FrameType | None) -> None:
-    Ending.asked = True
     if Ending.busy:
-        raise EndedEarlyError
+        os._exit(1)
+    Ending.asked = True
+    if hasattr(signal, "setitimer"):  # not on Windows, where SIGTERM is not caught either
+        signal.setitimer(signal.ITIMER_REAL, GRACE_S)
 
 
 def run_until_ended(trial: Trial) -> dict[str, Any]:
     """Run a trial.
 
     Raises:
-        EndedEarlyError: SIGTERM came, now or before.
+        EndedEarlyError: SIGTERM came before.
 
     """
     Ending.busy = True

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
-import signal
 import traceback
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -18,11 +16,9 @@ from rich.text import Text
 from tools.console import err, say
 from tools.experiment.ending import prepare_worker, run_until_ended
 from tools.experiment.trials import room_of, work
+from tools.stopping import until_signalled
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from types import FrameType
-
     from rich.progress import Task, TaskID
 
     from tools.experiment.store import Store
@@ -30,6 +26,8 @@ if TYPE_CHECKING:
 
 _SPEED_OVER_S = 1800.0
 """The time left is told from the pace of so long."""
+_LOOK_S = 0.2
+"""How often it is looked whether the runs are to end."""
 ERRORS = "errors.txt"
 
 
@@ -51,7 +49,11 @@ class _Left(ProgressColumn):
 
 
 def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
-    """Run what is missing in the store. A trial that fails is told, and the others go on."""
+    """Run what is missing in the store. A trial that fails is told, and the others go on.
+
+    Ctrl-C (or SIGTERM) ends the runs. It is looked for between two waits, not raised: an
+    exception while the pool is begun or ended leaves processes that wait for each other for ever.
+    """
     missing = store.missing(trials)
     outcome = Outcome()
     if not missing:
@@ -68,7 +70,12 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
     context = multiprocessing.get_context("spawn")
     workers = min(jobs or os.cpu_count() or 1, len(missing))
     ours = set(multiprocessing.active_children())
+
+    def end() -> None:
+        outcome.interrupted = True
+
     with (
+        until_signalled(end),
         Progress(
             *columns,
             console=err(),
@@ -79,12 +86,14 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
     ):
         done = len(trials) - len(missing)
         task = bar.add_task("", total=sum(costs.values()), done=done, count=len(trials))
+        if not err().is_terminal:
+            say(f"{done}/{len(trials)} runs done, {workers} at a time from here")
         try:
             # the longest first: none of them is left alone at the end
             ordered = sorted(missing, key=lambda trial: -costs[trial])
             running = {pool.submit(run_until_ended, trial): trial for trial in ordered}
-            while running:
-                ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            while running and not outcome.interrupted:
+                ended, _ = wait(running, _LOOK_S, FIRST_COMPLETED)
                 for future in ended:
                     trial = running.pop(future)
                     text = _keep(store, trial, future, outcome)
@@ -92,13 +101,14 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
                     bar.update(task, advance=costs[trial], description=text, done=done)
                     if not err().is_terminal:
                         _tell(bar, task, text)
-        except (KeyboardInterrupt, BrokenProcessPool) as error:
+        except BrokenProcessPool:
             outcome.interrupted = True
-            if isinstance(error, BrokenProcessPool):
-                outcome.failed.append("a worker process was ended from outside, or had no memory")
-            pool.shutdown(wait=False, cancel_futures=True)
+            outcome.failed.append("a worker process was ended from outside, or had no memory")
+        if outcome.interrupted:
             for child in set(multiprocessing.active_children()) - ours:
                 child.terminate()
+            # waited for: no process of ours is left to end while the interpreter does
+            pool.shutdown(cancel_futures=True)
     return outcome
 
 
@@ -146,17 +156,3 @@ def _time_left(task: Task) -> str:
         return f"{left} s left"
     hours, minutes = divmod(round(left / 60), 60)
     return f"{hours} h {minutes:02d} min left" if hours else f"{minutes} min left"
-
-
-@contextlib.contextmanager
-def sigterm_interrupts() -> Iterator[None]:
-    """Meanwhile let SIGTERM end the runs as Ctrl-C does: what is done is kept, and reported."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
