@@ -33,7 +33,7 @@ WALKER = -1
 _NEAR_M, _NEAR_MOVED_M = 0.35, 0.25
 """Edges within the radius and this are looked at; renewed as the robot has gone the other."""
 _CAREFUL_M = 0.02
-_PASSES = 12
+_PASSES, _HALVINGS = 12, 10
 _SHOVE_M, _BOUNCE_S = 0.005, 0.05
 """A walker shoves no further at once, so never through a wall. A tyre that spins before a
 threshold bounces on it; that dies out so fast."""
@@ -196,6 +196,16 @@ def _free(push: bool, b: Floats, edges: Floats, w: Floats) -> float:  # noqa: FB
 
 
 @compiled
+def _settle(b: Floats, edges: Floats, w: Floats) -> bool:
+    """Push the disc out of all that it is in; whether it is free then."""
+    for _ in range(_PASSES):
+        b[GAP] = _free(True, b, edges, w)  # noqa: FBT003 - positional, as kernels are called
+        if b[GAP] >= -PENETRATION_M:
+            return True
+    return False
+
+
+@compiled
 def _move(dx: float, dy: float, b: Floats, edges: Floats, w: Floats) -> None:
     """Move the disc as far as the walls let it; ``AT`` gets where it ends.
 
@@ -220,12 +230,17 @@ def _move(dx: float, dy: float, b: Floats, edges: Floats, w: Floats) -> None:
         else:
             dx, dy = dx * kept / along, dy * kept / along
     b[AT_X], b[AT_Y] = b[X] + dx, b[Y] + dy
-    for _ in range(_PASSES):
-        b[GAP] = _free(True, b, edges, w)  # noqa: FBT003 - positional, as kernels are called
-        if b[GAP] >= -PENETRATION_M:
-            return
-    b[AT_X], b[AT_Y] = b[X], b[Y]  # a wedge too narrow to go into: stay
-    b[GAP] = _free(False, b, edges, w)  # noqa: FBT003 - likewise
+    if _settle(b, edges, w):
+        return
+    # a wedge too narrow to go into: as far as its second side, which is touched then
+    share, step, end_x, end_y = 0.0, 0.5, b[X], b[Y]
+    for _ in range(_HALVINGS):
+        b[AT_X], b[AT_Y] = b[X] + (share + step) * dx, b[Y] + (share + step) * dy
+        if _settle(b, edges, w):
+            share, end_x, end_y = share + step, b[AT_X], b[AT_Y]
+        step *= 0.5
+    b[AT_X], b[AT_Y] = end_x, end_y
+    b[GAP] = _free(False, b, edges, w)  # noqa: FBT003 - positional, as kernels are called
 
 
 @compiled

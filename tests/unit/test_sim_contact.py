@@ -143,6 +143,24 @@ def test_it_slides_round_a_corner_that_juts_out() -> None:
     assert body.truth.path_m < 0.0325 * body.truth.left_rad
 
 
+@pytest.mark.parametrize("start_y_m", [2.7 + 1e-5 * n for n in range(0, 20, 3)])
+@pytest.mark.parametrize("heading_deg", [-90.0, -90.1, -89.6])
+def test_in_a_wedge_both_sides_are_touched_wherever_a_milliseconds_way_ends(
+    start_y_m: float, heading_deg: float
+) -> None:
+    """Along a wall, and a leg stands 29 cm from it: not stopped a hair's breadth before it."""
+    leg = ((0.3, 2.4946), (0.342, 2.5076), (0.329, 2.5497), (0.287, 2.5366))
+    start = (0.16, start_y_m, math.radians(heading_deg))
+    body = plant(room(start, walls=box(0.0, 0.0, 4.0, 4.0), obstacles=(leg,)))
+    body.set_duty(CRUISE, CRUISE)
+    body.advance_ms(3000)
+    truth = body.truth
+    assert truth.v_m_s == 0.0
+    assert math.dist(truth.pose[:2], leg[-1]) == pytest.approx(0.16, abs=2e-5)
+    assert bumpers(truth.touch_bearings_rad) == Bumpers(left=True, right=False)
+    assert truth.collisions == 1
+
+
 def test_turning_in_place_against_a_wall_is_free() -> None:
     body = plant(room(facing_wall(0.0), walls=SMALL))
     body.set_duty(-CRUISE, CRUISE)
