@@ -46,6 +46,9 @@ _NEAR_M = 0.15
 """Whoever meets something so near to a wall's beginning is there: his place is in doubt, too."""
 _TOUCHED = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 _LEAST_AWAY_RAD = math.radians(12.0)
+"""From the wall that is followed, which may be taken for what was met. As many times more as it is
+met again within ``_SAME_BUMP_M``."""
+_SAME_BUMP_M = 0.06
 _LEAST_TURN_RAD = math.radians(2.0)
 
 
@@ -297,20 +300,24 @@ class DrivingPlanner(WatchfulPlanner):
         yield from self._outline(left=left, touching=True)
         return True
 
-    def _contact(self, result: LegResult) -> float:
-        """Bearing from the heading of what ended a leg."""
+    def _contact(self, result: LegResult, beside: int = 0) -> float:
+        """Bearing from the heading of what ended a leg.
+
+        ``beside``: a wall that is followed on the left (1) or right (-1), and was not met.
+        """
         left, right = result.bumper_left, result.bumper_right
         if result.reason is not StopReason.BUMPER or left == right:
             return 0.0
-        return self.memory.contact_rad(result.pose, left=left, right=right)
+        return self.memory.contact_rad(result.pose, left=left, right=right, beside=beside)
 
     def _outline(self, *, left: bool, touching: bool = False) -> Generator[Leg, Step]:
         """Follow a wall until its outline is closed or lost."""
         self._stand("outline")
         self.decide("outline-begin", f"wall on the {'left' if left else 'right'}")
-        stuck = 0
+        stuck = again = 0
         side = 1 if left else -1
         self._followed_m = self._checked_m = 0.0
+        bumped_m = -math.inf
         while True:
             self._following, self._last_pose, self._stale = side, None, 0
             begun_m = self._followed_m
@@ -322,10 +329,12 @@ class DrivingPlanner(WatchfulPlanner):
             stuck = stuck + 1 if self._followed_m - begun_m < _NO_WAY_M else 0
             if not reason.blocked or reason is StopReason.TIMEOUT or stuck > _MOST_STUCK:
                 break
+            again = again + 1 if self._followed_m - bumped_m < _SAME_BUMP_M else 0
+            bumped_m = self._followed_m
             yield from self._note(result, result.pose.theta_rad)
             # turn until what was met is abeam; on the other side, it is an inner corner
-            away = side * self._contact(result)
-            away = max(_QUARTER - away, _LEAST_AWAY_RAD)
+            away = side * self._contact(result, beside=side)
+            away = max(_QUARTER - away, _LEAST_AWAY_RAD * (1 + again))
             heading = result.pose.theta_rad - side * away
             ahead = Pose2(self._pose.x_m, self._pose.y_m, heading)
             if (

@@ -41,6 +41,7 @@ _STRONG_M = 0.12
 """A reading nearer than this counts double: one such makes a cell occupied."""
 _SPAN_RAD = math.radians(87.0)
 _OVERLAP_RAD = math.radians(10.0)
+_ABEAM_RAD = math.radians(60.0)
 _RIM_CELLS = 1.75
 """Evidence this near to the rim may be what was touched."""
 _BESIDE, _BESIDE_STRAIGHT = 0.9, 0.6
@@ -138,36 +139,35 @@ class EvidenceMap:
         x, y = self.to_cells(x_m, y_m)
         add_wall(self.wall, self.near, int(y), int(x), weight, self._reach)
 
-    def contact_rad(self, pose: Pose2, *, left: bool, right: bool) -> float:
+    def contact_rad(self, pose: Pose2, *, left: bool, right: bool, beside: int = 0) -> float:
         """Bearing from the heading at which a pressed bumper most likely touches.
 
         That of the evidence nearest to the rim on the pressed half; without any, its middle.
+        What is nearly abeam on the side ``beside`` (1: left, -1: right) is left out: a wall that
+        is followed there is always near to the rim.
         """
-        low = -_OVERLAP_RAD if left else -_SPAN_RAD
-        high = _OVERLAP_RAD if right else _SPAN_RAD
-        x, y = self.to_cells(pose.x_m, pose.y_m)
-        radius = self._model.radius_m * self._per_m
-        reach = math.ceil(radius + _RIM_CELLS)
-        r0, c0 = max(int(y) - reach, 0), max(int(x) - reach, 0)
-        part = self.wall[r0 : int(y) + reach + 1, c0 : int(x) + reach + 1]
-        best, found = _RIM_CELLS, 0.5 * (low + high) if left != right else 0.0
-        for row, col in np.argwhere(part > 0).tolist():
-            dx, dy = col + c0 + 0.5 - x, row + r0 + 0.5 - y
-            bearing = math.remainder(math.atan2(dy, dx) - pose.theta_rad, math.tau)
-            off = abs(math.hypot(dx, dy) - radius)
-            if off < best and low <= bearing <= high:
-                best, found = off, bearing
-        return found
+        low, high = _pressed(left=left, right=right)
+        if beside > 0:
+            high = min(high, _ABEAM_RAD)
+        elif beside < 0:
+            low = max(low, -_ABEAM_RAD)
+        seen = self._touched(pose, low, high)
+        return 0.5 * (low + high) if seen is None else seen
 
     def add_bump(self, pose: Pose2, *, left: bool, right: bool) -> None:
-        """A bumper half, or both, is pressed at a pose."""
-        bearing = self.contact_rad(pose, left=left, right=right)
-        rim = self._model.radius_m + 0.25 * self._options.cell_m
-        self.add_point(*pose.transform(rim * math.cos(bearing), rim * math.sin(bearing)))
-        low = -_OVERLAP_RAD if left else -_SPAN_RAD
-        high = _OVERLAP_RAD if right else _SPAN_RAD
+        """A bumper half, or both, is pressed at a pose.
+
+        Where nothing known is touched, a half does not tell what is: it may be 12 cm from its
+        middle, and what is put where nothing stands shuts a narrow passage for ever.
+        """
+        low, high = _pressed(left=left, right=right)
+        seen = self._touched(pose, low, high)
         if left and right:
             low, high = -_OVERLAP_RAD, _OVERLAP_RAD
+            seen = seen or 0.0
+        if seen is not None:
+            rim = self._model.radius_m + 0.25 * self._options.cell_m
+            self.add_point(*pose.transform(rim * math.cos(seen), rim * math.sin(seen)))
         x, y = self.to_cells(pose.x_m, pose.y_m)
         theta = pose.theta_rad
         bump_lens(self.lens, x, y, theta + low, theta + high, self._model.radius_m * self._per_m)
@@ -198,6 +198,20 @@ class EvidenceMap:
         self.lens[part] = 0
         for row, col in np.argwhere(self.wall[part]).tolist():
             add_wall(self.wall, self.near, row + r0, col + c0, -MOST, self._reach)
+
+    def doubt_bumps(self, radius_m: float) -> bool:
+        """Drop what only bumps tell, and that places so near to it were gone for in vain.
+
+        Whether there was any. Bumps are put where the robot believed itself to be: a narrow
+        passage that was tried from two places a little off is shut by them, though it is open.
+        """
+        cells = np.argwhere((self.lens > 0) & (self.been == 0))
+        reach = math.ceil(radius_m * self._per_m)
+        for row, col in cells[:: max(reach // 2, 1)].tolist():
+            r0, c0 = max(row - reach, 0), max(col - reach, 0)
+            self.tried[r0 : row + reach + 1, c0 : col + reach + 1] = 0
+        self.lens[:] = 0
+        return len(cells) > 0
 
     def fresh(
         self, pose: Pose2, ahead_m: tuple[float, float], aside_m: tuple[float, float]
@@ -267,6 +281,22 @@ class EvidenceMap:
 
     # -- inside ------------------------------------------------------------------------------
 
+    def _touched(self, pose: Pose2, low: float, high: float) -> float | None:
+        """Bearing of the evidence nearest to the rim between two bearings; None: there is none."""
+        x, y = self.to_cells(pose.x_m, pose.y_m)
+        radius = self._model.radius_m * self._per_m
+        reach = math.ceil(radius + _RIM_CELLS)
+        r0, c0 = max(int(y) - reach, 0), max(int(x) - reach, 0)
+        part = self.wall[r0 : int(y) + reach + 1, c0 : int(x) + reach + 1]
+        best, found = _RIM_CELLS, None
+        for row, col in np.argwhere(part > 0).tolist():
+            dx, dy = col + c0 + 0.5 - x, row + r0 + 0.5 - y
+            bearing = math.remainder(math.atan2(dy, dx) - pose.theta_rad, math.tau)
+            off = abs(math.hypot(dx, dy) - radius)
+            if off < best and low <= bearing <= high:
+                best, found = off, bearing
+        return found
+
     def _move(self, x: float, y: float) -> None:
         self._been_at = (x, y)
         self._low = [min(self._low[0], x), min(self._low[1], y)]
@@ -312,3 +342,8 @@ class EvidenceMap:
         self._been_at = (self._been_at[0] + left, self._been_at[1] + down)
         self._low = [self._low[0] + left, self._low[1] + down]
         self._high = [self._high[0] + left, self._high[1] + down]
+
+
+def _pressed(*, left: bool, right: bool) -> tuple[float, float]:
+    """Bearings between which a pressed bumper may touch."""
+    return -_OVERLAP_RAD if left else -_SPAN_RAD, _OVERLAP_RAD if right else _SPAN_RAD

@@ -32,10 +32,16 @@ the robot."""
 _FAR_M = 0.4
 _MOST_FORGOTTEN = 3
 _FORGET_M = 0.6
+_DOUBT_M = 0.2
+_DOUBT_CELLS = 250
+"""New cells (a tenth of a square metre) since the last time, for bumps to be doubted again."""
 
 
 class RecoveryPlanner(DrivingPlanner):
     """See the module."""
+
+    _doubted_at = -_DOUBT_CELLS
+    """New cells when bumps were doubted last."""
 
     # -- the plan ------------------------------------------------------------------------------
 
@@ -43,6 +49,7 @@ class RecoveryPlanner(DrivingPlanner):
         """The plan from the pose in ``obs``."""
         self._reset()
         self._recovering = None
+        self._doubted_at = -_DOUBT_CELLS
         self._obs = obs
         self._memory = EvidenceMap(self.model, self.options, obs.pose)
         memory = self._memory
@@ -62,6 +69,8 @@ class RecoveryPlanner(DrivingPlanner):
                 forgotten += 1
                 continue
             if choice is None:
+                if self._think_again():
+                    continue
                 return self._end("no reachable unswept piece is worth its time")
             if (yield from self._take_heading()):
                 continue
@@ -75,6 +84,16 @@ class RecoveryPlanner(DrivingPlanner):
             self._judge(choice, gained, futile, arrived=arrived)
             futile = futile + 1 if gained < self.options.least_cells else 0
         return self._end(f"{self.options.max_decisions} decisions, the limit")
+
+    def _think_again(self) -> bool:
+        """Before the end, doubt what only bumps tell; whether there was anything new to doubt."""
+        if self.memory.new_cells - self._doubted_at < _DOUBT_CELLS:
+            return False
+        self._doubted_at = self.memory.new_cells
+        if not self.memory.doubt_bumps(_DOUBT_M):
+            return False
+        self.decide("forget", "before the end: what only bumps tell is doubted")
+        return True
 
     def _end(self, reason: str) -> str:
         self._stand("finished")

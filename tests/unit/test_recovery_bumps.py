@@ -1,0 +1,124 @@
+"""What a bump is taken to tell: where something stands, where the axle cannot be, and how long."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import Observation
+from bridge.motion.robot_model import RobotModel
+
+MODEL = RobotModel()
+OPTIONS = RecoveryOptions()
+HERE = Pose2(0.0, 0.0, 0.0)
+
+
+def empty() -> EvidenceMap:
+    return EvidenceMap(MODEL, OPTIONS, HERE)
+
+
+def standing(memory: EvidenceMap, bearing_deg: float, gap_m: float = 0.004) -> None:
+    """Something known before the rim, at a bearing from ``HERE``."""
+    far, bearing = MODEL.radius_m + gap_m, math.radians(bearing_deg)
+    memory.add_point(far * math.cos(bearing), far * math.sin(bearing))
+
+
+def at(memory: EvidenceMap, x_m: float, y_m: float) -> tuple[int, int]:
+    column, row = memory.to_cells(x_m, y_m)
+    return int(row), int(column)
+
+
+def test_half_a_bumper_alone_forbids_places_but_puts_nothing_anywhere() -> None:
+    memory = empty()
+    memory.add_bump(HERE, left=True, right=False)
+    assert not memory.wall.any()
+    assert memory.lens[at(memory, 0.05, 0.02)]  # whatever stands on the left half
+    assert not memory.lens[at(memory, 0.05, -0.06)]
+
+
+def test_both_halves_tell_that_it_stands_ahead() -> None:
+    memory = empty()
+    memory.add_bump(HERE, left=True, right=True)
+    assert np.argwhere(memory.wall).tolist() == [list(at(memory, 0.165, 0.0))]
+
+
+@pytest.mark.parametrize("bearing_deg", [-5.0, 20.0, 40.0, 80.0])
+def test_what_is_known_at_the_rim_is_taken_to_be_touched(bearing_deg: float) -> None:
+    memory = empty()
+    standing(memory, bearing_deg)
+    before = int(memory.wall.max())
+    memory.add_bump(HERE, left=True, right=False)
+    assert memory.wall.max() > before
+    assert (memory.wall > 0).sum() <= 2
+    found = math.degrees(memory.contact_rad(HERE, left=True, right=False))
+    assert found == pytest.approx(bearing_deg, abs=5.0)
+
+
+def test_what_is_known_on_the_other_half_is_not() -> None:
+    memory = empty()
+    standing(memory, -40.0)
+    assert memory.contact_rad(HERE, left=True, right=False) == pytest.approx(math.radians(38.5))
+
+
+def test_a_wall_that_is_followed_is_not_what_was_met() -> None:
+    """A convex wall abeam on the right, and something unknown ahead of it to the right."""
+    memory = empty()
+    standing(memory, -75.0, 0.002)
+    met = memory.contact_rad(HERE, left=False, right=True)
+    assert math.degrees(met) == pytest.approx(-75.0, abs=5.0)
+    followed = memory.contact_rad(HERE, left=False, right=True, beside=-1)
+    assert math.degrees(followed) == pytest.approx(-25.0)
+    standing(memory, -45.0)
+    followed = memory.contact_rad(HERE, left=False, right=True, beside=-1)
+    assert math.degrees(followed) == pytest.approx(-45.0, abs=5.0)
+    assert memory.contact_rad(HERE, left=False, right=True, beside=1) != followed
+
+
+def test_doubting_bumps_keeps_what_was_seen() -> None:
+    memory = empty()
+    memory.add_point(0.5, 0.5)
+    memory.add_bump(HERE, left=True, right=True)
+    memory.give_up(0.2, 0.0, 0.05)
+    memory.give_up(1.5, 1.5, 0.05)
+    walls = memory.wall.copy()
+    assert memory.doubt_bumps(0.2)
+    assert not memory.lens.any()
+    assert (memory.wall == walls).all()
+    assert not memory.tried[at(memory, 0.2, 0.0)]  # beside the bump: one more try
+    assert memory.tried[at(memory, 1.5, 1.5)] == 1
+    assert not memory.doubt_bumps(0.2)
+
+
+class Ending(RecoveryPlanner):
+    """Has nothing more to do."""
+
+    def __init__(self) -> None:
+        super().__init__(MODEL)
+        self._memory = empty()
+        self._obs = Observation(*(0.0, HERE, 0.0, 0.0, None, None, None), *[False] * 3)
+
+    def goes_on(self) -> bool:
+        """Whether it thinks again, and tells so."""
+        again = self._think_again()
+        assert [event.kind for event in self.drain_events()] == ["forget"] * again
+        return again
+
+
+def test_before_the_end_bumps_are_doubted_once_and_again_after_new_floor() -> None:
+    planner = Ending()
+    assert not planner.goes_on()  # no bump, nothing to doubt
+    planner = Ending()
+    planner.memory.add_bump(HERE, left=True, right=True)
+    assert planner.goes_on()
+    planner.memory.add_bump(HERE, left=True, right=True)
+    assert not planner.goes_on()
+    planner.memory.new_cells += 249
+    assert not planner.goes_on()
+    planner.memory.new_cells += 1
+    assert planner.goes_on()
