@@ -29,6 +29,8 @@ _QUARTER = 0.5 * math.pi
 _AHEAD_BAND_M = (0.02, 0.075)
 _SAME_PLACE_M = 0.15
 _REFUSAL_M = 0.03
+_STUBBORN = 2
+"""Refused more often than this, it does not help that the axle was beyond."""
 _NO_LEG_M = 0.01
 """A centimetre is no way to go."""
 _NO_WAY_M = 0.02
@@ -242,7 +244,12 @@ class DrivingPlanner(WatchfulPlanner):
             radius_m = min(_REFUSAL_M * self._refusals, self.model.radius_m)
             c, s = math.cos(heading_rad), math.sin(heading_rad)
             way_m = radius_m + self.options.cell_m
-            self.memory.block(pose.x_m + way_m * c, pose.y_m + way_m * s, radius_m)
+            self.memory.block(
+                pose.x_m + way_m * c,
+                pose.y_m + way_m * s,
+                radius_m,
+                been=self._refusals > _STUBBORN,
+            )
             self.decide(
                 "passage-shut",
                 "it refused the robot again and again",

@@ -180,14 +180,20 @@ class EvidenceMap:
         part = self.tried[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
         np.add(part, 1, out=part, where=part < 250)  # noqa: PLR2004 - a byte
 
-    def block(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Hold a disc to be no place for the axle, but for where it was."""
+    def block(self, x_m: float, y_m: float, radius_m: float, *, been: bool = False) -> None:
+        """Hold a disc to be no place for the axle, but for where it was; or there, too (``been``).
+
+        The estimate may have been set right since the axle was there, or gone astray.
+        """
         x, y = self.to_cells(x_m, y_m)
         reach = radius_m * self._per_m
         r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
         part = self.lens[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
         rows, cols = np.indices(part.shape)
-        part[np.hypot(rows + r0 + 0.5 - y, cols + c0 + 0.5 - x) <= reach] = 1
+        inside = np.hypot(rows + r0 + 0.5 - y, cols + c0 + 0.5 - x) <= reach
+        part[inside] = 1
+        if been:
+            self.been[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1][inside] = 0
 
     def forget(self, pose: Pose2, radius_m: float) -> None:
         """Drop all evidence of obstacles about a pose."""

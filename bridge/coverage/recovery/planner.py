@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _FUTILE = 20
 """Decisions in a row that gained nothing, after which the evidence itself is doubted."""
+_MOST_REFUSED = 6
+"""Refusals in a row at one place, likewise."""
 _SPARED = 8
 """Up to so many of them in a row, a place is not blamed for a passage so far from it that refused
 the robot."""
@@ -34,7 +36,8 @@ _MOST_FORGOTTEN = 3
 _FORGET_M = 0.6
 _DOUBT_M = 0.2
 _DOUBT_CELLS = 250
-"""New cells (a tenth of a square metre) since the last time, for bumps to be doubted again."""
+"""New cells (a tenth of a square metre) since the last time, for bumps to be doubted again, and for
+what was forgotten not to count any more."""
 
 
 class RecoveryPlanner(DrivingPlanner):
@@ -57,16 +60,19 @@ class RecoveryPlanner(DrivingPlanner):
         self._stand("approach")
         self.decide("start", "looking for a wall to follow")
         yield from self._first_wall(obs)
-        futile = forgotten = 0
+        futile = forgotten = forgot_at = 0
         for _ in range(self.options.max_decisions):
             choice = yield from self._think()
-            if futile >= _FUTILE or self._chooser.shut_in:
+            if futile >= _FUTILE or self._refusals > _MOST_REFUSED or self._chooser.shut_in:
+                if memory.new_cells - forgot_at > _DOUBT_CELLS:
+                    forgotten = 0
                 if forgotten >= _MOST_FORGOTTEN:
                     return self._end("shut in: nothing that was tried led anywhere")
                 memory.forget(self._pose, _FORGET_M)
                 self.decide("forget", "nothing leads anywhere: what is known near here is doubted")
-                futile = 0
+                futile = self._refusals = 0
                 forgotten += 1
+                forgot_at = memory.new_cells
                 continue
             if choice is None:
                 if self._think_again():
