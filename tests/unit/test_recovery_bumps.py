@@ -7,10 +7,12 @@ import math
 import numpy as np
 import pytest
 
+from bridge.coverage.planner import Step
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.motion.geometry import Pose2
+from bridge.motion.legs import FollowWall, LegResult, StopReason, Turn
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
 
@@ -93,6 +95,57 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
     assert not memory.tried[at(memory, 0.2, 0.0)]  # beside the bump: one more try
     assert memory.tried[at(memory, 1.5, 1.5)] == 1
     assert not memory.doubt_bumps(0.2)
+
+
+def test_a_passage_that_refuses_again_and_again_is_shut_where_the_axle_was_too() -> None:
+    memory = empty()
+    row, column = at(memory, 0.05, 0.0)
+    memory.been[row, column] = 1
+    memory.block(0.05, 0.0, 0.03)
+    assert memory.lens[row, column]
+    assert memory.been[row, column]
+    memory.block(0.05, 0.0, 0.03, been=True)
+    assert not memory.been[row, column]
+    assert memory.been[at(memory, 0.0, 0.0)]
+
+
+class Following(RecoveryPlanner):
+    """On an outline, the wall on the right, and bumped at one place again and again."""
+
+    def __init__(self, bearing_deg: float) -> None:
+        super().__init__(MODEL)
+        self._memory = empty()
+        self._obs = Observation(*(0.0, HERE, 0.0, 0.0, None, None, None), *[False] * 3)
+        standing(self._memory, -75.0, 0.002)  # the wall that is followed
+        standing(self._memory, bearing_deg)
+
+    def turns_deg(self, way_m: float, count: int) -> list[float]:
+        """By how much it turns away from the wall, bumped each time after such a way."""
+        turns: list[float] = []
+        script = self._outline(left=False)
+        leg = next(script)
+        while len(turns) < count:
+            bumped = False
+            if isinstance(leg, FollowWall):
+                self._followed_m += way_m
+                bumped = True
+            elif isinstance(leg, Turn):
+                turns.append(math.degrees(leg.heading_rad))
+            reason = StopReason.BUMPER if bumped else StopReason.DISTANCE
+            result = LegResult(leg, reason, way_m, 1.0, HERE, bumper_right=bumped)
+            leg = script.send(Step(result, self._seen))
+        return turns
+
+
+def test_what_is_met_ahead_of_a_followed_wall_is_turned_from_until_it_is_abeam() -> None:
+    assert Following(-45.0).turns_deg(0.3, 1) == pytest.approx([45.0], abs=5.0)
+
+
+def test_whoever_meets_it_again_at_once_turns_farther_each_time() -> None:
+    turns = Following(-57.0).turns_deg(0.03, 5)
+    assert turns[0] == pytest.approx(33.0, abs=5.0)
+    assert turns[3:] == pytest.approx([48.0, 60.0])
+    assert Following(-57.0).turns_deg(0.1, 5)[3:] == pytest.approx(turns[:1] * 2)
 
 
 class Ending(RecoveryPlanner):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from typing import TYPE_CHECKING
+
 import pytest
 
 from bridge.coverage.recovery.choice import Choice
@@ -9,8 +12,15 @@ from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.motion.geometry import Pose2
+from bridge.motion.legs import Drive, LegResult, StopReason
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Step
+    from bridge.motion.legs import Leg
 
 MODEL = RobotModel()
 PLACE = (1.5, 0.0)
@@ -54,3 +64,56 @@ def test_it_is_spared_eight_times_in_a_row_so_that_the_plan_comes_to_an_end() ->
         True,
         True,
     ]
+
+
+class Refused(RecoveryPlanner):
+    """Goes for a far place again and again, and is bumped at one place on the way each time."""
+
+    def __init__(self, floor: int = 0) -> None:
+        """``floor``: new cells by each attempt's way."""
+        super().__init__(MODEL)
+        self.floor = floor
+        self.tries = 0
+
+    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
+        yield from ()
+
+    def _think(self) -> Generator[Leg, Step, Choice | None]:
+        yield from ()
+        return Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
+
+    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:
+        yield from ()
+        self.tries += 1
+        self.memory.new_cells += self.floor
+        leg = Drive(choice.heading_rad, 1.0)
+        self._refused(LegResult(leg, StopReason.BUMPER, 0.1, 1.0, Pose2(0.1, 0.0, 0.0)), 0.0)
+        return False
+
+    def run(self, most: int) -> tuple[str | None, Counter[str]]:
+        """Why it ended, if it did in so many attempts; and what was decided how often."""
+        here = Observation(*(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, None, None, None), *[False] * 3)
+        self.options = RecoveryOptions(max_decisions=most)
+        end: str | None = None
+        script = self.script(here)
+        try:
+            next(script)
+        except StopIteration as stop:
+            end = stop.value
+        return end, Counter(event.kind for event in self.drain_events())
+
+
+def test_what_refuses_the_robot_seven_times_is_doubted_before_the_far_place_is_blamed() -> None:
+    planner = Refused()
+    end, told = planner.run(100)
+    assert end == "shut in: nothing that was tried led anywhere"
+    assert told["forget"] == 3
+    assert planner.tries == 4 * 7
+    assert told["set-aside"] == 0
+
+
+def test_what_was_forgotten_does_not_count_after_new_floor() -> None:
+    end, told = Refused(floor=100).run(100)
+    assert end is not None
+    assert end.startswith("100 decisions")
+    assert told["forget"] > 3
