@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,6 +16,12 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, LegResult, StopReason, Turn
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.recovery.choice import Choice
+    from bridge.motion.legs import Leg
 
 MODEL = RobotModel()
 OPTIONS = RecoveryOptions()
@@ -80,6 +87,9 @@ def test_a_wall_that_is_followed_is_not_what_was_met() -> None:
     followed = memory.contact_rad(HERE, left=False, right=True, beside=-1)
     assert math.degrees(followed) == pytest.approx(-45.0, abs=5.0)
     assert memory.contact_rad(HERE, left=False, right=True, beside=1) != followed
+    standing(memory, 75.0, 0.002)
+    followed = memory.contact_rad(HERE, left=True, right=False, beside=1)
+    assert math.degrees(followed) == pytest.approx(25.0)
 
 
 def test_doubting_bumps_keeps_what_was_seen() -> None:
@@ -156,6 +166,19 @@ class Ending(RecoveryPlanner):
         self._memory = empty()
         self._obs = Observation(*(0.0, HERE, 0.0, 0.0, None, None, None), *[False] * 3)
 
+    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - bumped
+        self.memory.add_bump(HERE, left=True, right=True)
+        yield from ()
+
+    def _think(self) -> Generator[Leg, Step, Choice | None]:
+        yield from ()
+        return None
+
+    def run(self) -> list[str]:
+        """What it decides, to the end."""
+        assert list(self.script(self._seen)) == []
+        return [event.kind for event in self.drain_events()]
+
     def goes_on(self) -> bool:
         """Whether it thinks again, and tells so."""
         again = self._think_again()
@@ -175,3 +198,7 @@ def test_before_the_end_bumps_are_doubted_once_and_again_after_new_floor() -> No
     assert not planner.goes_on()
     planner.memory.new_cells += 1
     assert planner.goes_on()
+
+
+def test_a_plan_does_not_end_before_it_thought_again() -> None:
+    assert Ending().run() == ["start", "forget"]
