@@ -107,18 +107,6 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
     assert not memory.doubt_bumps(0.2)
 
 
-def test_a_passage_that_refuses_again_and_again_is_shut_where_the_axle_was_too() -> None:
-    memory = empty()
-    row, column = at(memory, 0.05, 0.0)
-    memory.been[row, column] = 1
-    memory.block(0.05, 0.0, 0.03)
-    assert memory.lens[row, column]
-    assert memory.been[row, column]
-    memory.block(0.05, 0.0, 0.03, been=True)
-    assert not memory.been[row, column]
-    assert memory.been[at(memory, 0.0, 0.0)]
-
-
 class Following(RecoveryPlanner):
     """On an outline, the wall on the right, and bumped at one place again and again."""
 

@@ -74,13 +74,8 @@ class Refused(RecoveryPlanner):
         super().__init__(MODEL)
         self.floor = floor
         self.tries = 0
-        self.beyond: tuple[float, float] | None = None
-        """A place where the axle was."""
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
-        if self.beyond is not None:
-            column, row = self.memory.to_cells(*self.beyond)
-            self.memory.been[int(row), int(column)] = 1
         yield from ()
 
     def _think(self) -> Generator[Leg, Step, Choice | None]:
@@ -122,14 +117,3 @@ def test_what_was_forgotten_does_not_count_after_new_floor() -> None:
     assert end is not None
     assert end.startswith("100 decisions")
     assert told["forget"] > 3
-
-
-@pytest.mark.parametrize(("tries", "been"), [(2, True), (3, False)])
-def test_at_the_third_refusal_it_does_not_count_that_the_axle_was_beyond(
-    tries: int, *, been: bool
-) -> None:
-    planner = Refused()
-    planner.beyond = (0.2, 0.0)
-    planner.run(tries)
-    column, row = planner.memory.to_cells(*planner.beyond)
-    assert bool(planner.memory.been[int(row), int(column)]) is been

@@ -29,8 +29,6 @@ _QUARTER = 0.5 * math.pi
 _AHEAD_BAND_M = (0.02, 0.075)
 _SAME_PLACE_M = 0.15
 _REFUSAL_M = 0.03
-_STUBBORN = 2
-"""Refused more often than this, it does not help that the axle was beyond."""
 _NO_LEG_M = 0.01
 """A centimetre is no way to go."""
 _NO_WAY_M = 0.02
@@ -48,9 +46,12 @@ _NEAR_M = 0.15
 """Whoever meets something so near to a wall's beginning is there: his place is in doubt, too."""
 _TOUCHED = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
 _LEAST_AWAY_RAD = math.radians(12.0)
-"""From the wall that is followed, which may be taken for what was met. As many times more as it is
-met again within ``_SAME_BUMP_M``."""
+"""From the wall that is followed, which may be taken for what was met: not any more where it is met
+again within ``_SAME_BUMP_M``. So many times as far, then."""
 _SAME_BUMP_M = 0.06
+_STOPS_S = 1.0
+"""From a brisk pace to the end of backing off from a bump: whoever went so fast was not grazing a
+corner, as he may who goes round one."""
 _LEAST_TURN_RAD = math.radians(2.0)
 
 
@@ -244,12 +245,7 @@ class DrivingPlanner(WatchfulPlanner):
             radius_m = min(_REFUSAL_M * self._refusals, self.model.radius_m)
             c, s = math.cos(heading_rad), math.sin(heading_rad)
             way_m = radius_m + self.options.cell_m
-            self.memory.block(
-                pose.x_m + way_m * c,
-                pose.y_m + way_m * s,
-                radius_m,
-                been=self._refusals > _STUBBORN,
-            )
+            self.memory.block(pose.x_m + way_m * c, pose.y_m + way_m * s, radius_m)
             self.decide(
                 "passage-shut",
                 "it refused the robot again and again",
@@ -310,7 +306,7 @@ class DrivingPlanner(WatchfulPlanner):
     def _contact(self, result: LegResult, beside: int = 0) -> float:
         """Bearing from the heading of what ended a leg.
 
-        ``beside``: a wall that is followed on the left (1) or right (-1), and was not met.
+        ``beside``: a wall that is followed on the left (1) or right (-1), and is not what was met.
         """
         left, right = result.bumper_left, result.bumper_right
         if result.reason is not StopReason.BUMPER or left == right:
@@ -340,7 +336,8 @@ class DrivingPlanner(WatchfulPlanner):
             bumped_m = self._followed_m
             yield from self._note(result, result.pose.theta_rad)
             # turn until what was met is abeam; on the other side, it is an inner corner
-            away = side * self._contact(result, beside=side)
+            ahead_of_it = again or self._seen.time_s - self._brisk_s < _STOPS_S
+            away = side * self._contact(result, beside=side if ahead_of_it else 0)
             away = max(_QUARTER - away, _LEAST_AWAY_RAD * (1 + again))
             heading = result.pose.theta_rad - side * away
             ahead = Pose2(self._pose.x_m, self._pose.y_m, heading)

@@ -39,6 +39,7 @@ _TURNED_RAD = 0.02
 _READING_S = 0.05
 _STRONG_M = 0.12
 """A reading nearer than this counts double: one such makes a cell occupied."""
+_POINT = 2
 _SPAN_RAD = math.radians(87.0)
 _OVERLAP_RAD = math.radians(10.0)
 _ABEAM_RAD = math.radians(60.0)
@@ -75,6 +76,8 @@ class EvidenceMap:
         self._last = (x, y, pose.theta_rad)
         self._been_at = (x, y)
         self._low, self._high = [x, y], [x, y]
+        self._guessed: list[tuple[float, float]] = []
+        """Where something was put for a bump alone, metres."""
         self._readings: tuple[float | None, float | None] = (None, None)
         self._read_s = -1.0
         self.new_cells = 0
@@ -134,7 +137,7 @@ class EvidenceMap:
                 self._look(pose, self._model.infrared_left, readings[0])
                 self._look(pose, self._model.infrared_right, readings[1])
 
-    def add_point(self, x_m: float, y_m: float, weight: int = 2) -> None:
+    def add_point(self, x_m: float, y_m: float, weight: int = _POINT) -> None:
         """Something stands at a point."""
         x, y = self.to_cells(x_m, y_m)
         add_wall(self.wall, self.near, int(y), int(x), weight, self._reach)
@@ -157,17 +160,19 @@ class EvidenceMap:
     def add_bump(self, pose: Pose2, *, left: bool, right: bool) -> None:
         """A bumper half, or both, is pressed at a pose.
 
-        Where nothing known is touched, a half does not tell what is: it may be 12 cm from its
-        middle, and what is put where nothing stands shuts a narrow passage for ever.
+        Where nothing known is touched, a half does not tell what is. It is put in its middle, so
+        that the robot goes slowly there, though it may be 12 cm from it: :meth:`doubt_bumps`.
         """
         low, high = _pressed(left=left, right=right)
         seen = self._touched(pose, low, high)
+        bearing = 0.5 * (low + high) if seen is None else seen
+        rim = self._model.radius_m + 0.25 * self._options.cell_m
+        point = pose.transform(rim * math.cos(bearing), rim * math.sin(bearing))
+        self.add_point(*point)
+        if seen is None:
+            self._guessed.append(point)
         if left and right:
             low, high = -_OVERLAP_RAD, _OVERLAP_RAD
-            seen = seen or 0.0
-        if seen is not None:
-            rim = self._model.radius_m + 0.25 * self._options.cell_m
-            self.add_point(*pose.transform(rim * math.cos(seen), rim * math.sin(seen)))
         x, y = self.to_cells(pose.x_m, pose.y_m)
         theta = pose.theta_rad
         bump_lens(self.lens, x, y, theta + low, theta + high, self._model.radius_m * self._per_m)
@@ -180,20 +185,14 @@ class EvidenceMap:
         part = self.tried[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
         np.add(part, 1, out=part, where=part < 250)  # noqa: PLR2004 - a byte
 
-    def block(self, x_m: float, y_m: float, radius_m: float, *, been: bool = False) -> None:
-        """Hold a disc to be no place for the axle, but for where it was; or there, too (``been``).
-
-        The estimate may have been set right since the axle was there, or gone astray.
-        """
+    def block(self, x_m: float, y_m: float, radius_m: float) -> None:
+        """Hold a disc to be no place for the axle, but for where it was."""
         x, y = self.to_cells(x_m, y_m)
         reach = radius_m * self._per_m
         r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
         part = self.lens[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
         rows, cols = np.indices(part.shape)
-        inside = np.hypot(rows + r0 + 0.5 - y, cols + c0 + 0.5 - x) <= reach
-        part[inside] = 1
-        if been:
-            self.been[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1][inside] = 0
+        part[np.hypot(rows + r0 + 0.5 - y, cols + c0 + 0.5 - x) <= reach] = 1
 
     def forget(self, pose: Pose2, radius_m: float) -> None:
         """Drop all evidence of obstacles about a pose."""
@@ -217,6 +216,9 @@ class EvidenceMap:
             r0, c0 = max(row - reach, 0), max(col - reach, 0)
             self.tried[r0 : row + reach + 1, c0 : col + reach + 1] = 0
         self.lens[:] = 0
+        for point in self._guessed:
+            self.add_point(*point, weight=-_POINT)
+        self._guessed.clear()
         return len(cells) > 0
 
     def fresh(

@@ -98,6 +98,7 @@ class RecoveryPlanner(DrivingPlanner):
         self._doubted_at = self.memory.new_cells
         if not self.memory.doubt_bumps(_DOUBT_M):
             return False
+        self._refusals = 0
         self.decide("forget", "before the end: what only bumps tell is doubted")
         return True
 

@@ -31,6 +31,8 @@ _STRAIGHT_RAD_S, ROUND_RAD_S = 0.3, 0.5
 0.54. Between them it may be a noisy infrared that turns the robot."""
 _BRAKE_SHARE, _LATENCY_S = 0.75, 0.10
 """Of the acceleration limit, as the controllers have it; from a command to the wheels."""
+_BRISK_M_S = 0.15
+"""Faster than any corner is gone round."""
 _JUMP_M = 0.008
 """Beyond the way driven in a control step (6 mm at top speed)."""
 
@@ -54,6 +56,7 @@ class WatchfulPlanner(ScriptedPlanner):
         self._aside = 0
         self._refused_at: Pose2 | None = None
         self._refusals = 0
+        self._brisk_s = -math.inf
         self._followed_m = 0.0
         self._checked_m = 0.0
         self._stale = 0
@@ -95,6 +98,8 @@ class WatchfulPlanner(ScriptedPlanner):
         self._most_m_s = memory.pace(obs.pose, self._following, self._brake, straight=straight)
         if not self._following:
             return self._looking and self._look_aside(obs)
+        if obs.v_m_s > _BRISK_M_S:
+            self._brisk_s = obs.time_s
         last = self._last_pose
         self._last_pose = obs.pose
         round_a_corner = abs(obs.yaw_rate_rad_s) >= ROUND_RAD_S
