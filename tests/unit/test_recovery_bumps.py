@@ -43,12 +43,18 @@ def at(memory: EvidenceMap, x_m: float, y_m: float) -> tuple[int, int]:
     return int(row), int(column)
 
 
-def test_half_a_bumper_alone_forbids_places_but_puts_nothing_anywhere() -> None:
+def test_half_a_bumper_alone_forbids_places_and_something_is_guessed_until_it_is_doubted() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=False)
-    assert not memory.wall.any()
     assert memory.lens[at(memory, 0.05, 0.02)]  # whatever stands on the left half
     assert not memory.lens[at(memory, 0.05, -0.06)]
+    middle = math.radians(38.5)
+    guessed = at(memory, 0.165 * math.cos(middle), 0.165 * math.sin(middle))
+    assert np.argwhere(memory.wall).tolist() == [list(guessed)]
+    assert memory.near.any()
+    assert memory.doubt_bumps(0.2)
+    assert not memory.wall.any()
+    assert not memory.near.any()
 
 
 def test_both_halves_tell_that_it_stands_ahead() -> None:
@@ -95,9 +101,10 @@ def test_a_wall_that_is_followed_is_not_what_was_met() -> None:
 def test_doubting_bumps_keeps_what_was_seen() -> None:
     memory = empty()
     memory.add_point(0.5, 0.5)
-    memory.add_bump(HERE, left=True, right=True)
+    standing(memory, 0.0)
     memory.give_up(0.2, 0.0, 0.05)
     memory.give_up(1.5, 1.5, 0.05)
+    memory.add_bump(HERE, left=True, right=True)
     walls = memory.wall.copy()
     assert memory.doubt_bumps(0.2)
     assert not memory.lens.any()
@@ -110,12 +117,19 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
 class Following(RecoveryPlanner):
     """On an outline, the wall on the right, and bumped at one place again and again."""
 
-    def __init__(self, bearing_deg: float) -> None:
+    def __init__(self, bearing_deg: float, *, brisk: bool = False) -> None:
         super().__init__(MODEL)
+        self._brisk_s = -0.5 if brisk else -1.5
         self._memory = empty()
         self._obs = Observation(*(0.0, HERE, 0.0, 0.0, None, None, None), *[False] * 3)
         standing(self._memory, -75.0, 0.002)  # the wall that is followed
         standing(self._memory, bearing_deg)
+
+    def brisk_after(self, time_s: float, v_m_s: float, following: int) -> float:
+        """When it was brisk last, after one more observation."""
+        self._following = following
+        self.watch(Observation(*(time_s, HERE, v_m_s, 0.0, None, None, None), *[False] * 3))
+        return self._brisk_s
 
     def turns_deg(self, way_m: float, count: int) -> list[float]:
         """By how much it turns away from the wall, bumped each time after such a way."""
@@ -135,15 +149,27 @@ class Following(RecoveryPlanner):
         return turns
 
 
-def test_what_is_met_ahead_of_a_followed_wall_is_turned_from_until_it_is_abeam() -> None:
-    assert Following(-45.0).turns_deg(0.3, 1) == pytest.approx([45.0], abs=5.0)
+def test_who_followed_briskly_turns_until_what_he_met_is_abeam() -> None:
+    assert Following(-45.0, brisk=True).turns_deg(0.3, 1) == pytest.approx([45.0], abs=5.0)
+
+
+def test_a_brisk_pace_is_remembered_while_a_wall_is_followed() -> None:
+    planner = Following(-45.0)
+    assert planner.brisk_after(5.0, 0.2, following=0) == -1.5
+    assert planner.brisk_after(6.0, 0.2, following=-1) == 6.0
+    assert planner.brisk_after(7.0, 0.1, following=-1) == 6.0
+
+
+def test_who_went_slowly_may_have_grazed_a_corner_abeam_but_not_twice() -> None:
+    assert Following(-45.0).turns_deg(0.3, 2) == pytest.approx([15.0, 15.0], abs=5.0)
+    assert Following(-45.0).turns_deg(0.03, 2) == pytest.approx([15.0, 45.0], abs=5.0)
 
 
 def test_whoever_meets_it_again_at_once_turns_farther_each_time() -> None:
-    turns = Following(-57.0).turns_deg(0.03, 5)
+    turns = Following(-57.0, brisk=True).turns_deg(0.03, 5)
     assert turns[0] == pytest.approx(33.0, abs=5.0)
     assert turns[3:] == pytest.approx([48.0, 60.0])
-    assert Following(-57.0).turns_deg(0.1, 5)[3:] == pytest.approx(turns[:1] * 2)
+    assert Following(-57.0, brisk=True).turns_deg(0.1, 5)[3:] == pytest.approx(turns[:1] * 2)
 
 
 class Ending(RecoveryPlanner):

@@ -325,7 +325,9 @@ def test_a_doubtful_robot_goes_along_a_wall_and_sweeps_on(
     run = Doubting(room(), off_m=off_m)
     assert run.end is not None
     assert run.end.startswith("no reachable")
-    assert len(run.sights) == len(run.times("sight")) >= 2
+    barred = len(run.times("sight")) - len(run.sights)
+    assert barred <= (1 if any(off_m) else 0), "whose place is wrong may bump on the way there"
+    assert len(run.sights) >= 2
     assert run.most_rad < math.radians(1.6), "a doubt is not carried about for long"
     assert run.time_s < sure + 30.0 * len(run.sights) + 500.0 * max(map(abs, off_m))
     edges = [(a, b) for a, b in room().edges() if a != b]
