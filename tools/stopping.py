@@ -14,9 +14,12 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def until_signalled(end: Callable[[], None]) -> Iterator[None]:
-    """Call ``end`` at Ctrl-C, at a request to terminate and where the terminal goes away."""
+    """Call ``end`` at Ctrl-C, at a request to terminate and where the terminal goes away.
+
+    That it goes away is of no account where it was told so (``nohup``).
+    """
     numbers = [signal.SIGINT, signal.SIGTERM]
-    if sys.platform != "win32":
+    if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, lambda _n, _f: end()) for number in numbers}
     try:
@@ -35,7 +38,8 @@ def leaving_at_once(text: str) -> Iterator[None]:
     """
 
     def leave() -> None:
-        os.write(2, f"{text}\n".encode())
+        with contextlib.suppress(OSError):  # the terminal may be what went away
+            os.write(2, f"{text}\n".encode())
         os._exit(1)
 
     with until_signalled(leave):

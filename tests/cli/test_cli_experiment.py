@@ -98,10 +98,11 @@ def test_two_at_once_end_it_too(tmp_path: Path, delay_s: float) -> None:
         *("experiment", "compare", "--rooms", "case-1", "--planners", "u-shape", "--seeds", "200"),
         *("--jobs", "2", "--out", tmp_path),
         cwd=tmp_path,
+        own_group=True,
     )
     assert process.stderr is not None
     assert process.stderr.readline() == "0/200 runs done, 2 at a time from here\n"
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)
     time.sleep(delay_s)
     done = end(process, signal.SIGINT)
     # whether the second came before the end of the runs, after it, or as the command ended
@@ -111,7 +112,7 @@ def test_two_at_once_end_it_too(tmp_path: Path, delay_s: float) -> None:
 
 
 @pytest.mark.realtime
-def test_interrupted_again_it_says_where_the_runs_are(two_jobs: Path) -> None:
+def test_interrupted_before_the_report_it_says_where_the_runs_are(two_jobs: Path) -> None:
     """A report that takes for ever, in a process whose runs are done."""
     script = """
         import sys, time
@@ -138,7 +139,7 @@ def test_interrupted_again_it_says_where_the_runs_are(two_jobs: Path) -> None:
     done = end(process, signal.SIGINT)
     assert done.status == 1
     assert done.err.splitlines() == [
-        f"interrupted again, before the report: the runs done are kept in {two_jobs}",
+        f"interrupted before the report: the runs done are kept in {two_jobs}",
         "the same command goes on from there",
     ]
 

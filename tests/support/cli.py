@@ -79,9 +79,12 @@ def sweepctl(*arguments: str | Path) -> Done:
 
 
 def start(
-    *arguments: str | Path, cwd: Path, env: Mapping[str, str] | None = None
+    *arguments: str | Path,
+    cwd: Path,
+    env: Mapping[str, str] | None = None,
+    own_group: bool = False,
 ) -> subprocess.Popen[str]:
-    """Run the command as a process of its own."""
+    """Run the command as a process of its own; ``own_group``: as from a shell's prompt."""
     return subprocess.Popen(
         [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)],
         cwd=cwd,
@@ -90,6 +93,7 @@ def start(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        start_new_session=own_group,
     )
 
 

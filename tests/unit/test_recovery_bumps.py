@@ -57,10 +57,21 @@ def test_half_a_bumper_alone_forbids_places_and_something_is_guessed_until_it_is
     assert not memory.near.any()
 
 
+def test_a_second_bump_there_does_not_make_a_guess_known() -> None:
+    memory = empty()
+    memory.add_bump(HERE, left=True, right=False)
+    memory.add_bump(Pose2(0.002, 0.0, 0.0), left=True, right=False)
+    assert memory.wall.sum() == 4
+    assert memory.doubt_bumps(0.2)
+    assert not memory.wall.any()
+
+
 def test_both_halves_tell_that_it_stands_ahead() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=True)
     assert np.argwhere(memory.wall).tolist() == [list(at(memory, 0.165, 0.0))]
+    assert memory.doubt_bumps(0.2)
+    assert memory.wall.any()
 
 
 @pytest.mark.parametrize("bearing_deg", [-5.0, 20.0, 40.0, 80.0])
@@ -169,6 +180,7 @@ def test_whoever_meets_it_again_at_once_turns_farther_each_time() -> None:
     turns = Following(-57.0, brisk=True).turns_deg(0.03, 5)
     assert turns[0] == pytest.approx(33.0, abs=5.0)
     assert turns[3:] == pytest.approx([48.0, 60.0])
+    assert max(Following(-57.0, brisk=True).turns_deg(0.03, 20)) == pytest.approx(90.0)
     assert Following(-57.0, brisk=True).turns_deg(0.1, 5)[3:] == pytest.approx(turns[:1] * 2)
 
 

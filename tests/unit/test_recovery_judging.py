@@ -105,11 +105,22 @@ class Refused(RecoveryPlanner):
 
 def test_what_refuses_the_robot_seven_times_is_doubted_before_the_far_place_is_blamed() -> None:
     planner = Refused()
+    _, told = planner.run(21)
+    assert told["forget"] == 2
+    assert told["set-aside"] == 0
+    planner = Refused()
+    _, told = planner.run(24)
+    assert planner.tries == 3 * 7
+    assert told["forget"] == 3
+
+
+def test_when_nothing_is_left_to_forget_the_far_place_is_blamed_and_then_it_ends() -> None:
+    planner = Refused()
     end, told = planner.run(100)
     assert end == "shut in: nothing that was tried led anywhere"
     assert told["forget"] == 3
-    assert planner.tries == 4 * 7
-    assert told["set-aside"] == 0
+    assert planner.tries == 3 * 7 + 20
+    assert told["set-aside"] == 20 - 8
 
 
 def test_what_was_forgotten_does_not_count_after_new_floor() -> None:

@@ -142,7 +142,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         room_of(name)  # a wrong name is told now, not after an hour
     store = Store(out, code_version(), force=force)
     with leaving_at_once(
-        f"interrupted again, before the report: the runs done are kept in {out}\n"
+        f"interrupted before the report: the runs done are kept in {out}\n"
         "the same command goes on from there"
     ):
         outcome = run_all(store, trials, jobs)

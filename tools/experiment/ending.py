@@ -35,8 +35,10 @@ class Ending:
 
 
 def prepare_worker() -> None:
-    """Leave Ctrl-C to the parent, and take SIGTERM as the end of the trial under way."""
+    """Leave Ctrl-C and a lost terminal to the parent; SIGTERM ends the trial under way."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _on_sigterm)
 
 

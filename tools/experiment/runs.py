@@ -102,14 +102,20 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
                     if not err().is_terminal:
                         _tell(bar, task, text)
         except BrokenProcessPool:
-            outcome.interrupted = True
-            outcome.failed.append("a worker process was ended from outside, or had no memory")
+            _break_off(outcome)
         if outcome.interrupted:
             for child in set(multiprocessing.active_children()) - ours:
                 child.terminate()
             # waited for: no process of ours is left to end while the interpreter does
             pool.shutdown(cancel_futures=True)
     return outcome
+
+
+def _break_off(outcome: Outcome) -> None:
+    """Take note that a worker died; at Ctrl-C those do that are not prepared for it yet."""
+    if not outcome.interrupted:
+        outcome.failed.append("a worker process was ended from outside, or had no memory")
+    outcome.interrupted = True
 
 
 def _keep(store: Store, trial: Trial, future: Future[dict[str, Any]], outcome: Outcome) -> str:

@@ -338,7 +338,7 @@ class DrivingPlanner(WatchfulPlanner):
             # turn until what was met is abeam; on the other side, it is an inner corner
             ahead_of_it = again or self._seen.time_s - self._brisk_s < _STOPS_S
             away = side * self._contact(result, beside=side if ahead_of_it else 0)
-            away = max(_QUARTER - away, _LEAST_AWAY_RAD * (1 + again))
+            away = max(_QUARTER - away, min(_LEAST_AWAY_RAD * (1 + again), _QUARTER))
             heading = result.pose.theta_rad - side * away
             ahead = Pose2(self._pose.x_m, self._pose.y_m, heading)
             if (

@@ -169,7 +169,7 @@ class EvidenceMap:
         rim = self._model.radius_m + 0.25 * self._options.cell_m
         point = pose.transform(rim * math.cos(bearing), rim * math.sin(bearing))
         self.add_point(*point)
-        if seen is None:
+        if (seen is None and left != right) or self._is_guess(point):
             self._guessed.append(point)
         if left and right:
             low, high = -_OVERLAP_RAD, _OVERLAP_RAD
@@ -207,7 +207,8 @@ class EvidenceMap:
     def doubt_bumps(self, radius_m: float) -> bool:
         """Drop what only bumps tell, and that places so near to it were gone for in vain.
 
-        Whether there was any. Bumps are put where the robot believed itself to be: a narrow
+        Whether there was any. A thing stays where both halves were pressed, or where one was known
+        before. Bumps are put where the robot believed itself to be: a narrow
         passage that was tried from two places a little off is shut by them, though it is open.
         """
         cells = np.argwhere((self.lens > 0) & (self.been == 0))
@@ -216,10 +217,11 @@ class EvidenceMap:
             r0, c0 = max(row - reach, 0), max(col - reach, 0)
             self.tried[r0 : row + reach + 1, c0 : col + reach + 1] = 0
         self.lens[:] = 0
+        any_guess = bool(self._guessed)
         for point in self._guessed:
             self.add_point(*point, weight=-_POINT)
         self._guessed.clear()
-        return len(cells) > 0
+        return any_guess or len(cells) > 0
 
     def fresh(
         self, pose: Pose2, ahead_m: tuple[float, float], aside_m: tuple[float, float]
@@ -304,6 +306,10 @@ class EvidenceMap:
             if off < best and low <= bearing <= high:
                 best, found = off, bearing
         return found
+
+    def _is_guess(self, point: tuple[float, float]) -> bool:
+        """Whether what is touched there is only what a bump before put there."""
+        return any(math.dist(point, guess) < self._options.cell_m for guess in self._guessed)
 
     def _move(self, x: float, y: float) -> None:
         self._been_at = (x, y)

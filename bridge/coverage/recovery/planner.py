@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _FUTILE = 20
 """Decisions in a row that gained nothing, after which the evidence itself is doubted."""
 _MOST_REFUSED = 6
-"""Refusals in a row at one place, likewise."""
+"""Refusals at one place, likewise."""
 _SPARED = 8
 """Up to so many of them in a row, a place is not blamed for a passage so far from it that refused
 the robot."""
@@ -63,17 +63,18 @@ class RecoveryPlanner(DrivingPlanner):
         futile = forgotten = forgot_at = 0
         for _ in range(self.options.max_decisions):
             choice = yield from self._think()
-            if futile >= _FUTILE or self._refusals > _MOST_REFUSED or self._chooser.shut_in:
+            stuck = futile >= _FUTILE or self._chooser.shut_in
+            if stuck or self._refusals > _MOST_REFUSED:
+                self._refusals = 0
                 if memory.new_cells - forgot_at > _DOUBT_CELLS:
                     forgotten = 0
-                if forgotten >= _MOST_FORGOTTEN:
+                if forgotten < _MOST_FORGOTTEN:
+                    memory.forget(self._pose, _FORGET_M)
+                    self.decide("forget", "nothing leads anywhere: what is known near is doubted")
+                    futile, forgotten, forgot_at = 0, forgotten + 1, memory.new_cells
+                    continue
+                if stuck:
                     return self._end("shut in: nothing that was tried led anywhere")
-                memory.forget(self._pose, _FORGET_M)
-                self.decide("forget", "nothing leads anywhere: what is known near here is doubted")
-                futile = self._refusals = 0
-                forgotten += 1
-                forgot_at = memory.new_cells
-                continue
             if choice is None:
                 if self._think_again():
                     continue
