@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
 """Cost per cell of a box's half girth beyond which nothing in it is farther."""
+_PARTED_CELLS = 50
+"""So many, a metre, where the axle was and no way leads to now: then the evidence is wrong."""
 _COPYING, _MARKING, _TURNING, _SCANNING = 0.2, 0.3, 0.4, 0.3
 """Work per cell of a window, by that of settling one cell in the search for ways."""
 
@@ -59,7 +61,8 @@ class Chooser:
         self._buffers = Buffers()
         self._spent = 0.0
         self.shut_in = False
-        """Whether at the last choice the evidence left the robot no place to be."""
+        """Whether at the last choice the evidence left the robot no place to be, or parted it from
+        where it came from."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
         """The best choice from a pose, in one go; ``None``: nothing worth it is reachable."""
@@ -102,6 +105,10 @@ class Chooser:
                 break
         if choice is None:
             choice = yield from self._best(window, most, pose, grid_rad, memory.half, holes=True)
+        if choice is None:
+            r0, r1, c0, c1 = part
+            was_there = memory.been[r0:r1, c0:c1] > 0
+            self.shut_in = bool((was_there & (window.dist < 0)).sum() > _PARTED_CELLS)
         return choice
 
     def way_to(

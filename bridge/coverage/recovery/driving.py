@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 _QUARTER = 0.5 * math.pi
 _AHEAD_BAND_M = (0.02, 0.075)
 _SAME_PLACE_M = 0.15
-_REFUSAL_M = 0.03
+_REFUSAL_M, _AGAIN = 0.03, 2
+_ALONG_M, _WORTH_M2 = 0.4, 0.03
+"""Followed at least of what refused the robot twice at one place: round a door's edge, through; for
+so much new floor: it takes 5 s."""
 _NO_LEG_M = 0.01
 """A centimetre is no way to go."""
 _NO_WAY_M = 0.02
@@ -232,6 +235,7 @@ class DrivingPlanner(WatchfulPlanner):
                     return near and result.reason in _TOUCHED
                 if not (yield from self._meet(result)):
                     self._refused(result, heading)
+                    yield from self._seek_passage(result, choice.new_m2)
                 return False
         return True
 
@@ -241,7 +245,7 @@ class DrivingPlanner(WatchfulPlanner):
         again = last is not None and pose.distance_m(last) < _SAME_PLACE_M
         self._refusals = self._refusals + 1 if again else 1
         self._refused_at = pose
-        if self._refusals > 1:
+        if self._refusals >= _AGAIN:
             radius_m = min(_REFUSAL_M * self._refusals, self.model.radius_m)
             c, s = math.cos(heading_rad), math.sin(heading_rad)
             way_m = radius_m + self.options.cell_m
@@ -253,6 +257,21 @@ class DrivingPlanner(WatchfulPlanner):
                 y_m=round(pose.y_m, 3),
                 times=self._refusals,
             )
+
+    def _seek_passage(self, result: LegResult, new_m2: float) -> Generator[Leg, Step]:
+        """Follow what refused the robot again, as the Bug algorithms do (Lumelsky, Stepanov 1987).
+
+        A wall leads round a door's edge and through, wherever the robot believes the door to be.
+        """
+        left, right = result.bumper_left, result.bumper_right
+        if result.reason is not StopReason.BUMPER or left == right:
+            return
+        if self._refusals < _AGAIN or new_m2 <= _WORTH_M2:
+            return
+        self.decide("passage-sought", "along what refused the robot again")
+        away = self._contact(result) + (-_QUARTER if left else _QUARTER)
+        yield from self._turn(result.pose.theta_rad + away)
+        yield from self._outline(left=left, touching=True, least_m=_ALONG_M)
 
     def _turn(self, heading_rad: float, least_rad: float = _LEAST_TURN_RAD) -> Generator[Leg, Step]:
         if abs(wrap_angle(heading_rad - self._pose.theta_rad)) > least_rad:
@@ -313,8 +332,11 @@ class DrivingPlanner(WatchfulPlanner):
             return 0.0
         return self.memory.contact_rad(result.pose, left=left, right=right, beside=beside)
 
-    def _outline(self, *, left: bool, touching: bool = False) -> Generator[Leg, Step]:
-        """Follow a wall until its outline is closed or lost."""
+    def _outline(
+        self, *, left: bool, touching: bool = False, least_m: float = CLOSED_M
+    ) -> Generator[Leg, Step]:
+        """Follow a wall until its outline is closed, not before ``least_m``, or lost."""
+        self._least_m = least_m
         self._stand("outline")
         self.decide("outline-begin", f"wall on the {'left' if left else 'right'}")
         stuck = again = 0
@@ -342,7 +364,7 @@ class DrivingPlanner(WatchfulPlanner):
             heading = result.pose.theta_rad - side * away
             ahead = Pose2(self._pose.x_m, self._pose.y_m, heading)
             if (
-                self._followed_m > CLOSED_M
+                self._followed_m > least_m
                 and self._fresh_along(ahead, side) < self.options.fresh_share
             ):
                 reason = StopReason.CANCELLED

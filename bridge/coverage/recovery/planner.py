@@ -74,6 +74,8 @@ class RecoveryPlanner(DrivingPlanner):
                     futile, forgotten, forgot_at = 0, forgotten + 1, memory.new_cells
                     continue
                 if stuck:
+                    if choice is None and self._think_again():
+                        continue
                     return self._end("shut in: nothing that was tried led anywhere")
             if choice is None:
                 if self._think_again():

@@ -59,6 +59,7 @@ class WatchfulPlanner(ScriptedPlanner):
         self._brisk_s = -math.inf
         self._followed_m = 0.0
         self._checked_m = 0.0
+        self._least_m = CLOSED_M
         self._stale = 0
         self._grid = 0j
         self._last_pose: Pose2 | None = None
@@ -118,7 +119,7 @@ class WatchfulPlanner(ScriptedPlanner):
             self._stale += 1
         else:
             self._stale = 0
-        return self._stale > 1 and self._followed_m > CLOSED_M
+        return self._stale > 1 and self._followed_m > self._least_m
 
     def _see_jump(self, obs: Observation) -> None:
         """Tell where the estimate was set right: it moved farther than the robot did."""
