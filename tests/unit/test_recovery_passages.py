@@ -1,0 +1,195 @@
+"""Narrow doors: what refused the robot twice is followed; it is not parted from where it was."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.coverage.planner import Step
+from bridge.coverage.recovery.choice import Choice, Chooser
+from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.motion.geometry import Pose2
+from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
+from bridge.motion.observation import Observation
+from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+MODEL = RobotModel()
+OPTIONS = RecoveryOptions()
+HERE = Pose2(0.0, 0.0, 0.0)
+BEYOND = (1.0, 0.0)
+MIDDLE_DEG = 38.5
+"""Of a bumper half, where something unknown is taken to be touched."""
+
+
+def seen(pose: Pose2 = HERE, v_m_s: float = 0.0) -> Observation:
+    return Observation(*(0.0, pose, v_m_s, 0.0, None, None, None), *[False] * 3)
+
+
+class AtDoor(RecoveryPlanner):
+    """Stands before a door 1 m from which there is floor; what lies here is swept."""
+
+    def __init__(self) -> None:
+        super().__init__(MODEL)
+        self._memory = EvidenceMap(MODEL, OPTIONS, HERE)
+        self._memory.swept[:] = 1
+        self._obs = seen()
+
+    def goes(
+        self,
+        reason: StopReason = StopReason.BUMPER,
+        *,
+        left: bool = False,
+        right: bool = False,
+        new_m2: float = 0.1,
+    ) -> tuple[list[Leg], list[str]]:
+        """Sets out for what lies beyond and is refused: its legs, and what it decided."""
+        script = self._travel(Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=new_m2))
+        legs: list[Leg] = [next(script)]
+        while not isinstance(leg := legs[-1], FollowWall):
+            ahead = isinstance(leg, Drive) and (leg.distance_m or 0.0) > 0.0
+            if ahead:
+                result = LegResult(leg, reason, 0.1, 1.0, HERE, left, right)
+            else:
+                result = LegResult(leg, StopReason.DONE, 0.0, 1.0, HERE)
+            try:
+                legs.append(script.send(Step(result, self._seen)))
+            except StopIteration:
+                break
+        return legs, [event.kind for event in self.drain_events()]
+
+    def follows(self, least_m: float) -> float:
+        """How far it follows a swept wall on its right, in steps of 1 cm."""
+        next(self._outline(left=False, least_m=least_m))
+        return self.watched()
+
+    def goes_on(self, followed_m: float) -> bool:
+        """Whether it does after a bump so far along a swept wall."""
+        script = self._outline(left=False, least_m=0.4)
+        leg = next(script)
+        self._followed_m = followed_m
+        bumped = LegResult(leg, StopReason.BUMPER, followed_m, 1.0, HERE, bumper_right=True)
+        for _ in range(9):
+            try:
+                leg = script.send(Step(bumped, self._seen))
+            except StopIteration:
+                return False
+        return True
+
+    def watched(self) -> float:
+        """How far it follows from here on."""
+        for k in range(200):
+            if self.watch(seen(Pose2(0.01 * k, 0.0, 0.0), 0.1)):
+                return 0.01 * k
+        return math.inf
+
+
+@pytest.mark.parametrize("left", [True, False])
+def test_what_refuses_the_robot_twice_is_followed_on_the_side_that_was_touched(
+    *, left: bool
+) -> None:
+    planner = AtDoor()
+    legs, told = planner.goes(left=left, right=not left)
+    assert not any(isinstance(leg, FollowWall) for leg in legs)
+    assert "passage-sought" not in told
+    legs, told = planner.goes(left=left, right=not left)
+    assert told[-2:] == ["passage-sought", "outline-begin"]
+    turn, follow = legs[-2:]
+    assert isinstance(turn, Turn)
+    away = MIDDLE_DEG - 90.0
+    assert math.degrees(turn.heading_rad) == pytest.approx(away if left else -away, abs=5.0)
+    assert isinstance(follow, FollowWall)
+    assert (follow.left, follow.touching) == (left, True)
+
+
+def test_a_wall_met_square_or_seen_leads_nowhere() -> None:
+    planner = AtDoor()
+    for _ in range(4):
+        assert "passage-sought" not in planner.goes(left=True, right=True)[1]
+    planner = AtDoor()
+    for _ in range(4):
+        assert "passage-sought" not in planner.goes(StopReason.RANGE)[1]
+    planner = AtDoor()
+    for _ in range(4):
+        assert "passage-sought" not in planner.goes(StopReason.STALLED, left=True)[1]
+
+
+def test_a_sliver_is_not_worth_it() -> None:
+    planner = AtDoor()
+    for _ in range(4):
+        assert "passage-sought" not in planner.goes(left=True, new_m2=0.02)[1]
+    assert "passage-sought" in planner.goes(left=True, new_m2=0.04)[1]
+
+
+def test_what_may_lead_to_a_passage_is_followed_farther_though_it_is_swept() -> None:
+    assert AtDoor().follows(0.25) == pytest.approx(0.3, abs=0.03)
+    assert AtDoor().follows(0.4) == pytest.approx(0.45, abs=0.03)
+    planner = AtDoor()
+    planner.goes(left=False, right=True)
+    planner.goes(left=False, right=True)
+    assert planner.watched() == pytest.approx(0.45, abs=0.03)
+    assert planner.follows(0.25) == pytest.approx(0.3, abs=0.03)  # the next outline is any other
+
+
+def test_a_bump_on_the_way_does_not_end_it_before() -> None:
+    for followed_m, goes_on in ((0.3, True), (0.5, False)):
+        assert AtDoor().goes_on(followed_m) is goes_on
+
+
+def parted(cells: int) -> EvidenceMap:
+    """The robot came from behind a line that bumps forbid: so many cells of its way lie there."""
+    memory = EvidenceMap(MODEL, OPTIONS, HERE)
+    row, column = (int(v) for v in memory.to_cells(0.0, 0.0)[::-1])
+    memory.swept[:] = 1
+    memory.been[row, column - 10 - cells : column - 10] = 1
+    memory.lens[:, column - 8] = 1
+    x_m, _ = memory.to_metres(column - 10 - cells, row)
+    memory._low = [memory.to_cells(x_m, 0.0)[0], row]  # noqa: SLF001 - as if driven there
+    return memory
+
+
+def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
+    for cells, shut_in in ((60, True), (40, False)):
+        chooser = Chooser(OPTIONS)
+        assert chooser.choose(parted(cells), HERE, 0.0) is None
+        assert chooser.shut_in is shut_in
+    memory = parted(60)
+    memory.lens[:] = 0
+    chooser = Chooser(OPTIONS)
+    assert chooser.choose(memory, HERE, 0.0) is None
+    assert not chooser.shut_in
+
+
+class ShutIn(RecoveryPlanner):
+    """Behind a line that bumps forbid, too far away for what is near to be to blame."""
+
+    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
+        row, column = (int(v) for v in self.memory.to_cells(0.0, 0.0)[::-1])
+        self.memory.swept[:] = 1
+        self.memory.been[row, column - 110 : column - 40] = 1
+        self.memory.lens[:, column - 36] = 1
+        self.memory._low[0] = column - 110  # noqa: SLF001 - as if driven there
+        yield from ()
+
+    def run(self) -> tuple[str, list[str]]:
+        """Why it ended, and what it decided."""
+        script = self.script(seen())
+        step: Step | None = None
+        while True:
+            try:
+                leg = next(script) if step is None else script.send(step)
+            except StopIteration as stop:
+                return stop.value, [event.kind for event in self.drain_events()]
+            step = Step(LegResult(leg, StopReason.DONE, 0.0, 0.0, HERE), seen())
+
+
+def test_before_it_ends_shut_in_what_only_bumps_tell_is_doubted_everywhere() -> None:
+    why, told = ShutIn(MODEL).run()
+    assert told == ["start", *["forget"] * 4]
+    assert why == "no reachable unswept piece is worth its time"
