@@ -20,6 +20,8 @@ from bridge.motion.robot_model import RobotModel
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from bridge.coverage.planner import PlannerEvent
+
 MODEL = RobotModel()
 OPTIONS = RecoveryOptions()
 HERE = Pose2(0.0, 0.0, 0.0)
@@ -167,29 +169,66 @@ def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
 
 
 class ShutIn(RecoveryPlanner):
-    """Behind a line that bumps forbid, too far away for what is near to be to blame."""
+    """Parted from where it was, 70 cells of it to the left, by a line of a layer 50 cm off."""
+
+    def __init__(self, layer: str) -> None:
+        super().__init__(MODEL)
+        self.layer = layer
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
-        row, column = (int(v) for v in self.memory.to_cells(0.0, 0.0)[::-1])
-        self.memory.swept[:] = 1
-        self.memory.been[row, column - 110 : column - 40] = 1
-        self.memory.lens[:, column - 36] = 1
-        self.memory._low[0] = column - 110  # noqa: SLF001 - as if driven there
+        memory = self.memory
+        row, column = (int(v) for v in memory.to_cells(0.0, 0.0)[::-1])
+        memory.swept[:] = 1
+        memory.been[row, column - 110 : column - 40] = 1
+        memory._low[0] = column - 110  # noqa: SLF001 - as if driven there
+        if self.layer == "lens":
+            memory.lens[:, column - 25] = 1
+        else:
+            for y in range(memory.shape[0]):
+                memory.add_point(*memory.to_metres(column - 25 + 0.5, y + 0.5))
         yield from ()
 
-    def run(self) -> tuple[str, list[str]]:
+    def run(self) -> tuple[str, list[PlannerEvent]]:
         """Why it ended, and what it decided."""
-        script = self.script(seen())
-        step: Step | None = None
-        while True:
-            try:
-                leg = next(script) if step is None else script.send(step)
-            except StopIteration as stop:
-                return stop.value, [event.kind for event in self.drain_events()]
-            step = Step(LegResult(leg, StopReason.DONE, 0.0, 0.0, HERE), seen())
+        with pytest.raises(StopIteration) as end:
+            next(self.script(seen()))
+        return end.value.value, self.drain_events()
 
 
-def test_before_it_ends_shut_in_what_only_bumps_tell_is_doubted_everywhere() -> None:
-    why, told = ShutIn(MODEL).run()
-    assert told == ["start", *["forget"] * 4]
+def test_what_only_bumps_tell_is_doubted_first() -> None:
+    why, told = ShutIn("lens").run()
+    assert [event.kind for event in told] == ["start", "forget"]
     assert why == "no reachable unswept piece is worth its time"
+
+
+def test_what_was_seen_is_doubted_where_it_parts_the_robot_from_where_it_was() -> None:
+    why, told = ShutIn("wall").run()
+    assert [event.kind for event in told] == ["start", "forget"]
+    assert told[1].data["x_m"] == pytest.approx(-0.81, abs=0.03)
+    assert told[1].data["y_m"] == pytest.approx(0.0, abs=0.03)
+    assert why == "no reachable unswept piece is worth its time"
+
+
+def test_a_place_is_followed_once_on_a_side_until_there_is_new_floor() -> None:
+    planner = AtDoor()
+
+    def sought(*, left: bool = False, right: bool = False) -> bool:
+        return "passage-sought" in planner.goes(left=left, right=right)[1]
+
+    assert [sought(left=True) for _ in range(4)] == [False, True, False, False]
+    assert sought(right=True)
+    assert not sought(right=True)
+    planner.memory.new_cells += 249
+    assert not sought(left=True)
+    planner.memory.new_cells += 1
+    assert sought(left=True)
+
+
+def test_a_place_is_judged_from_where_the_way_to_it_was_refused_not_where_a_walk_ended() -> None:
+    choice = Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=0.06)
+    for sought_from, blamed in ((HERE, False), (Pose2(0.9, 0.0, 0.0), True)):
+        planner = AtDoor()
+        planner._obs = seen(Pose2(0.95 - sought_from.x_m, 0.0, 0.0))  # noqa: SLF001
+        planner._sought_from = sought_from  # noqa: SLF001
+        planner._judge(choice, 0, 0, arrived=False)  # noqa: SLF001
+        assert [event.kind for event in planner.drain_events()] == ["set-aside"] * blamed

@@ -63,6 +63,8 @@ class Chooser:
         self.shut_in = False
         """Whether at the last choice the evidence left the robot no place to be, or parted it from
         where it came from."""
+        self.parted_at: Point | None = None
+        """Of those places, the nearest."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
         """The best choice from a pose, in one go; ``None``: nothing worth it is reachable."""
@@ -84,6 +86,7 @@ class Chooser:
         parts = [_clip(box, int(row), int(column), options.looks[0] // STRAIGHT), box]
         choice: Choice | None = None
         self._spent = 0.0
+        self.parted_at = None
         for k, most in enumerate(options.looks):
             part = parts[min(k, 1)]
             if k < len(parts):
@@ -106,9 +109,8 @@ class Chooser:
         if choice is None:
             choice = yield from self._best(window, most, pose, grid_rad, memory.half, holes=True)
         if choice is None:
-            r0, r1, c0, c1 = part
-            was_there = memory.been[r0:r1, c0:c1] > 0
-            self.shut_in = bool((was_there & (window.dist < 0)).sum() > _PARTED_CELLS)
+            self.parted_at = _parted(memory, window, pose)
+            self.shut_in = self.parted_at is not None
         return choice
 
     def way_to(
@@ -231,6 +233,24 @@ class Chooser:
             new * area,
             score * area,
         )
+
+
+def _parted(memory: EvidenceMap, window: Window, pose: Pose2) -> Point | None:
+    """The nearest place where the axle was, which is open, and to which no way leads.
+
+    None if there are but a few. The map may have grown since the window was made.
+    """
+    rows, cols = window.dist.shape
+    column, row = memory.to_cells(*window.metres(0.5, 0.5))
+    r0, c0 = int(row), int(column)
+    part = np.s_[r0 : r0 + rows, c0 : c0 + cols]
+    was_there = (memory.been[part] > 0) & (memory.near[part] == 0) & (memory.lens[part] == 0)
+    cells = np.argwhere(was_there & (window.dist < 0))
+    if len(cells) < _PARTED_CELLS:
+        return None
+    x, y = window.place(pose)
+    row, column = cells[np.hypot(cells[:, 0] + 0.5 - y, cells[:, 1] + 0.5 - x).argmin()].tolist()
+    return window.metres(column + 0.5, row + 0.5)
 
 
 def _size(part: tuple[int, int, int, int]) -> int:

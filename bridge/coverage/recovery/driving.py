@@ -31,7 +31,9 @@ _SAME_PLACE_M = 0.15
 _REFUSAL_M, _AGAIN = 0.03, 2
 _ALONG_M, _WORTH_M2 = 0.4, 0.03
 """Followed at least of what refused the robot twice at one place: round a door's edge, through; for
-so much new floor: it takes 5 s."""
+a wall, or so much new floor: it takes 5 s."""
+FLOOR_CELLS = 250
+"""New cells (a tenth of a square metre), after which what was in vain may be tried again."""
 _NO_LEG_M = 0.01
 """A centimetre is no way to go."""
 _NO_WAY_M = 0.02
@@ -210,6 +212,7 @@ class DrivingPlanner(WatchfulPlanner):
 
     def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
         self._stand("travel", choice.way[-1])
+        self._sought_from = None
         for k, (x, y) in enumerate(choice.way):
             heading, way = course(self._pose, x, y)
             if way < _NO_LEG_M:
@@ -268,9 +271,19 @@ class DrivingPlanner(WatchfulPlanner):
             return
         if self._refusals < _AGAIN or new_m2 <= _WORTH_M2:
             return
+        pose, floor = result.pose, self.memory.new_cells
+        for before, side, cells in self._sought:
+            if (
+                side == left
+                and before.distance_m(pose) < _SAME_PLACE_M
+                and floor - cells < FLOOR_CELLS
+            ):
+                return
+        self._sought.append((pose, left, floor))
+        self._sought_from = pose
         self.decide("passage-sought", "along what refused the robot again")
         away = self._contact(result) + (-_QUARTER if left else _QUARTER)
-        yield from self._turn(result.pose.theta_rad + away)
+        yield from self._turn(pose.theta_rad + away)
         yield from self._outline(left=left, touching=True, least_m=_ALONG_M)
 
     def _turn(self, heading_rad: float, least_rad: float = _LEAST_TURN_RAD) -> Generator[Leg, Step]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.recovery.driving import DrivingPlanner
+from bridge.coverage.recovery.driving import FLOOR_CELLS, DrivingPlanner
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.shadows import ShadowBook
 from bridge.motion.geometry import Pose2
@@ -35,15 +35,12 @@ _FAR_M = 0.4
 _MOST_FORGOTTEN = 3
 _FORGET_M = 0.6
 _DOUBT_M = 0.2
-_DOUBT_CELLS = 250
-"""New cells (a tenth of a square metre) since the last time, for bumps to be doubted again, and for
-what was forgotten not to count any more."""
 
 
 class RecoveryPlanner(DrivingPlanner):
     """See the module."""
 
-    _doubted_at = -_DOUBT_CELLS
+    _doubted_at = -FLOOR_CELLS
     """New cells when bumps were doubted last."""
 
     # -- the plan ------------------------------------------------------------------------------
@@ -52,7 +49,7 @@ class RecoveryPlanner(DrivingPlanner):
         """The plan from the pose in ``obs``."""
         self._reset()
         self._recovering = None
-        self._doubted_at = -_DOUBT_CELLS
+        self._doubted_at = -FLOOR_CELLS
         self._obs = obs
         self._memory = EvidenceMap(self.model, self.options, obs.pose)
         memory = self._memory
@@ -63,23 +60,27 @@ class RecoveryPlanner(DrivingPlanner):
         futile = forgotten = forgot_at = 0
         for _ in range(self.options.max_decisions):
             choice = yield from self._think()
+            if choice is None and self._think_again():
+                futile = 0
+                continue
             stuck = futile >= _FUTILE or self._chooser.shut_in
             if stuck or self._refusals > _MOST_REFUSED:
-                self._refusals = 0
-                if memory.new_cells - forgot_at > _DOUBT_CELLS:
+                at, self._refusals = self._doubtful_place(), 0
+                if memory.new_cells - forgot_at > FLOOR_CELLS:
                     forgotten = 0
                 if forgotten < _MOST_FORGOTTEN:
-                    memory.forget(self._pose, _FORGET_M)
-                    self.decide("forget", "nothing leads anywhere: what is known near is doubted")
+                    memory.forget(at, _FORGET_M)
+                    self.decide(
+                        "forget",
+                        "nothing leads anywhere: what is known there is doubted",
+                        x_m=round(at.x_m, 3),
+                        y_m=round(at.y_m, 3),
+                    )
                     futile, forgotten, forgot_at = 0, forgotten + 1, memory.new_cells
                     continue
                 if stuck:
-                    if choice is None and self._think_again():
-                        continue
                     return self._end("shut in: nothing that was tried led anywhere")
             if choice is None:
-                if self._think_again():
-                    continue
                 return self._end("no reachable unswept piece is worth its time")
             if (yield from self._take_heading()):
                 continue
@@ -94,9 +95,17 @@ class RecoveryPlanner(DrivingPlanner):
             futile = futile + 1 if gained < self.options.least_cells else 0
         return self._end(f"{self.options.max_decisions} decisions, the limit")
 
+    def _doubtful_place(self) -> Pose2:
+        """Where the evidence is to blame: what parts or refuses the robot; else, where it is."""
+        if self._chooser.parted_at is not None:
+            return Pose2(*self._chooser.parted_at, 0.0)
+        if self._refusals > _MOST_REFUSED and self._refused_at is not None:
+            return self._refused_at
+        return self._pose
+
     def _think_again(self) -> bool:
         """Before the end, doubt what only bumps tell; whether there was anything new to doubt."""
-        if self.memory.new_cells - self._doubted_at < _DOUBT_CELLS:
+        if self.memory.new_cells - self._doubted_at < FLOOR_CELLS:
             return False
         self._doubted_at = self.memory.new_cells
         if not self.memory.doubt_bumps(_DOUBT_M):
@@ -165,7 +174,8 @@ class RecoveryPlanner(DrivingPlanner):
         if new_cells > 0.3 * promised:
             return
         x, y = choice.way[-1]
-        far = math.dist(self._pose[:2], (x, y)) > _FAR_M
+        at = self._sought_from or self._pose
+        far = math.dist(at[:2], (x, y)) > _FAR_M
         if far and not arrived and futile < _SPARED:
             return
         c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)

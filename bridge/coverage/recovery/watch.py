@@ -56,6 +56,10 @@ class WatchfulPlanner(ScriptedPlanner):
         self._aside = 0
         self._refused_at: Pose2 | None = None
         self._refusals = 0
+        self._sought: list[tuple[Pose2, bool, int]] = []
+        """Where what refused the robot was followed, on which side, and the new cells by then."""
+        self._sought_from: Pose2 | None = None
+        """The same of the way under way."""
         self._brisk_s = -math.inf
         self._followed_m = 0.0
         self._checked_m = 0.0
