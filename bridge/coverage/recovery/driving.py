@@ -54,8 +54,8 @@ _LEAST_AWAY_RAD = math.radians(12.0)
 """From the wall that is followed, which may be taken for what was met: not any more where it is met
 again within ``_SAME_BUMP_M``. So many times as far, then."""
 _SAME_BUMP_M = 0.06
-_STOPS_S = 1.0
-"""From a brisk pace to the end of backing off from a bump: whoever went so fast was not grazing a
+_STOPS_S = 0.5
+"""From a brisk pace to a standstill before what was met: whoever went so fast was not grazing a
 corner, as he may who goes round one."""
 _LEAST_TURN_RAD = math.radians(2.0)
 
@@ -358,7 +358,7 @@ class DrivingPlanner(WatchfulPlanner):
         bumped_m = -math.inf
         while True:
             self._following, self._last_pose, self._stale = side, None, 0
-            begun_m = self._followed_m
+            begun_m, begun_s = self._followed_m, self._seen.time_s
             step = yield FollowWall(left, self.options.outline_gap_m, touching=touching)
             self._stretches.end(self._pose, side)
             self._following = 0
@@ -371,7 +371,8 @@ class DrivingPlanner(WatchfulPlanner):
             bumped_m = self._followed_m
             yield from self._note(result, result.pose.theta_rad)
             # turn until what was met is abeam; on the other side, it is an inner corner
-            ahead_of_it = again or self._seen.time_s - self._brisk_s < _STOPS_S
+            ended_s = begun_s + result.duration_s  # it may have rested since
+            ahead_of_it = again or ended_s - self._brisk_s < _STOPS_S
             away = side * self._contact(result, beside=side if ahead_of_it else 0)
             away = max(_QUARTER - away, min(_LEAST_AWAY_RAD * (1 + again), _QUARTER))
             heading = result.pose.theta_rad - side * away
