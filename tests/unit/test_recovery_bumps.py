@@ -130,7 +130,7 @@ class Following(RecoveryPlanner):
 
     def __init__(self, bearing_deg: float, *, brisk: bool = False) -> None:
         super().__init__(MODEL)
-        self._brisk_s = -0.5 if brisk else -1.5
+        self._brisk_s = 0.6 if brisk else 0.4  # the outline ends at 1 s
         self._memory = empty()
         self._obs = Observation(*(0.0, HERE, 0.0, 0.0, None, None, None), *[False] * 3)
         standing(self._memory, -75.0, 0.002)  # the wall that is followed
@@ -142,8 +142,11 @@ class Following(RecoveryPlanner):
         self.watch(Observation(*(time_s, HERE, v_m_s, 0.0, None, None, None), *[False] * 3))
         return self._brisk_s
 
-    def turns_deg(self, way_m: float, count: int) -> list[float]:
-        """By how much it turns away from the wall, bumped each time after such a way."""
+    def turns_deg(self, way_m: float, count: int, rest_s: float = 0.0) -> list[float]:
+        """By how much it turns away from the wall, bumped each time after such a way.
+
+        ``rest_s``: for the gyro's sake, between the end of an outline and what comes next.
+        """
         turns: list[float] = []
         script = self._outline(left=False)
         leg = next(script)
@@ -156,6 +159,8 @@ class Following(RecoveryPlanner):
                 turns.append(math.degrees(leg.heading_rad))
             reason = StopReason.BUMPER if bumped else StopReason.DISTANCE
             result = LegResult(leg, reason, way_m, 1.0, HERE, bumper_right=bumped)
+            if bumped and rest_s:
+                self._obs = self._seen._replace(time_s=1.0 + rest_s)
             leg = script.send(Step(result, self._seen))
         return turns
 
@@ -164,9 +169,15 @@ def test_who_followed_briskly_turns_until_what_he_met_is_abeam() -> None:
     assert Following(-45.0, brisk=True).turns_deg(0.3, 1) == pytest.approx([45.0], abs=5.0)
 
 
+def test_a_rest_before_the_next_leg_does_not_hide_that_it_was_brisk() -> None:
+    turned = Following(-45.0, brisk=True).turns_deg(0.3, 1, rest_s=2.0)
+    assert turned == pytest.approx([45.0], abs=5.0)
+    assert Following(-45.0).turns_deg(0.3, 1, rest_s=2.0) == pytest.approx([15.0], abs=5.0)
+
+
 def test_a_brisk_pace_is_remembered_while_a_wall_is_followed() -> None:
     planner = Following(-45.0)
-    assert planner.brisk_after(5.0, 0.2, following=0) == -1.5
+    assert planner.brisk_after(5.0, 0.2, following=0) == 0.4
     assert planner.brisk_after(6.0, 0.2, following=-1) == 6.0
     assert planner.brisk_after(7.0, 0.1, following=-1) == 6.0
 

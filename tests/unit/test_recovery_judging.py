@@ -19,7 +19,7 @@ from bridge.motion.robot_model import RobotModel
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from bridge.coverage.planner import Step
+    from bridge.coverage.planner import Scalar, Step
     from bridge.motion.legs import Leg
 
 MODEL = RobotModel()
@@ -74,6 +74,8 @@ class Refused(RecoveryPlanner):
         super().__init__(MODEL)
         self.floor = floor
         self.tries = 0
+        self.doubted_m: set[Scalar | None] = set()
+        """Where evidence was doubted."""
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
         yield from ()
@@ -100,13 +102,16 @@ class Refused(RecoveryPlanner):
             next(script)
         except StopIteration as stop:
             end = stop.value
-        return end, Counter(event.kind for event in self.drain_events())
+        events = self.drain_events()
+        self.doubted_m = {e.data.get("x_m") for e in events if e.kind == "forget"}
+        return end, Counter(event.kind for event in events)
 
 
 def test_what_refuses_the_robot_seven_times_is_doubted_before_the_far_place_is_blamed() -> None:
     planner = Refused()
     _, told = planner.run(21)
     assert told["forget"] == 2
+    assert planner.doubted_m == {0.1}  # where it was refused
     assert told["set-aside"] == 0
     planner = Refused()
     _, told = planner.run(24)
@@ -128,3 +133,28 @@ def test_what_was_forgotten_does_not_count_after_new_floor() -> None:
     assert end is not None
     assert end.startswith("100 decisions")
     assert told["forget"] > 3
+
+
+class Wavering(Refused):
+    """Nothing comes of twenty lanes; then nothing is worth it, then something is."""
+
+    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
+        self.memory.add_bump(obs.pose, left=True, right=True)
+        yield from ()
+
+    def _think(self) -> Generator[Leg, Step, Choice | None]:
+        self.thoughts = getattr(self, "thoughts", 0) + 1
+        choice = yield from super()._think()
+        return None if self.thoughts == 21 else choice
+
+    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:  # noqa: ARG002 - any
+        yield from ()
+        self.tries += 1
+        return False
+
+
+def test_what_is_found_after_bumps_were_doubted_is_tried() -> None:
+    planner = Wavering()
+    _, told = planner.run(23)
+    assert told["forget"] == 1
+    assert planner.tries == 22

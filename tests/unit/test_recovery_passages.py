@@ -41,7 +41,11 @@ class AtDoor(RecoveryPlanner):
         super().__init__(MODEL)
         self._memory = EvidenceMap(MODEL, OPTIONS, HERE)
         self._memory.swept[:] = 1
-        self._obs = seen()
+        self.stand(HERE)
+
+    def stand(self, pose: Pose2) -> None:
+        """Be somewhere."""
+        self._obs = seen(pose)
 
     def goes(
         self,
@@ -57,14 +61,19 @@ class AtDoor(RecoveryPlanner):
         while not isinstance(leg := legs[-1], FollowWall):
             ahead = isinstance(leg, Drive) and (leg.distance_m or 0.0) > 0.0
             if ahead:
-                result = LegResult(leg, reason, 0.1, 1.0, HERE, left, right)
+                result = LegResult(leg, reason, 0.0, 1.0, self._pose, left, right)
             else:
-                result = LegResult(leg, StopReason.DONE, 0.0, 1.0, HERE)
+                result = LegResult(leg, StopReason.DONE, 0.0, 1.0, self._pose)
             try:
                 legs.append(script.send(Step(result, self._seen)))
             except StopIteration:
                 break
         return legs, [event.kind for event in self.drain_events()]
+
+    def blames(self, choice: Choice) -> bool:
+        """Whether it sets the place aside after a way that did not arrive there."""
+        self._judge(choice, 0, 0, arrived=False)
+        return [event.kind for event in self.drain_events()] == ["set-aside"]
 
     def follows(self, least_m: float) -> float:
         """How far it follows a swept wall on its right, in steps of 1 cm."""
@@ -168,6 +177,24 @@ def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
     assert not chooser.shut_in
 
 
+def test_a_trail_that_a_wall_seen_since_runs_along_does_not_count() -> None:
+    """Driven where the robot wrongly believed itself to be: only having been there opens it."""
+    for layer in ("near", "lens"):
+        memory = parted(60)
+        getattr(memory, layer)[memory.been > 0] = 1
+        chooser = Chooser(OPTIONS)
+        assert chooser.choose(memory, HERE, 0.0) is None
+        assert not chooser.shut_in
+
+
+def test_what_parted_it_once_is_not_told_of_the_next_search() -> None:
+    chooser = Chooser(OPTIONS)
+    chooser.choose(parted(60), HERE, 0.0)
+    assert chooser.parted_at is not None
+    assert chooser.choose(EvidenceMap(MODEL, OPTIONS, HERE), HERE, 0.0) is not None
+    assert chooser.parted_at is None
+
+
 class ShutIn(RecoveryPlanner):
     """Parted from where it was, 70 cells of it to the left, by a line of a layer 50 cm off."""
 
@@ -218,6 +245,10 @@ def test_a_place_is_followed_once_on_a_side_until_there_is_new_floor() -> None:
     assert [sought(left=True) for _ in range(4)] == [False, True, False, False]
     assert sought(right=True)
     assert not sought(right=True)
+    planner.stand(Pose2(0.3, 0.0, 0.0))  # another place
+    assert [sought(left=True) for _ in range(3)] == [False, True, False]
+    planner.stand(HERE)
+    assert not sought(left=True)
     planner.memory.new_cells += 249
     assert not sought(left=True)
     planner.memory.new_cells += 1
@@ -226,9 +257,13 @@ def test_a_place_is_followed_once_on_a_side_until_there_is_new_floor() -> None:
 
 def test_a_place_is_judged_from_where_the_way_to_it_was_refused_not_where_a_walk_ended() -> None:
     choice = Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=0.06)
-    for sought_from, blamed in ((HERE, False), (Pose2(0.9, 0.0, 0.0), True)):
+    for refused_m, walked_m, blamed in ((0.0, 0.95, False), (0.9, 0.05, True)):
         planner = AtDoor()
-        planner._obs = seen(Pose2(0.95 - sought_from.x_m, 0.0, 0.0))  # noqa: SLF001
-        planner._sought_from = sought_from  # noqa: SLF001
-        planner._judge(choice, 0, 0, arrived=False)  # noqa: SLF001
-        assert [event.kind for event in planner.drain_events()] == ["set-aside"] * blamed
+        planner.stand(Pose2(refused_m, 0.0, 0.0))
+        for _ in range(2):
+            planner.goes(left=True)
+        planner.stand(Pose2(walked_m, 0.0, 0.0))
+        assert planner.blames(choice) is blamed
+        planner.goes(left=True, new_m2=0.02)  # refused, and no walk
+        planner.stand(Pose2(walked_m, 0.0, 0.0))
+        assert planner.blames(choice) is not blamed
