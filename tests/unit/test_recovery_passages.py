@@ -43,9 +43,11 @@ class AtDoor(RecoveryPlanner):
         self._memory.swept[:] = 1
         self.stand(HERE)
 
-    def stand(self, pose: Pose2) -> None:
-        """Be somewhere."""
+    def stand(self, pose: Pose2, wall_m: float = 0.6) -> None:
+        """Be somewhere, so much of a wall known ahead, but not at the rim."""
         self._obs = seen(pose)
+        for k in range(round(wall_m / OPTIONS.cell_m)):
+            self.memory.add_point(*pose.transform(0.25, 0.5 * wall_m - k * OPTIONS.cell_m))
 
     def goes(
         self,
@@ -136,6 +138,26 @@ def test_a_sliver_is_not_worth_it() -> None:
     for _ in range(4):
         assert "passage-sought" not in planner.goes(left=True, new_m2=0.02)[1]
     assert "passage-sought" in planner.goes(left=True, new_m2=0.04)[1]
+
+
+def test_a_leg_leads_only_round_itself() -> None:
+    planner = AtDoor()
+    planner.memory.wall[:] = 0
+    planner.stand(HERE, 0.16)
+    for _ in range(4):
+        assert "passage-sought" not in planner.goes(left=True)[1]
+    planner.stand(HERE, 0.4)
+    assert "passage-sought" in planner.goes(left=True)[1]
+
+
+def test_occupied_cells_are_counted_about_a_point() -> None:
+    memory = EvidenceMap(MODEL, OPTIONS, HERE)
+    for x_m, y_m in ((1.0, 1.0), (1.0, 1.1), (1.1, 1.0), (1.15, 1.15), (-1.0, 1.0)):
+        memory.add_point(x_m + 0.01, y_m + 0.01)
+    memory.add_point(1.05, 1.05, weight=1)  # not sure
+    assert memory.occupied(1.01, 1.01, 0.15) == 3
+    assert memory.occupied(1.01, 1.01, 0.25) == 4
+    assert memory.occupied(0.0, 0.0, 0.5) == 0
 
 
 def test_what_may_lead_to_a_passage_is_followed_farther_though_it_is_swept() -> None:

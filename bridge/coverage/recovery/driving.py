@@ -32,6 +32,8 @@ _REFUSAL_M, _AGAIN = 0.03, 2
 _ALONG_M, _WORTH_M2 = 0.4, 0.03
 """Followed at least of what refused the robot twice at one place: round a door's edge, through; for
 a wall, or so much new floor: it takes 5 s."""
+_WALL_M, _WALL_CELLS = 0.2, 12
+"""So many cells (24 cm of wall) known so near to what refused it: a leg leads round itself."""
 FLOOR_CELLS = 250
 """New cells (a tenth of a square metre), after which what was in vain may be tried again."""
 _NO_LEG_M = 0.01
@@ -272,6 +274,10 @@ class DrivingPlanner(WatchfulPlanner):
         if self._refusals < _AGAIN or new_m2 <= _WORTH_M2:
             return
         pose, floor = result.pose, self.memory.new_cells
+        bearing, rim_m = self._contact(result), self.model.radius_m
+        met = pose.transform(rim_m * math.cos(bearing), rim_m * math.sin(bearing))
+        if self.memory.occupied(*met, _WALL_M) < _WALL_CELLS:
+            return
         for before, side, cells in self._sought:
             if (
                 side == left
@@ -282,7 +288,7 @@ class DrivingPlanner(WatchfulPlanner):
         self._sought.append((pose, left, floor))
         self._sought_from = pose
         self.decide("passage-sought", "along what refused the robot again")
-        away = self._contact(result) + (-_QUARTER if left else _QUARTER)
+        away = bearing + (-_QUARTER if left else _QUARTER)
         yield from self._turn(pose.theta_rad + away)
         yield from self._outline(left=left, touching=True, least_m=_ALONG_M)
 

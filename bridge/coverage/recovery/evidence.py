@@ -9,6 +9,7 @@ import numpy as np
 
 from bridge.coverage.recovery.evidence_kernels import (
     MOST,
+    SURE,
     add_wall,
     beam,
     bump_lens,
@@ -156,6 +157,15 @@ class EvidenceMap:
             low = max(low, -_ABEAM_RAD)
         seen = self._touched(pose, low, high)
         return 0.5 * (low + high) if seen is None else seen
+
+    def occupied(self, x_m: float, y_m: float, radius_m: float) -> int:
+        """Number of cells so near to a point that count as occupied."""
+        x, y = self.to_cells(x_m, y_m)
+        reach = radius_m * self._per_m
+        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
+        part = self.wall[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
+        rows, cols = np.nonzero(part >= SURE)
+        return int((np.hypot(rows + r0 + 0.5 - y, cols + c0 + 0.5 - x) < reach).sum())
 
     def add_bump(self, pose: Pose2, *, left: bool, right: bool) -> None:
         """A bumper half, or both, is pressed at a pose.
