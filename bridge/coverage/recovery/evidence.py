@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount, RobotModel
 
     Layer = NDArray[np.uint8]
+    Ints = NDArray[np.intp]
 
 _FIRST_M = 3.0
 _GROW_M = 1.5
@@ -160,12 +161,7 @@ class EvidenceMap:
 
     def occupied(self, x_m: float, y_m: float, radius_m: float) -> int:
         """Number of cells so near to a point that count as occupied."""
-        x, y = self.to_cells(x_m, y_m)
-        reach = radius_m * self._per_m
-        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
-        part = self.wall[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
-        rows, cols = np.nonzero(part >= SURE)
-        return int((np.hypot(rows + r0 + 0.5 - y, cols + c0 + 0.5 - x) < reach).sum())
+        return int((self.wall[self._disc(x_m, y_m, radius_m)] >= SURE).sum())
 
     def add_bump(self, pose: Pose2, *, left: bool, right: bool) -> None:
         """A bumper half, or both, is pressed at a pose.
@@ -197,12 +193,7 @@ class EvidenceMap:
 
     def block(self, x_m: float, y_m: float, radius_m: float) -> None:
         """Hold a disc to be no place for the axle, but for where it was."""
-        x, y = self.to_cells(x_m, y_m)
-        reach = radius_m * self._per_m
-        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
-        part = self.lens[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
-        rows, cols = np.indices(part.shape)
-        part[np.hypot(rows + r0 + 0.5 - y, cols + c0 + 0.5 - x) <= reach] = 1
+        self.lens[self._disc(x_m, y_m, radius_m)] = 1
 
     def forget(self, pose: Pose2, radius_m: float) -> None:
         """Drop all evidence of obstacles about a pose."""
@@ -300,6 +291,17 @@ class EvidenceMap:
         return packed.tobytes()
 
     # -- inside ------------------------------------------------------------------------------
+
+    def _disc(self, x_m: float, y_m: float, radius_m: float) -> tuple[Ints, Ints]:
+        """Rows and columns of the cells whose centres are so near to a point."""
+        x, y = self.to_cells(x_m, y_m)
+        reach = radius_m * self._per_m
+        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
+        rows, cols = np.ogrid[
+            r0 : min(int(y + reach) + 1, self.shape[0]), c0 : min(int(x + reach) + 1, self.shape[1])
+        ]
+        near_rows, near_cols = np.nonzero(np.hypot(rows + 0.5 - y, cols + 0.5 - x) <= reach)
+        return near_rows + r0, near_cols + c0
 
     def _touched(self, pose: Pose2, low: float, high: float) -> float | None:
         """Bearing of the evidence nearest to the rim between two bearings; None: there is none."""
