@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+_ENDING = {signal.SIGINT, signal.SIGTERM}
+if sys.platform != "win32":
+    _ENDING.add(signal.SIGHUP)
+
 
 @contextlib.contextmanager
 def until_signalled(end: Callable[[], None]) -> Iterator[None]:
@@ -27,6 +31,29 @@ def until_signalled(end: Callable[[], None]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def held_back() -> Iterator[None]:
+    """Meanwhile the signals that end a command wait, also for processes that are begun here.
+
+    A process begins with them held back, too, and lets them come with :func:`let_come` when it
+    knows what to do about them: before that they would end it with a traceback, or silently.
+    """
+    if sys.platform == "win32":  # signals cannot be held back there
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def let_come() -> None:
+    """Let the signals come that were held back as this process began."""
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
 
 @contextlib.contextmanager

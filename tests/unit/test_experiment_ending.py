@@ -29,9 +29,14 @@ ending.prepare_worker()
 
 
 def worker(script: str) -> subprocess.CompletedProcess[str]:
+    return python(AS_A_WORKER + textwrap.dedent(script))
+
+
+def python(script: str, standard_input: str = "") -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", AS_A_WORKER + textwrap.dedent(script)],
+        [sys.executable, "-c", script],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
+        input=standard_input,
         check=False,
         capture_output=True,
         text=True,
@@ -68,6 +73,32 @@ def test_one_that_waits_for_ever_is_ended_all_the_same() -> None:
         os.read(os.pipe()[0], 1)
     """)
     assert done.returncode == -signal.SIGALRM
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals cannot be held back there")
+def test_signals_wait_until_a_worker_is_prepared() -> None:
+    """As its parent begins it; unprepared, each of the two would end it."""
+    begin = """
+        import signal, subprocess, sys
+        from tools.stopping import held_back
+        with held_back():
+            child = subprocess.Popen([sys.executable, "-c", sys.stdin.read()])
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == set()
+        sys.exit(child.wait())
+    """
+    unprepared = """
+        import os, signal
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)
+        from tools.experiment import ending
+        ending.GRACE_S = 60.0
+        print("not prepared yet", ending.Ending.asked)
+        ending.prepare_worker()
+        print("prepared", ending.Ending.asked, signal.pthread_sigmask(signal.SIG_BLOCK, []))
+    """
+    done = python(textwrap.dedent(begin), standard_input=textwrap.dedent(unprepared))
+    expected = ["not prepared yet False", "prepared True set()"]
+    assert (done.returncode, done.stdout.splitlines(), done.stderr) == (0, expected, "")
 
 
 def test_ctrl_c_is_the_parents() -> None:

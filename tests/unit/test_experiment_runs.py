@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from multiprocessing.context import SpawnProcess
+from typing import TYPE_CHECKING
 
 import pytest
 
 from bridge.motion.robot_model import RobotModel
 from tools.experiment.limits import CAUSES
+from tools.experiment.runs import run_all
+from tools.experiment.store import Store
 from tools.experiment.trials import OPEN_FLOOR, PERFECT, Kind, Trial, grid_trials, room_of
 from tools.experiment.worker import run_trial
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 MODEL = RobotModel()
 
@@ -67,6 +74,23 @@ def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
         *(("recovery", "typical", seed) for seed in range(3)),
         *(("random", noise, seed) for noise in levels for seed in range(3)),
     }
+
+
+def test_workers_that_cannot_be_begun_are_told_of_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the system has no more processes, or a pool closes its pipes on a dead worker."""
+
+    def refuse(*_: object) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(SpawnProcess, "_Popen", refuse)
+    trials = [Trial("case-1", "u-shape", "none", 0, 1.0)]
+    outcome = run_all(Store(tmp_path, "a version", force=False), trials, 1)
+    assert outcome.interrupted
+    assert outcome.failed == [
+        "no more worker processes could be begun: [Errno 11] Resource temporarily unavailable"
+    ]
 
 
 def test_without_noise_a_run_is_the_same_for_every_seed() -> None:

@@ -13,6 +13,7 @@ import signal
 from typing import TYPE_CHECKING, Any
 
 from tools.experiment.worker import run_trial
+from tools.stopping import let_come
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -40,6 +41,7 @@ def prepare_worker() -> None:
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _on_sigterm)
+    let_come()
 
 
 def _on_sigterm(_number: int, _frame: FrameType | None) -> None:

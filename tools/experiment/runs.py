@@ -16,7 +16,7 @@ from rich.text import Text
 from tools.console import err, say
 from tools.experiment.ending import prepare_worker, run_until_ended
 from tools.experiment.trials import room_of, work
-from tools.stopping import until_signalled
+from tools.stopping import held_back, until_signalled
 
 if TYPE_CHECKING:
     from rich.progress import Task, TaskID
@@ -91,7 +91,7 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
         try:
             # the longest first: none of them is left alone at the end
             ordered = sorted(missing, key=lambda trial: -costs[trial])
-            running = {pool.submit(run_until_ended, trial): trial for trial in ordered}
+            running = _submit(pool, ordered)
             while running and not outcome.interrupted:
                 ended, _ = wait(running, _LOOK_S, FIRST_COMPLETED)
                 for future in ended:
@@ -101,8 +101,8 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
                     bar.update(task, advance=costs[trial], description=text, done=done)
                     if not err().is_terminal:
                         _tell(bar, task, text)
-        except BrokenProcessPool:
-            _break_off(outcome)
+        except BrokenProcessPool as error:
+            _break_off(outcome, error)
         if outcome.interrupted:
             for child in set(multiprocessing.active_children()) - ours:
                 child.terminate()
@@ -111,10 +111,28 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
     return outcome
 
 
-def _break_off(outcome: Outcome) -> None:
-    """Take note that a worker died; at Ctrl-C those do that are not prepared for it yet."""
+def _submit(pool: ProcessPoolExecutor, trials: list[Trial]) -> dict[Future[dict[str, Any]], Trial]:
+    """Begin the workers and give them what to do.
+
+    No signal comes before a worker is prepared for it: one that dies takes the pool with it.
+
+    Raises:
+        BrokenProcessPool: A worker died, or could not be begun.
+
+    """
+    try:
+        with held_back():
+            return {pool.submit(run_until_ended, trial): trial for trial in trials}
+    except OSError as error:
+        # also what the pipes of a pool say that is being closed because a worker died
+        raise BrokenProcessPool(f"no more worker processes could be begun: {error}") from error
+
+
+def _break_off(outcome: Outcome, error: BrokenProcessPool) -> None:
+    """Take note that the pool is broken."""
     if not outcome.interrupted:
-        outcome.failed.append("a worker process was ended from outside, or had no memory")
+        ended = "a worker process was ended from outside, or had no memory"
+        outcome.failed.append(str(error) if error.__cause__ else ended)
     outcome.interrupted = True
 
 
