@@ -11,6 +11,7 @@ from bridge.motion.braking import Braking
 from bridge.motion.noise_monitor import RangingNoise
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.pid import Pid, PidGains
+from bridge.motion.room_ahead import RoomAhead
 from bridge.motion.wall_track import MAX_YAW_RAD, WallTrack
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class WallFollower:
         self._gap_m = distance_m if distance_m > 0.0 else -tune.press_m
         self._max_rate = 0.75 * model.max_yaw_rate_rad_s
         self._brake = Braking(0.75 * model.max_accel_m_s2, 0.10, 0.025)
-        self._front_m = model.radius_m - model.ultrasonic.x_m
+        self._room = RoomAhead(model.radius_m - model.ultrasonic.x_m + tune.stop_gap_m)
         self._track = WallTrack(mount)
         self._noise = noise or RangingNoise()
         gains = PidGains(kp=1.0 / tune.lookahead_m, ti_s=tune.integral_s)
@@ -177,7 +178,7 @@ class WallFollower:
         For what was felt and not seen: a bump, or a leg too thin for the beam.
         """
         self._corner = (ahead_m, aside_m)
-        self._turned_rad = 0.0
+        self._turned_rad = self._straight_m = 0.0
         self._arcing = False
         self._state = FollowState.CORNER
 
@@ -280,11 +281,10 @@ class WallFollower:
         speed = min(self._speed, most_m_s)
         if self._straight_m < _THIN_M:
             speed = min(speed, _CORNER_M_S)
-        if obs.ultrasonic_m is not None:
-            room = obs.ultrasonic_m - self._front_m - self._tune.stop_gap_m
-            if room <= self._brake.run_out(obs.v_m_s):
-                return self._halt()
-            speed = min(speed, self._brake.speed(room))
+        room = self._room.update(obs.ultrasonic_m, self._brake.run_out(obs.v_m_s), dt_s)
+        if self._room.barred:
+            return self._halt()
+        speed = min(speed, self._brake.speed(room))
         nudge = self._bumped(obs, dt_s)
         if nudge is None:
             return self._halt()

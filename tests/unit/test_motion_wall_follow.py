@@ -303,6 +303,37 @@ def test_something_ahead_blocks_at_once(obs: Observation) -> None:
     assert step.command == HALT
 
 
+def test_an_echo_out_of_nothing_slows_and_the_next_blocks() -> None:
+    """20 Hz: a reading is held for two or three steps, which make it no surer."""
+    follower = WallFollower(MODEL, Side.LEFT, 0.05)
+    fast = follower.step(sees(0.11, front_m=0.60), STEP_S)
+    for _ in range(3):
+        strange = follower.step(sees(0.11, front_m=0.05), STEP_S)
+        assert strange.state is FollowState.FOLLOWING
+        assert strange.command.v_m_s <= 0.025 < fast.command.v_m_s
+    again = follower.step(sees(0.11, front_m=0.59), STEP_S)
+    assert again.command.v_m_s == pytest.approx(fast.command.v_m_s, rel=0.05)
+    follower.step(sees(0.11, front_m=0.05), STEP_S)
+    assert follower.step(sees(0.11, front_m=0.049), STEP_S).state is FollowState.BLOCKED
+
+
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_from_a_touch_on_it_goes_slowly_for_eight_centimetres(side: Side) -> None:
+    """Also where the infrared sees the wall at once: its direction is not known yet."""
+    follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
+    follower.go_round(0.0, RADIUS_M)
+    speeds = []
+    for k in range(60):
+        pose = Pose2(0.002 * k, 0.0, 0.0)
+        left_m, right_m = (0.06, None) if side is Side.LEFT else (None, 0.06)
+        seen = sees(left_m)._replace(pose=pose, infrared_right_m=right_m)
+        step = follower.step(seen, STEP_S)
+        assert step.state is FollowState.FOLLOWING
+        speeds.append((pose.x_m, step.command.v_m_s))
+    assert max(v for x, v in speeds if x < 0.078) <= 0.09
+    assert min(v for x, v in speeds if x > 0.084) > 0.2
+
+
 def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() -> None:
     follower = WallFollower(MODEL, Side.LEFT, 0.0)
     touching = sees(0.06, bumper=(True, False))

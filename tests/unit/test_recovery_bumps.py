@@ -182,6 +182,26 @@ def test_a_brisk_pace_is_remembered_while_a_wall_is_followed() -> None:
     assert planner.brisk_after(7.0, 0.1, following=-1) == 6.0
 
 
+@pytest.mark.parametrize(
+    ("following", "yaw_rad_s", "most_m_s"),
+    [(-1, 0.0, 0.3), (-1, 0.29, 0.3), (-1, -0.31, 0.2), (1, 0.6, 0.2), (0, 0.6, 0.3)],
+)
+def test_along_a_bend_it_is_slower_than_along_a_straight_wall(
+    following: int, yaw_rad_s: float, most_m_s: float
+) -> None:
+    planner = Following(-45.0)
+    planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
+    planner._following = following  # noqa: SLF001 - as within an outline
+    planner.watch(Observation(*(5.0, HERE, 0.2, yaw_rad_s, None, None, None), *[False] * 3))
+    assert planner.most_m_s == pytest.approx(most_m_s)
+
+
+def test_an_outline_is_faster_than_the_cruise_speed() -> None:
+    leg = next(Following(-45.0)._outline(left=True))  # noqa: SLF001 - the part itself
+    assert isinstance(leg, FollowWall)
+    assert leg.speed_m_s == RecoveryOptions().outline_speed_m_s > MODEL.cruise_speed_m_s
+
+
 def test_who_went_slowly_may_have_grazed_a_corner_abeam_but_not_twice() -> None:
     assert Following(-45.0).turns_deg(0.3, 2) == pytest.approx([15.0, 15.0], abs=5.0)
     assert Following(-45.0).turns_deg(0.03, 2) == pytest.approx([15.0, 45.0], abs=5.0)

@@ -336,7 +336,9 @@ def sure() -> float:
     return world.time_s
 
 
-@pytest.mark.parametrize("off_m", [(0.0, 0.0), (0.0, 0.04), (-0.06, -0.06), (0.06, 0.06)])
+@pytest.mark.parametrize(
+    "off_m", [(0.0, 0.0), (0.0, 0.04), (-0.06, -0.06), (0.06, 0.06), (-0.07, 0.05)]
+)
 def test_a_doubtful_robot_goes_along_a_wall_and_sweeps_on(
     sure: float, off_m: tuple[float, float]
 ) -> None:
@@ -345,8 +347,8 @@ def test_a_doubtful_robot_goes_along_a_wall_and_sweeps_on(
     assert run.end.startswith("no reachable")
     assert len(run.planner.driven) == len(run.times("sight"))
     assert len(run.sights) == sum(run.planner.driven) >= 2
-    # 8 cm off, one way to a wall ends in a bump just too far from it
-    assert run.planner.driven.count(False) == (off_m == (0.06, 0.06))
+    # 9 cm off, one way to a wall ends in a bump just too far from it
+    assert run.planner.driven.count(False) == (off_m == (-0.07, 0.05))
     assert run.most_rad < math.radians(1.6), "a doubt is not carried about for long"
     assert run.time_s < sure + 30.0 * len(run.sights) + 500.0 * max(map(abs, off_m))
     edges = [(a, b) for a, b in room().edges() if a != b]
@@ -395,7 +397,7 @@ def test_a_way_that_is_barred_does_not_speak_against_the_wall(
 
 
 def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
-    run = Doubting(room(), cured_from=1, deg_s=0.08, max_time_s=300.0)
+    run = Doubting(room(), cured_from=1, deg_s=0.08, max_time_s=290.0)
     assert run.waits_s[0] == pytest.approx(40.0, abs=0.5), "the first gave nothing"
     assert run.waits_s[1:] == pytest.approx([20.0] * (len(run.sights) - 1), abs=0.5)
     first, second = run.times("sight")[:2]

@@ -365,7 +365,8 @@ class DrivingPlanner(WatchfulPlanner):
         while True:
             self._following, self._last_pose, self._stale = side, None, 0
             begun_m, begun_s = self._followed_m, self._seen.time_s
-            step = yield FollowWall(left, self.options.outline_gap_m, touching=touching)
+            gap_m, speed_m_s = self.options.outline_gap_m, self.options.outline_speed_m_s
+            step = yield FollowWall(left, gap_m, touching=touching, speed_m_s=speed_m_s)
             self._stretches.end(self._pose, side)
             self._following = 0
             result = step.result

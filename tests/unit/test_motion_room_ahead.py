@@ -1,0 +1,67 @@
+"""What is believed of the range ahead by one who turns as he goes."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.motion.room_ahead import RoomAhead
+
+STOP_M, LEAST_M, STEP_S = 0.05, 0.002, 0.02
+
+
+def barred(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
+    room = RoomAhead(STOP_M)
+    found = []
+    for range_m in ranges_m:
+        room.update(range_m, LEAST_M, dt_s)
+        found.append(room.barred)
+    return found
+
+
+def test_room_is_what_is_beyond_the_stop_range() -> None:
+    room = RoomAhead(STOP_M)
+    assert room.update(0.30, LEAST_M, STEP_S) == pytest.approx(0.25)
+    assert room.update(0.04, LEAST_M, STEP_S) == pytest.approx(-0.01)
+    assert room.update(None, LEAST_M, STEP_S) == math.inf
+
+
+def test_a_wall_that_came_near_bars_at_once_and_an_echo_out_of_nothing_with_the_next() -> None:
+    assert barred(0.10, 0.06, 0.051) == [False, False, True]
+    assert barred(0.40, 0.051, 0.39, 0.38) == [False, False, False, False]
+    assert barred(0.40, 0.051, 0.050) == [False, False, True]
+    assert barred(0.051) == [True], "it may have begun there"
+
+
+def test_one_lost_echo_is_not_nothing_and_a_silence_is() -> None:
+    assert barred(0.10, None, 0.051) == [False, False, True]
+    assert barred(0.10, *([None] * 7), 0.051, 0.050) == [*([False] * 9), True]
+
+
+def test_a_reading_that_is_held_is_one_reading() -> None:
+    assert barred(0.40, *([0.051] * 6), dt_s=STEP_S) == [False] * 7
+    assert barred(0.40, *([0.051] * 9), dt_s=STEP_S)[-1], "longer than any is held"
+
+
+@given(
+    st.lists(st.floats(0.02, 3.0).map(lambda x: round(x, 3)) | st.none(), min_size=1, max_size=30)
+)
+def test_whatever_is_read_it_is_barred_only_without_room_and_by_two_that_agree(
+    ranges_m: list[float | None],
+) -> None:
+    found = barred(*ranges_m)
+    seen = [(k, r) for k, r in enumerate(ranges_m) if r is not None]
+    for (before, earlier), (k, range_m) in pairwise(seen):
+        if range_m == earlier or abs(earlier - range_m - 0.1) < 1e-6:
+            continue
+        near = range_m <= STOP_M + LEAST_M
+        led_up_to = earlier - range_m <= 0.1 and (k - before) * 0.05 <= 0.3
+        assert not found[k] or near
+        if near and led_up_to and k - before < 6:
+            assert found[k]
+        if not led_up_to and k - before == 1:
+            assert not found[k]
