@@ -31,7 +31,7 @@ def test_room_is_what_is_beyond_the_stop_range() -> None:
 
 
 def test_a_wall_that_came_near_bars_at_once_and_an_echo_out_of_nothing_with_the_next() -> None:
-    assert barred(0.10, 0.06, 0.051) == [False, False, True]
+    assert barred(0.10, 0.06, 0.051, None) == [False, False, True, False]
     assert barred(0.40, 0.051, 0.39, 0.38) == [False, False, False, False]
     assert barred(0.40, 0.051, 0.050) == [False, False, True]
     assert barred(0.051) == [True], "it may have begun there"
