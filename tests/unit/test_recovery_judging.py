@@ -135,6 +135,40 @@ def test_what_was_forgotten_does_not_count_after_new_floor() -> None:
     assert told["forget"] > 3
 
 
+class AmongLegs(Refused):
+    """A leg is known beside where it is refused, and another farther off."""
+
+    LEGS = ((0.1, 0.25), (0.1, 0.45))
+
+    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
+        for leg in self.LEGS:
+            self.memory.add_point(*leg)
+        yield from ()
+
+    def known(self) -> list[int]:
+        """Cells of each leg that are still occupied."""
+        return [self.memory.occupied(*leg, 0.03) for leg in self.LEGS]
+
+
+class Futile(AmongLegs):
+    """Nothing refuses it, and nothing comes of anything."""
+
+    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:  # noqa: ARG002 - any
+        yield from ()
+        return False
+
+
+def test_where_one_place_refused_it_only_what_is_near_there_is_doubted() -> None:
+    planner = AmongLegs()
+    _, told = planner.run(7)
+    assert (told["forget"], planner.known()) == (0, [1, 1])
+    _, told = planner.run(8)
+    assert (told["forget"], planner.known()) == (1, [0, 1])
+    shut_in = Futile()
+    _, told = shut_in.run(21)
+    assert (told["forget"], shut_in.known()) == (1, [0, 0])
+
+
 class Wavering(Refused):
     """Nothing comes of twenty lanes; then nothing is worth it, then something is."""
 

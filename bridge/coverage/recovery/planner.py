@@ -33,7 +33,9 @@ _SPARED = 8
 the robot."""
 _FAR_M = 0.4
 _MOST_FORGOTTEN = 3
-_FORGET_M = 0.6
+_FORGET_M, _REFUSED_M = 0.6, 0.3
+"""About a robot that is shut in, and where one place refused it: from farther off nothing bars it
+there, and the legs of a table that are forgotten are all bumped again."""
 _DOUBT_M = 0.2
 
 
@@ -65,11 +67,12 @@ class RecoveryPlanner(DrivingPlanner):
                 continue
             stuck = futile >= _FUTILE or self._chooser.shut_in
             if stuck or self._refusals > _MOST_REFUSED:
+                radius_m = _FORGET_M if stuck else _REFUSED_M
                 at, self._refusals = self._doubtful_place(), 0
                 if memory.new_cells - forgot_at > FLOOR_CELLS:
                     forgotten = 0
                 if forgotten < _MOST_FORGOTTEN:
-                    memory.forget(at, _FORGET_M)
+                    memory.forget(at, radius_m)
                     self.decide(
                         "forget",
                         "nothing leads anywhere: what is known there is doubted",
