@@ -35,10 +35,11 @@ def until_signalled(end: Callable[[], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def held_back() -> Iterator[None]:
-    """Meanwhile the signals that end a command wait, also for processes that are begun here.
+    """Processes that this thread begins meanwhile do not get the signals that end a command yet.
 
-    A process begins with them held back, too, and lets them come with :func:`let_come` when it
-    knows what to do about them: before that they would end it with a traceback, or silently.
+    A process begins with what its thread holds back, and lets them come with :func:`let_come` when
+    it knows what to do about them: before that they would end it with a traceback, or silently.
+    Another thread of ours may get them, for whose handler it makes no difference.
     """
     if sys.platform == "win32":  # signals cannot be held back there
         yield

@@ -9,23 +9,25 @@ _HELD_S = 0.12
 _SILENT_S = 0.3
 """Without an echo for so long there is nothing ahead."""
 _LEAP_M = 0.1
-"""Nearer by so much from one reading to the next, which is the way of 0.4 s, is something else."""
+"""Nearer by so much from one reading to the next is something else: no robot is so fast."""
 
 
 class RoomAhead:
     """For whoever turns as he goes, so that ranges cannot be carried on between readings.
 
     A reading of too little room is believed at once if the one before led up to it. One that
-    comes out of nothing may be the echo of another ping: it is believed when the next agrees.
+    comes out of nothing may be the echo of another ping: it is believed when the next agrees, or
+    another soon after, as of a leg that answers now and then.
     """
 
-    __slots__ = ("_age_s", "_range_m", "_stop_m", "barred")
+    __slots__ = ("_age_s", "_range_m", "_stop_m", "_strange_s", "barred")
 
     def __init__(self, stop_m: float) -> None:
         """``stop_m``: the range at which no room is left."""
         self._stop_m = stop_m
         self._range_m: float | None = None
         self._age_s = 0.0
+        self._strange_s = math.inf
         self.barred = False
         """Whether there is less room than asked for at the last update, for certain."""
 
@@ -35,6 +37,7 @@ class RoomAhead:
         ``least_m``: that much room is needed. The first reading of all is believed.
         """
         self._age_s += dt_s
+        self._strange_s += dt_s
         if range_m is None:
             if self._age_s > _SILENT_S:
                 self._range_m = math.inf
@@ -43,6 +46,9 @@ class RoomAhead:
         room_m = range_m - self._stop_m
         if range_m != self._range_m or self._age_s > _HELD_S:
             leapt = self._range_m is not None and range_m < self._range_m - _LEAP_M
-            self.barred = room_m <= least_m and not leapt
+            near = room_m <= least_m
+            self.barred = near and (not leapt or self._strange_s < _SILENT_S)
+            if near and leapt:
+                self._strange_s = 0.0
             self._range_m, self._age_s = range_m, 0.0
         return room_m

@@ -76,21 +76,28 @@ def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (
+            BlockingIOError(11, "Resource temporarily unavailable"),
+            "no more worker processes could be begun: [Errno 11] Resource temporarily unavailable",
+        ),
+        # what a pool's pipe says after a worker died
+        (OSError("handle is closed"), "a worker process was ended from outside, or had no memory"),
+    ],
+)
 def test_workers_that_cannot_be_begun_are_told_of_in_a_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError, told: str
 ) -> None:
-    """As where the system has no more processes, or a pool closes its pipes on a dead worker."""
-
     def refuse(*_: object) -> None:
-        raise BlockingIOError(11, "Resource temporarily unavailable")
+        raise error
 
     monkeypatch.setattr(SpawnProcess, "_Popen", refuse)
     trials = [Trial("case-1", "u-shape", "none", 0, 1.0)]
     outcome = run_all(Store(tmp_path, "a version", force=False), trials, 1)
     assert outcome.interrupted
-    assert outcome.failed == [
-        "no more worker processes could be begun: [Errno 11] Resource temporarily unavailable"
-    ]
+    assert outcome.failed == [told]
 
 
 def test_without_noise_a_run_is_the_same_for_every_seed() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -196,10 +197,15 @@ def test_along_a_bend_it_is_slower_than_along_a_straight_wall(
     assert planner.most_m_s == pytest.approx(most_m_s)
 
 
-def test_an_outline_is_faster_than_the_cruise_speed() -> None:
+def test_a_straight_wall_is_followed_a_little_faster_than_the_robot_cruises() -> None:
     leg = next(Following(-45.0)._outline(left=True))  # noqa: SLF001 - the part itself
     assert isinstance(leg, FollowWall)
-    assert leg.speed_m_s == RecoveryOptions().outline_speed_m_s > MODEL.cruise_speed_m_s
+    assert leg.speed_m_s == pytest.approx(0.24)
+    careful = Following(-45.0)
+    careful.model = replace(MODEL, cruise_speed_m_s=0.1)
+    leg = next(careful._outline(left=True))  # noqa: SLF001 - the part itself
+    assert isinstance(leg, FollowWall)
+    assert leg.speed_m_s == pytest.approx(0.12)
 
 
 def test_who_went_slowly_may_have_grazed_a_corner_abeam_but_not_twice() -> None:

@@ -138,7 +138,7 @@ def test_what_was_forgotten_does_not_count_after_new_floor() -> None:
 class AmongLegs(Refused):
     """A leg is known beside where it is refused, and another farther off."""
 
-    LEGS = ((0.1, 0.25), (0.1, 0.45))
+    LEGS = ((0.1, 0.25), (0.1, 0.55))
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
         for leg in self.LEGS:
@@ -148,6 +148,10 @@ class AmongLegs(Refused):
     def known(self) -> list[int]:
         """Cells of each leg that are still occupied."""
         return [self.memory.occupied(*leg, 0.03) for leg in self.LEGS]
+
+    def shut(self) -> bool:
+        """Whether any place is still forbidden because the robot was refused."""
+        return bool(self.memory.lens.any())
 
 
 class Futile(AmongLegs):
@@ -161,9 +165,9 @@ class Futile(AmongLegs):
 def test_where_one_place_refused_it_only_what_is_near_there_is_doubted() -> None:
     planner = AmongLegs()
     _, told = planner.run(7)
-    assert (told["forget"], planner.known()) == (0, [1, 1])
+    assert (told["forget"], planner.known(), planner.shut()) == (0, [1, 1], True)
     _, told = planner.run(8)
-    assert (told["forget"], planner.known()) == (1, [0, 1])
+    assert (told["forget"], planner.known(), planner.shut()) == (1, [0, 1], False)
     shut_in = Futile()
     _, told = shut_in.run(21)
     assert (told["forget"], shut_in.known()) == (1, [0, 0])

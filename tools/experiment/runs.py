@@ -8,6 +8,7 @@ import traceback
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
@@ -38,6 +39,10 @@ class Outcome:
     interrupted: bool = False
     failed: list[str] = field(default_factory=list)
     """One line each: the trial and what went wrong."""
+
+
+class NotBegunError(BrokenProcessPool):
+    """The system refused a process; the text says why."""
 
 
 class _Left(ProgressColumn):
@@ -117,22 +122,25 @@ def _submit(pool: ProcessPoolExecutor, trials: list[Trial]) -> dict[Future[dict[
     No signal comes before a worker is prepared for it: one that dies takes the pool with it.
 
     Raises:
-        BrokenProcessPool: A worker died, or could not be begun.
+        BrokenProcessPool: A worker died.
+        NotBegunError: A worker could not be begun.
 
     """
+    resource_tracker.ensure_running()  # which lets signals come again where it begins its process
     try:
         with held_back():
             return {pool.submit(run_until_ended, trial): trial for trial in trials}
     except OSError as error:
-        # also what the pipes of a pool say that is being closed because a worker died
-        raise BrokenProcessPool(f"no more worker processes could be begun: {error}") from error
+        if error.errno is None:  # a pipe of the pool, which closes them when a worker dies
+            raise BrokenProcessPool from error
+        raise NotBegunError(f"no more worker processes could be begun: {error}") from error
 
 
 def _break_off(outcome: Outcome, error: BrokenProcessPool) -> None:
     """Take note that the pool is broken."""
     if not outcome.interrupted:
         ended = "a worker process was ended from outside, or had no memory"
-        outcome.failed.append(str(error) if error.__cause__ else ended)
+        outcome.failed.append(str(error) if isinstance(error, NotBegunError) else ended)
     outcome.interrupted = True
 
 

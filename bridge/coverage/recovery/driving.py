@@ -359,14 +359,14 @@ class DrivingPlanner(WatchfulPlanner):
         self._stand("outline")
         self.decide("outline-begin", f"wall on the {'left' if left else 'right'}")
         stuck = again = 0
-        side = 1 if left else -1
+        side, cruise_m_s = 1 if left else -1, self.model.cruise_speed_m_s
         self._followed_m = self._checked_m = 0.0
         bumped_m = -math.inf
         while True:
             self._following, self._last_pose, self._stale = side, None, 0
             begun_m, begun_s = self._followed_m, self._seen.time_s
-            gap_m, speed_m_s = self.options.outline_gap_m, self.options.outline_speed_m_s
-            step = yield FollowWall(left, gap_m, touching=touching, speed_m_s=speed_m_s)
+            gap_m, pace_m_s = self.options.outline_gap_m, self.options.outline_pace * cruise_m_s
+            step = yield FollowWall(left, gap_m, touching=touching, speed_m_s=pace_m_s)
             self._stretches.end(self._pose, side)
             self._following = 0
             result = step.result

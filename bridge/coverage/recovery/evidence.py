@@ -185,23 +185,20 @@ class EvidenceMap:
 
     def give_up(self, x_m: float, y_m: float, radius_m: float) -> None:
         """A place was gone for in vain: one try less for its unswept cells."""
-        x, y = self.to_cells(x_m, y_m)
-        reach = radius_m * self._per_m
-        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
-        part = self.tried[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
+        square, _ = self._square(*self.to_cells(x_m, y_m), radius_m)
+        part = self.tried[square]
         np.add(part, 1, out=part, where=part < 250)  # noqa: PLR2004 - a byte
 
     def block(self, x_m: float, y_m: float, radius_m: float) -> None:
         """Hold a disc to be no place for the axle, but for where it was."""
         self.lens[self._disc(x_m, y_m, radius_m)] = 1
 
-    def forget(self, pose: Pose2, radius_m: float) -> None:
-        """Drop all evidence of obstacles about a pose."""
+    def forget(self, pose: Pose2, things_m: float, places_m: float) -> None:
+        """Drop the things so near to a pose, and that places so near to it are forbidden."""
         x, y = self.to_cells(pose.x_m, pose.y_m)
-        reach = radius_m * self._per_m
-        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
-        part = np.s_[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1]
+        part, _ = self._square(x, y, places_m)
         self.lens[part] = 0
+        part, (r0, c0) = self._square(x, y, things_m)
         for row, col in np.argwhere(self.wall[part]).tolist():
             add_wall(self.wall, self.near, row + r0, col + c0, -MOST, self._reach)
 
@@ -291,6 +288,14 @@ class EvidenceMap:
         return packed.tobytes()
 
     # -- inside ------------------------------------------------------------------------------
+
+    def _square(
+        self, x: float, y: float, reach_m: float
+    ) -> tuple[tuple[slice, slice], tuple[int, int]]:
+        """The cells so near to a place given in cells, and the first of them."""
+        reach = reach_m * self._per_m
+        r0, c0 = max(int(y - reach), 0), max(int(x - reach), 0)
+        return np.s_[r0 : int(y + reach) + 1, c0 : int(x + reach) + 1], (r0, c0)
 
     def _disc(self, x_m: float, y_m: float, radius_m: float) -> tuple[Ints, Ints]:
         """Rows and columns of the cells whose centres are so near to a point."""

@@ -40,10 +40,9 @@ class RecoveryOptions:
     """Cells that a cell's edge of new frontier costs: so that no slivers are left."""
     outline_cells: float = 500.0
     """What beginning an outline is taken to promise."""
-    outline_speed_m_s: float = 0.24
-    bent_speed_m_s: float = 0.20
-    """Along a wall that is straight, and along one that is not: the ultrasonic looks past what
-    stands behind its bend."""
+    outline_pace: float = 1.2
+    """Times the robot's cruise speed, along a wall that is straight. A bend is followed at the
+    cruise speed: the ultrasonic looks past what stands behind it."""
     lane_speed_m_s: float = 0.28
     travel_speed_m_s: float = 0.28
     turn_s_rad: float = 0.85

@@ -34,8 +34,8 @@ the robot."""
 _FAR_M = 0.4
 _MOST_FORGOTTEN = 3
 _FORGET_M, _REFUSED_M = 0.6, 0.3
-"""About a robot that is shut in, and where one place refused it: from farther off nothing bars it
-there, and the legs of a table that are forgotten are all bumped again."""
+"""Things are forgotten so far off where nothing leads anywhere, and where one place refused the
+robot: what is farther off does not bar it there, and legs that are forgotten are bumped again."""
 _DOUBT_M = 0.2
 
 
@@ -72,10 +72,11 @@ class RecoveryPlanner(DrivingPlanner):
                 if memory.new_cells - forgot_at > FLOOR_CELLS:
                     forgotten = 0
                 if forgotten < _MOST_FORGOTTEN:
-                    memory.forget(at, radius_m)
+                    memory.forget(at, radius_m, _FORGET_M)
                     self.decide(
                         "forget",
-                        "nothing leads anywhere: what is known there is doubted",
+                        f"{'nothing leads anywhere' if stuck else 'it refuses the robot'}: "
+                        "what is known there is doubted",
                         x_m=round(at.x_m, 3),
                         y_m=round(at.y_m, 3),
                     )

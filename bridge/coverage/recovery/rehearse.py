@@ -47,7 +47,7 @@ def rehearse(model: RobotModel) -> None:
     for grid_rad in (0.0, 0.3):
         chooser.choose(memory, pose, grid_rad)
     Chooser(replace(options, least_rate=math.inf)).choose(memory, pose, 0.0)
-    memory.forget(pose, 0.6)
+    memory.forget(pose, 0.6, 0.6)
     chooser.choose(memory, pose, 0.25 * math.pi)
 
 

@@ -102,7 +102,7 @@ class WatchfulPlanner(ScriptedPlanner):
         straight = abs(obs.yaw_rate_rad_s) < _STRAIGHT_RAD_S
         self._most_m_s = memory.pace(obs.pose, self._following, self._brake, straight=straight)
         if self._following and not straight:
-            self._most_m_s = min(self._most_m_s, self.options.bent_speed_m_s)
+            self._most_m_s = min(self._most_m_s, self.model.cruise_speed_m_s)
         if not self._following:
             return self._looking and self._look_aside(obs)
         if obs.v_m_s > _BRISK_M_S:
