@@ -6,6 +6,7 @@ import contextlib
 import os
 import signal
 import sys
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ def held_back() -> Iterator[None]:
     if sys.platform == "win32":  # signals cannot be held back there
         yield
         return
+    resource_tracker.ensure_running()  # it lets them come again if it begins its process meanwhile
     before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
     try:
         yield

@@ -80,9 +80,11 @@ def test_signals_wait_until_a_worker_is_prepared() -> None:
     """As its parent begins it; unprepared, each of the two would end it."""
     begin = """
         import signal, subprocess, sys
+        from multiprocessing import resource_tracker
         from tools.stopping import held_back
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
         with held_back():
+            resource_tracker.ensure_running()  # as a pool does before it begins a process
             child = subprocess.Popen([sys.executable, "-c", sys.stdin.read()])
         assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
         sys.exit(child.wait())

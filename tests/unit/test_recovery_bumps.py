@@ -197,6 +197,15 @@ def test_along_a_bend_it_is_slower_than_along_a_straight_wall(
     assert planner.most_m_s == pytest.approx(most_m_s)
 
 
+def test_a_bend_is_followed_no_faster_than_the_robot_cruises() -> None:
+    planner = Following(-45.0)
+    planner.model = replace(MODEL, cruise_speed_m_s=0.1)
+    planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
+    planner._following = -1  # noqa: SLF001 - as within an outline
+    planner.watch(Observation(*(5.0, HERE, 0.1, 0.5, None, None, None), *[False] * 3))
+    assert planner.most_m_s == pytest.approx(0.1)
+
+
 def test_a_straight_wall_is_followed_a_little_faster_than_the_robot_cruises() -> None:
     leg = next(Following(-45.0)._outline(left=True))  # noqa: SLF001 - the part itself
     assert isinstance(leg, FollowWall)

@@ -76,6 +76,8 @@ class Refused(RecoveryPlanner):
         self.tries = 0
         self.doubted_m: set[Scalar | None] = set()
         """Where evidence was doubted."""
+        self.why: set[str] = set()
+        """... and why, before the colon."""
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
         yield from ()
@@ -104,6 +106,7 @@ class Refused(RecoveryPlanner):
             end = stop.value
         events = self.drain_events()
         self.doubted_m = {e.data.get("x_m") for e in events if e.kind == "forget"}
+        self.why = {e.reason.split(":")[0] for e in events if e.kind == "forget"}
         return end, Counter(event.kind for event in events)
 
 
@@ -168,9 +171,11 @@ def test_where_one_place_refused_it_only_what_is_near_there_is_doubted() -> None
     assert (told["forget"], planner.known(), planner.shut()) == (0, [1, 1], True)
     _, told = planner.run(8)
     assert (told["forget"], planner.known(), planner.shut()) == (1, [0, 1], False)
+    assert planner.why == {"it refuses the robot"}
     shut_in = Futile()
     _, told = shut_in.run(21)
     assert (told["forget"], shut_in.known()) == (1, [0, 0])
+    assert shut_in.why == {"nothing leads anywhere"}
 
 
 class Wavering(Refused):

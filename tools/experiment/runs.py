@@ -8,7 +8,6 @@ import traceback
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any
 
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
@@ -126,7 +125,6 @@ def _submit(pool: ProcessPoolExecutor, trials: list[Trial]) -> dict[Future[dict[
         NotBegunError: A worker could not be begun.
 
     """
-    resource_tracker.ensure_running()  # which lets signals come again where it begins its process
     try:
         with held_back():
             return {pool.submit(run_until_ended, trial): trial for trial in trials}
