@@ -344,6 +344,7 @@ class Host(HostSenses):
             self._records.command(command, target, now_ns)
         if obs is not None:
             self._records.pose(pose, estimator, now_ns)
+            self._records.disturbances(estimator.disturbances, now_ns)
         if was is Phase.DRIVING:
             self._driven(pose, now_ns)
         if mission.runner is not None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
 from typing import TYPE_CHECKING
 
+from bridge.motion.disturbance import DisturbanceKind
 from bridge.telemetry import (
     ClockRecord,
     CommandRecord,
@@ -23,8 +25,11 @@ from protocol.values import Fault as DeviceFault
 from protocol.values import LogLevel, ResetCause, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bridge.coverage.planner import PlannerState
     from bridge.coverage.swept_map import SweptMap
+    from bridge.motion.disturbance import Disturbance
     from bridge.motion.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import VelocityCommand
@@ -43,6 +48,12 @@ _LEVELS = {
     LogLevel.WARNING: Severity.WARNING,
     LogLevel.ERROR: Severity.ERROR,
 }
+_FELT = {
+    DisturbanceKind.BUMP: "something was bumped into, m/s lost at once",
+    DisturbanceKind.STALL: "the wheels turn and the body stands",
+    DisturbanceKind.SLIP_LEFT: "the left wheel slips, m/s between the wheels",
+    DisturbanceKind.SLIP_RIGHT: "the right wheel slips, m/s between the wheels",
+}
 LINK_PERIOD_NS = 10_000_000_000
 _new = tuple.__new__
 
@@ -60,6 +71,7 @@ class HostRecords:
         self._faults = 0
         self._stop_cause = -1
         self._other_host = False
+        self._disturbance: Disturbance | None = None
 
     def event(
         self,
@@ -196,6 +208,14 @@ class HostRecords:
                 ),
             )
         )
+
+    def disturbances(self, found: Sequence[Disturbance], now_ns: int) -> None:
+        """Bumps, stalls and slips that the estimator found since the last call."""
+        last, self._disturbance = self._disturbance, found[-1] if found else self._disturbance
+        fresh = list(takewhile(lambda each: each is not last, reversed(found)))
+        for each in reversed(fresh):
+            kind, text = each.kind.value, _FELT[each.kind]
+            self.event(now_ns, Severity.INFO, "estimator", kind, text, size=round(each.size, 3))
 
     def plan(self, runner: Runner, now_ns: int) -> None:
         """The planner's decisions since the last call, and its state where that has changed."""

@@ -104,6 +104,8 @@ class ScriptedPlanner(ABC):
         """Nothing begins before ``start``."""
         self.model = model
         self._state = PlannerState()
+        self.told_at_end: dict[str, Scalar] = {}
+        """What the event of the end says beside its reason."""
         self._events: list[PlannerEvent] = []
         self._script: Script | None = None
 
@@ -119,6 +121,7 @@ class ScriptedPlanner(ABC):
     def start(self, obs: Observation) -> Leg | Finish:
         """Begin anew."""
         self._state = PlannerState()
+        self.told_at_end = {}
         self._script = self.script(obs)
         return self._resume(self._script, None)
 
@@ -135,12 +138,16 @@ class ScriptedPlanner(ABC):
 
     def decide(self, kind: str, reason: str, **data: Scalar) -> None:
         """Put a decision on record."""
-        self._events.append(PlannerEvent(kind, reason, data))
+        self.tell(PlannerEvent(kind, reason, data))
+
+    def tell(self, event: PlannerEvent) -> None:
+        """The same of one that is ready."""
+        self._events.append(event)
 
     def _resume(self, script: Script, step: Step | None) -> Leg | Finish:
         try:
             return next(script) if step is None else script.send(step)
         except StopIteration as stop:
             reason = str(stop.value)
-            self.decide("finish", reason)
+            self.decide("finish", reason, **self.told_at_end)
             return Finish(reason)

@@ -65,6 +65,8 @@ class Chooser:
         where it came from."""
         self.parted_at: Point | None = None
         """Of those places, the nearest."""
+        self.left_m2 = 0.0
+        """At the last choice: reachable floor that is not swept, within the reach looked at."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
         """The best choice from a pose, in one go; ``None``: nothing worth it is reachable."""
@@ -168,6 +170,7 @@ class Chooser:
         x, y = window.place(pose)
         yield from self._spend(_MARKING * window.cells)
         left = mark_targets(window.dist, most, window.done, window.target, window.ways)
+        self.left_m2 = left * options.cell_m**2
         if holes:
             yield from self._spend(_MARKING * window.cells)
             left = keep_holes(window.target, self._buffers.layer("hole", window.target.shape))

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
+from bridge.coverage.recovery import telling
 from bridge.coverage.recovery.choice import Choice
 from bridge.coverage.recovery.shadows import LEAST_M, Shadow, ShadowBook
 from bridge.coverage.recovery.stretches import SIGHT_M
@@ -190,14 +191,7 @@ class DrivingPlanner(WatchfulPlanner):
         if cut and planned_m - self._lane_m > LEAST_M:
             heading = result.pose.theta_rad
             shadow = self._shadows.found(result.pose, heading, planned_m, self._lane_m)
-            self.decide(
-                "shadow",
-                "an obstacle hides the rest of the lane: kept, to go back for",
-                shadow=shadow.number,
-                x_m=round(shadow.x_m, 3),
-                y_m=round(shadow.y_m, 3),
-                length_m=round(shadow.length_m, 2),
-            )
+            self.tell(telling.shadow_found(shadow))
 
     def _begin_outline(self, choice: Choice) -> Generator[Leg, Step, bool]:
         arrived = yield from self._travel(choice)
@@ -235,6 +229,7 @@ class DrivingPlanner(WatchfulPlanner):
                 )
             )
             if result.reason.blocked and way - result.distance_m > 0.03:  # noqa: PLR2004
+                self.decide("barred", f"the way to the {choice.kind} ended early: {result.reason}")
                 if choice.kind == "sight":  # its wall stands about here
                     near = math.dist(self._pose[:2], choice.way[-1]) < _NEAR_M
                     return near and result.reason in _TOUCHED
@@ -299,9 +294,13 @@ class DrivingPlanner(WatchfulPlanner):
     def _drive(self, leg: Drive) -> Part:
         """Drive; what stops it becomes evidence, and a bump is backed off from."""
         self._looking, self._aside = leg.purpose == "lane", 0
+        before = self.memory.new_cells
         step = yield leg
         self._looking = False
         result = step.result
+        if leg.purpose == "lane":
+            new_m2 = (self.memory.new_cells - before) * self.options.cell_m**2
+            self.tell(telling.lane_ended(result, new_m2))
         if result.reason is StopReason.CANCELLED:
             self.decide("obstacle", "beside the lane, its outline not yet followed")
             yield from self._outline(left=self._aside > 0)
@@ -312,17 +311,13 @@ class DrivingPlanner(WatchfulPlanner):
     def _note(self, result: LegResult, heading_rad: float) -> Generator[Leg, Step]:
         if result.reason is StopReason.RANGE:
             self.memory.add_point(*result.pose.transform(self.model.radius_m + 0.01, 0.0))
+            self.tell(telling.obstacle_met(result))
         elif result.reason in {StopReason.BUMPER, StopReason.CLIFF, StopReason.STALLED}:
             both = not (result.bumper_left or result.bumper_right)
             self.memory.add_bump(
                 result.pose, left=result.bumper_left or both, right=result.bumper_right or both
             )
-            self.decide(
-                "obstacle",
-                f"{result.leg.purpose} ended: {result.reason}",
-                x_m=round(result.pose.x_m, 3),
-                y_m=round(result.pose.y_m, 3),
-            )
+            self.tell(telling.obstacle_met(result))
             yield Drive(heading_rad, -self.options.back_off_m, speed_m_s=0.05, purpose="back-off")
 
     def _meet(self, result: LegResult) -> Generator[Leg, Step, bool]:
@@ -392,8 +387,4 @@ class DrivingPlanner(WatchfulPlanner):
                 break
             yield from self._turn(heading)
             touching = True
-        why = {
-            StopReason.CANCELLED: "closed: what lies ahead is swept",
-            StopReason.LOST: "the wall is lost",
-        }.get(reason, f"no way along the wall: {reason}")
-        self.decide("outline-end", why, length_m=round(self._followed_m, 2))
+        self.tell(telling.outline_ended(reason, self._followed_m))

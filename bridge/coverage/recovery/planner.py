@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from bridge.coverage.recovery import telling
 from bridge.coverage.recovery.driving import FLOOR_CELLS, DrivingPlanner
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.shadows import ShadowBook
@@ -89,7 +90,7 @@ class RecoveryPlanner(DrivingPlanner):
             if (yield from self._take_heading()):
                 continue
             before = memory.new_cells
-            self._tell(choice)
+            self.tell(telling.chosen(choice))
             part = self._lane if choice.kind == "lane" else self._begin_outline
             self._go_back(choice)
             arrived = yield from part(choice)
@@ -120,24 +121,13 @@ class RecoveryPlanner(DrivingPlanner):
 
     def _end(self, reason: str) -> str:
         self._stand("finished")
+        area_m2 = self.options.cell_m**2
+        self.told_at_end = {
+            "swept_m2": round(self.memory.new_cells * area_m2, 2),
+            "left_cm2": round(self._chooser.left_m2 * 1e4),
+            "shadows_open": len(self._shadows.open),
+        }
         return reason
-
-    def _tell(self, choice: Choice) -> None:
-        x, y = choice.way[-1]
-        reason = (
-            "the lane that sweeps most per time"
-            if choice.kind == "lane"
-            else "a wall whose outline was not followed"
-        )
-        self.decide(
-            choice.kind,
-            reason,
-            x_m=round(x, 3),
-            y_m=round(y, 3),
-            length_m=round(choice.length_m, 2),
-            new_cm2=round(choice.new_m2 * 1e4),
-            rate_cm2_s=round(choice.rate_m2_s * 1e4, 1),
-        )
 
     def _go_back(self, choice: Choice) -> None:
         """Tell where a choice goes back for what an obstacle hid."""
@@ -146,12 +136,7 @@ class RecoveryPlanner(DrivingPlanner):
         if choice.kind == "lane":
             self._recovering = self._shadows.met(begin, choice.length_m)
         if self._recovering is not None:
-            self.decide(
-                "recovery-begin",
-                "back for what an obstacle hid",
-                shadow=self._recovering.number,
-                left_m=round(self._recovering.left_m, 2),
-            )
+            self.tell(telling.recovery_begun(self._recovering))
 
     def _come_back(self, choice: Choice, new_cells: int, *, arrived: bool) -> None:
         shadow, self._recovering = self._recovering, None
@@ -159,12 +144,8 @@ class RecoveryPlanner(DrivingPlanner):
             return
         begin = Pose2(*choice.way[-1], choice.heading_rad)
         closed = arrived and self._shadows.swept(shadow, begin, self._lane_m)
-        if not arrived:
-            why = "no way to it was found"
-        else:
-            why = "what was hidden is swept" if closed else "a part of it is swept"
-        area_cm2 = round(new_cells * self.options.cell_m**2 * 1e4)
-        self.decide("recovery-end", why, shadow=shadow.number, new_cm2=area_cm2)
+        new_m2 = new_cells * self.options.cell_m**2
+        self.tell(telling.recovery_ended(shadow, new_m2, arrived=arrived, closed=closed))
 
     def _judge(self, choice: Choice, new_cells: int, futile: int, *, arrived: bool) -> None:
         """Set a place aside that gave next to nothing, after so many decisions that gave nothing.

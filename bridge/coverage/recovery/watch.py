@@ -35,6 +35,8 @@ _BRISK_M_S = 0.15
 """Faster than any corner is gone round."""
 _JUMP_M = 0.008
 """Beyond the way driven in a control step (6 mm at top speed)."""
+_TOLD_RAD, _TOLD_SHARE = math.radians(0.3), 0.5
+"""A doubt of the heading that is worth telling, and what is left of it when a wall took it away."""
 
 
 class WatchfulPlanner(ScriptedPlanner):
@@ -67,6 +69,7 @@ class WatchfulPlanner(ScriptedPlanner):
         self._stale = 0
         self._grid = 0j
         self._last_pose: Pose2 | None = None
+        self._doubted_rad = 0.0
         self._most_m_s = math.inf
         self._sight_due_s = -math.inf
         self._sights_failed = 0
@@ -97,6 +100,7 @@ class WatchfulPlanner(ScriptedPlanner):
         if memory is None:
             return False
         self._see_jump(obs)
+        self._see_heading(obs.heading_doubt_rad)
         self._obs = obs
         memory.update(obs)
         straight = abs(obs.yaw_rate_rad_s) < _STRAIGHT_RAD_S
@@ -141,6 +145,20 @@ class WatchfulPlanner(ScriptedPlanner):
             if self._following:
                 self._stretches.end(last.pose, self._following)
             self.decide("re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4))
+
+    def _see_heading(self, doubt_rad: float) -> None:
+        """Tell where a wall told the heading: the doubt grows by itself, and falls by that."""
+        most_rad = self._doubted_rad
+        if doubt_rad > most_rad:
+            self._doubted_rad = doubt_rad
+        elif most_rad > _TOLD_RAD and doubt_rad < _TOLD_SHARE * most_rad:
+            self._doubted_rad = doubt_rad
+            self.decide(
+                "re-zero",
+                "a wall seen again told the heading",
+                doubt_deg=round(math.degrees(doubt_rad), 2),
+                before_deg=round(math.degrees(most_rad), 2),
+            )
 
     def _fresh_along(self, pose: Pose2, side: int) -> float:
         """Share not swept of the strip next to a wall on the left (1) or right (-1)."""

@@ -1,0 +1,122 @@
+"""What the recovery planner tells: each decision has an event, and the end its figures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from bridge.coverage.metrics import CoverageMeter
+from bridge.coverage.recovery import telling
+from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.coverage.recovery.shadows import Shadow
+from bridge.coverage.room_generator import generate_room
+from bridge.motion.geometry import Pose2
+from bridge.motion.legs import Drive, LegResult, StopReason
+from bridge.motion.observation import Observation
+from bridge.motion.robot_model import RobotModel
+from support.fast_world import LEVELS, FastRun, run_fast
+
+MODEL = RobotModel()
+PLAN = generate_room(3, np.random.default_rng(3), "turned")
+
+
+@pytest.fixture(scope="module")
+def driven() -> FastRun:
+    """One run without noise."""
+    planner = RecoveryPlanner(MODEL)
+    return run_fast(PLAN, planner, MODEL, seed=3, noise=LEVELS["none"], max_time_s=4000.0)
+
+
+def test_every_lane_that_is_chosen_is_told_to_have_ended(driven: FastRun) -> None:
+    kinds = [event.kind for _, event in driven.events]
+    chosen = [k for k, kind in enumerate(kinds) if kind in {"lane", "outline"}]
+    assert kinds.count("lane") > 10
+    for begin, following in zip(chosen, [*chosen[1:], len(kinds)], strict=True):
+        told = kinds[begin + 1 : following]
+        end = "lane-end" if kinds[begin] == "lane" else "outline-end"
+        assert ("barred" in told) != (end in told) or kinds[begin] == "outline", told
+        assert {"barred", end} & set(told), told
+
+
+def test_lanes_tell_what_they_swept_and_the_end_what_is_swept_and_left(driven: FastRun) -> None:
+    swept_cm2 = sum(
+        float(event.data["new_cm2"]) for _, event in driven.events if event.kind == "lane-end"
+    )
+    finish = driven.events[-1][1]
+    meter = CoverageMeter(PLAN, MODEL, 0.01)
+    truth_m2 = meter.measure(driven.poses).coverage.mouth_sweepable * meter.sweepable_m2
+    assert finish.kind == "finish"
+    assert finish.data["swept_m2"] == pytest.approx(truth_m2, rel=0.05)
+    assert 0.3 * truth_m2 < swept_cm2 * 1e-4 < truth_m2, "the outlines swept the rest"
+    assert 0.0 <= float(finish.data["left_cm2"]) * 1e-4 < 0.05 * truth_m2
+    assert int(finish.data["shadows_open"]) >= 0
+
+
+def test_a_second_plan_does_not_tell_the_end_of_the_first() -> None:
+    planner = RecoveryPlanner(MODEL)
+    planner.told_at_end = {"swept_m2": 1.0}
+    planner.start(observed(0.0))
+    assert planner.told_at_end == {}
+
+
+def observed(doubt_deg: float, time_s: float = 0.0) -> Observation:
+    """Nothing in reach, the heading in doubt."""
+    at = Pose2(0.0, 0.0, 0.0)
+    seen = Observation(*(time_s, at, 0.0, 0.0, None, None, None), *[False] * 3)
+    return seen._replace(heading_doubt_rad=math.radians(doubt_deg))
+
+
+class Watching(RecoveryPlanner):
+    """Has a map, and looks."""
+
+    def __init__(self) -> None:
+        super().__init__(MODEL)
+        self._memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
+
+    def sees(self, *doubts_deg: float) -> list[tuple[float, float]]:
+        """Doubts before and after, as told."""
+        for k, doubt_deg in enumerate(doubts_deg):
+            self.watch(observed(doubt_deg, 0.02 * k))
+        told = [event for event in self.drain_events() if event.kind == "re-zero"]
+        return [(float(e.data["before_deg"]), float(e.data["doubt_deg"])) for e in told]
+
+
+def test_a_wall_that_tells_the_heading_is_told_once() -> None:
+    planner = Watching()
+    assert planner.sees(0.2, 0.4, 0.8, 0.39, 0.38, 0.3) == [(0.8, 0.39)]
+    assert planner.sees(0.5, 0.2) == [(0.5, 0.2)], "and again, once it has grown again"
+
+
+def test_a_heading_that_was_hardly_in_doubt_or_hardly_helped_is_not_told() -> None:
+    assert Watching().sees(0.29, 0.05) == []
+    assert Watching().sees(0.8, 0.41) == []
+
+
+def test_what_ends_a_leg_is_told_with_its_place() -> None:
+    leg = Drive(0.0, 1.0, purpose="lane")
+    result = LegResult(leg, StopReason.RANGE, 0.5, 2.0, Pose2(0.5, 0.25, 0.0))
+    ended = telling.lane_ended(result, 0.0123)
+    assert (ended.kind, ended.reason) == ("lane-end", "ended early: range")
+    assert ended.data == {"length_m": 0.5, "new_cm2": 123}
+    met = telling.obstacle_met(result)
+    assert (met.kind, met.reason) == ("obstacle", "lane ended: range")
+    assert met.data == {"x_m": 0.5, "y_m": 0.25}
+
+
+@pytest.mark.parametrize(
+    ("arrived", "closed", "reason"),
+    [
+        (False, False, "no way to it was found"),
+        (True, True, "closed: half of what was hidden was driven over, or more"),
+        (True, False, "a part of it was driven over"),
+    ],
+)
+def test_what_going_back_gave(reason: str, *, arrived: bool, closed: bool) -> None:
+    shadow = Shadow(4, 0.0, 0.0, 0.0, 1.0, -0.1)
+    told = telling.recovery_ended(shadow, 0.02, arrived=arrived, closed=closed)
+    assert (told.kind, told.reason) == ("recovery-end", reason)
+    assert told.data == {"shadow": 4, "left_m": 0.0, "new_cm2": 200}
