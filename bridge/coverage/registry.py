@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.coverage.paper import PaperPlanner
-from bridge.coverage.random_bounce import Dice, RandomPlanner
+from bridge.coverage.lanes import LaneOptions
+from bridge.coverage.paper import PaperOptions, PaperPlanner
+from bridge.coverage.planner_options import NoOptions, parse_options
+from bridge.coverage.random_bounce import Dice, RandomOptions, RandomPlanner
 from bridge.coverage.u_shape import UShapePlanner
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from bridge.coverage.planner import Planner
     from bridge.motion.robot_model import RobotModel
 
-    Factory = Callable[[RobotModel, Dice], Planner]
+    Factory = Callable[[RobotModel, Dice, Sequence[str]], Planner]
 
 PLANNERS: dict[str, str] = {
     "recovery": "ours: outlines along the walls, lanes between them, and back for what was hidden",
@@ -25,19 +27,22 @@ PLANNERS: dict[str, str] = {
 """What each planner is, in one line."""
 
 
-def _recovery(model: RobotModel, _rng: Dice) -> Planner:
+def _recovery(model: RobotModel, _rng: Dice, options: Sequence[str]) -> Planner:
     from bridge.coverage.recovery.planner import (  # noqa: PLC0415 - compiled kernels: 0.3 s
         RecoveryPlanner,
     )
 
+    parse_options(NoOptions, options)
     return RecoveryPlanner(model)
 
 
 _FACTORIES: dict[str, Factory] = {
     "recovery": _recovery,
-    "paper": lambda model, _rng: PaperPlanner(model),
-    "u-shape": lambda model, _rng: UShapePlanner(model),
-    "random": RandomPlanner,
+    "paper": lambda model, _, options: PaperPlanner(model, parse_options(PaperOptions, options)),
+    "u-shape": lambda model, _, options: UShapePlanner(model, parse_options(LaneOptions, options)),
+    "random": lambda model, rng, options: RandomPlanner(
+        model, rng, parse_options(RandomOptions, options)
+    ),
 }
 
 
@@ -58,15 +63,16 @@ def rehearse(name: str, model: RobotModel) -> None:
         kernels(model)
 
 
-def make_planner(name: str, model: RobotModel, rng: Dice) -> Planner:
-    """A new planner. ``rng`` is used only by those that throw dice.
+def make_planner(name: str, model: RobotModel, rng: Dice, options: Sequence[str] = ()) -> Planner:
+    """A new planner. ``rng`` is used only by those that throw dice; ``options``: ``name=value``.
 
     Raises:
         UnknownPlannerError: no planner has this name.
+        PlannerOptionError: the planner has no such option, or it cannot be that.
 
     """
     try:
         factory = _FACTORIES[name]
     except KeyError:
         raise UnknownPlannerError(name) from None
-    return factory(model, rng)
+    return factory(model, rng, options)

@@ -31,6 +31,14 @@ if TYPE_CHECKING:
     show_default=True,
     help="Which planner runs.",
 )
+@click.option(
+    "--planner-option",
+    "planner_options",
+    metavar="NAME=VALUE",
+    multiple=True,
+    help="Set an option of PLANNER, in SI units; may be given again. A name that is not one "
+    "lists all.",
+)
 @options.seed_option
 @options.noise_option
 @options.fault_option
@@ -64,6 +72,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     *,
     room: str,
     planner: str,
+    planner_options: tuple[str, ...],
     seed: int,
     noise: str,
     fault: tuple[FaultSpec, ...],
@@ -96,6 +105,17 @@ def command(  # noqa: PLR0913 - one parameter per option
     model, robot_toml = load_robot(robot)
     check_start(plan, model)
     check_faults(plan, fault)
+    if supervise and planner_options:
+        raise click.UsageError(
+            "--planner-option is for a planner on the host: not with --supervise"
+        )
+    asked = (planner, planner_options, seed, max_time_s, resume)
+    mission = _mission(model, *asked, onboard=supervise)
+    extra = {"noise": noise}
+    if fault:
+        extra["faults"] = " ".join(spec.text for spec in fault)
+    if planner_options:
+        extra["planner_options"] = " ".join(planner_options)
     path = options.log_path(out, plan.name)
     info = RunInfo(
         "virtual",
@@ -106,7 +126,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         EPOCH_NS - HOST_BOOT_NS,
         robot_toml,
         plan,
-        {"noise": noise, **({"faults": " ".join(spec.text for spec in fault)} if fault else {})},
+        extra,
     )
     writer = RunWriter(path, info, force=force)
     try:
@@ -124,7 +144,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                     ended=ended,
                     faults=fault,
                     line=_line(baud, latency_ms),
-                    mission=_mission(model, planner, seed, max_time_s, resume, onboard=supervise),
+                    mission=mission,
                     supervise=supervise_rules(robot, rules) if supervise or rules else None,
                 )
             summary = summarise(run, plan, planner, seed, str(path))
@@ -136,9 +156,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     return ending.exit_status if ending else 1
 
 
-def _mission(  # noqa: PLR0913 - what a run can be asked for
+def _mission(  # noqa: PLR0913, PLR0917 - what a run can be asked for
     model: Any,  # noqa: ANN401 - imported when needed
     planner: str,
+    planner_options: tuple[str, ...],
     seed: int,
     max_time_s: float,
     resume: str,
@@ -148,6 +169,7 @@ def _mission(  # noqa: PLR0913 - what a run can be asked for
     """What the run is to do, on the host or on the device."""
     import random
 
+    from bridge.coverage.planner_options import PlannerOptionError
     from bridge.coverage.registry import make_planner
     from bridge.coverage.runner import PlanRunner
     from bridge.mission import Mission, Resume
@@ -156,7 +178,11 @@ def _mission(  # noqa: PLR0913 - what a run can be asked for
 
     if onboard:
         return OnboardMission(planner_number(planner), max_time_s=max_time_s)
-    runner = PlanRunner(make_planner(planner, model, random.Random(seed)), model)
+    try:
+        made = make_planner(planner, model, random.Random(seed), planner_options)
+    except PlannerOptionError as error:
+        raise click.BadParameter(f"{planner}: {error}", param_hint="'--planner-option'") from None
+    runner = PlanRunner(made, model)
     return Mission(runner, max_time_s=max_time_s, resume=Resume(resume))
 
 

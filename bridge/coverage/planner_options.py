@@ -1,0 +1,83 @@
+"""A planner's options by name, from text: what ``--planner-option NAME=VALUE`` says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+Options = TypeVar("Options")
+
+_BOOLEANS = {"true": True, "false": False}
+
+
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """Of a planner whose figures belong together."""
+
+
+class PlannerOptionError(ValueError):
+    """An option that the planner has not, or a value that it cannot be."""
+
+
+def option_names(kind: type[Any]) -> list[str]:
+    """The options of a planner that a text can set: numbers, words, yes or no."""
+    return [field.name for field in fields(kind) if _expected(_hint(kind, field.name))]
+
+
+def parse_options(kind: type[Options], texts: Iterable[str]) -> Options:
+    """Options of a kind, the named ones as the texts say, the others at their defaults.
+
+    Args:
+        kind: a dataclass whose fields all have defaults.
+        texts: ``name=value`` each; lengths in metres, times in seconds, angles in radians.
+
+    Raises:
+        PlannerOptionError: no such option, or no such value; the text names it and what there is.
+
+    """
+    names, values = option_names(kind), {}
+    for text in texts:
+        name, separator, value = text.partition("=")
+        if not separator:
+            raise PlannerOptionError(f"{text!r} is not NAME=VALUE")
+        if name not in names:
+            raise PlannerOptionError(f"no option {name!r}; there are: {', '.join(names) or 'none'}")
+        if name in values:
+            raise PlannerOptionError(f"{name} is given twice")
+        hint = _hint(kind, name)
+        values[name] = _read(hint, value)
+        if values[name] is None:
+            raise PlannerOptionError(f"{text!r}: not {_expected(hint)}")
+    return kind(**values)
+
+
+def _hint(kind: type[Any], name: str) -> Any:  # noqa: ANN401 - a type, of whatever form
+    return get_type_hints(kind)[name]
+
+
+def _expected(hint: Any) -> str:  # noqa: ANN401 - as above
+    """What a value must be, for people; empty: no text can tell it."""
+    if get_origin(hint) is Literal:
+        return "one of " + ", ".join(get_args(hint))
+    return {
+        bool: "true or false",
+        int: "a whole number from 0",
+        float: "a number from 0",
+    }.get(hint, "")
+
+
+def _read(hint: Any, text: str) -> bool | float | str | None:  # noqa: ANN401 - as above
+    """The value; ``None``: it cannot be."""
+    if get_origin(hint) is Literal:
+        return text if text in get_args(hint) else None
+    if hint is bool:
+        return _BOOLEANS.get(text.lower())
+    try:
+        number = hint(text)
+    except ValueError:
+        return None
+    return number if 0 <= number < math.inf else None

@@ -1,0 +1,53 @@
+"""``simulate --planner-option``: it changes the run, is on record, and is refused in one line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.reader import make_reader
+
+from support.cli import Done, decoded, sweepctl
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def simulate(log: Path, *arguments: str) -> Done:
+    command = ("simulate", "case-1", "--planner", "paper", "--noise", "none", "--json")
+    return sweepctl(*command, "--out", log, *arguments)
+
+
+def test_it_changes_the_run_and_is_on_record(tmp_path: Path) -> None:
+    log = tmp_path / "run.mcap"
+    done = simulate(log, "--planner-option", "end=blocked_step", "--planner-option", "side=right")
+    assert done.json["outcome"] == "complete"
+    sides = [event.data_json for _, event in decoded(log, "/events") if event.kind == "start"]
+    assert '"right"' in sides[0]
+    assert metadata(log)["planner_options"] == "end=blocked_step side=right"
+
+
+def metadata(log: Path) -> dict[str, str]:
+    """What the log says of its run."""
+    with log.open("rb") as file:
+        told = next(make_reader(file).iter_metadata())
+    return told.metadata
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--planner-option", "side=up"), "paper: 'side=up': not one of left, right"),
+        (("--planner-option", "colour=red"), "paper: no option 'colour'; there are: side, end"),
+        (("--planner-option", "side=left", "--supervise"), "not with --supervise"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_a_log_is_made(
+    tmp_path: Path, arguments: tuple[str, ...], told: str
+) -> None:
+    log = tmp_path / "run.mcap"
+    done = simulate(log, *arguments)
+    assert done.status == 2
+    assert told in done.err
+    assert "Traceback" not in done.err
+    assert not log.exists()
