@@ -189,6 +189,15 @@ def test_the_packed_map_holds_two_bits_a_cell() -> None:
     for corner in ((0.0, 0.0), (7.68, 0.0), (7.68, 7.18), (0.0, 7.18), (0.0, 0.0)):
         memory.update(observed(*corner))
         memory.update(observed(corner[0] + 0.02, corner[1]))
-    # a 60 m² flat: 8.0 by 7.5 m
-    assert len(memory.packed()) == pytest.approx(60.0 / 4e-4 / 4, rel=0.02)
-    assert len(memory.packed()) < 40_000
+    # a 60 m² flat: 8.0 by 7.5 m, and 5 cm beyond the walls that the robot touches
+    kept = memory.packed()
+    assert (kept.rows, kept.columns) == (380, 406)
+    assert len(kept.cells) == 380 * 406 // 4
+    assert kept.size_bytes < 40_000
+
+
+def test_what_was_packed_elsewhere_is_not_put_into_a_map() -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
+    far = EvidenceMap(MODEL, RecoveryOptions(), Pose2(9.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="outside of the map"):
+        memory.unpack(far.packed())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bridge.coverage.recovery import packed
 from bridge.coverage.recovery.evidence_kernels import (
     MOST,
     SURE,
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.coverage.recovery.options import RecoveryOptions
+    from bridge.coverage.recovery.packed import PackedMap
     from bridge.motion.braking import Braking
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import Observation
@@ -271,21 +273,35 @@ class EvidenceMap:
             self._model.max_speed_m_s,
         )
 
-    def packed(self) -> bytes:
-        """The map as a microcontroller would hold it: 2 bits a cell of the box driven in.
-
-        0 unknown, 1 been or free, 2 occupied, 3 swept (or given up).
-        """
-        r0, r1, c0, c1 = self.box(self._model.radius_m)
+    def packed(self) -> PackedMap:
+        """The map as a microcontroller would hold it between two legs: 2 bits a cell."""
+        r0, r1, c0, c1 = self.box(self._model.radius_m + packed.RIM_M)
         part = np.s_[r0:r1, c0:c1]
-        state = np.zeros((r1 - r0, c1 - c0), dtype=np.uint8)
-        state[self.been[part] > 0] = 1
-        state[(self.wall[part] > 1) | (self.lens[part] > 0)] = 2
-        state[(self.swept[part] > 0) | (self.tried[part] >= self._options.tries)] = 3
-        flat = state.ravel()
-        four = np.concatenate([flat, np.zeros(-len(flat) % 4, dtype=np.uint8)]).reshape(-1, 4)
-        packed: Layer = four[:, 0] | four[:, 1] << 2 | four[:, 2] << 4 | four[:, 3] << 6
-        return packed.tobytes()
+        done = (self.swept[part] > 0) | (self.tried[part] >= self._options.tries)
+        kind = packed.kinds(done, self.been[part] > 0, self.wall[part] >= SURE)
+        return packed.pack(*self.to_metres(c0, r0), kind)
+
+    def unpack(self, kept: PackedMap) -> None:
+        """Put what two bits keep of this map in place of its layers; see the module ``packed``.
+
+        For measuring what they cost: no planner asks for it.
+
+        Raises:
+            ValueError: it is not a part of this map.
+
+        """
+        kind = packed.unpack(kept)
+        column, row = self.to_cells(kept.x0_m, kept.y0_m)
+        r0, c0 = round(row), round(column)
+        if min(r0, c0) < 0 or r0 + kept.rows > self.shape[0] or c0 + kept.columns > self.shape[1]:
+            raise ValueError("what was packed lies outside of the map")
+        for name in _LAYERS:
+            getattr(self, name).fill(0)
+        part = np.s_[r0 : r0 + kept.rows, c0 : c0 + kept.columns]
+        self.been[part] = kind == packed.BEEN
+        self.swept[part] = (kind == packed.BEEN) | (kind == packed.DONE)
+        for r, c in np.argwhere(kind == packed.OCCUPIED).tolist():
+            add_wall(self.wall, self.near, r + r0, c + c0, SURE, self._reach)
 
     # -- inside ------------------------------------------------------------------------------
 

@@ -1,0 +1,161 @@
+"""Two bits a cell, whatever was driven, seen and bumped into: what is left of the map."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bridge.coverage.recovery import packed
+from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.evidence_kernels import SURE
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.window import Buffers, Window
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import Observation
+from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+MODEL, OPTIONS = RobotModel(), RecoveryOptions()
+LAYERS = ("swept", "wall", "near", "lens", "been", "tried")
+place = st.tuples(
+    st.floats(-0.8, 0.8, allow_nan=False),
+    st.floats(-0.8, 0.8, allow_nan=False),
+    st.floats(-3.1, 3.1, allow_nan=False),
+)
+acts = st.lists(
+    st.tuples(
+        st.sampled_from(["drive", "drive", "thing", "hint", "bump", "block", "vain"]),
+        place,
+        st.floats(0.04, 0.3),
+        st.booleans(),
+    ),
+    max_size=14,
+)
+
+
+def driven(memory: EvidenceMap, start: Pose2, end: Pose2, range_m: float, *, seen: bool) -> None:
+    for k in range(1, 41):
+        share = k / 40.0
+        x = start.x_m + share * (end.x_m - start.x_m)
+        y = start.y_m + share * (end.y_m - start.y_m)
+        right_m = range_m if seen else None
+        pose = Pose2(x, y, end.theta_rad)
+        memory.update(
+            Observation(0.1 * k, pose, 0.2, 0.0, None, None, right_m, False, False, cliff=False)  # noqa: FBT003
+        )
+
+
+def remembered(told: list[tuple[str, tuple[float, float, float], float, bool]]) -> EvidenceMap:
+    at = Pose2(0.1, 0.37, 0.0)  # the cells' corners are no round numbers
+    memory = EvidenceMap(MODEL, OPTIONS, at)
+    for act, spot, size_m, flag in told:
+        pose = Pose2(*spot)
+        if act == "drive":
+            driven(memory, at, pose, size_m, seen=flag)
+            at = pose
+        elif act == "bump":
+            memory.add_bump(at, left=flag, right=True)
+        elif act == "block":
+            memory.block(pose.x_m, pose.y_m, 0.5 * size_m)
+        elif act == "vain":
+            memory.give_up(pose.x_m, pose.y_m, size_m)
+            if flag:
+                memory.give_up(pose.x_m, pose.y_m, size_m)
+        else:
+            memory.add_point(pose.x_m, pose.y_m, 1 if act == "hint" else 2)
+    return memory
+
+
+def box_of(memory: EvidenceMap) -> tuple[slice, slice]:
+    r0, r1, c0, c1 = memory.box(MODEL.radius_m + packed.RIM_M)
+    return np.s_[r0:r1, c0:c1]
+
+
+def seen_by_the_planner(memory: EvidenceMap) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Where the axle can be, and what is done with, over the box that is packed."""
+    window = Window(memory, memory.box(MODEL.radius_m + packed.RIM_M), OPTIONS.tries, Buffers())
+    # the window's rim is shut
+    return window.open[1:-1, 1:-1] > 0, window.done[1:-1, 1:-1] > 0
+
+
+def around(there: NDArray[Any]) -> NDArray[Any]:
+    """Where things forbid the axle."""
+    reach = (MODEL.radius_m - OPTIONS.body_margin_m) / OPTIONS.cell_m
+    rows, columns = np.indices(there.shape)
+    barred = np.zeros(there.shape, dtype=bool)
+    for row, column in np.argwhere(there).tolist():
+        barred |= np.hypot(rows - row, columns - column) <= reach
+    return barred
+
+
+@given(acts)
+def test_packing_what_was_unpacked_gives_the_same_bytes(
+    told: list[tuple[str, tuple[float, float, float], float, bool]],
+) -> None:
+    memory = remembered(told)
+    before = memory.packed()
+    memory.unpack(before)
+    assert memory.packed() == before
+    layers = {name: getattr(memory, name).copy() for name in LAYERS}
+    memory.unpack(memory.packed())
+    assert all((getattr(memory, name) == layer).all() for name, layer in layers.items())
+
+
+@given(acts)
+def test_what_the_planner_sees_survives_as_the_module_says(
+    told: list[tuple[str, tuple[float, float, float], float, bool]],
+) -> None:
+    memory = remembered(told)
+    part = box_of(memory)
+    before = {name: getattr(memory, name).copy()[part] for name in LAYERS}
+    open_before, done_before = seen_by_the_planner(memory)
+    memory.unpack(memory.packed())
+    after = {name: getattr(memory, name)[part] for name in LAYERS}
+    open_after, done_after = seen_by_the_planner(memory)
+
+    been, there = before["been"] > 0, before["wall"] >= SURE
+    assert ((after["been"] > 0) == been).all()
+    assert ((after["wall"] >= SURE) == (there & ~been)).all()
+    swept = before["swept"] > 0
+    assert (after["swept"] > 0)[swept & ~(there & ~been)].all()
+    given_up = before["tried"] >= OPTIONS.tries
+    assert not (after["swept"] > 0)[~(swept | given_up | been)].any()
+
+    assert (done_after | ~done_before).all()
+    assert not (done_after & ~done_before & ~been[1:-1, 1:-1]).any()
+    # nothing that was open is shut; what bars the axle now is what is still known to stand there
+    assert (open_after | ~open_before).all()
+    barred = around(there & ~been)
+    assert (open_after == (been | ~barred)[1:-1, 1:-1]).all()
+    # and no more was lost than by a bump, by a thing outside the box or by one where the axle was
+    if not (before["lens"] > 0).any() and ((before["near"] > 0) == barred).all():
+        assert (open_after == open_before).all()
+
+
+@given(st.integers(1, 9), st.integers(1, 9), st.data())
+def test_any_kinds_of_any_shape_come_back(rows: int, columns: int, data: st.DataObject) -> None:
+    flat = data.draw(st.lists(st.integers(0, 3), min_size=rows * columns, max_size=rows * columns))
+    kind = np.array(flat, dtype=np.uint8).reshape(rows, columns)
+    there = packed.pack(1.0, 2.0, kind)
+    assert len(there.cells) == (rows * columns + 3) // 4
+    assert (packed.unpack(there) == kind).all()
+    longer = packed.PackedMap(1.0, 2.0, rows, columns, there.cells + b"\0")
+    with pytest.raises(ValueError, match="bytes for"):
+        packed.unpack(longer)
+
+
+def test_a_wall_that_the_robot_touched_is_in_the_box() -> None:
+    """Where the axle was outermost, the thing stands beyond the body's disc."""
+    memory = EvidenceMap(MODEL, OPTIONS, Pose2(0.0, 0.0, 0.0))
+    start, end = Pose2(0.0, 0.0, 0.0), Pose2(0.5, 0.0, 0.0)
+    driven(memory, start, end, 0.067, seen=True)
+    walls = int((memory.wall >= SURE).sum())
+    assert walls > 20
+    memory.unpack(memory.packed())
+    assert int((memory.wall >= SURE).sum()) == walls
