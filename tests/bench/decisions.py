@@ -199,6 +199,8 @@ def report(done: Run) -> None:
     ):
         print(row(name, [value / in_ns for value in values_ns], unit))
     print(row("decision that searches: stood", [d.stood for d in searched], "steps of 20 ms"))
+    stood_s = STEP_S * sum(decision.stood for decision in searched)
+    print(f"stood for searches: {stood_s:.1f} s of {done.duration_s:.0f}")
     memory = planner.memory
     print(f"the longest control step: {max(done.asked_ns + done.unasked_ns) / 1e6:.2f} ms of 20")
     print(
