@@ -83,9 +83,8 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     "--max-time",
     "max_time_s",
     type=options.Number(1.0, 1e6),
-    default=3600.0,
-    show_default=True,
-    help="End a run that takes longer, in simulated seconds.",
+    help="End a run that takes longer, in simulated seconds.  [default: 3600, or 15 times the "
+    "room's lower bound where that is more]",
 )
 @click.option(
     "--out",
@@ -106,7 +105,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     seeds: int,
     zimablue: bool,
     jobs: int | None,
-    max_time_s: float,
+    max_time_s: float | None,
     out: Path,
     force: bool,
     as_json: bool,
@@ -178,7 +177,7 @@ def _trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
     planners: list[str] | None,
     levels: list[str],
     seeds: range,
-    max_time_s: float,
+    max_time_s: float | None,
     *,
     zimablue: bool,
 ) -> list[Trial]:

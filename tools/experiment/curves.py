@@ -1,4 +1,4 @@
-"""Coverage as it grows: at multiples of the lower bounds of time and of path."""
+"""Coverage as it grows: at multiples of the lower bounds of time, of path and of energy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     Track = Sequence[tuple[float, float, float, float]]
 
 MULTIPLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
-"""Of the lower bounds: of time, sweepable area / (W · cruise speed); of path, area / W."""
+"""Of the lower bounds: of time, sweepable area / (W · cruise speed); of path, area / W; of energy,
+that time at the power drawn at cruise."""
 
 
 def over_time(
@@ -33,6 +34,37 @@ def over_time(
         None if cut and time > report.duration_s + 1e-6 else round(share, 4)
         for time, share in zip(times, shares, strict=True)
     ]
+
+
+def over_energy(
+    meter: CoverageMeter,
+    report: CoverageReport,
+    drawn: Sequence[tuple[float, float]],
+    unit_wh: float,
+    *,
+    cut: bool = False,
+) -> list[float | None]:
+    """The same at multiples of the lower bound of energy: with so much, how far it came.
+
+    Args:
+        meter: of the room.
+        report: of the run.
+        drawn: time from the first pose (s) and energy drawn by then (Wh), rising.
+        unit_wh: the lower bound.
+        cut: whether the run was ended before its planner was done.
+
+    """
+    times, energies = zip(*drawn, strict=True) if drawn else ((0.0,), (0.0,))
+    final = meter.share_at(report, [report.duration_s + 1.0])[0]
+    shares: list[float | None] = []
+    for multiple in MULTIPLES:
+        energy_wh = multiple * unit_wh
+        if energy_wh > energies[-1]:
+            shares.append(None if cut else round(final, 4))
+        else:
+            time_s = float(np.interp(energy_wh, energies, times))
+            shares.append(round(meter.share_at(report, [time_s])[0], 4))
+    return shares
 
 
 def over_path(

@@ -42,7 +42,7 @@ class _CyclesPlanner(ScriptedPlanner):
 
 def run_cycles(trial: Trial) -> dict[str, Any]:
     """Drive seven cycles; where each should end is known, how far off it ends is the figure."""
-    from tools.experiment.trials import room_of
+    from tools.experiment.trials import HOUR_S, room_of
 
     plan = room_of(trial.room)
     cycles = UCycles(plan.start)
@@ -52,7 +52,8 @@ def run_cycles(trial: Trial) -> dict[str, Any]:
         planners.append(_CyclesPlanner(run.host.model, cycles))
         run.host.mission.runner = PlanRunner(planners[0], run.host.model)
 
-    seen = observe(trial, plan, prepare=take_over)
+    longest_s = HOUR_S if trial.max_time_s is None else trial.max_time_s
+    seen = observe(trial, plan, max_time_s=longest_s, prepare=take_over)
     ends = [_pose_at(seen.truth, time_s - BOOT_S) for time_s in planners[0].done_s]
     started_s = seen.truth[0][0] if seen.truth else 0.0
     offsets = [

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from bridge.coverage.runner import PlanRunner
+from bridge.mission import Ending
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.telemetry import CommandRecord, TruthRecord
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.coverage.floorplan import FloorPlan
+    from bridge.coverage.planner import Planner
     from bridge.host import Host
     from bridge.motion.geometry import Pose2
     from bridge.telemetry import Record
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
 
 BOOT_S = HOST_BOOT_NS / 1e9
 """Host's time less the device's, which all times here are of (s)."""
+_ROUNDING_S = 1e-6
+"""Of the two clocks' difference: a drive may end with a sample of its energy."""
 
 
 class _Eye(NullSink):
@@ -66,20 +71,27 @@ class Observed:
         return before
 
 
-def observe(
+def observe(  # noqa: PLR0913 - what a run can be asked for
     trial: Trial,
     plan: FloorPlan,
     *,
+    max_time_s: float,
+    planner: Planner | None = None,
     noise: str | None = None,
     prepare: Callable[[VirtualRun], None] = lambda _: None,
+    enough: Callable[[float, float], bool] = lambda _time_s, _energy_wh: False,
 ) -> Observed:
     """Run a trial.
 
     Args:
         trial: what to run.
         plan: its room.
+        max_time_s: of the drive; after it the run is ended.
+        planner: in place of the one that the trial names.
         noise: level in place of the trial's.
         prepare: may change both ends before the first byte.
+        enough: asked once a second with the drive's time (s) and the energy drawn since boot
+            (Wh): whether to end it.
 
     Raises:
         FloorPlanError: the robot does not fit at the room's start.
@@ -93,10 +105,21 @@ def observe(
     def ready(run: VirtualRun) -> None:
         begun.append(run)
         run.host.on_drive_pose = lambda time_s, pose: believed.append((time_s, pose))
+        if planner is not None:
+            run.host.mission.runner = PlanRunner(planner, model)
         prepare(run)
 
     def sample(time_s: float, _host: Host) -> None:
         energy.append((time_s, begun[0].device.truth.energy_wh))
+
+    def ended() -> Ending | None:
+        started_s = begun[0].host.mission.drive_started_s
+        if started_s is None or not energy:
+            return None
+        time_s, energy_wh = energy[-1]
+        if not enough(time_s - (started_s - BOOT_S), energy_wh):
+            return None
+        return Ending("timeout", "as far as it is compared", 1)
 
     run = run_virtual(
         plan,
@@ -105,8 +128,9 @@ def observe(
         eye,
         seed=trial.seed,
         noise=noise or trial.noise,
-        max_time_s=trial.max_time_s,
+        max_time_s=max_time_s,
         progress=sample,
+        ended=ended,
         prepare=ready,
     )
     mission = run.host.mission
@@ -121,6 +145,6 @@ def observe(
         model,
         [(t, *pose) for t, pose in eye.truth if low <= t <= high],
         [(t - BOOT_S, *pose) for t, pose in believed],
-        [(t, wh) for t, wh in energy if low <= t <= high],
+        [(t, wh) for t, wh in energy if low <= t <= high + _ROUNDING_S],
         [command for command in eye.commands if low <= command[0] <= high],
     )

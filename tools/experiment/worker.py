@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import random
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.coverage.metrics import CoverageMeter
-from bridge.coverage.registry import make_planner
-from bridge.coverage.runner import PlanRunner
+from bridge.motion.robot_model import RobotModel
 from tools.experiment import curves
 from tools.experiment.observed import Observed, observe
+from tools.experiment.span import energy_unit_wh, enough, limit_s, planner_of
 from tools.experiment.trials import PERFECT, Kind, Trial, room_of
 from tools.virtual_summary import summarise
 
@@ -40,30 +39,53 @@ def run_trial(trial: Trial) -> dict[str, Any]:
         case Kind.LIMITS:
             return _limits(trial)
         case _:
-            return _figures(trial, observe(trial, room_of(trial.room)))
+            return _figures(trial, _drive(trial))
 
 
 def _limits(trial: Trial) -> dict[str, Any]:
-    from tools.experiment.limits import give_true_pose, rounded, split_loss
+    from tools.experiment.limits import rounded, split_loss
 
+    driven = _drive(trial)
+    return _figures(trial, driven) | {"loss": rounded(split_loss(driven.observed, driven.planner))}
+
+
+class _Driven(NamedTuple):
+    """A trial that was driven."""
+
+    observed: Observed
+    planner: Planner
+    meter: CoverageMeter
+    max_time_s: float
+
+
+def _drive(trial: Trial) -> _Driven:
+    """Run a planner through a trial's room, as far as it is compared."""
+    plan, model = room_of(trial.room), RobotModel()
+    planner, meter = planner_of(trial, model), CoverageMeter(plan, model, 0.01)
     perfect = trial.noise == PERFECT
-    planners: list[Planner] = []
 
     def prepare(run: VirtualRun) -> None:
-        model = run.host.model
-        planners.append(make_planner(trial.planner, model, random.Random(trial.seed)))
-        run.host.mission.runner = PlanRunner(planners[0], model)
         if perfect:
+            from tools.experiment.limits import give_true_pose
+
             give_true_pose(run)
 
-    plan = room_of(trial.room)
-    observed = observe(trial, plan, noise="none" if perfect else None, prepare=prepare)
-    return _figures(trial, observed) | {"loss": rounded(split_loss(observed, planners[0]))}
+    max_time_s = limit_s(trial, meter)
+    observed = observe(
+        trial,
+        plan,
+        max_time_s=max_time_s,
+        planner=planner,
+        noise="none" if perfect else None,
+        prepare=prepare,
+        enough=enough(planner, meter),
+    )
+    return _Driven(observed, planner, meter, max_time_s)
 
 
-def _figures(trial: Trial, observed: Observed) -> dict[str, Any]:
+def _figures(trial: Trial, driven: _Driven) -> dict[str, Any]:
+    observed, meter = driven.observed, driven.meter
     summary = summarise(observed.run, observed.plan, trial.planner, trial.seed, None)
-    meter = CoverageMeter(observed.plan, observed.model, 0.01)
     report = meter.measure(observed.truth)
     row = {key: value for key, value in summary.items() if not isinstance(value, dict)}
     for key in ("log", "room", "planner", "seed"):
@@ -71,18 +93,28 @@ def _figures(trial: Trial, observed: Observed) -> dict[str, Any]:
     row |= summary["coverage"]
     row |= {f"pose_error_{key}_m": value for key, value in summary["pose_error_m"].items()}
     start_s = observed.truth[0][0] if observed.truth else 0.0
+    drawn = [(time_s - start_s, energy_wh) for time_s, energy_wh in observed.energy]
+    unit_wh = energy_unit_wh(meter)
     cut = row["outcome"] == "timeout"
-    times = [start_s + multiple * report.reference_time_s for multiple in curves.MULTIPLES]
+    by_time = curves.over_time(meter, report, cut=cut)
     return row | {
+        "max_time_s": driven.max_time_s,
         "sweepable_m2": round(report.sweepable_m2, 4),
         "reference_time_s": round(report.reference_time_s, 2),
+        "reference_energy_wh": round(unit_wh, 5),
         "path_ratio": round(report.path_ratio, 4),
         "time_ratio": round(report.time_ratio, 4),
         "curve": {
-            "coverage": curves.over_time(meter, report, cut=cut),
+            "coverage": by_time,
             "by_path": curves.over_path(meter, report, observed.truth, cut=cut),
+            "by_energy": curves.over_energy(meter, report, drawn, unit_wh, cut=cut),
             # after its end the robot stands: nothing more is drawn for the sweeping
-            "energy_wh": [round(observed.energy_at(time), 5) for time in times],
+            "energy_wh": [
+                None
+                if share is None
+                else round(observed.energy_at(start_s + multiple * report.reference_time_s), 5)
+                for multiple, share in zip(curves.MULTIPLES, by_time, strict=True)
+            ],
         },
         "path": thinned([pose[1:3] for pose in observed.truth]),
     }
