@@ -107,6 +107,7 @@ def test_side_by_side_only_where_both_ran() -> None:
     table = zimablue_table(rows, "coverage")
     assert [line[0] for line in table.rows] == ["paper", "BSA (zimablue)"]
     assert "1.77 times" in table.note
+    assert "theirs at 6 lower bounds of time" in table.note
 
 
 def test_an_enlarged_room_has_the_same_shape() -> None:

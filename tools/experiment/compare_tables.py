@@ -9,7 +9,7 @@ from tools.experiment.curves import MULTIPLES
 from tools.experiment.limits import CAUSES
 from tools.experiment.tables import Table, at_multiples, group, number, outcomes, percent, values
 from tools.experiment.trials import Kind
-from tools.experiment.zimablue_run import PLANNERS
+from tools.experiment.zimablue_run import LONGEST, PLANNERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,8 +51,8 @@ def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
         )
         + "Same rooms, same starts, same number of seeds. zimablue's robot, sensors, noise and "
         f"speeds are its own; the rooms are {scale:.2f} times as large for it, the ratio of the "
-        "two bodies, so that every door and gap is as tight for it as for ours. A dash: runs "
-        "were ended before (theirs at six times the bound).",
+        "two bodies, so that every door and gap is as tight for it as for ours. A dash: a run was "
+        f"ended before, theirs at {LONGEST:g} lower bounds of time, random at {MULTIPLES[-1]:g}.",
     )
 
 

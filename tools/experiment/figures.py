@@ -42,23 +42,18 @@ def check() -> None:
 
 
 def coverage_curves(rows: Sequence[Row], noise: str) -> str:
-    """Coverage against time in multiples of the lower bound, and against energy."""
+    """Coverage against time and against energy, in multiples of their lower bounds."""
     figure = _figure(9.6, 4.0)
     over_time, over_energy = figure.subplots(1, 2, sharey=True)
     at_level = [row for row in rows if row["noise"] == noise]
     for (planner,), runs in group(at_level, "planner").items():
         colour = _COLOURS.get(planner, _OTHER)
-        shares = _mean_curve(runs, "coverage")
-        energy = [
-            1000 * fmean(run["curve"]["energy_wh"][k] / run["sweepable_m2"] for run in runs)
-            for k in range(len(shares))
-        ]
-        over_time.plot(
-            [0, *MULTIPLES[: len(shares)]], [0, *shares], "o-", ms=3, color=colour, label=planner
-        )
-        over_energy.plot([0, *energy], [0, *shares], "o-", ms=3, color=colour, label=planner)
-    over_time.set_xlabel("time / (sweepable area / (W · cruise speed))")
-    over_energy.set_xlabel("energy, mWh per sweepable m²")
+        for axes, curve in ((over_time, "coverage"), (over_energy, "by_energy")):
+            shares = _mean_curve(runs, curve)
+            xs = [0, *MULTIPLES[: len(shares)]]
+            axes.plot(xs, [0, *shares], "o-", ms=3, color=colour, label=planner)
+    over_time.set_xlabel("time / lower bound of time")
+    over_energy.set_xlabel("energy / lower bound of energy")
     _finish(over_time, over_energy)
     return _svg(figure)
 

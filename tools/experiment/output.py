@@ -92,7 +92,12 @@ def _named(row: Row) -> Row:
 
 
 def _curves(rows: Sequence[Row]) -> list[Row]:
-    names = {"coverage": "mouth_by_time", "by_path": "mouth_by_path", "energy_wh": "energy_wh"}
+    names = {
+        "coverage": "mouth_by_time",
+        "by_path": "mouth_by_path",
+        "by_energy": "mouth_by_energy",
+        "energy_wh": "energy_wh",
+    }
     return [
         {
             **_named(row),

@@ -8,7 +8,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from tools.experiment import compare_tables, figures, paper_tables, tables
+from tools.experiment.paired import paired_table
 from tools.experiment.trials import Kind
+from tools.options import DEFAULT_PLANNER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,7 +87,13 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
         made += [compare_tables.limit_room_table(limits, noise) for noise in results.levels]
     ours = runs + limits
     if ours:
-        made += [tables.planner_table(ours), tables.curve_table(ours)]
+        made.append(tables.planner_table(ours))
+        made += [tables.curve_table(ours, curve) for curve in ("coverage", "by_energy")]
+        swept = ours + results.of(Kind.ZIMABLUE)
+        paired = [
+            paired_table(swept, curve, DEFAULT_PLANNER) for curve in ("coverage", "by_energy")
+        ]
+        made += [table for table in paired if table.rows]
     if compare_tables.shared(rows) and results.of(Kind.ZIMABLUE):
         made += [compare_tables.zimablue_table(rows, curve) for curve in ("coverage", "by_path")]
     if ours:
@@ -159,7 +167,12 @@ def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
         made.append(("The loss by cause", figures.loss_figure(limits), ""))
     for noise in results.levels:
         svg = figures.coverage_curves(results.of(Kind.RUN, Kind.LIMITS), noise)
-        made.append((f"Coverage against time and energy, noise {noise}", svg, ""))
+        note = (
+            "Mean over all runs, in multiples of what it takes to sweep the sweepable area once, "
+            "straight on at cruise speed. Level: its planner has ended; a line that stops: a run "
+            "was ended by time."
+        )
+        made.append((f"Coverage against time and energy, noise {noise}", svg, note))
     if results.of(Kind.ZIMABLUE) and compare_tables.shared(rows):
         note = "Each robot against its own lower bounds; dashed: zimablue's."
         made.append(("Side by side with zimablue", figures.zimablue_curves(rows), note))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections import defaultdict
 from dataclasses import dataclass
@@ -75,7 +76,8 @@ def planner_table(rows: Sequence[Row]) -> Table:
         lines,
         "Path ratio: path over sweepable area / W. Time ratio: time over the time to sweep the "
         "sweepable area once at cruise speed. A hole's depth is the radius of the largest disc "
-        "that fits into what was left.",
+        "that fits into what was left. Timeout: at the time limit; random, which never ends by "
+        f"itself, after {MULTIPLES[-1]:g} lower bounds of time and of energy.",
     )
 
 
@@ -100,16 +102,33 @@ def room_table(rows: Sequence[Row], noise: str) -> Table:
     )
 
 
-def curve_table(rows: Sequence[Row]) -> Table:
-    """Coverage at multiples of the lower-bound time, mean over all runs of a planner."""
-    lines = []
-    for (planner, noise), runs in group(rows, "planner", "noise").items():
-        lines.append((planner, noise, *at_multiples(runs, "coverage")))
+def curve_table(rows: Sequence[Row], curve: str = "coverage") -> Table:
+    """Coverage at multiples of a lower bound, mean over all runs of a planner.
+
+    The bound is that of time (``coverage``) or of energy (``by_energy``).
+    """
+    lines = [
+        (planner, noise, str(len(runs)), *at_multiples(runs, curve))
+        for (planner, noise), runs in group(rows, "planner", "noise").items()
+    ]
+    by_time = curve == "coverage"
     return Table(
-        "Coverage against time",
-        ("planner", "noise", *(f"{MULTIPLES[k]:g}x" for k in _COLUMNS)),
+        f"Coverage against {'time' if by_time else 'energy'}",
+        ("planner", "noise", "runs", *(f"{MULTIPLES[k]:g}x" for k in _COLUMNS)),
         lines,
-        "Mouth % of sweepable at multiples of the time to sweep the sweepable area once.",
+        ("Mouth % of sweepable" if by_time else "Mouth % of sweepable with so much energy drawn")
+        + ", mean over all runs, at multiples of the "
+        + ("time" if by_time else "energy")
+        + " to sweep the sweepable area once, straight on at cruise speed"
+        + ("." if by_time else f": {_unit_mwh_m2(rows)} mWh/m².")
+        + " A run that its planner ended stays as it is; a dash: a run was ended before.",
+    )
+
+
+def _unit_mwh_m2(rows: Sequence[Row]) -> str:
+    """The lower bound of energy: one figure for all rooms, being power over speed and width."""
+    return number(
+        [1000.0 * row["reference_energy_wh"] / row["sweepable_m2"] for row in rows], median, 1
     )
 
 
@@ -127,23 +146,30 @@ _COLUMNS = range(len(MULTIPLES))
 
 
 def energy_table(rows: Sequence[Row], shares: Sequence[float] = (0.5, 0.8, 0.9, 0.95)) -> Table:
-    """Energy per sweepable square metre until a share was reached: median, and how many did."""
-    lines = []
-    for (planner, noise), runs in group(rows, "planner", "noise").items():
-        cells = [planner, noise]
-        for share in shares:
-            drawn = [e for run in runs if (e := _energy_to(run, share)) is not None]
-            cells.append(
-                f"{median(drawn):.1f} ({100 * len(drawn) / len(runs):.0f} %)" if drawn else "never"
-            )
-        lines.append(tuple(cells))
+    """Energy per sweepable square metre until a share was reached: median, and how many did.
+
+    The median is over all runs, those that never reached it counted as without end: over those
+    that did, a planner would gain by failing in the rooms that take the most.
+    """
+    lines = [
+        (planner, noise, str(len(runs)), *(_median_energy(runs, share) for share in shares))
+        for (planner, noise), runs in group(rows, "planner", "noise").items()
+    ]
     return Table(
         "Energy to a share",
-        ("planner", "noise", *(f"{100 * share:.0f} %" for share in shares)),
+        ("planner", "noise", "runs", *(f"{100 * share:.0f} %" for share in shares)),
         lines,
-        "Median mWh per sweepable square metre, over the runs that reached the share (how many "
-        "did, in brackets); between the curve's points by straight lines.",
+        "Median mWh per sweepable square metre until the share was reached, over all runs, and in "
+        f"brackets how many reached it within {MULTIPLES[-1]:g} lower bounds of time; a dash: the "
+        "median run did not. Between the curve's points by straight lines.",
     )
+
+
+def _median_energy(runs: Sequence[Row], share: float) -> str:
+    drawn = [_energy_to(run, share) for run in runs]
+    middle = median(math.inf if energy is None else energy for energy in drawn)
+    reached = 100 * sum(energy is not None for energy in drawn) / len(runs)
+    return f"{f'{middle:.1f}' if math.isfinite(middle) else '-'} ({reached:.0f} %)"
 
 
 def _energy_to(run: Row, share: float) -> float | None:
@@ -228,7 +254,7 @@ def worst_table(rows: Sequence[Row], rooms_folder: str, count: int = 10) -> Tabl
         ("by", "figure", "room", "planner", "noise", "seed", "ended", "to see it again"),
         lines,
         f"The {count} worst by each figure; runs with a perfect pose, which no command repeats, "
-        "are left out.",
+        "are left out. Repeated so, random ends after half an hour.",
     )
 
 
