@@ -15,7 +15,7 @@ from sim_device.clock import DeviceClock
 from sim_device.flash import Flash
 from sim_device.identity import Identity
 from sim_device.modes import Event, ModeMachine, State
-from sim_device.noise import noise_level
+from sim_device.noise import NoiseLevel, noise_level
 from sim_device.plant import Plant, Truth
 from sim_device.sensors import SensorSuite
 from sim_device.virtual_firmware import TICK_US, Firmware
@@ -61,7 +61,7 @@ class VirtualSweeper:
         model: RobotModel | None = None,
         *,
         seed: int = 0,
-        noise: str = "typical",
+        noise: str | NoiseLevel = "typical",
         node: int = 1,
         catalogue: Catalogue = CATALOGUE,
         link: type[LinkBase] = Link,
@@ -70,9 +70,10 @@ class VirtualSweeper:
     ) -> None:
         """Boot at time 0, at rest at the plan's start.
 
-        ``catalogue`` is what the firmware's version of the project declares, ``link`` what the
-        device is connected by, and ``local`` whether that can be reached from nowhere but beside
-        the robot: a key is set only so. Without a ``boot_id`` it follows from the seed.
+        ``noise`` names a level, or is one of one's own. ``catalogue`` is what the firmware's
+        version of the project declares, ``link`` what the device is connected by, and ``local``
+        whether that can be reached from nowhere but beside the robot: a key is set only so.
+        Without a ``boot_id`` it follows from the seed.
 
         Raises:
             FloorPlanError: the robot does not fit where it should start.
@@ -80,7 +81,7 @@ class VirtualSweeper:
 
         """
         model = model or RobotModel()
-        level = noise_level(noise)
+        level = noise if isinstance(noise, NoiseLevel) else noise_level(noise)
         identity_rng, plant_rng, sensor_rng = np.random.default_rng(seed).spawn(3)
         self.plant = Plant(World(plan, model), model, level, plant_rng)
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)

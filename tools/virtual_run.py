@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from bridge.supervise import SuperviseSettings
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
+    from sim_device.noise import NoiseLevel
 
 EPOCH_NS = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z: simulated runs start here, so that equal seeds give equal logs."""
@@ -68,7 +69,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     sink: Sink,
     *,
     seed: int = 0,
-    noise: str = "typical",
+    noise: str | NoiseLevel = "typical",
     max_time_s: float = 3600.0,
     progress: Callable[[float, Host], None] | None = None,
     ended: Callable[[], Ending | None] = lambda: None,

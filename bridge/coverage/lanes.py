@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 Side = Literal["left", "right"]
 End = Literal["last_partial_lane", "blocked_step", "never"]
 
-_MOST_BLOCKED = 3
-"""Blocked side steps in a row after which the robot is shut in, however short the lanes."""
-
 Part = Generator[Leg, Step, LegResult]
 """Part of a script: returns how its main leg ended."""
 
@@ -55,6 +52,13 @@ class LaneOptions:
     it. At 0.01 °/s a run of case 1 would else end 2° askew. 0 leaves it out."""
     least_step_m: float = 0.02
     """A step is never shorter, however far a lane strayed towards the next one."""
+    both_ends_widths: float = 1.0
+    """From how many W a lane has two ends: those of a shorter one are the same place, and a step
+    that is blocked at both says no more than one that is blocked at one. Only for
+    ``last_partial_lane``."""
+    most_blocked: int = 3
+    """Blocked side steps in a row with which the robot is not yet shut in, however short the lanes
+    between them; one more is the end of ``last_partial_lane``."""
     max_lanes: int = 2000
     """Bound on a run in which the ends above are never met."""
 
@@ -146,11 +150,7 @@ class LanePlanner(ScriptedPlanner, ABC):
         return result.reason.blocked and lacking > self._lane_options.short_step_m
 
     def _stuck(self, lane: LegResult, *, blocked: bool) -> str | None:
-        """Why the sweep ends after a lane and a side step, if it does.
-
-        The two ends of a lane that is shorter than W are one place: being blocked at both says
-        no more than being blocked at one. A few such in a row do.
-        """
+        """Why the sweep ends after a lane and a side step, if it does."""
         options = self._lane_options
         if self._lanes >= options.max_lanes:
             return f"{self._lanes} lanes driven, the limit"
@@ -162,7 +162,8 @@ class LanePlanner(ScriptedPlanner, ABC):
             return None
         if options.end == "blocked_step":
             return "side step blocked: the robot could not go further"
-        both_ends = self._blocked_steps > 1 and lane.distance_m >= self.model.cleaning_width_m
-        if both_ends or self._blocked_steps > _MOST_BLOCKED:
+        two_ends_m = options.both_ends_widths * self.model.cleaning_width_m
+        both_ends = self._blocked_steps > 1 and lane.distance_m >= two_ends_m
+        if both_ends or self._blocked_steps > options.most_blocked:
             return "side step blocked at both ends of the last lane"
         return None

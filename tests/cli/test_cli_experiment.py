@@ -163,6 +163,12 @@ def test_a_users_mistakes_are_one_line(tmp_path: Path, monkeypatch: pytest.Monke
         (("compare", "--planners", "x"), "'x' is not one of recovery"),
         (("compare", "--rooms", ","), "no rooms: give --rooms or --generated"),
         (("limits", "--zimablue"), "--zimablue is for compare"),
+        (("paper", "--zimablue"), "--zimablue is for compare"),
+        (("compare", "--rooms", "layout:moat"), "no layout 'moat': there are wall-obstacle,"),
+        (("paper", "--rooms", "case-1"), "--rooms: for compare and limits; paper has rooms,"),
+        (("paper", "--planners", "recovery"), "--planners: for compare and limits"),
+        (("paper", "--generated", "0"), "--generated: for compare and limits"),
+        (("--noise", "typical", "--seeds", "3"), "--noise, --seeds: for compare and limits"),
     ):
         done = sweepctl("experiment", *arguments, "--out", tmp_path)
         assert done.status == 2

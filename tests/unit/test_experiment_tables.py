@@ -16,9 +16,10 @@ from tools.experiment import curves, report
 from tools.experiment.compare_tables import shared, zimablue_table
 from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.paper_tables import PAPER_SHARES, cycle_spread, cycle_table
+from tools.experiment.paper_trials import paper_trials
 from tools.experiment.store import LINES, ExperimentFolderError, Store, code_version
 from tools.experiment.tables import at_multiples, worst_table
-from tools.experiment.trials import Kind, Trial, generated_rooms, paper_trials, room_of
+from tools.experiment.trials import Kind, Trial, generated_rooms, room_of
 from tools.experiment.zimablue_run import enlarged
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def test_the_papers_table_2_by_division() -> None:
 
 def test_the_papers_own_trials() -> None:
     trials = paper_trials(3600.0)
-    case_1 = [t for t in trials if (t.room, t.noise) == ("case-1", "paper")]
+    case_1 = [t for t in trials if (t.room, t.noise, t.kind) == ("case-1", "paper", Kind.RUN)]
     assert [t.seed for t in case_1] == [0, 1, 2, 3, 4]
     assert sum(t.kind is Kind.CYCLES for t in trials) == 20
 

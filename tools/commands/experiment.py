@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from tools import options
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 _ROOMS = "case-1,case-2,comprehensive,empty,l-room,table-and-chair,columns,two-rooms,studio-flat"
 _DEFAULT = "recovery"
 _PLANNERS = tuple(dict.fromkeys((_DEFAULT, *options.PLANNERS)))
+_GRID = ("rooms", "generated", "planners", "levels", "seeds")
+"""What ``compare`` and ``limits`` are asked for; the paper's experiments have their own."""
 _TITLES = {
     "paper": "The paper's experiments",
     "compare": "Planners compared",
@@ -95,7 +98,9 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
 )
 @click.option("--force", is_flag=True, help="Begin anew: forget the results in the folder.")
 @options.json_option
+@click.pass_context
 def command(  # noqa: PLR0913 - one parameter per option
+    ctx: click.Context,
     *,
     what: str,
     rooms: list[str],
@@ -112,25 +117,30 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Run the PAPER's experiments, COMPARE planners, or find what LIMITS one.
 
-    paper: Table 2, cases 1 and 2, the comprehensive room, path keeping (Fig. 15) and velocity
-    smoothing (Fig. 12); it has rooms, levels and seeds of its own. compare: every room, planner,
-    noise level and seed. limits: the same with a perfect pose and ranges beside it, and the loss
-    split by cause.
+    paper: Table 2, cases 1 and 2, the comprehensive room beside the U-shaped and the random way
+    (section 5.3), path keeping (Figs. 14 and 15), velocity smoothing (Fig. 12), and the layouts
+    where the paper's algorithm fails; it has rooms, planners, levels and seeds of its own, and
+    takes none. compare: every room, planner, noise level and seed. limits: the same with a perfect
+    pose and ranges beside it, and the loss split by cause.
+
+    Beside files and the names that ship, --rooms takes generated:KIND:N and layout:NAME.
 
     Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C (or SIGTERM) keeps what is
     done and reports on it: the same command goes on from there.
     """
     from tools.console import say
     from tools.experiment import figures, output
+    from tools.experiment.paper_trials import paper_trials
     from tools.experiment.runs import run_all
     from tools.experiment.store import Store, code_version
-    from tools.experiment.trials import generated_rooms, paper_trials, room_of
+    from tools.experiment.trials import generated_rooms, room_of
     from tools.stopping import leaving_at_once
 
     figures.check()
     if zimablue and what != "compare":
         raise click.UsageError("--zimablue is for compare")
     if what == "paper":
+        _refuse_grid(ctx)
         trials = paper_trials(max_time_s)
     else:
         names = [*rooms, *generated_rooms(generated)]
@@ -155,6 +165,26 @@ def command(  # noqa: PLR0913 - one parameter per option
             else:
                 output.print_tables(made, out)
     return _close(outcome, f"{len(rows)} of {len(trials)} runs done", out)
+
+
+def _refuse_grid(ctx: click.Context) -> None:
+    """Take no option that the paper's experiments would not heed.
+
+    Raises:
+        click.UsageError: one was given.
+
+    """
+    given = [
+        param.opts[0]
+        for param in ctx.command.params
+        if param.name in _GRID
+        and ctx.get_parameter_source(param.name) is ParameterSource.COMMANDLINE
+    ]
+    if given:
+        raise click.UsageError(
+            f"{', '.join(given)}: for compare and limits; paper has rooms, planners, levels and "
+            "seeds of its own"
+        )
 
 
 def _close(outcome: Outcome, done: str, out: Path) -> int:

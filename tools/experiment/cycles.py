@@ -1,4 +1,4 @@
-"""The paper's test of path keeping on the whole stack: its Figs. 12 and 15."""
+"""The paper's test of path keeping on the whole stack: its Figs. 12, 14 and 15."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ class _CyclesPlanner(ScriptedPlanner):
 def run_cycles(trial: Trial) -> dict[str, Any]:
     """Drive seven cycles; where each should end is known, how far off it ends is the figure."""
     from tools.experiment.trials import HOUR_S, room_of
+    from tools.experiment.worker import thinned
 
     plan = room_of(trial.room)
     cycles = UCycles(plan.start)
@@ -73,6 +74,7 @@ def run_cycles(trial: Trial) -> dict[str, Any]:
         "path_m": round(cycles.path_m, 3),
         "duration_s": round(seen.truth[-1][0] - started_s, 2) if seen.truth else None,
         "offsets": offsets,
+        "path": thinned([pose[1:3] for pose in seen.truth]),
     }
     if trial.seed == 0:
         shown = [

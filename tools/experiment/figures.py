@@ -14,7 +14,7 @@ from tools.experiment.cycles import PAPER_END_MM
 from tools.experiment.limits import CAUSES
 from tools.experiment.paper_tables import cycle_spread
 from tools.experiment.tables import group
-from tools.experiment.trials import Kind, room_of
+from tools.experiment.trials import OPEN_FLOOR, Kind, room_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -168,15 +168,19 @@ def path_picture(row: Row) -> str:
     """One run's path in its room."""
     figure = _figure(4.2, 4.2)
     axes = figure.add_subplot()
-    _room(axes, row["room"])
+    if row["room"] != OPEN_FLOOR:  # whose walls are ten metres off
+        _room(axes, row["room"])
     xs, ys = zip(*row["path"], strict=True) if row["path"] else ((), ())
-    axes.plot(xs, ys, lw=0.8, color=_COLOURS.get(row["planner"], _OTHER))
+    colour = _COLOURS.get(row["planner"].partition(",")[0], _OTHER)
+    axes.plot(xs, ys, lw=0.8, color=colour)
     if xs:
         axes.plot(xs[0], ys[0], "o", ms=6, color="black")
         axes.plot(xs[-1], ys[-1], "s", ms=6, color="black")
-    mouth, body = row["mouth_sweepable"], row["body_free"]
+    mouth, body = row.get("mouth_sweepable"), row.get("body_free")
     title = f"{row['room']}, {display_name(row['planner'])}, {row['noise']}, seed {row['seed']}"
-    if mouth is not None:
+    if row.get("offsets"):
+        title += f"\n{len(row['offsets'])} cycles, {row['path_m']:.1f} m, {row['duration_s']:.0f} s"
+    elif mouth is not None and body is not None:
         title += f"\nmouth {100 * mouth:.1f} %, body {100 * body:.1f} %, {row['duration_s']:.0f} s"
     axes.set_title(title, fontsize=8)
     axes.set_aspect("equal")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bridge.host import Host
     from bridge.motion.geometry import Pose2
     from bridge.telemetry import Record
+    from sim_device.noise import NoiseLevel
     from tools.experiment.trials import Trial
     from tools.virtual_run import VirtualRun
 
@@ -77,7 +78,7 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
     *,
     max_time_s: float,
     planner: Planner | None = None,
-    noise: str | None = None,
+    noise: str | NoiseLevel | None = None,
     prepare: Callable[[VirtualRun], None] = lambda _: None,
     enough: Callable[[float, float], bool] = lambda _time_s, _energy_wh: False,
 ) -> Observed:
@@ -88,7 +89,7 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
         plan: its room.
         max_time_s: of the drive; after it the run is ended.
         planner: in place of the one that the trial names.
-        noise: level in place of the trial's.
+        noise: level in place of the trial's, by its name or itself.
         prepare: may change both ends before the first byte.
         enough: asked once a second with the drive's time (s) and the energy drawn since boot
             (Wh): whether to end it.

@@ -113,7 +113,7 @@ def _curves(rows: Sequence[Row]) -> list[Row]:
 
 
 def _write_rooms(folder: Path, rows: Sequence[Row]) -> None:
-    """Generated rooms as files, so that any of their runs can be seen again by ``simulate``."""
+    """Rooms that are not files as files, so that their runs can be seen again by ``simulate``."""
     for name in sorted({row["room"] for row in rows if ":" in row["room"]}):
         folder.mkdir(exist_ok=True)
         path = folder / f"{name.replace(':', '-')}.json"

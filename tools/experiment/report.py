@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
-from tools.experiment import compare_tables, figures, paper_tables, tables
+from tools.experiment import compare_tables, figures, layout_tables, paper_tables, tables
 from tools.experiment.paired import paired_table
 from tools.experiment.trials import Kind
 from tools.options import DEFAULT_PLANNER
@@ -80,6 +80,12 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
     made = []
     if any(row["room"] in paper_tables.PAPER_SHARES and row["planner"] == "paper" for row in runs):
         made.append(paper_tables.paper_table(runs))
+    if results.of(Kind.BESIDE):
+        made.append(paper_tables.beside_table(rows))
+    if results.of(Kind.LAYOUT):
+        made.append(layout_tables.layout_table(rows))
+    if results.of(Kind.RANGES):
+        made.append(layout_tables.range_table(rows))
     if cycles:
         made.append(paper_tables.cycle_table(cycles))
     if limits:
@@ -117,7 +123,7 @@ def render(title: str, command: str, rows: Sequence[Row], made: Sequence[Table])
     firsts = [
         runs[0]
         for runs in tables.group(rows, "room", "planner", "noise").values()
-        if runs[0].get("path")
+        if runs[0].get("path") and runs[0]["kind"] != Kind.RANGES
     ]
     if firsts:
         pictures = "".join(f"<div>{figures.path_picture(row)}</div>" for row in firsts)
@@ -162,6 +168,10 @@ def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
         if row.get("smoothing"):
             note = "Seed 0 of the same runs, its first seconds, as commanded at 50 Hz."
             made.append(("Fig. 12: velocity smoothing", figures.smoothing_figure(row), note))
+    if results.of(Kind.BESIDE):
+        beside = paper_tables.beside_rows(rows)
+        svg = figures.coverage_curves(beside, beside[0]["noise"])
+        made.append(("Section 5.3: the comprehensive room against time and energy", svg, ""))
     limits = results.of(Kind.LIMITS)
     if limits:
         made.append(("The loss by cause", figures.loss_figure(limits), ""))

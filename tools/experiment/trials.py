@@ -14,18 +14,16 @@ import numpy as np
 from bridge.coverage.floorplan import FloorPlan
 from bridge.coverage.room_generator import KINDS, generate_room
 from bridge.motion.geometry import Pose2
+from tools.experiment.layouts import LAYOUT, layout_plan
 from tools.rooms import load_room
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
 GENERATED = "generated:"
 """Rooms named ``generated:KIND:N`` are drawn, not read."""
 OPEN_FLOOR = "open-floor"
 """20 m by 20 m with nothing in it, the start in the middle: no wall to correct the estimate."""
-TABLE_2_SEEDS = 5
-"""The paper ran case 1 five times."""
-CYCLE_SEEDS = 20
 HOUR_S = 3600.0
 PERFECT = "perfect"
 """As noise ``none``, and the pose that planner and controllers are given is the true one."""
@@ -46,6 +44,13 @@ class Kind(StrEnum):
     """The paper's U-shaped cycles, no planner."""
     ZIMABLUE = "zimablue"
     """A planner of that package with its own robot in its own simulation."""
+    BESIDE = "beside"
+    """As a run: another planner in the paper's comprehensive room (its section 5.3)."""
+    LAYOUT = "layout"
+    """As a run, in a layout in which the paper's algorithm fails; some with another reading of
+    the paper."""
+    RANGES = "ranges"
+    """The paper's algorithm with ranges that are 1 cm wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,22 +74,6 @@ class Trial:
     def label(self) -> str:
         """For people."""
         return f"{self.room} {self.planner} {self.noise} seed {self.seed}"
-
-
-def paper_trials(max_time_s: float | None, planners: Sequence[str] = ("paper",)) -> list[Trial]:
-    """The paper's own: case 1 five times (Table 2), case 2, the comprehensive test, Fig. 15."""
-    rooms = ("case-1", "case-2", "comprehensive")
-    levels = ("paper", "typical")
-    coverage = [
-        Trial(room, planner, noise, seed, max_time_s)
-        for room, planner, noise in product(rooms, planners, levels)
-        for seed in range(TABLE_2_SEEDS)
-    ]
-    cycles = [
-        Trial(OPEN_FLOOR, "u-cycles", "paper", seed, max_time_s, Kind.CYCLES)
-        for seed in range(CYCLE_SEEDS)
-    ]
-    return coverage + cycles
 
 
 def grid_trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
@@ -119,6 +108,8 @@ def room_of(name: str) -> FloorPlan:
     if name == OPEN_FLOOR:
         corners = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
         return FloorPlan(name, corners, (), Pose2(10.0, 10.0, 0.0))
+    if name.startswith(LAYOUT):
+        return layout_plan(name.removeprefix(LAYOUT))
     kind, _, number = name.removeprefix(GENERATED).partition(":")
     if not name.startswith(GENERATED) or kind not in KINDS or not number.isdecimal():
         return load_room(name)

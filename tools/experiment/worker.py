@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bridge.coverage.metrics import CoverageMeter
+from bridge.coverage.paper import PaperPlanner
 from bridge.motion.robot_model import RobotModel
 from tools.experiment import curves
 from tools.experiment.observed import Observed, observe
@@ -14,6 +16,7 @@ from tools.virtual_summary import summarise
 
 if TYPE_CHECKING:
     from bridge.coverage.planner import Planner
+    from sim_device.noise import NoiseLevel
     from tools.virtual_run import VirtualRun
 
 _PATH_STEP_M = 0.02
@@ -38,6 +41,8 @@ def run_trial(trial: Trial) -> dict[str, Any]:
             return run_zimablue(trial)
         case Kind.LIMITS:
             return _limits(trial)
+        case Kind.LAYOUT | Kind.RANGES:
+            return _reading(trial)
         case _:
             return _figures(trial, _drive(trial))
 
@@ -58,7 +63,7 @@ class _Driven(NamedTuple):
     max_time_s: float
 
 
-def _drive(trial: Trial) -> _Driven:
+def _drive(trial: Trial, noise: str | NoiseLevel | None = None) -> _Driven:
     """Run a planner through a trial's room, as far as it is compared."""
     plan, model = room_of(trial.room), RobotModel()
     planner, meter = planner_of(trial, model), CoverageMeter(plan, model, 0.01)
@@ -76,11 +81,25 @@ def _drive(trial: Trial) -> _Driven:
         plan,
         max_time_s=max_time_s,
         planner=planner,
-        noise="none" if perfect else None,
+        noise="none" if perfect else noise,
         prepare=prepare,
         enough=enough(planner, meter),
     )
     return _Driven(observed, planner, meter, max_time_s)
+
+
+def _reading(trial: Trial) -> dict[str, Any]:
+    """Run what may be another reading of the paper, or its ranges with noise and nothing else."""
+    from tools.experiment.paper_trials import RANGE_LEVEL, READINGS
+
+    plan, model, reading = room_of(trial.room), RobotModel(), READINGS.get(trial.planner)
+    noise = RANGE_LEVEL if trial.noise == RANGE_LEVEL.name else trial.noise
+    if reading is None:
+        return _figures(trial, _drive(trial, noise))
+    meter, planner = CoverageMeter(plan, model, 0.01), PaperPlanner(model, reading)
+    known, max_time_s = replace(trial, planner="paper"), limit_s(trial, meter)
+    observed = observe(known, plan, max_time_s=max_time_s, planner=planner, noise=noise)
+    return _figures(trial, _Driven(observed, planner, meter, max_time_s))
 
 
 def _figures(trial: Trial, driven: _Driven) -> dict[str, Any]:

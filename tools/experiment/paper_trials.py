@@ -1,0 +1,97 @@
+"""What ``experiment paper`` runs: the paper's own experiments, and where its algorithm fails."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from bridge.coverage.paper import PaperOptions
+from sim_device.noise import NoiseLevel
+from tools.experiment.layouts import LAYOUT, LAYOUTS
+from tools.experiment.trials import OPEN_FLOOR, Kind, Trial
+
+TABLE_2_SEEDS = 5
+"""The paper ran case 1 five times."""
+CYCLE_SEEDS = 20
+COMPREHENSIVE = "comprehensive"
+BESIDE = ("u-shape", "random", "recovery")
+"""Run beside the paper's algorithm in the comprehensive room."""
+
+STRICT_END = "paper, strict end"
+RANGE_LEVEL = NoiseLevel(name="range 1 cm", ultrasonic_sigma_m=0.01)
+"""As ``none``, but for the ultrasonic's range."""
+
+_BY_STEPS = PaperOptions()
+_BY_EQUAL = PaperOptions(count_turns="on_equal", between="reset")
+TOLERANCES: dict[str, tuple[PaperOptions, str]] = {
+    "paper, by steps": (_BY_STEPS, "whole_step"),
+    "paper, by steps, 1 cm": (replace(_BY_STEPS, equal_tolerance_m=0.01), "whole_step"),
+    "paper, by equals": (_BY_EQUAL, "on_equal, reset between"),
+    "paper, by equals, 1 cm": (
+        replace(_BY_EQUAL, equal_tolerance_m=0.01),
+        "on_equal, reset between",
+    ),
+}
+"""By name: two ways to count T, each with the default tolerance and with 1 cm; what to call it."""
+
+READINGS: dict[str, PaperOptions] = {
+    STRICT_END: PaperOptions(end="blocked_step"),
+    **{name: options for name, (options, _) in TOLERANCES.items()},
+}
+"""The paper read otherwise than by default, by what stands for the planner in a trial."""
+
+
+def paper_trials(max_time_s: float | None) -> list[Trial]:
+    """Everything, in the order of the tables."""
+    return [
+        *_coverage(max_time_s),
+        *_beside(max_time_s),
+        *_layouts(max_time_s),
+        *_ranges(max_time_s),
+        *_cycles(max_time_s),
+    ]
+
+
+def _coverage(max_time_s: float | None) -> list[Trial]:
+    """Case 1 five times (Table 2), case 2, the comprehensive test."""
+    return [
+        Trial(room, "paper", noise, seed, max_time_s)
+        for room in ("case-1", "case-2", COMPREHENSIVE)
+        for noise in ("paper", "typical")
+        for seed in range(TABLE_2_SEEDS)
+    ]
+
+
+def _beside(max_time_s: float | None) -> list[Trial]:
+    """Section 5.3: the U-shaped path and the random one in the comprehensive room, and ours."""
+    return [
+        Trial(COMPREHENSIVE, planner, "paper", seed, max_time_s, Kind.BESIDE)
+        for planner in BESIDE
+        for seed in range(TABLE_2_SEEDS)
+    ]
+
+
+def _layouts(max_time_s: float | None) -> list[Trial]:
+    """Each without noise, so that what fails is the algorithm."""
+    return [
+        Trial(f"{LAYOUT}{name}", planner, "none", 0, max_time_s, Kind.LAYOUT)
+        for name in LAYOUTS
+        for planner in ("paper", STRICT_END, "recovery")
+    ]
+
+
+def _ranges(max_time_s: float | None) -> list[Trial]:
+    """Case 1 with and without 1 cm of range noise; without, all seeds are alike."""
+    return [
+        Trial("case-1", reading, noise, seed, max_time_s, Kind.RANGES)
+        for reading in TOLERANCES
+        for noise, seeds in (("none", 1), (RANGE_LEVEL.name, TABLE_2_SEEDS))
+        for seed in range(seeds)
+    ]
+
+
+def _cycles(max_time_s: float | None) -> list[Trial]:
+    """Figs. 12, 14 and 15."""
+    return [
+        Trial(OPEN_FLOOR, "u-cycles", "paper", seed, max_time_s, Kind.CYCLES)
+        for seed in range(CYCLE_SEEDS)
+    ]
