@@ -10,6 +10,7 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from tools.experiment.limits import CAUSES
+from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES
 from tools.experiment.runs import run_all
 from tools.experiment.store import Store
 from tools.experiment.trials import OPEN_FLOOR, PERFECT, Kind, Trial, grid_trials, room_of
@@ -31,12 +32,29 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
         first["along_mm"] ** 2 + first["across_mm"] ** 2, abs=0.05
     )
     assert first["offset_mm"] < 3.0
+    xs, ys = zip(*row["path"], strict=True)
+    assert (xs[0], ys[0]) == pytest.approx((10.0, 10.0), abs=0.01)
+    assert max(xs) - min(xs) == pytest.approx(1.77, abs=0.01)
+    assert max(ys) - min(ys) == pytest.approx(2 * 0.16, abs=0.01)
     sent = [after for _, _, after in row["smoothing"]]
     wanted = [before for _, before, _ in row["smoothing"]]
     # every 20 ms, rounded to 0.1 mm/s; setting off is what jumps without smoothing
     most = MODEL.max_accel_m_s2 * 0.02 + 2e-4
     assert max(b - a for a, b in pairwise(sent)) <= most
     assert max(b - a for a, b in pairwise(wanted)) > 5 * most
+
+
+def test_ranges_with_noise_move_the_ends_of_lanes_by_the_seed() -> None:
+    def ends(noise: str, seed: int) -> float:
+        """Where the first lane ended."""
+        trial = Trial("case-1", next(iter(TOLERANCES)), noise, seed, 16.0, Kind.RANGES)
+        return float(max(x for x, _ in run_trial(trial)["path"]))
+
+    assert ends("none", 0) == ends("none", 1)
+    noisy = [ends(RANGE_LEVEL.name, seed) for seed in range(3)]
+    # what is 1 cm wrong stops the robot some centimetres early, or lets it touch
+    assert len(set(noisy)) == 3
+    assert noisy == pytest.approx([ends("none", 0)] * 3, abs=0.05)
 
 
 def test_a_perfect_pose_is_the_truth_and_the_loss_is_all_that_is_missing() -> None:

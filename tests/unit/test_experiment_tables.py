@@ -8,18 +8,28 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.coverage.floorplan import FloorPlan
+from bridge.coverage.floorplan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.coverage.metrics import CoverageMeter
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from sim_device.world import World
 from tools.experiment import curves, report
 from tools.experiment.compare_tables import shared, zimablue_table
 from tools.experiment.cycles import PAPER_END_MM
-from tools.experiment.paper_tables import PAPER_SHARES, cycle_spread, cycle_table
-from tools.experiment.paper_trials import paper_trials
+from tools.experiment.figures import path_picture
+from tools.experiment.layout_tables import range_table
+from tools.experiment.layouts import LAYOUT, LAYOUTS
+from tools.experiment.paper_tables import (
+    PAPER_SHARES,
+    beside_rows,
+    beside_table,
+    cycle_spread,
+    cycle_table,
+)
+from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES, paper_trials
 from tools.experiment.store import LINES, ExperimentFolderError, Store, code_version
 from tools.experiment.tables import at_multiples, worst_table
-from tools.experiment.trials import Kind, Trial, generated_rooms, room_of
+from tools.experiment.trials import OPEN_FLOOR, Kind, Trial, generated_rooms, room_of
 from tools.experiment.zimablue_run import enlarged
 
 if TYPE_CHECKING:
@@ -56,6 +66,55 @@ def test_the_papers_own_trials() -> None:
     case_1 = [t for t in trials if (t.room, t.noise, t.kind) == ("case-1", "paper", Kind.RUN)]
     assert [t.seed for t in case_1] == [0, 1, 2, 3, 4]
     assert sum(t.kind is Kind.CYCLES for t in trials) == 20
+
+
+def test_section_5_3_holds_the_papers_algorithm_against_others_of_the_same_noise() -> None:
+    rows = [
+        row(room="comprehensive", noise="paper", body_free=0.90),
+        row(room="comprehensive", noise="typical", body_free=0.50),
+        row(room="case-1", noise="paper", body_free=0.40),
+        row("random", kind=Kind.BESIDE, room="comprehensive", noise="paper", body_free=0.80),
+    ]
+    assert beside_rows(rows) == [rows[0], rows[3]]
+    assert [line[:3] for line in beside_table(rows).rows] == [
+        ("paper", "94.61", "90.00"),
+        ("random", "none given", "80.00"),
+    ]
+    assert beside_rows(rows[:3]) == []
+    titles = [table.title for table in report.all_tables(rows[3:], "rooms")]
+    assert titles == [beside_table(rows).title], "in no table over all rooms"
+
+
+def test_every_layout_is_a_room_of_plausible_size_in_which_the_robot_fits() -> None:
+    assert len(LAYOUTS) == 11
+    for name in LAYOUTS:
+        plan = room_of(f"{LAYOUT}{name}")
+        x0, y0, x1, y1 = plan.bounds()
+        assert 3.0 <= min(x1 - x0, y1 - y0) <= max(x1 - x0, y1 - y0) <= 6.0
+        World(plan, RobotModel())
+        assert parse_floorplan(plan.to_json()) == plan
+    with pytest.raises(FloorPlanError, match="no layout 'moat'"):
+        room_of("layout:moat")
+
+
+def test_what_range_noise_costs_is_the_difference() -> None:
+    kind, reading = Kind.RANGES, next(iter(TOLERANCES))
+    rows = [row(reading, kind=kind, noise="none", mouth_sweepable=0.9)] + [
+        row(reading, seed, kind=kind, noise=RANGE_LEVEL.name, mouth_sweepable=share)
+        for seed, share in enumerate((0.8, 0.9))
+    ]
+    assert range_table(rows).rows == [
+        ("whole_step", "2 cm", "90.00", "85.00", "80.00 to 90.00", "5.00")
+    ]
+
+
+def test_the_u_shaped_cycles_have_a_picture_of_their_own_size() -> None:
+    places = [[10.0, 10.0], [11.77, 10.0], [11.77, 10.16], [10.0, 10.16]]
+    cycles = row("u-cycles", kind=Kind.CYCLES, room=OPEN_FLOOR, noise="paper", path=places)
+    cycles |= {"path_m": 27.0, "duration_s": 160.0, "offsets": [{}] * 7}
+    del cycles["mouth_sweepable"]
+    assert "<svg" in path_picture(cycles)
+    assert "<h2>Paths</h2>" in report.render("t", "c", [cycles | {"offsets": []}], [])
 
 
 def test_quartiles_of_the_cycles() -> None:
