@@ -40,9 +40,7 @@ class WheelStep(NamedTuple):
     @property
     def rise_s(self) -> float:
         """From 10 to 90 % of the target; inf: it never got there."""
-        target = self.response.target
-        low = self._first(0.1 * target)
-        return self._first(0.9 * target) - low
+        return self.response.rise_s
 
     @property
     def overshoot(self) -> float:
@@ -53,13 +51,6 @@ class WheelStep(NamedTuple):
     def settled_s(self) -> float:
         """When it stays within 12 % of the target."""
         return self.response.settled_s(BAND_SHARE * abs(self.response.target))
-
-    def _first(self, value: float) -> float:
-        sign = math.copysign(1.0, self.response.target)
-        for t, v in zip(self.response.time_s, self.response.value, strict=True):
-            if sign * v >= sign * value:
-                return t
-        return math.inf
 
 
 def wheel_speeds(

@@ -30,7 +30,7 @@ from bridge.motion.wall_follow import FollowState, FollowTuning, Side, WallFollo
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
-_FOLLOW = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
+FOLLOW_TUNING = FollowTuning(stop_gap_m=0.008, lookahead_m=0.11, round_rad=math.radians(420.0))
 """Inner corners are gone into: what the robot stops short of them is not swept. A leg too thin
 for the beam is rounded whole."""
 _MAX_STEP_S = 0.1
@@ -119,7 +119,7 @@ class LegExecutor:
                 side,
                 leg.gap_m,
                 speed_m_s=leg.speed_m_s,
-                tuning=_FOLLOW,
+                tuning=FOLLOW_TUNING,
                 noise=self._ranging,
             )
             if leg.touching:

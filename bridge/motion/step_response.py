@@ -9,6 +9,8 @@ wheel control), as the virtual sweeper does. From it the gains are taken:
 - point to point: near the point the speed falls as v = Kp·r, a deceleration of Kp·v, which
   must stay within the share of the acceleration limit kept for braking: Kp = 0.75·0.4/0.2
   = 1.5 1/s at cruise speed. It does not overshoot.
+
+What steers a robot that moves on, bearing and wall, is in ``steering_response``.
 """
 
 from __future__ import annotations
@@ -50,6 +52,12 @@ class StepResponse(NamedTuple):
         """Greatest excess over the target, relative to it."""
         return max(max(v / self.target for v in self.value) - 1.0, 0.0)
 
+    @property
+    def rise_s(self) -> float:
+        """From 10 to 90 % of the target; inf: it never got there."""
+        late = self._first_s(0.9)
+        return late - self._first_s(0.1) if math.isfinite(late) else math.inf
+
     def settled_s(self, band: float) -> float:
         """When the value came within ``band`` (its unit) of the target for good; inf: never."""
         outside = [
@@ -58,6 +66,10 @@ class StepResponse(NamedTuple):
         if not outside:
             return 0.0
         return math.inf if outside[-1] == self.time_s[-1] else outside[-1] + STEP_S
+
+    def _first_s(self, share: float) -> float:
+        pairs = zip(self.time_s, self.value, strict=True)
+        return next((t for t, v in pairs if v / self.target >= share), math.inf)
 
 
 class SmoothingSeries(NamedTuple):
