@@ -1,0 +1,67 @@
+"""Whether the pose's covariance is right: NEES of whole runs, by room and noise.
+
+    PYTHONPATH=tests python -m bench.consistency
+
+3 is right for x, y and yaw together, 1 for the yaw alone; below it the filter is more careful than
+it need be, above it is surer than it may be. A run counts as one; ± is the 95 % interval by the
+spread from run to run. The same seeds give the same table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from support.told_errors import anees, share_inside, told_errors, yaw_anees
+from tools.experiment.trials import room_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from support.told_errors import Told
+
+ROOMS = ("case-1", "case-2", "generated:columns:3")
+LEVELS = ("typical", "harsh")
+
+
+def row(room: str, noise: str, runs: Sequence[Sequence[Told]]) -> str:
+    """One line of the table."""
+    told = [sample for run in runs for sample in run]
+    error = np.sqrt(np.mean([t.error**2 for t in told], axis=0))
+    sigma = np.sqrt(np.mean([np.diag(t.covariance) for t in told], axis=0))
+    place = f"{1000 * math.hypot(*error[:2]):.0f} of {1000 * math.hypot(*sigma[:2]):.0f} mm"
+    yaw = f"{math.degrees(error[2]):.2f} of {math.degrees(sigma[2]):.2f}°"
+    return (
+        f"| {room} | {noise} | {len(runs)}, {len(told)} | {anees(runs)} | {yaw_anees(runs)} | "
+        f"{100 * share_inside(runs):.0f} % | {place} | {yaw} |"
+    )
+
+
+def main() -> None:
+    """Run each room at each level and print the table."""
+    options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    options.add_argument("--rooms", default=",".join(ROOMS))
+    options.add_argument("--noise", default=",".join(LEVELS))
+    options.add_argument("--seeds", type=int, default=12, help="2 or more")
+    options.add_argument("--planner", default="recovery")
+    given = options.parse_args()
+    if given.seeds < 2:
+        options.error("--seeds must be 2 or more")
+    print(
+        "| room | noise | runs, samples | NEES (3) | yaw (1) | in 95 % | place, of σ | yaw, of σ |"
+    )
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    for room, noise in itertools.product(given.rooms.split(","), given.noise.split(",")):
+        plan = room_of(room)
+        runs = [
+            told_errors(plan, noise, seed, planner=given.planner) for seed in range(given.seeds)
+        ]
+        print(row(room, noise, runs), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""What the pose's covariance tells of its errors, over whole runs: host, wire and virtual sweeper.
+
+The estimate is held against the truth of the very moment of its newest encoder sample. A run's
+samples hang together, for an error made once stays: a run counts as one, by its mean, and how far
+the runs lie apart says how sure the mean over them is.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from bridge.motion.robot_model import RobotModel
+from bridge.record.sink import NullSink
+from tools.virtual_run import own_ms, run_virtual
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from bridge.coverage.floorplan import FloorPlan
+    from bridge.motion.geometry import Pose2
+    from tools.virtual_run import VirtualRun
+
+    Floats = NDArray[np.float64]
+
+FIRST_S = 10.0
+"""The start is taken as exact: before this there is no doubt to speak of."""
+_KEPT = 32
+
+
+class Told(NamedTuple):
+    """Estimate less truth and the covariance that was told of it: x, y (m), yaw (rad)."""
+
+    time_s: float
+    """Since the drive began."""
+    error: Floats
+    covariance: Floats
+
+    @property
+    def nees(self) -> float:
+        """3 in the mean where the covariance is right."""
+        return float(self.error @ np.linalg.solve(self.covariance, self.error))
+
+    @property
+    def yaw_nees(self) -> float:
+        """The same of the yaw alone: 1 in the mean."""
+        return float(self.error[2] ** 2 / self.covariance[2, 2])
+
+
+def told_errors(
+    plan: FloorPlan, noise: str, seed: int, *, every_s: float = 10.0, planner: str = "recovery"
+) -> list[Told]:
+    """Run a planner to its end; what was told at fixed moments of the drive."""
+    truth: dict[int, Pose2] = {}
+    told: list[Told] = []
+
+    def prepare(run: VirtualRun) -> None:
+        device, host, step = run.device, run.host, run.device.step
+        begun_s: list[float] = []
+
+        def stepped(data: bytes, now_us: int) -> bytes:
+            out = step(data, now_us)
+            truth[own_ms(device)] = device.plant.pose
+            if len(truth) > _KEPT:
+                del truth[next(iter(truth))]
+            return out
+
+        def stepping(time_s: float, _: Pose2) -> None:
+            begun_s[:] = begun_s or [time_s]
+            since_s = time_s - begun_s[0]
+            due_s = told[-1].time_s + every_s if told else FIRST_S
+            true = truth.get(host.encoders_us // 1000)
+            if since_s < due_s or true is None:
+                return
+            pose = host.estimator.pose_at(1e-6 * host.encoders_us)
+            turn = math.remainder(pose.theta_rad - true.theta_rad, math.tau)
+            error = np.array([pose.x_m - true.x_m, pose.y_m - true.y_m, turn])
+            told.append(Told(since_s, error, np.array(host.estimator.covariance)))
+
+        device.step = stepped  # type: ignore[method-assign] # looks on, and changes nothing
+        host.on_drive_pose = stepping
+
+    run_virtual(plan, RobotModel(), planner, NullSink(), seed=seed, noise=noise, prepare=prepare)
+    return told
+
+
+class Average(NamedTuple):
+    """A figure over runs."""
+
+    mean: float
+    half: float
+    """Of its 95 % interval, by the spread from run to run (Student's t)."""
+
+    def __str__(self) -> str:
+        return f"{self.mean:.2f} ± {self.half:.2f}"
+
+
+def average(runs: Sequence[float]) -> Average:
+    """Mean of one figure a run, two runs or more."""
+    spread = statistics.stdev(runs) / math.sqrt(len(runs))
+    return Average(statistics.fmean(runs), float(stats.t.ppf(0.975, len(runs) - 1)) * spread)
+
+
+def anees(runs: Sequence[Sequence[Told]]) -> Average:
+    """Average NEES of x, y and yaw."""
+    return average([statistics.fmean(t.nees for t in run) for run in runs])
+
+
+def yaw_anees(runs: Sequence[Sequence[Told]]) -> Average:
+    """Average NEES of the yaw alone."""
+    return average([statistics.fmean(t.yaw_nees for t in run) for run in runs])
+
+
+def share_inside(runs: Sequence[Sequence[Told]], share: float = 0.95) -> float:
+    """Share of all samples that lie within the ellipse in which ``share`` should lie."""
+    most = float(stats.chi2.ppf(share, 3))
+    return statistics.fmean(t.nees < most for run in runs for t in run)
