@@ -73,9 +73,9 @@ def range_table(rows: Sequence[Row]) -> Table:
         ),
         lines,
         f"Mouth % of what it can reach; expected were {_NOTED_COST:g} points. The level is none "
-        "but for a standard deviation of 1 cm in every ultrasonic range. Case 1's tolerance "
-        "decides only where T is counted by equal lanes; counted by whole steps, the default, it "
-        "changes nothing.",
+        "but for a standard deviation of 1 cm in every ultrasonic range. The tolerance is that of "
+        "D = Prev-D: it matters only where T is counted by equal lanes, and the default counts "
+        "whole steps.",
     )
 
 
