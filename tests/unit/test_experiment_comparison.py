@@ -43,6 +43,7 @@ def row(
         "noise": "typical",
         "seed": 0,
         "max_time_s": 3600.0,
+        "duration_s": 900.0,
         "outcome": "complete",
         "sweepable_m2": 2.0,
         "reference_energy_wh": 0.05,

@@ -28,7 +28,7 @@ from tools.experiment.paper_tables import (
 )
 from tools.experiment.paper_trials import RANGE_LEVEL, TOLERANCES, paper_trials
 from tools.experiment.store import LINES, ExperimentFolderError, Store, code_version
-from tools.experiment.tables import at_multiples, worst_table
+from tools.experiment.tables import at_multiples, repeat_command, worst_table
 from tools.experiment.trials import OPEN_FLOOR, Kind, Trial, generated_rooms, room_of
 from tools.experiment.zimablue_run import enlarged
 
@@ -189,6 +189,13 @@ def test_the_worst_run_comes_first_with_the_command_that_repeats_it() -> None:
     assert lines[0][-1] == (
         "sweepctl simulate out/rooms/generated-box-8.json --planner paper --noise typical "
         "--seed 7 --max-time 3600"
+    )
+
+
+def test_the_random_way_is_repeated_without_its_own_limit() -> None:
+    assert repeat_command(row(planner="random", seed=1, duration_s=2468.02), "") == (
+        "sweepctl simulate case-1 --planner random --planner-option max_time_s=1e6 "
+        "--noise typical --seed 1 --max-time 2468.02"
     )
 
 

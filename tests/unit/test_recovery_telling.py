@@ -21,14 +21,14 @@ from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
 
 MODEL = RobotModel()
-PLAN = generate_room(3, np.random.default_rng(3), "turned")
+PLAN = generate_room(4, np.random.default_rng(4), "turned")
 
 
 @pytest.fixture(scope="module")
 def driven() -> FastRun:
     """One run without noise."""
     planner = RecoveryPlanner(MODEL)
-    return run_fast(PLAN, planner, MODEL, seed=3, noise=LEVELS["none"], max_time_s=4000.0)
+    return run_fast(PLAN, planner, MODEL, seed=4, noise=LEVELS["none"], max_time_s=4000.0)
 
 
 def test_every_lane_that_is_chosen_is_told_to_have_ended(driven: FastRun) -> None:
@@ -53,7 +53,10 @@ def test_lanes_tell_what_they_swept_and_the_end_what_is_swept_and_left(driven: F
     assert finish.data["swept_m2"] == pytest.approx(truth_m2, rel=0.05)
     assert 0.3 * truth_m2 < swept_cm2 * 1e-4 < truth_m2, "the outlines swept the rest"
     assert 0.0 <= float(finish.data["left_cm2"]) * 1e-4 < 0.05 * truth_m2
-    assert int(finish.data["shadows_open"]) >= 0
+    found = sum(event.kind == "shadow" for _, event in driven.events)
+    closed = sum(event.reason.startswith("closed: half") for _, event in driven.events)
+    assert found > closed > 0
+    assert finish.data["shadows_open"] == found - closed
 
 
 def test_a_second_plan_does_not_tell_the_end_of_the_first() -> None:

@@ -1,7 +1,7 @@
 """Layouts in which the paper's algorithm fails, as floor plans (rooms ``layout:NAME``).
 
 One slot of memory, and a step to one side only, cannot hold what these ask for. The shapes are
-known; the sizes are our own choice, of rooms with sides of 3 to 6 m. Where nothing else is the
+known; the sizes are our own choice, of rooms with sides of 3 to 5 m. Where nothing else is the
 point, the start is the lower left corner, along the lower wall, as in the paper's own rooms.
 """
 

@@ -27,7 +27,7 @@ OPEN_FLOOR = "open-floor"
 HOUR_S = 3600.0
 PERFECT = "perfect"
 """As noise ``none``, and the pose that planner and controllers are given is the true one."""
-NOISELESS, _SEEDED = frozenset({PERFECT, "none"}), "random"
+NOISELESS, RANDOM = frozenset({PERFECT, "none"}), "random"
 """Levels at which a run is the same for every seed, but with the planner that draws by it."""
 _DRAWN_FROM = 0x5EED
 """Keeps the generated rooms' numbers apart from other uses of small seeds."""
@@ -89,7 +89,7 @@ def grid_trials(  # noqa: PLR0913, PLR0917 - the axes of the grid
     return [
         Trial(room, planner, level, seed, max_time_s, kind)
         for room, planner, level, seed in product(rooms, planners, levels, seeds)
-        if seed == seeds[0] or planner == _SEEDED or level not in NOISELESS
+        if seed == seeds[0] or planner == RANDOM or level not in NOISELESS
     ]
 
 
@@ -126,6 +126,6 @@ def work(trial: Trial, plan: FloorPlan) -> float:
             return 6.0 * (x1 - x0) * (y1 - y0)
         case _:
             area_m2 = (x1 - x0) * (y1 - y0)
-            if trial.planner == _SEEDED:  # as long as it is compared, in every room
+            if trial.planner == RANDOM:  # as long as it is compared, in every room
                 return 1.2 * area_m2
             return math.sqrt(1.0 + area_m2)

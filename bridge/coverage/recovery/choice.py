@@ -66,7 +66,7 @@ class Chooser:
         self.parted_at: Point | None = None
         """Of those places, the nearest."""
         self.left_m2 = 0.0
-        """At the last choice: reachable floor that is not swept, within the reach looked at."""
+        """At the last choice: reachable floor neither swept nor given up, as far as was looked."""
 
     def choose(self, memory: EvidenceMap, pose: Pose2, grid_rad: float) -> Choice | None:
         """The best choice from a pose, in one go; ``None``: nothing worth it is reachable."""
@@ -87,7 +87,7 @@ class Chooser:
         box = memory.box()
         parts = [_clip(box, int(row), int(column), options.looks[0] // STRAIGHT), box]
         choice: Choice | None = None
-        self._spent = 0.0
+        self._spent = self.left_m2 = 0.0
         self.parted_at = None
         for k, most in enumerate(options.looks):
             part = parts[min(k, 1)]

@@ -330,7 +330,6 @@ class DrivingPlanner(WatchfulPlanner):
         towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
         if self.memory.fresh(towards, _AHEAD_BAND_M, (-0.04, 0.04)) < 0.4:  # noqa: PLR2004
             return False
-        self.decide("obstacle", f"ahead, not yet followed: {result.reason}")
         away = bearing + (-_QUARTER if left else _QUARTER)
         yield from self._turn(pose.theta_rad + away)
         yield from self._outline(left=left, touching=True)

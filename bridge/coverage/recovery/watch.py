@@ -147,7 +147,7 @@ class WatchfulPlanner(ScriptedPlanner):
             self.decide("re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4))
 
     def _see_heading(self, doubt_rad: float) -> None:
-        """Tell where a wall told the heading: the doubt grows by itself, and falls by that."""
+        """Tell where the walls told the heading: its doubt grows by itself, and falls by that."""
         most_rad = self._doubted_rad
         if doubt_rad > most_rad:
             self._doubted_rad = doubt_rad
@@ -155,7 +155,7 @@ class WatchfulPlanner(ScriptedPlanner):
             self._doubted_rad = doubt_rad
             self.decide(
                 "re-zero",
-                "a wall seen again told the heading",
+                "the walls told the heading",
                 doubt_deg=round(math.degrees(doubt_rad), 2),
                 before_deg=round(math.degrees(most_rad), 2),
             )
