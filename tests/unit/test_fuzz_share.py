@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -25,7 +26,9 @@ def test_no_input_that_the_fuzzer_finds_breaks_it(target: str, tmp_path: Path) -
         command, cwd=tmp_path, env=paths, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-3000:]
-    assert f"Done {RUNS[target]} runs" in done.stderr
+    told = re.search(r"Done (\d+) runs", done.stderr)
+    assert told, done.stderr[-3000:]
+    assert int(told[1]) >= RUNS[target], "it may go on to the end of what it is at"
 
 
 def test_a_reader_that_kept_everything_would_be_found_out() -> None:
