@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 
 import numpy as np
 import pytest
 
 from bridge.coverage.metrics import CoverageMeter
+from bridge.coverage.planner import Step
 from bridge.coverage.recovery import telling
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
@@ -97,6 +99,19 @@ def test_a_wall_that_tells_the_heading_is_told_once() -> None:
 def test_a_heading_that_was_hardly_in_doubt_or_hardly_helped_is_not_told() -> None:
     assert Watching().sees(0.29, 0.05) == []
     assert Watching().sees(0.8, 0.41) == []
+
+
+@pytest.mark.parametrize("reason", [StopReason.RANGE, StopReason.BUMPER, StopReason.CLIFF])
+def test_what_ended_a_lane_early_is_told_once_as_an_obstacle_there(reason: StopReason) -> None:
+    planner, leg = Watching(), Drive(0.0, 1.0, purpose="lane")
+    planner.watch(observed(0.0))
+    part = planner._drive(leg)  # noqa: SLF001 - one leg of a plan
+    assert next(part) is leg
+    step = Step(LegResult(leg, reason, 0.5, 2.0, Pose2(0.5, 0.25, 0.0)), observed(0.0))
+    with suppress(StopIteration):
+        part.send(step)
+    told = [(event.kind, event.reason) for event in planner.drain_events()]
+    assert told == [("lane-end", f"ended early: {reason}"), ("obstacle", f"lane ended: {reason}")]
 
 
 def test_what_ends_a_leg_is_told_with_its_place() -> None:
