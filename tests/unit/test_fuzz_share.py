@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -19,16 +18,15 @@ RUNS = {"parser": 15_000, "link": 2_500, "codec": 25_000, "batch": 1_500, "can":
 
 @pytest.mark.parametrize("target", list(TARGETS))
 def test_no_input_that_the_fuzzer_finds_breaks_it(target: str, tmp_path: Path) -> None:
-    options = [f"-runs={RUNS[target]}", "-seed=1", f"-artifact_prefix={tmp_path}/"]
+    # reading the corpus again, every second, would run more, and others on each machine
+    options = [f"-runs={RUNS[target]}", "-seed=1", "-reload=0", f"-artifact_prefix={tmp_path}/"]
     command = [sys.executable, "-m", "fuzz.run", target, *options]
     paths = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
     done = subprocess.run(
         command, cwd=tmp_path, env=paths, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-3000:]
-    told = re.search(r"Done (\d+) runs", done.stderr)
-    assert told, done.stderr[-3000:]
-    assert int(told[1]) >= RUNS[target], "it may go on to the end of what it is at"
+    assert f"Done {RUNS[target]} runs" in done.stderr
 
 
 def test_a_reader_that_kept_everything_would_be_found_out() -> None:
