@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from protocol.message import Message
     from protocol.messages import Range
 
-_BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
-
 
 class HostSenses:
     """The part of a host that listens to sensors."""
@@ -67,6 +65,7 @@ class HostSenses:
             message.ultrasonic_m,
             message.infrared_left_m,
             message.infrared_right_m,
-            touching=message.contacts & _BUMPERS != 0,
+            bumper_left=bool(message.contacts & Contact.BUMPER_LEFT),
+            bumper_right=bool(message.contacts & Contact.BUMPER_RIGHT),
             t_s=device_us * 1e-6,
         )

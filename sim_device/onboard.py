@@ -158,7 +158,8 @@ class Onboard:
                 around.ultrasonic_m,
                 around.infrared_left_m,
                 around.infrared_right_m,
-                touching=around.bumper_left or around.bumper_right,
+                bumper_left=around.bumper_left,
+                bumper_right=around.bumper_right,
             )
 
     def drain_decisions(self) -> list[str]:

@@ -76,15 +76,16 @@ class Belief:
         """
         ph, s = self.project(index, rows)
         gain = np.linalg.solve(s + noise, ph.T).T
-        kept = [float(self.p[i, i]) for i in held]
+        block = np.ix_(list(held), list(held))
+        kept = self.p[block].copy()
         self.p -= gain @ ph.T
         # Rounding makes it lopsided in the long run, and small negative variances with it.
         self.p += self.p.T
         self.p *= 0.5
         step: Floats = gain @ innovation
-        for i, variance in zip(held, kept, strict=True):
-            self.p[i, i] = variance
-            step[i] = 0.0
+        if held:
+            self.p[block] = kept
+            step[list(held)] = 0.0
         return step
 
     def update_one(self, index: int, innovation: float, variance: float) -> Floats:

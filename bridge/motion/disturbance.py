@@ -35,6 +35,9 @@ _HELD = 5
 AGREE_M_S = 0.025
 """Encoders and inertia agree again below this."""
 AGREE_S = 0.05
+AWAY_M_S = 0.01
+"""Wheels that turn back faster take the body from what it met: nothing holds it there, and so
+gentle a start is lost in what is taken for standing."""
 STANDS_M_S = 0.012
 """Slower than this after a bump, the body is taken to stand: else the offset's rest adds up."""
 STALL_S = 0.5
@@ -193,7 +196,9 @@ class InertialBridge:
 
     __slots__ = (
         "_agreed_s",
+        "_away_s",
         "_gain_m_s",
+        "_into",
         "_wheels_m_s",
         "_withheld_m",
         "age_s",
@@ -213,7 +218,8 @@ class InertialBridge:
         self.stalled = False
         self.given_back_m = 0.0
         """Way by the wheels that was taken for a stall's, and was made."""
-        self._agreed_s = 0.0
+        self._agreed_s = self._away_s = 0.0
+        self._into = math.copysign(1.0, v_m_s)
         self._wheels_m_s = self._gain_m_s = self._withheld_m = 0.0
         """Speed of the wheels as the stall began, what inertia gained since, and their way."""
 
@@ -234,6 +240,11 @@ class InertialBridge:
             self.vx_m_s = self.vy_m_s = 0.0
         return self.vx_m_s * dt_s, self.vy_m_s * dt_s
 
+    @property
+    def withheld_m(self) -> float:
+        """Way by the wheels since the body was taken to stand."""
+        return self._withheld_m
+
     def over(self, v_m_s: float, dt_s: float) -> bool:
         """Whether the wheels, at this speed, tell the same again."""
         if self.stalled:
@@ -242,6 +253,10 @@ class InertialBridge:
             if abs(gain) > GAIN_M_S and _LEAST_SHARE < self._gain_m_s / gain < _MOST_SHARE:
                 self.given_back_m = self._withheld_m
                 return True
+        away = v_m_s * self._into < -AWAY_M_S
+        self._away_s = self._away_s + dt_s if away else 0.0
+        if self._away_s >= AGREE_S and math.hypot(self.vx_m_s, self.vy_m_s) < 2.0 * AGREE_M_S:
+            return True
         agrees = math.hypot(self.vx_m_s - v_m_s, self.vy_m_s) < AGREE_M_S
         self._agreed_s = self._agreed_s + dt_s if agrees else 0.0
         if not agrees and not self.stalled and self.age_s > STALL_S:

@@ -46,7 +46,7 @@ _REST_BATCH = 5
 """Rest samples are averaged by so many before they are taken: an update costs its time."""
 _LARGEST_BIAS_RAD_S = 0.4
 """Above the data sheet's ±20 °/s a first sample is a motion, not a bias."""
-_BRIDGE_M, _BRIDGE_CUT_M, _BRIDGE_RAD = 0.0015, 0.006, math.radians(0.1)
+_BRIDGE_M, _BRIDGE_CUT_M, _BRIDGE_RAD = 0.0015, 0.006, math.radians(0.05)
 """What a bump leaves unsure of position and heading, told whole or cut off."""
 _BRIDGE_M_S, _BRIDGE_M_S2 = 0.012, 0.02
 """Of the velocity by inertia: at once, and growing with time."""
@@ -148,6 +148,14 @@ class PoseEstimator(PoseFilter):
         self._yaw_rate = 0.0
         self._turning_s = 0.0
         self._bridge = None
+
+    def release(self) -> None:
+        """Tell that nothing touches the robot: after a bump its wheels can be believed again."""
+        bridge = self._bridge
+        if bridge is None:
+            return
+        self.shift(bridge.withheld_m, 0.0)
+        self._end_bridge(bridge)
 
     # -- samples ---------------------------------------------------------------------------
 

@@ -172,14 +172,7 @@ class PoseFilter:
 
     def disturb_along(self, sigma_m: float) -> None:
         """Grow the doubt of the way made ahead, as by wheels that slipped."""
-        self._disturb_towards(self._theta, sigma_m)
-
-    def disturb_across(self, sigma_m: float) -> None:
-        """Grow the doubt of the place to the side, as by a wall that was rubbed against."""
-        self._disturb_towards(self._theta + 0.5 * math.pi, sigma_m)
-
-    def _disturb_towards(self, heading: float, sigma_m: float) -> None:
-        c, s = math.cos(heading), math.sin(heading)
+        c, s = math.cos(self._theta), math.sin(self._theta)
         p, v = self.belief.p, sigma_m**2
         p[X, X] += v * c * c
         p[Y, Y] += v * s * s

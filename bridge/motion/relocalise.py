@@ -6,6 +6,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
+from bridge.motion.contact_doubt import ContactDoubt
 from bridge.motion.geometry import Pose2
 from bridge.motion.wall_map import WallMap
 from bridge.motion.wall_sight import (
@@ -22,16 +23,6 @@ if TYPE_CHECKING:
     from bridge.motion.estimator import PoseEstimator
     from bridge.motion.robot_model import RobotModel
 
-BUMP_SIGMA_M = 0.01
-BUMP_SIGMA_RAD = math.radians(0.5)
-"""What a touch moves the robot beyond what its wheels tell."""
-FELT_SIGMA_M = 0.0015
-FELT_SIGMA_RAD = math.radians(0.1)
-"""The same where the accelerometer tells of hard touches: what is left are soft ones."""
-TOUCH_SHARE, FELT_SHARE = 0.3, 0.1
-"""Of the way that the wheels tell while the bumper is pressed: they may slip, the body slide."""
-
-
 ECHO_AGE_S = 0.03
 """Of an ultrasonic reading that differs from the last: it pings every 60 ms, and is asked when
 the stream is due. One that repeats is older still, and fixes nothing."""
@@ -41,8 +32,6 @@ has come to rest before it."""
 GRAZE_M = 0.005
 """A wall abeam that is nearer to the rim than this may be rubbed against, ..."""
 _READINGS = 5
-GRAZE_SHARE = 0.15
-"""... which pushes the robot aside by up to this share of its way from reading to reading, ..."""
 RUB_M, RUB_RAD = 0.0005, math.radians(1.5)
 """... and, where a stretch leaves less room than this in the mean, makes the wall look as if it
 ran along the heading: by up to 1.4° at ``typical``. What the other side sees turns as well. ..."""
@@ -70,18 +59,18 @@ class Relocaliser:
         self._front = FrontSights(model.ultrasonic)
         self.walls = WallMap(estimator)
         self._echo_m: float | None = None
-        self._touching = False
-        self._last = estimator.odometry
+        self._contact = ContactDoubt(estimator)
         self.yaw_fixes = 0
         self.position_fixes = 0
 
-    def update(
+    def update(  # noqa: PLR0913 - what one message tells
         self,
         ultrasonic_m: float | None,
         left_m: float | None,
         right_m: float | None,
         *,
-        touching: bool,
+        bumper_left: bool = False,
+        bumper_right: bool = False,
         t_s: float | None = None,
     ) -> None:
         """Take one reading of the rangers and the bumper.
@@ -94,7 +83,8 @@ class Relocaliser:
             near.take(r) < most
             for near, r, most in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
         )
-        self._doubt_touch(touching=touching, grazing=grazing)
+        way = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
+        self._grazed_m = way if grazing else self._grazed_m + way
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
         moving = abs(estimator.v_m_s) > MOVING_M_S
@@ -135,25 +125,6 @@ class Relocaliser:
             odometry.y_m + s * dx + c * dy,
             odometry.theta_rad + math.remainder(then.theta_rad - now.theta_rad, math.tau),
         )
-
-    def _doubt_touch(self, *, touching: bool, grazing: bool) -> None:
-        estimator = self._estimator
-        felt = estimator.feels
-        if touching and not self._touching:
-            if felt:
-                estimator.disturb(FELT_SIGMA_M, FELT_SIGMA_RAD)
-            else:
-                estimator.disturb(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
-        here = estimator.odometry
-        way = here.distance_m(self._last)
-        if touching and way > 0.0:
-            estimator.disturb((FELT_SHARE if felt else TOUCH_SHARE) * way, 0.0)
-        if grazing and way > 0.0:
-            estimator.disturb_across(GRAZE_SHARE * way)
-            self._grazed_m = 0.0
-        self._grazed_m += way
-        self._last = here
-        self._touching = touching
 
 
 class _Nearness:

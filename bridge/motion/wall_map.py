@@ -152,10 +152,10 @@ class WallMap:
             along = _along(wall, alpha, sensor)
             if not wall.low_m - FRONT_MARGIN_M < along < wall.high_m + FRONT_MARGIN_M:
                 continue
-            rows, predicted_m, by_turning = self._front_rows(i, pose, mount, sensor)
+            rows, predicted_m, by_skew = self._front_rows(i, pose, mount, sensor)
             surprise = np.array([sight.range_m - predicted_m])
             _, s = estimator.belief.project(self._index(i), rows)
-            variance = sight.variance + by_turning
+            variance = sight.variance + by_skew
             total = float(s[0, 0]) + variance
             chi = float(surprise[0] ** 2) / total
             if chi < best_chi:
@@ -171,7 +171,9 @@ class WallMap:
         if best_chi > SAME_CHI1 or second_chi < SAME_CHI1 or abs(best_surprise[0]) > gate_m:
             return False
         wall = self.walls[best]
-        held = () if wall.seen_m >= NEW_SPAN_M else (WHEEL_SCALE,)
+        held: tuple[int, ...] = (THETA, STATES + 2 * best)
+        if wall.seen_m < NEW_SPAN_M:
+            held += (WHEEL_SCALE,)
         estimator.correct(self._index(best), best_rows, best_surprise, noise, held)
         along = _along(wall, self.normal_rad(best), sensor)
         wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
@@ -236,24 +238,22 @@ class WallMap:
     def _front_rows(
         self, i: int, pose: Pose2, mount: RangerMount, sensor: tuple[float, float]
     ) -> tuple[Floats, float, float]:
-        """Row of a distance ahead, the distance expected, and what its doubtful angles add.
+        """Row of a distance ahead, the distance expected, and what the wall's skew adds.
 
-        The angles are left out of the row: a millimetre of a range that decelerating shifted
-        would otherwise be told of a wall's direction, and turn the robot by degrees.
+        The angles are in the row, and held by who takes it (Schmidt): their doubt, the same from
+        sight to sight, counts; but a millimetre of a range that decelerating shifted must not be
+        told of a wall's direction, and turn the robot by degrees.
         """
         wall, alpha = self.walls[i], self.normal_rad(i)
         c, s = math.cos(alpha), math.sin(alpha)
         ct, st = math.cos(pose.theta_rad), math.sin(pose.theta_rad)
         by_theta = c * (mount.x_m * st + mount.y_m * ct) - s * (mount.x_m * ct - mount.y_m * st)
         dx, dy = sensor[0] - wall.anchor_x_m, sensor[1] - wall.anchor_y_m
-        rows = np.array([[-c, -s, 0.0, 0.0, 1.0]])
+        rows = np.array([[-c, -s, by_theta, dx * s - dy * c, 1.0]])
         index = (THETA, STATES + 2 * i)
-        _, by_turning = self._estimator.belief.project(
-            index, np.array([[by_theta, dx * s - dy * c]])
-        )
         turned = float(self._estimator.belief.p[index[1], index[1]])
         skew = SKEW * turned * (dx * c + dy * s)
-        variance = float(by_turning[0, 0]) + skew * skew
+        variance = skew * skew
         return rows, self.offset_m(i) - dx * c - dy * s, variance
 
     def _is_one(self, i: int, j: int) -> bool:

@@ -52,8 +52,8 @@ class Decisions:
 
 
 def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall() -> None:
-    sights = 0
-    for seed in (2, 5):
+    sights = helped = missed = 0
+    for seed in (2, 5, 6):
         told = Decisions()
         doubts: list[tuple[float, float]] = []
 
@@ -70,5 +70,8 @@ def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall()
             after = [doubt for t_s, doubt in doubts if begun_s < t_s < begun_s + 25.0]
             assert before > 0.75
             if begun_s < doubts[-1][0] - 25.0:
-                assert min(after) < 0.6
-    assert 1 <= sights < 16, "not again and again"
+                helped += min(after) < 0.6
+                missed += min(after) >= 0.6
+    assert sights < 24, "not again and again"
+    assert helped >= 4
+    assert missed <= 1, "who rubs along the wall, or is met on the way there, learns nothing"

@@ -74,7 +74,7 @@ def test_the_interval_is_the_runs_own_spread() -> None:
 
 
 def test_the_truth_is_of_the_samples_own_moment() -> None:
-    """Without noise 2 mm and 0.4° are left; 20 ms late would be 4 mm more, and in a turn 1.7°."""
+    """Without noise 3 mm and 0.6° are left; 20 ms late would be 1.5 mm more, and in a turn 2°."""
     off = np.abs([t.error for t in told_errors(ROOM, "none", 1, every_s=0.5)])
     assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.003
-    assert np.degrees(np.percentile(off[:, 2], 95)) < 0.5
+    assert np.degrees(off[:, 2].max()) < 0.8

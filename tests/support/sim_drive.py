@@ -117,6 +117,7 @@ class SimDrive:
     def _range(self, t_s: float) -> None:
         pressed = self.suite.bumpers()
         self.bumped = pressed.left or pressed.right
+        halves = {"bumper_left": pressed.left, "bumper_right": pressed.right}
         if self.walls is None:
             return
         ranges = self.suite.ranges()
@@ -126,7 +127,7 @@ class SimDrive:
             None if r is None else round(r / 0.00125) * 0.00125
             for r in (ranges.infrared_left_m, ranges.infrared_right_m)
         ]
-        self.walls.update(self.front_m, *sides, touching=self.bumped, t_s=t_s)
+        self.walls.update(self.front_m, *sides, **halves, t_s=t_s)
 
     def _measure(self) -> None:
         truth, pose = self.body.pose, self.estimator.pose

@@ -40,3 +40,19 @@ def test_a_held_state_counts_with_its_doubt_and_stays() -> None:
     keep = np.eye(2) - gain @ row
     joseph = keep @ np.diag([4.0, 1.0]) @ keep.T + 4.0 * gain @ gain.T
     assert belief.p == pytest.approx(joseph)
+
+
+def test_what_two_held_states_have_in_common_stays() -> None:
+    """As Joseph's form has it with their gains zero, for any covariance."""
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(5, 5))
+    belief = Belief((1.0,) * 5)
+    before = belief.p = root @ root.T
+    row, noise = rng.normal(size=(1, 5)), np.array([[0.7]])
+    gain = before @ row.T / float((row @ before @ row.T)[0, 0] + 0.7)
+    gain[[1, 3]] = 0.0
+    keep = np.eye(5) - gain @ row
+    joseph = keep @ before @ keep.T + gain @ noise @ gain.T
+    step = belief.update(range(5), row, np.array([2.0]), noise, held=(1, 3))
+    assert belief.p == pytest.approx(joseph)
+    assert step == pytest.approx(2.0 * gain[:, 0])

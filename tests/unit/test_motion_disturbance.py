@@ -169,6 +169,16 @@ def test_a_stall_that_was_none_costs_no_way() -> None:
     assert drive.errors.position_m[-1] < 0.036
 
 
+@pytest.mark.parametrize("into", [1.0, -1.0])
+def test_wheels_that_turn_away_from_what_was_met_are_believed(into: float) -> None:
+    """A start too gentle for the accelerometer: inertia alone would have it stand on."""
+    bridge = InertialBridge(0.1 * into)
+    bridge.push(-10.0 * into, 0.0, 0.0, 0.01)
+    assert not any(bridge.over(0.05 * into, 0.02) for _ in range(10)), "pushed on: it stands"
+    over = [bridge.over(-0.03 * into, 0.02) for _ in range(3)]
+    assert over == [False, False, True]
+
+
 @pytest.mark.parametrize("side", [0, 1])
 def test_a_slipping_wheel_is_told_and_the_other_believed(side: int) -> None:
     drive = SimDrive(room((5.0, 5.0, 0.0)), "typical", 4, walls=False)

@@ -1,0 +1,149 @@
+"""What contact does to the estimate: what wheels tell and a touched wall withholds."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.motion.contact_doubt import (
+    GRAZE_M_SQRT_M,
+    PRESS_SHARE,
+    SLIDE_AHEAD,
+    SLIDE_ASIDE,
+    ContactDoubt,
+)
+from bridge.motion.estimator import PoseEstimator
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from support.sim_body import box, room
+from support.sim_drive import SimDrive
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+MODEL = RobotModel()
+START = Pose2(1.0, 1.0, 0.0)
+
+
+class Pushed:
+    """An estimator without an accelerometer, moved as by wheels alone."""
+
+    def __init__(self) -> None:
+        self.estimator = PoseEstimator(MODEL, START)
+        self.contact = ContactDoubt(self.estimator)
+
+    def go(self, ways_m: Sequence[float], *, left: bool, right: bool, graze: bool = False) -> None:
+        for way in ways_m:
+            self.estimator.advance(way, 0.0, 0.05, 0.0, by_wheels=False)
+            self.contact.update(left=left, right=right, grazing=graze)
+
+    @property
+    def sigma_m(self) -> tuple[float, float]:
+        self.estimator.settle()
+        covariance = self.estimator.covariance
+        return math.sqrt(covariance[0][0]), math.sqrt(covariance[1][1])
+
+
+@pytest.mark.parametrize(("left", "right", "aside"), [(True, False, -1), (False, True, 1)])
+def test_a_pressed_half_holds_back_part_of_the_way(*, left: bool, right: bool, aside: int) -> None:
+    pushed = Pushed()
+    pushed.go([0.005] * 10, left=left, right=right)
+    x, y, theta = pushed.estimator.pose
+    assert x - START.x_m == pytest.approx(0.05 * (1.0 - SLIDE_AHEAD))
+    assert y - START.y_m == pytest.approx(aside * 0.05 * SLIDE_ASIDE)
+    assert theta == 0.0
+
+
+@pytest.mark.parametrize(("way", "left", "right"), [(-0.005, True, False), (0.005, True, True)])
+def test_backing_off_and_both_halves_take_nothing_back(
+    way: float, *, left: bool, right: bool
+) -> None:
+    pushed = Pushed()
+    pushed.go([way] * 10, left=left, right=right)
+    assert pushed.estimator.pose == pytest.approx((START.x_m + 10 * way, START.y_m, 0.0))
+
+
+def test_what_inertia_tells_after_a_bump_is_not_taken_back() -> None:
+    drive = SimDrive(room((1.0, 1.0, 0.0)), "typical", 1, walls=False)
+    drive.rest(1.0)
+    for _ in range(50):
+        drive.step(0.1, 0.0)
+    estimator = drive.estimator
+    estimator.on_imu(0.001 * drive.body.tick_ms + 0.001, 0.0, -12.0, 0.0)
+    assert estimator.bridging
+    contact, before = ContactDoubt(estimator), estimator.pose
+    estimator.shift(0.005, 0.0)
+    contact.update(left=True, right=False, grazing=False)
+    assert estimator.pose.distance_m(before) == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize(("felt", "over"), [(True, True), (False, False)])
+def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(*, felt: bool, over: bool) -> None:
+    """A jerk that inertia takes for a stop, of a robot that rolls on: without it 6 cm are lost."""
+    drive = SimDrive(room((1.0, 1.0, 0.0)), "typical", 5)
+    drive.rest(2.0)
+    for _ in range(100):
+        drive.step(0.06, 0.0)
+    estimator, contact = drive.estimator, ContactDoubt(drive.estimator)
+    estimator.on_imu(0.001 * drive.body.tick_ms + 0.005, 0.0, -12.0, 0.0)
+    assert estimator.bridging
+    contact.update(left=felt, right=False, grazing=False)
+    for _ in range(12):
+        for _ in range(5):
+            drive.step(0.06, 0.0)
+        contact.update(left=False, right=False, grazing=False)
+    assert estimator.bridging is not over
+
+
+@pytest.mark.parametrize("readings", [1, 4, 40])
+def test_the_error_of_one_touch_is_one_error_however_often_it_is_read(readings: int) -> None:
+    once = Pushed()
+    once.go([0.0], left=True, right=False)
+    many = Pushed()
+    many.go([0.0] + [0.08 / readings] * readings, left=True, right=False)
+    grown = math.sqrt(many.sigma_m[1] ** 2 - once.sigma_m[1] ** 2)
+    assert grown == pytest.approx(PRESS_SHARE * 0.08, rel=0.03)
+
+
+def test_two_touches_are_two_errors() -> None:
+    apart = Pushed()
+    for _ in range(2):
+        apart.go([0.0] + [0.01] * 4, left=True, right=True)
+        apart.go([0.0], left=False, right=False)
+    one = Pushed()
+    one.go([0.0] + [0.01] * 4, left=True, right=True)
+    assert apart.sigma_m[1] == pytest.approx(math.sqrt(2.0) * one.sigma_m[1], rel=0.02)
+
+
+def test_rubbing_adds_doubt_with_the_root_of_the_way() -> None:
+    for parts in (10, 80):
+        rubbed = Pushed()
+        rubbed.go([0.4 / parts] * parts, left=False, right=False, graze=True)
+        assert rubbed.sigma_m[1] == pytest.approx(GRAZE_M_SQRT_M * math.sqrt(0.4), rel=0.05)
+        assert rubbed.estimator.pose.y_m == START.y_m
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("level", ["typical", "harsh"])
+def test_the_virtual_sweeper_that_slides_along_a_wall_is_followed(side: int, level: str) -> None:
+    """Plant and shell are not ours here: some 10 cm along a wall, the heading 10° into it."""
+    y = 1.5 + side * (1.5 - MODEL.radius_m - 0.004)
+    drive = SimDrive(
+        room((0.6, y, math.radians(side * 10.0)), walls=box(0.0, 0.0, 4.0, 3.0)), level, 3
+    )
+    drive.rest(1.0)
+    before, way = drive.estimator.pose, 0.0
+    while way < 0.1:
+        drive.step(0.08, 0.0)
+        way = drive.estimator.pose.distance_m(before)
+    drive.rest(0.3)
+    assert drive.bumped
+    told, true = drive.estimator.pose, drive.body.pose
+    off_m = told.y_m - true.y_m
+    slid_m = 0.1 * math.sin(math.radians(10.0))
+    assert abs(off_m) < 0.5 * slid_m, "without it, the estimate is 17 mm inside the wall"
+    sigma_m = math.sqrt(drive.estimator.covariance[1][1])
+    assert abs(off_m) < 3.0 * sigma_m
+    assert sigma_m < slid_m
