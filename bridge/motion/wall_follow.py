@@ -305,13 +305,16 @@ class WallFollower:
         steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
         if abs(off) > _INTEGRAL_BAND_M:
             self._aim.reset()
+        yaw = self._track.yaw_rad
         if nudge:
+            speed = min(speed, _NUDGE_M_S)
+            yaw = max(yaw, _PRESSED_RAD)
             self._aim.reset()
             aim = -tune.approach_rad / 4.0
         else:
             aim = self._aim.update(off, dt_s)
         aim = max(min(aim, steepest), -tune.approach_rad)
-        error = aim - self._track.yaw_rad
+        error = aim - yaw
         gain = tune.yaw_gain_s * min(1.0, _SURE_RAD / max(self._track.yaw_sigma_rad, 1e-6))
         rate = max(min(gain * error, self._max_rate), -self._max_rate)
         slow = max(math.cos(min(2.0 * abs(error), 0.5 * math.pi)), 0.2)
@@ -373,6 +376,11 @@ _TOUCH_WAY_M = 0.01
 _THIN_M = 0.08
 """What is found round a corner and followed for less may be a leg, which has no direction."""
 _INTEGRAL_BAND_M = 0.025
+_NUDGE_M_S = 0.05
+"""While the wall beside presses the bumper: the robot slides, which its wheels do not tell."""
+_PRESSED_RAD = math.radians(5.0)
+"""A pressed bumper tells that the heading is into the wall, whatever the track believes: its shell
+ends before the side."""
 _SURE_RAD = 0.1
 """A direction less sure than this is steered by in proportion."""
 _CORNER_M_S = 0.09

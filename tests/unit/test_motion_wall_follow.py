@@ -344,6 +344,25 @@ def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() 
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(side: Side) -> None:
+    """The track has been taught a heading 15° off the wall: the shell knows better."""
+    follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
+    left = side is Side.LEFT
+    for k in range(60):  # beside it the range grows as it does where one drives away
+        range_m, pose = 0.05 + 0.003 * k * math.tan(15.0 * DEGREE), Pose2(0.003 * k, 0.0, 0.0)
+        seen = sees(range_m if left else None)._replace(pose=pose)
+        believed = follower.step(seen._replace(infrared_right_m=None if left else range_m), STEP_S)
+        if range_m > 0.07:
+            break
+    assert believed.yaw_rad < -8.0 * DEGREE
+    seen = sees(0.07 if left else None, bumper=(left, not left))._replace(pose=pose)
+    step = follower.step(seen._replace(infrared_right_m=None if left else 0.07), STEP_S)
+    assert step.state is FollowState.FOLLOWING
+    assert 0.0 < step.command.v_m_s <= 0.05
+    assert side * step.command.yaw_rate_rad_s < -0.2
+
+
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_a_leg_that_is_touched_on_the_way_round_is_turned_from(side: Side) -> None:
     """On the spot, away from it, until the bumper is free; then round it again."""
     follower = WallFollower(MODEL, side, 0.0005)
