@@ -76,14 +76,14 @@ class Belief:
         """
         ph, s = self.project(index, rows)
         gain = np.linalg.solve(s + noise, ph.T).T
-        block = np.ix_(list(held), list(held))
-        kept = self.p[block].copy()
+        block = np.ix_(held, held) if held else None
+        kept = self.p[block] if block else None
         self.p -= gain @ ph.T
         # Rounding makes it lopsided in the long run, and small negative variances with it.
         self.p += self.p.T
         self.p *= 0.5
         step: Floats = gain @ innovation
-        if held:
+        if block:
             self.p[block] = kept
             step[list(held)] = 0.0
         return step

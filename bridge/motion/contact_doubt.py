@@ -28,6 +28,9 @@ SLIDE_SHARE, PRESS_SHARE = 0.1, 0.3
 no accelerometer tells of the touch."""
 GRAZE_M_SQRT_M = 0.0045
 """Per √m of a wall that is rubbed against abeam: it pushes aside, and its friction holds back."""
+_READING_M, _STUCK_M = 0.02, 0.3
+"""The most that is driven from one reading to the next; and along a touch: what is pressed for
+longer is a switch that is stuck, and slides along nothing."""
 _FREE_READINGS = 4
 """Of a bumper that is free again: 0.15 s."""
 
@@ -45,10 +48,12 @@ class ContactDoubt:
         self._last = estimator.odometry
 
     def update(self, *, left: bool, right: bool, grazing: bool) -> float:
-        """Take the bumper's halves, and whether a wall is rubbed against abeam; way since, m."""
+        """Take the bumper's halves, and whether a wall is rubbed against abeam.
+
+        Returns the way since the last reading, m, before anything of it is taken back.
+        """
         estimator = self._estimator
-        here = estimator.odometry
-        way = here.distance_m(self._last)
+        way_m = estimator.odometry.distance_m(self._last)
         self._see_release(pressed=left or right)
         if left or right:
             if not any(self._pressed):
@@ -56,11 +61,11 @@ class ContactDoubt:
                 self._doubt_onset()
             if not estimator.bridging:
                 self._slide(self._ahead_m(), (left, right))
-        if grazing and way > 0.0:
-            estimator.disturb(GRAZE_M_SQRT_M * math.sqrt(way), 0.0)
+        if grazing and way_m > 0.0:
+            estimator.disturb(GRAZE_M_SQRT_M * math.sqrt(way_m), 0.0)
         self._last = estimator.odometry
         self._pressed = (left, right)
-        return way
+        return way_m
 
     def _see_release(self, *, pressed: bool) -> None:
         """What the bumper felt and has let go holds the body no more.
@@ -70,14 +75,21 @@ class ContactDoubt:
         estimator = self._estimator
         self._free = 0 if pressed else self._free + 1
         self._met = estimator.bridging and (self._met or pressed)
+        if pressed:
+            estimator.hold()
         if self._met and self._free >= _FREE_READINGS:
             estimator.release()
+            self._met = False
 
     def _ahead_m(self) -> float:
-        """Way since the last reading in the direction of the heading; backwards it is free."""
+        """Way since the last reading in the direction of the heading; backwards it is free.
+
+        After a gap in the readings nobody knows since when it is pressed: one reading's way counts.
+        """
         here, last = self._estimator.odometry, self._last
         c, s = math.cos(here.theta_rad), math.sin(here.theta_rad)
-        return max((here.x_m - last.x_m) * c + (here.y_m - last.y_m) * s, 0.0)
+        way_m = (here.x_m - last.x_m) * c + (here.y_m - last.y_m) * s
+        return min(max(way_m, 0.0), _READING_M)
 
     def _doubt_onset(self) -> None:
         if self._estimator.feels:
@@ -85,16 +97,18 @@ class ContactDoubt:
         else:
             self._estimator.disturb(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
 
-    def _slide(self, way: float, pressed: tuple[bool, bool]) -> None:
-        """Take a way made while pressed (m, not negative)."""
-        if way == 0.0:
+    def _slide(self, way_m: float, pressed: tuple[bool, bool]) -> None:
+        """Take a way made while pressed, not negative."""
+        if way_m == 0.0:
             return
         left, right = pressed
-        estimator, before = self._estimator, self._pressed_m
-        self._pressed_m += way
-        if left != right:
-            estimator.shift(-SLIDE_AHEAD * way, SLIDE_ASIDE * way * (-1.0 if left else 1.0))
-        share = SLIDE_SHARE if left != right and estimator.feels else PRESS_SHARE
+        estimator, before_m = self._estimator, self._pressed_m
+        self._pressed_m += way_m
+        one_half = left != right and self._pressed_m < _STUCK_M
+        if one_half:
+            aside_m = SLIDE_ASIDE * way_m * (-1.0 if left else 1.0)
+            estimator.shift(-SLIDE_AHEAD * way_m, aside_m)
+        share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
         # One error for the whole touch: its standard deviation grows with the way, not its root.
-        grown = math.sqrt(self._pressed_m**2 - before**2)
-        estimator.disturb(share * grown, 0.0)
+        grown_m = math.sqrt(self._pressed_m**2 - before_m**2)
+        estimator.disturb(share * grown_m, 0.0)

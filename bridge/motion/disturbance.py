@@ -196,6 +196,7 @@ class InertialBridge:
 
     __slots__ = (
         "_agreed_s",
+        "_away_m",
         "_away_s",
         "_gain_m_s",
         "_into",
@@ -205,6 +206,7 @@ class InertialBridge:
         "cut",
         "given_back_m",
         "stalled",
+        "unmade_m",
         "vx_m_s",
         "vy_m_s",
     )
@@ -217,9 +219,11 @@ class InertialBridge:
         """Whether a sample was beyond the accelerometer's range: the bump was harder than told."""
         self.stalled = False
         self.given_back_m = 0.0
-        """Way by the wheels that was taken for a stall's, and was made."""
-        self._agreed_s = self._away_s = 0.0
-        self._into = math.copysign(1.0, v_m_s)
+        """Way by the wheels that was taken for none, and was made."""
+        self.unmade_m = 0.0
+        """Way that the wheels tell and inertia does not, since something last held the body."""
+        self._agreed_s = self._away_s = self._away_m = 0.0
+        self._into = math.copysign(1.0, v_m_s) if abs(v_m_s) > AWAY_M_S else 0.0
         self._wheels_m_s = self._gain_m_s = self._withheld_m = 0.0
         """Speed of the wheels as the stall began, what inertia gained since, and their way."""
 
@@ -238,15 +242,12 @@ class InertialBridge:
             self._gain_m_s += ahead * dt_s
         if self.stalled or math.hypot(self.vx_m_s, self.vy_m_s) < STANDS_M_S:
             self.vx_m_s = self.vy_m_s = 0.0
+        self.unmade_m -= self.vx_m_s * dt_s
         return self.vx_m_s * dt_s, self.vy_m_s * dt_s
-
-    @property
-    def withheld_m(self) -> float:
-        """Way by the wheels since the body was taken to stand."""
-        return self._withheld_m
 
     def over(self, v_m_s: float, dt_s: float) -> bool:
         """Whether the wheels, at this speed, tell the same again."""
+        self.unmade_m += v_m_s * dt_s
         if self.stalled:
             self._withheld_m += v_m_s * dt_s
             gain = v_m_s - self._wheels_m_s
@@ -255,7 +256,9 @@ class InertialBridge:
                 return True
         away = v_m_s * self._into < -AWAY_M_S
         self._away_s = self._away_s + dt_s if away else 0.0
+        self._away_m = self._away_m + v_m_s * dt_s if away else 0.0
         if self._away_s >= AGREE_S and math.hypot(self.vx_m_s, self.vy_m_s) < 2.0 * AGREE_M_S:
+            self.given_back_m = self._away_m
             return True
         agrees = math.hypot(self.vx_m_s - v_m_s, self.vy_m_s) < AGREE_M_S
         self._agreed_s = self._agreed_s + dt_s if agrees else 0.0

@@ -52,6 +52,9 @@ _BRIDGE_M_S, _BRIDGE_M_S2 = 0.012, 0.02
 """Of the velocity by inertia: at once, and growing with time."""
 _SLIP_SHARE = 0.5
 """Of the way put right when one wheel slips, taken as its sigma."""
+_RELEASE_SHARE = 0.3
+"""Of the way given back once nothing holds the robot, taken as its sigma: when it was let go is
+known to a reading of the bumper."""
 _ONSET_S, _KEPT = 1.0, 64
 _WARMING_LOWPASS, _WARMING_JUMP_C = 0.02, 2.0
 """Share of the newest sample in the chip's temperature, whose register is noisy, and what no chip
@@ -154,8 +157,14 @@ class PoseEstimator(PoseFilter):
         bridge = self._bridge
         if bridge is None:
             return
-        self.shift(bridge.withheld_m, 0.0)
+        self.shift(bridge.unmade_m, 0.0)
+        self.disturb_along(_RELEASE_SHARE * abs(bridge.unmade_m))
         self._end_bridge(bridge)
+
+    def hold(self) -> None:
+        """Tell that something touches the robot: what its wheels turn after a bump is not made."""
+        if self._bridge is not None:
+            self._bridge.unmade_m = 0.0
 
     # -- samples ---------------------------------------------------------------------------
 

@@ -69,8 +69,8 @@ class Relocaliser:
         left_m: float | None,
         right_m: float | None,
         *,
-        bumper_left: bool = False,
-        bumper_right: bool = False,
+        bumper_left: bool,
+        bumper_right: bool,
         t_s: float | None = None,
     ) -> None:
         """Take one reading of the rangers and the bumper.
@@ -83,8 +83,8 @@ class Relocaliser:
             near.take(r) < most
             for near, r, most in zip(self._near, (left_m, right_m), self._graze_m, strict=True)
         )
-        way = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
-        self._grazed_m = way if grazing else self._grazed_m + way
+        way_m = self._contact.update(left=bumper_left, right=bumper_right, grazing=grazing)
+        self._grazed_m = way_m if grazing else self._grazed_m + way_m
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
         moving = abs(estimator.v_m_s) > MOVING_M_S

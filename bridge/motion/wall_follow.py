@@ -315,7 +315,8 @@ class WallFollower:
             aim = self._aim.update(off, dt_s)
         aim = max(min(aim, steepest), -tune.approach_rad)
         error = aim - yaw
-        gain = tune.yaw_gain_s * min(1.0, _SURE_RAD / max(self._track.yaw_sigma_rad, 1e-6))
+        sure = min(1.0, _SURE_RAD / max(self._track.yaw_sigma_rad, 1e-6))
+        gain = tune.yaw_gain_s * (1.0 if nudge else sure)
         rate = max(min(gain * error, self._max_rate), -self._max_rate)
         slow = max(math.cos(min(2.0 * abs(error), 0.5 * math.pi)), 0.2)
         return VelocityCommand(speed * slow, self._side * rate)

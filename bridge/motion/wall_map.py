@@ -250,8 +250,8 @@ class WallMap:
         by_theta = c * (mount.x_m * st + mount.y_m * ct) - s * (mount.x_m * ct - mount.y_m * st)
         dx, dy = sensor[0] - wall.anchor_x_m, sensor[1] - wall.anchor_y_m
         rows = np.array([[-c, -s, by_theta, dx * s - dy * c, 1.0]])
-        index = (THETA, STATES + 2 * i)
-        turned = float(self._estimator.belief.p[index[1], index[1]])
+        k = STATES + 2 * i
+        turned = float(self._estimator.belief.p[k, k])
         skew = SKEW * turned * (dx * c + dy * s)
         variance = skew * skew
         return rows, self.offset_m(i) - dx * c - dy * s, variance

@@ -79,25 +79,77 @@ def test_what_inertia_tells_after_a_bump_is_not_taken_back() -> None:
     assert estimator.pose.distance_m(before) == pytest.approx(0.005)
 
 
-@pytest.mark.parametrize(("felt", "over"), [(True, True), (False, False)])
-def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(*, felt: bool, over: bool) -> None:
-    """A jerk that inertia takes for a stop, of a robot that rolls on: without it 6 cm are lost."""
+@pytest.mark.parametrize("speed_m_s", [0.06, 0.15, 0.2])
+@pytest.mark.parametrize("pressed", [1, 3])
+def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(
+    speed_m_s: float, pressed: int
+) -> None:
+    """A jerk that inertia takes for a stop, of a robot that rolls on: what is told is its way."""
+    drive, contact = struck(speed_m_s)
+    for k in range(8):
+        contact.update(left=k < pressed, right=False, grazing=False)
+        for _ in range(5):
+            drive.step(speed_m_s, 0.0)
+    assert not drive.estimator.bridging
+    told, true = drive.estimator.pose, drive.body.pose
+    sigma_m = math.sqrt(drive.estimator.covariance[0][0])
+    # while pressed it was held, for all that is known; readings come every 50 ms
+    held_m = 0.05 * (pressed - 1) * speed_m_s
+    low_m = 0.002 if held_m else -0.004
+    assert low_m < true.x_m - told.x_m < held_m + 0.004
+    assert sigma_m < 0.02
+
+
+def test_of_what_the_bumper_never_felt_its_freedom_tells_nothing() -> None:
+    drive, contact = struck(0.06)
+    for _ in range(8):
+        contact.update(left=False, right=False, grazing=False)
+        for _ in range(5):
+            drive.step(0.06, 0.0)
+    assert drive.estimator.bridging
+
+
+def test_a_bump_felt_before_does_not_end_the_next_one() -> None:
+    drive, contact = struck(0.06)
+    estimator, bridging = drive.estimator, []
+    contact.update(left=True, right=False, grazing=False)
+    for _ in range(4):
+        contact.update(left=False, right=False, grazing=False)
+    bridging.append(estimator.bridging)
+    estimator.on_imu(0.001 * drive.body.tick_ms + 0.008, 0.0, -12.0, 0.0)
+    bridging.append(estimator.bridging)
+    contact.update(left=False, right=False, grazing=False)
+    bridging.append(estimator.bridging)
+    assert bridging == [False, True, True]
+
+
+def struck(speed_m_s: float) -> tuple[SimDrive, ContactDoubt]:
+    """A robot that drives, and whose accelerometer has just told of a hard stop."""
     drive = SimDrive(room((1.0, 1.0, 0.0)), "typical", 5)
     drive.rest(2.0)
     for _ in range(100):
-        drive.step(0.06, 0.0)
-    estimator, contact = drive.estimator, ContactDoubt(drive.estimator)
-    estimator.on_imu(0.001 * drive.body.tick_ms + 0.005, 0.0, -12.0, 0.0)
-    assert estimator.bridging
-    contact.update(left=felt, right=False, grazing=False)
-    for _ in range(12):
-        for _ in range(5):
-            drive.step(0.06, 0.0)
-        contact.update(left=False, right=False, grazing=False)
-    assert estimator.bridging is not over
+        drive.step(speed_m_s, 0.0)
+    contact = ContactDoubt(drive.estimator)
+    drive.estimator.on_imu(0.001 * drive.body.tick_ms + 0.005, 0.0, -12.0, 0.0)
+    assert drive.estimator.bridging
+    return drive, contact
 
 
-@pytest.mark.parametrize("readings", [1, 4, 40])
+def test_after_a_gap_in_the_readings_one_readings_way_is_taken_for_the_touch() -> None:
+    pushed = Pushed()
+    pushed.go([0.2], left=True, right=False)
+    assert abs(pushed.estimator.pose.y_m - START.y_m) == pytest.approx(SLIDE_ASIDE * 0.02)
+
+
+def test_a_stuck_half_does_not_lead_the_estimate_away() -> None:
+    pushed = Pushed()
+    pushed.go([0.01] * 1000, left=True, right=False)
+    off_m = abs(pushed.estimator.pose.y_m - START.y_m)
+    assert off_m < 0.06
+    assert pushed.sigma_m[1] > off_m
+
+
+@pytest.mark.parametrize("readings", [4, 10, 40])
 def test_the_error_of_one_touch_is_one_error_however_often_it_is_read(readings: int) -> None:
     once = Pushed()
     once.go([0.0], left=True, right=False)

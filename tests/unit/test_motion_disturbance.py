@@ -177,6 +177,16 @@ def test_wheels_that_turn_away_from_what_was_met_are_believed(into: float) -> No
     assert not any(bridge.over(0.05 * into, 0.02) for _ in range(10)), "pushed on: it stands"
     over = [bridge.over(-0.03 * into, 0.02) for _ in range(3)]
     assert over == [False, False, True]
+    assert bridge.given_back_m == pytest.approx(-0.0018 * into), "what they went back meanwhile"
+
+
+def test_a_bump_of_a_robot_that_turns_on_the_spot_has_no_way_back() -> None:
+    """Neither direction leads away from what it met: which of them does is not known."""
+    for v_m_s in (0.03, -0.03):
+        bridge = InertialBridge(0.002)
+        bridge.push(0.0, 5.0, 0.0, 0.01)
+        bridge.push(0.0, -5.0, 0.0, 0.01)
+        assert not any(bridge.over(v_m_s, 0.02) for _ in range(5))
 
 
 @pytest.mark.parametrize("side", [0, 1])

@@ -363,6 +363,16 @@ def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(side: 
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
+def test_it_is_turned_off_as_fast_where_the_walls_direction_is_not_known_yet(side: Side) -> None:
+    follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
+    left = side is Side.LEFT
+    seen = sees(0.06 if left else None, bumper=(left, not left))
+    step = follower.step(seen._replace(infrared_right_m=None if left else 0.06), STEP_S)
+    assert step.state is FollowState.FOLLOWING
+    assert side * step.command.yaw_rate_rad_s < -0.5
+
+
+@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
 def test_a_leg_that_is_touched_on_the_way_round_is_turned_from(side: Side) -> None:
     """On the spot, away from it, until the bumper is free; then round it again."""
     follower = WallFollower(MODEL, side, 0.0005)
