@@ -23,14 +23,14 @@ from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
 
 MODEL = RobotModel()
-PLAN = generate_room(4, np.random.default_rng(4), "turned")
+PLAN = generate_room(5, np.random.default_rng(5), "turned")
 
 
 @pytest.fixture(scope="module")
 def driven() -> FastRun:
     """One run without noise."""
     planner = RecoveryPlanner(MODEL)
-    return run_fast(PLAN, planner, MODEL, seed=4, noise=LEVELS["none"], max_time_s=4000.0)
+    return run_fast(PLAN, planner, MODEL, seed=5, noise=LEVELS["none"], max_time_s=4000.0)
 
 
 def test_every_lane_that_is_chosen_is_told_to_have_ended(driven: FastRun) -> None:
