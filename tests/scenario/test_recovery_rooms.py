@@ -52,8 +52,8 @@ class Decisions:
 
 
 def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall() -> None:
-    helped = missed = 0
-    for seed in (2, 5, 6):
+    sights = 0
+    for seed in (1, 3, 5, 6):
         told = Decisions()
         doubts: list[tuple[float, float]] = []
 
@@ -64,13 +64,12 @@ def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall()
         run_virtual(
             plan, MODEL, "recovery", told, seed=seed, noise="harsh", max_time_s=290.0, progress=look
         )
+        sights += len(told.sights_s)
         assert len(told.sights_s) < 8, "not again and again"
         for begun_s in told.sights_s:
             before = max(doubt for t_s, doubt in doubts if begun_s - 1.5 < t_s <= begun_s)
             after = [doubt for t_s, doubt in doubts if begun_s < t_s < begun_s + 25.0]
             assert before > 0.75
             if begun_s < doubts[-1][0] - 25.0:
-                helped += min(after) < 0.6
-                missed += min(after) >= 0.6
-    assert helped >= 3
-    assert missed <= 1, "who rubs along the wall, or is met on the way there, learns nothing"
+                assert min(after) < 0.6
+    assert sights >= 4

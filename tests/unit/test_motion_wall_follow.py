@@ -344,31 +344,25 @@ def test_a_bumper_that_the_wall_beside_presses_turns_it_off_for_half_a_second() 
 
 
 @pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
-def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(side: Side) -> None:
-    """The track has been taught a heading 15° off the wall: the shell knows better."""
+@pytest.mark.parametrize("taught", [True, False])
+def test_a_pressed_bumper_turns_it_off_slowly_whatever_the_track_believes(
+    side: Side, *, taught: bool
+) -> None:
+    """Taught a heading 15° off the wall, or no direction yet: the shell knows better."""
     follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
     left = side is Side.LEFT
-    for k in range(60):  # beside it the range grows as it does where one drives away
+    range_m, pose, yaw_rad = 0.06, ORIGIN, 0.0
+    for k in range(25 if taught else 0):  # it grows as it does where one drives away
         range_m, pose = 0.05 + 0.003 * k * math.tan(15.0 * DEGREE), Pose2(0.003 * k, 0.0, 0.0)
-        seen = sees(range_m if left else None)._replace(pose=pose)
-        believed = follower.step(seen._replace(infrared_right_m=None if left else range_m), STEP_S)
-        if range_m > 0.07:
-            break
-    assert believed.yaw_rad < -8.0 * DEGREE
-    seen = sees(0.07 if left else None, bumper=(left, not left))._replace(pose=pose)
-    step = follower.step(seen._replace(infrared_right_m=None if left else 0.07), STEP_S)
+        sides = (range_m, None) if left else (None, range_m)
+        seen = sees(sides[0])._replace(pose=pose, infrared_right_m=sides[1])
+        yaw_rad = follower.step(seen, STEP_S).yaw_rad
+    assert (yaw_rad < -8.0 * DEGREE) is taught
+    sides = (range_m, None) if left else (None, range_m)
+    touching = sees(sides[0], bumper=(left, not left))
+    step = follower.step(touching._replace(pose=pose, infrared_right_m=sides[1]), STEP_S)
     assert step.state is FollowState.FOLLOWING
     assert 0.0 < step.command.v_m_s <= 0.05
-    assert side * step.command.yaw_rate_rad_s < -0.2
-
-
-@pytest.mark.parametrize("side", [Side.LEFT, Side.RIGHT])
-def test_it_is_turned_off_as_fast_where_the_walls_direction_is_not_known_yet(side: Side) -> None:
-    follower = WallFollower(MODEL, side, 0.0005, speed_m_s=0.24)
-    left = side is Side.LEFT
-    seen = sees(0.06 if left else None, bumper=(left, not left))
-    step = follower.step(seen._replace(infrared_right_m=None if left else 0.06), STEP_S)
-    assert step.state is FollowState.FOLLOWING
     assert side * step.command.yaw_rate_rad_s < -0.5
 
 
