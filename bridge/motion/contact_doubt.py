@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 BUMP_SIGMA_M = 0.01
 BUMP_SIGMA_RAD = math.radians(0.5)
 """What a touch moves the robot beyond what its wheels tell."""
-FELT_SIGMA_M = 0.0015
+FELT_SIGMA_M = 0.0012
 FELT_SIGMA_RAD = math.radians(0.05)
 """The same where the accelerometer tells of hard touches: what is left are soft ones."""
 SLIDE_ASIDE, SLIDE_AHEAD = 0.18, 0.05
@@ -26,8 +26,9 @@ and ahead. Measured over some 700 touches at ``typical`` and ``harsh``, where it
 SLIDE_SHARE, PRESS_SHARE = 0.1, 0.3
 """What is left of that (standard deviation over a touch), and where both halves are pressed or
 no accelerometer tells of the touch."""
-GRAZE_M_SQRT_M = 0.0045
-"""Per √m of a wall that is rubbed against abeam: it pushes aside, and its friction holds back."""
+GRAZE_M_SQRT_M = 0.0007
+"""Per √m of a wall that is rubbed against abeam, for wheels that slip as little as is nominal: it
+pushes aside, and its friction holds back."""
 _READING_M, _STUCK_M = 0.02, 0.3
 """The most that is driven from one reading to the next; and along a touch: what is pressed for
 longer is a switch that is stuck, and slides along nothing."""
@@ -62,7 +63,8 @@ class ContactDoubt:
             if not estimator.bridging:
                 self._slide(self._ahead_m(), (left, right))
         if grazing and way_m > 0.0:
-            estimator.disturb(GRAZE_M_SQRT_M * math.sqrt(way_m), 0.0)
+            sigma_m = GRAZE_M_SQRT_M * estimator.slip_monitor.slippery
+            estimator.disturb(sigma_m * math.sqrt(way_m), 0.0)
         self._last = estimator.odometry
         self._pressed = (left, right)
         return way_m

@@ -16,8 +16,10 @@ class DriftModel:
 
     gyro_sample_rad_s: float = math.radians(0.05)
     """Of one sample at rest (total RMS noise, 92 Hz filter)."""
-    gyro_walk_rad_sqrt_s: float = math.radians(0.006)
-    """Walk of the angle in motion: the density of 0.005 °/s/√Hz and some vibration."""
+    gyro_walk_rad_sqrt_s: float = math.radians(0.005)
+    """Walk of the angle: the density of 0.005 °/s/√Hz."""
+    gyro_shaken_rad_sqrt_s: float = math.radians(0.0035)
+    """What motion adds to it where vibration is nominal (our choice)."""
     bias_prior_rad_s: float = math.radians(20.0)
     """Zero-rate output at power-up: what is believed before the first rest."""
     bias_walk_rad_s_sqrt_s: float = 1e-5
@@ -25,18 +27,20 @@ class DriftModel:
     bias_slope_rad_s_c: float = math.radians(0.01)
     """Of the bias with the chip's temperature, what a compensation leaves (our choice): ±20 °/s
     over -40..85 °C would be 0.16 °/s per °C if it were straight."""
-    motion_bias_rad_s: float = math.radians(0.015)
+    motion_bias_rad_s: float = math.radians(0.0095)
     """Shift of the bias by the vibration of motion, which no rest can show (our choice)."""
     motion_bias_walk_rad_s_sqrt_s: float = 2e-6
-    gyro_scale: float = 0.0015
+    gyro_scale: float = 0.0006
     """Scale error once calibrated: the data sheet's ±3 % are before that."""
     turn_walk_rad_sqrt_rad: float = 0.0005
     """What scale does not tell of a turn: alignment, sampling."""
-    wheel_scale: float = 0.005
-    """Tyres: relative error of the way that a count stands for, common to both wheels."""
-    along_m_sqrt_m: float = 0.0015
-    """Position noise along the way: slip and quantisation."""
-    across_m_sqrt_m: float = 0.0007
+    wheel_scale: float = 0.0026
+    """Tyres and mean slip: relative error of the way that a count stands for, common to both
+    wheels, of a robot that slips as little as the next figure says; more with more."""
+    along_m_sqrt_m: float = 0.0012
+    """Position noise along the way: slip and quantisation; until it has been measured."""
+    across_m_sqrt_m: float = 0.00036
+    """Across it, in proportion."""
     wheel_turn_rad_sqrt_rad: float = 0.03
     """Heading noise when the wheels alone must tell it (wheel base, scrub)."""
 

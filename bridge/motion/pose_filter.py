@@ -34,10 +34,10 @@ Covariance = tuple[
 
 X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE, BIAS_SLOPE = range(8)
 STATES = 8
+_SHAKEN = 0.6
+"""Of the gyro's share, which goes as vibration squared: how its bias in motion and its scale do."""
 SETTLE_S = 0.1
 """The covariance is at most this old."""
-_SLIP_MARGIN = 1.5
-"""On the slip measured: what both wheels have in common does not show."""
 
 
 @dataclass(slots=True)
@@ -90,7 +90,7 @@ class PoseFilter:
         self._bias_slope = 0.0
         self._odometry = Pose2(0.0, 0.0, 0.0)
         self._due = Due()
-        self._shaken = self._worst_shaken = 1.0
+        self._shaken = self._worst_shaken = self._worst_slip = 1.0
         self._transition: Floats = np.eye(STATES)
         self._noise: Floats = np.zeros((STATES, STATES))
 
@@ -267,20 +267,31 @@ class PoseFilter:
         f[THETA, BIAS] = f[THETA, MOTION_BIAS] = -due.turning_s
         f[THETA, GYRO_SCALE] = -due.rotation
         f[BIAS, BIAS_SLOPE] = due.warmed_c
-        across_m = drift.across_m_sqrt_m
-        along_m = max(_SLIP_MARGIN * self.slip_monitor.along_m_sqrt_m, across_m)
+        self._doubt_wheels()
+        slippery = self.slip_monitor.slippery
+        along_m, across_m = slippery * drift.along_m_sqrt_m, slippery * drift.across_m_sqrt_m
         along = self.way_noise.value * along_m * along_m
         across = self.way_noise.value * across_m * across_m
         q[X, X] = along * due.way_cc + across * due.way_ss
         q[Y, Y] = along * due.way_ss + across * due.way_cc
         q[X, Y] = q[Y, X] = (along - across) * due.way_cs
-        walk = self._shaken * drift.gyro_walk_rad_sqrt_s
+        walk = math.hypot(
+            drift.gyro_walk_rad_sqrt_s, drift.gyro_shaken_rad_sqrt_s * self._shaken**1.5
+        )
         by_gyro = walk**2 * due.turning_s + drift.turn_walk_rad_sqrt_rad**2 * due.turned
         by_wheels = drift.wheel_turn_rad_sqrt_rad**2 * due.wheel_rotation
         q[THETA, THETA] = self.yaw_noise.value * by_gyro + by_wheels
         q[BIAS, BIAS] = drift.bias_walk_rad_s_sqrt_s**2 * due.time_s
         q[MOTION_BIAS, MOTION_BIAS] = drift.motion_bias_walk_rad_s_sqrt_s**2 * due.turning_s
         self.belief.propagate(f, q)
+
+    def _doubt_wheels(self) -> None:
+        """Of wheels that are found to slip more than ever the mean way is less sure."""
+        most = self.slip_monitor.mean_slippery
+        if most > self._worst_slip:
+            grown = most * most - self._worst_slip * self._worst_slip
+            self.belief.p[WHEEL_SCALE, WHEEL_SCALE] += grown * self.drift.wheel_scale**2
+            self._worst_slip = most
 
     def warm(self, change_c: float) -> None:
         """Tell that the gyro became warmer, by so many °C: its bias moves with that."""
@@ -300,10 +311,11 @@ class PoseFilter:
     def shake(self, vibration_m_s2: float) -> None:
         """Tell how much the robot vibrates: the gyro is the worse for it, its bias as well."""
         share = gyro_share(vibration_m_s2)
-        most = max(self._worst_shaken, math.sqrt(share))
+        most = max(self._worst_shaken, share**_SHAKEN)
         if most > self._worst_shaken:
             grown = most * most - self._worst_shaken * self._worst_shaken
             p = self.belief.p
             p[MOTION_BIAS, MOTION_BIAS] += grown * self.drift.motion_bias_rad_s**2
+            p[GYRO_SCALE, GYRO_SCALE] += grown * self.drift.gyro_scale**2
             self._worst_shaken = most
         self._shaken = share

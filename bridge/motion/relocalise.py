@@ -34,7 +34,7 @@ GRAZE_M = 0.005
 _READINGS = 5
 RUB_M, RUB_RAD = 0.0005, math.radians(1.5)
 """... and, where a stretch leaves less room than this in the mean, makes the wall look as if it
-ran along the heading: by up to 1.4° at ``typical``. What the other side sees turns as well. ..."""
+ran along the heading: seldom, and by up to 1.4°. What the other side sees turns as well. ..."""
 GRAZE_RAD = math.radians(0.4)
 """... With more room it is a touch now and then: 0.2 to 0.36° (standard deviation)."""
 GRAZED_M = 0.01

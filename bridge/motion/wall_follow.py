@@ -90,8 +90,9 @@ class WallFollower:
     first reading of a wall begins the following; from then on the filter of ``wall_track``
     tells distance and direction, and the heading aims at the line at the set distance:
     ψ* is a PI of the distance's error (anti-windup as in ``pid``, and no integral far off the
-    line), ω = K·(ψ* - ψ), less while ψ is poorly known. Near the wall the heading is limited so
-    that the speed across stays below ``touch_m_s``.
+    line, nor one that presses to the wall: it would for seconds, and wheels do not tell that the
+    robot slides), ω = K·(ψ* - ψ), less while ψ is poorly known. Near the wall the heading is
+    limited so that the speed across stays below ``touch_m_s``.
 
     Where the wall ends, the robot drives on until the end is abeam of its axle and circles it
     at the set distance until the infrared sees a wall again; the corner and the new hit give
@@ -303,7 +304,8 @@ class WallFollower:
         # Touching is slow across: the steepest heading shrinks with the gap that is left.
         across = tune.touch_m_s + max(gap - _TOUCH_WAY_M, 0.0)
         steepest = min(tune.approach_rad, math.asin(min(across / speed, 1.0)))
-        if abs(off) > _INTEGRAL_BAND_M:
+        pressing = distance <= self._radius_m and self._aim.integral > 0.0
+        if pressing or abs(off) > _INTEGRAL_BAND_M:
             self._aim.reset()
         yaw = self._track.yaw_rad
         if nudge:

@@ -29,7 +29,7 @@ GAP_M, GAP_RAD = 0.08, math.radians(15.0)
 """Between two hits of a stretch: beyond it another wall may have come abeam."""
 STEADY_RAD_S = 0.30
 MOVING_M_S = 0.02
-FLAT_M, FLAT_RAD = 0.001, math.radians(0.1)
+FLAT_M, FLAT_RAD = 0.0008, math.radians(0.07)
 """Walls are not perfectly flat, nor rangers perfectly aimed: what no averaging takes away."""
 FRONT_HITS = 5
 """Readings of the ultrasonic that make one sight: 0.25 s at 20 Hz."""

@@ -64,7 +64,7 @@ class Truth:
         self.theta += turn
         self.tick += 1
         moving = bool(v or w)
-        noise = DRIFT.gyro_walk_rad_sqrt_s if moving else 0.0
+        noise = moving * math.hypot(DRIFT.gyro_walk_rad_sqrt_s, DRIFT.gyro_shaken_rad_sqrt_s)
         self.angle += turn * self.gyro_gain + (self.bias + self.shift * moving) * TICK_S
         self.angle += noise * math.sqrt(TICK_S) * rng.normal(0.0, 1.0)
 
@@ -123,7 +123,7 @@ def test_through_the_virtual_body_at_typical(seed: int) -> None:
     alone = DeadReckoning(MODEL, drive.estimator.pose)
     assert alone.pose == drive.body.pose
     drive.rest(2.0)
-    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 2:
+    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 3:
         drive.turn_to(heading * math.pi)
         drive.straight(way)
     errors = drive.errors
@@ -139,7 +139,7 @@ def test_walls_tell_wheel_scale_and_the_bias_of_motion() -> None:
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
     drive.rest(2.0)
     before = drive.estimator.wheel_scale_sigma
-    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 2:
+    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 3:
         drive.turn_to(heading * math.pi)
         drive.straight(way)
     body = drive.body
@@ -153,7 +153,7 @@ def test_without_noise_nothing_is_left_that_grows() -> None:
     """What the rangers say is of an older place than the pose: held apart, or the room grows."""
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "none", 1)
     drive.rest(2.0)
-    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 2:
+    for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 3:
         drive.turn_to(heading * math.pi)
         drive.straight(way)
     assert max(drive.errors.position_m) < 0.003

@@ -14,6 +14,7 @@ from bridge.motion.contact_doubt import (
     SLIDE_ASIDE,
     ContactDoubt,
 )
+from bridge.motion.drift_model import DriftModel
 from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
@@ -173,7 +174,8 @@ def test_rubbing_adds_doubt_with_the_root_of_the_way() -> None:
     for parts in (10, 80):
         rubbed = Pushed()
         rubbed.go([0.4 / parts] * parts, left=False, right=False, graze=True)
-        assert rubbed.sigma_m[1] == pytest.approx(GRAZE_M_SQRT_M * math.sqrt(0.4), rel=0.05)
+        by_way = math.hypot(GRAZE_M_SQRT_M, DriftModel().across_m_sqrt_m)
+        assert rubbed.sigma_m[1] == pytest.approx(by_way * math.sqrt(0.4), rel=0.05)
         assert rubbed.estimator.pose.y_m == START.y_m
 
 

@@ -23,7 +23,7 @@ from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
 
 MODEL = RobotModel()
-PLAN = generate_room(5, np.random.default_rng(5), "turned")
+PLAN = generate_room(7, np.random.default_rng(7), "turned")
 
 
 @pytest.fixture(scope="module")
