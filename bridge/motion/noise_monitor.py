@@ -4,7 +4,7 @@
   square of the vibration: the accelerometer tells how strong it is.
 - Slip of the wheels shows as disagreement between their difference and the gyro. Of its part
   common to both wheels nothing shows: where they slip little it is taken as large as the part
-  that differs, where they slip much as up to twice that. Who slips also slides aside more, and
+  that differs, where they slip much as up to 2.2 times that. Who slips also slides aside more, and
   his wheels' mean way is less known.
 - A noisy infrared presses the robot to the wall that it follows, where it slides. What
   surprises the wall's filter tells how noisy it is, and so how far to stand off.
@@ -22,6 +22,7 @@ _WINDOW_M = 0.10
 _COMMON_M_SQRT_M, _MOST_COMMON = 0.0017, 2.2
 """From this slip on (measured: 0.0013 at ``typical``, 0.0038 at ``harsh``) more of it is common."""
 _LEAST_SLIPPERY, _MOST_SLIPPERY = 0.5, 3.0
+"""Bounds: no floor is quite without slip, and wheels that far off show it soon enough."""
 _STRAIGHT_SHARE = 0.2
 """A window that turned by more than this share of its way, at the rims, is passed over."""
 _QUIET_M = 0.0015
