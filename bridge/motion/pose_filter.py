@@ -34,8 +34,9 @@ Covariance = tuple[
 
 X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE, BIAS_SLOPE = range(8)
 STATES = 8
-_SHAKEN = 0.6
-"""Of the gyro's share, which goes as vibration squared: how its bias in motion and its scale do."""
+_BIAS_SHAKEN, _WALK_SHAKEN = 0.6, 1.5
+"""Powers of the gyro's share (vibration squared) with which its bias in motion and its scale grow,
+and its walk: from ``typical`` to ``harsh`` (2.7 times the vibration) threefold and 19-fold."""
 SETTLE_S = 0.1
 """The covariance is at most this old."""
 
@@ -276,7 +277,7 @@ class PoseFilter:
         q[Y, Y] = along * due.way_ss + across * due.way_cc
         q[X, Y] = q[Y, X] = (along - across) * due.way_cs
         walk = math.hypot(
-            drift.gyro_walk_rad_sqrt_s, drift.gyro_shaken_rad_sqrt_s * self._shaken**1.5
+            drift.gyro_walk_rad_sqrt_s, drift.gyro_shaken_rad_sqrt_s * self._shaken**_WALK_SHAKEN
         )
         by_gyro = walk**2 * due.turning_s + drift.turn_walk_rad_sqrt_rad**2 * due.turned
         by_wheels = drift.wheel_turn_rad_sqrt_rad**2 * due.wheel_rotation
@@ -311,7 +312,7 @@ class PoseFilter:
     def shake(self, vibration_m_s2: float) -> None:
         """Tell how much the robot vibrates: the gyro is the worse for it, its bias as well."""
         share = gyro_share(vibration_m_s2)
-        most = max(self._worst_shaken, share**_SHAKEN)
+        most = max(self._worst_shaken, share**_BIAS_SHAKEN)
         if most > self._worst_shaken:
             grown = most * most - self._worst_shaken * self._worst_shaken
             p = self.belief.p

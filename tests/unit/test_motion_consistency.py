@@ -17,7 +17,7 @@ from bridge.motion.drift_model import DriftModel, NoiseScale
 from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.noise_monitor import SlipMonitor, gyro_share
-from bridge.motion.pose_filter import GYRO_SCALE, WHEEL_SCALE
+from bridge.motion.pose_filter import BIAS, GYRO_SCALE, STATES, WHEEL_SCALE
 from bridge.motion.robot_model import RobotModel
 from support.sim_body import box, room
 from support.sim_drive import SimDrive
@@ -217,6 +217,18 @@ def test_wheels_that_slip_and_a_chip_that_shakes_leave_their_scale_in_doubt() ->
         estimator.shake(0.30)
         doubt = np.sqrt(np.diag(estimator.belief.p)[[WHEEL_SCALE, GYRO_SCALE]])
         assert doubt == pytest.approx([2.0 * wheels, 4.0**0.6 * gyro])
+
+
+def test_of_the_gyros_walk_only_what_vibration_makes_grows_with_it() -> None:
+    """By the cube: 0.005 °/√s is the chip's own, at rest as in motion."""
+    for vibration_m_s2, grown in ((0.15, 1.0), (0.30, 8.0)):
+        estimator = PoseEstimator(MODEL, ORIGIN)
+        estimator.shake(vibration_m_s2)
+        sensors = range(BIAS, STATES)
+        estimator.belief.forget(sensors, [0.0] * len(sensors))
+        estimator.advance(0.2, 0.0, 1.0, 1.0, by_wheels=False)
+        walk = math.hypot(DRIFT.gyro_walk_rad_sqrt_s, grown * DRIFT.gyro_shaken_rad_sqrt_s)
+        assert math.sqrt(estimator.covariance[2][2]) == pytest.approx(walk)
 
 
 def test_vibration_makes_the_gyro_worse_by_its_square() -> None:

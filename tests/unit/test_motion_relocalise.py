@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.motion.contact_doubt import GRAZE_M_SQRT_M
 from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.pose_filter import STATES
@@ -195,11 +196,16 @@ def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
     for near, doubted in ((1, False), (2, False), (3, True)):
         driven = Driven()
         walls = Relocaliser(MODEL, driven.estimator)
+        way_m = 0.0
         for i in range(10):
+            last = driven.estimator.odometry
             driven.drive(0.2, 0.0, 5)
+            way_m = driven.estimator.odometry.distance_m(last)
             before = driven.estimator.covariance[1][1]
             walls.update(None, touch + (0.02 if i < 10 - near else 0.002), None, **FREE)
-        assert (driven.estimator.covariance[1][1] > before + 1e-9) is doubted
+        sigma_m = GRAZE_M_SQRT_M * driven.estimator.slip_monitor.slippery * math.sqrt(way_m)
+        added = driven.estimator.covariance[1][1] - before
+        assert added == pytest.approx(doubted * sigma_m**2, rel=0.05, abs=1e-15)
 
 
 def seen_askew() -> tuple[Driven, WallMap]:

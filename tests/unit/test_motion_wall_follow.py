@@ -203,49 +203,6 @@ def test_light_contact(side: Side) -> None:
     assert sum(gap < 0.002 for gap in run.gaps[first:]) > 0.6 * len(run.gaps[first:])
 
 
-def test_who_touches_knows_that_he_slides() -> None:
-    """Pressed to the wall at 3°, the distance stays; the heading into it must not be forgotten."""
-    track = WallTrack(MODEL.infrared_left)
-    heading = 3.0 * DEGREE
-    reads = RADIUS_M - MODEL.infrared_left.y_m
-    track.begin(reads, heading, 0.2 * DEGREE)
-    for _ in range(100):
-        track.move(0.01, 0.0, RADIUS_M)
-        touching = (RADIUS_M - MODEL.infrared_left.x_m * math.sin(heading)) / math.cos(heading)
-        assert track.take(touching - MODEL.infrared_left.y_m, 4.0, 0.02)
-    assert track.yaw_rad == pytest.approx(heading, abs=0.7 * DEGREE)
-    assert track.distance_m == pytest.approx(RADIUS_M, abs=0.0015)
-
-
-@pytest.mark.parametrize("start_gap_m", [0.02, 0.06, 0.14])
-def test_who_comes_to_a_wall_rubs_along_without_pressing(start_gap_m: float) -> None:
-    """What the integral gathered on the way does not turn it into the wall for seconds.
-
-    Heading 2° into a wall that its side touches, where no bumper is, the robot slides 3.5 cm per
-    metre that its wheels do not tell. Here: readings of 1.25 mm, a wall that holds it.
-    """
-    mount = MODEL.infrared_left
-    follower = WallFollower(MODEL, Side.LEFT, 0.0005)
-    distance, yaw, told = RADIUS_M + start_gap_m, 0.0, ORIGIN
-    smooth = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
-    not_made_m, along_m, range_m = 0.0, 0.0, 0.0
-    for i in range(600):
-        if i % 2 == 0:  # the infrared is read every second step
-            true_m = (distance - mount.x_m * math.sin(yaw)) / math.cos(yaw) - mount.y_m
-            range_m = 0.00125 * round(true_m / 0.00125)
-        seen = sees(range_m)._replace(time_s=i * STEP_S, pose=told)
-        v, w = follower.step(seen, STEP_S).command
-        yaw += smooth.update(w, STEP_S) * STEP_S
-        x_m, y_m = v * math.cos(yaw) * STEP_S, v * math.sin(yaw) * STEP_S
-        told = Pose2(told.x_m + x_m, told.y_m + y_m, yaw)
-        not_made_m += max(RADIUS_M - (distance - y_m), 0.0)
-        distance = max(distance - y_m, RADIUS_M)
-        along_m += x_m if distance < RADIUS_M + 0.001 else 0.0
-    assert follower.state is FollowState.FOLLOWING
-    assert along_m > 1.5, "it rubs"
-    assert not_made_m < 0.005 * along_m
-
-
 def test_a_wall_ahead_blocks_it_before_it_is_touched() -> None:
     run = follow((4.0, RADIUS_M + 0.05, 0.0), Side.RIGHT, 0.05, 20.0, noise=TYPICAL)
     assert run.states == ["following", "blocked"]

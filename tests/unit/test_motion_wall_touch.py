@@ -1,0 +1,63 @@
+"""Touching the wall that is followed: the robot slides along it, which its wheels do not tell."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import Observation
+from bridge.motion.robot_model import RobotModel
+from bridge.motion.smoothing import VelocitySmoother
+from bridge.motion.wall_follow import FollowState, Side, WallFollower
+from bridge.motion.wall_track import WallTrack
+from support.kinematic_world import STEP_S
+
+MODEL = RobotModel()
+RADIUS_M = MODEL.radius_m
+
+
+def test_who_touches_knows_that_he_slides() -> None:
+    """Pressed to the wall at 3°, the distance stays; the heading into it must not be forgotten."""
+    track = WallTrack(MODEL.infrared_left)
+    heading = math.radians(3.0)
+    reads = RADIUS_M - MODEL.infrared_left.y_m
+    track.begin(reads, heading, math.radians(0.2))
+    for _ in range(100):
+        track.move(0.01, 0.0, RADIUS_M)
+        touching = (RADIUS_M - MODEL.infrared_left.x_m * math.sin(heading)) / math.cos(heading)
+        assert track.take(touching - MODEL.infrared_left.y_m, 4.0, 0.02)
+    assert track.yaw_rad == pytest.approx(heading, abs=math.radians(0.7))
+    assert track.distance_m == pytest.approx(RADIUS_M, abs=0.0015)
+
+
+@pytest.mark.parametrize("start_gap_m", [0.02, 0.06, 0.14])
+def test_who_comes_to_a_wall_rubs_along_without_pressing(start_gap_m: float) -> None:
+    """What the integral gathered on the way does not turn it into the wall for seconds.
+
+    Heading 2° into a wall that its side touches, where no bumper is, the robot slides 3.5 cm per
+    metre that its wheels do not tell. Here: readings of 1.25 mm, a wall that holds it.
+    """
+    mount = MODEL.infrared_left
+    follower = WallFollower(MODEL, Side.LEFT, 0.0005)
+    distance, yaw, told = RADIUS_M + start_gap_m, 0.0, Pose2(0.0, 0.0, 0.0)
+    bumper, cliff = (False, False), False
+    free = Observation(0.0, told, 0.2, 0.0, None, None, None, *bumper, cliff)
+    smooth = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
+    not_made_m, along_m, range_m = 0.0, 0.0, 0.0
+    for i in range(600):
+        if i % 2 == 0:  # the infrared is read every second step
+            true_m = (distance - mount.x_m * math.sin(yaw)) / math.cos(yaw) - mount.y_m
+            range_m = 0.00125 * round(true_m / 0.00125)
+        seen = free._replace(time_s=i * STEP_S, pose=told, infrared_left_m=range_m)
+        v, w = follower.step(seen, STEP_S).command
+        yaw += smooth.update(w, STEP_S) * STEP_S
+        x_m, y_m = v * math.cos(yaw) * STEP_S, v * math.sin(yaw) * STEP_S
+        told = Pose2(told.x_m + x_m, told.y_m + y_m, yaw)
+        not_made_m += max(RADIUS_M - (distance - y_m), 0.0)
+        distance = max(distance - y_m, RADIUS_M)
+        along_m += x_m if distance < RADIUS_M + 0.001 else 0.0
+    assert follower.state is FollowState.FOLLOWING
+    assert along_m > 1.5, "it rubs"
+    assert not_made_m < 0.005 * along_m
