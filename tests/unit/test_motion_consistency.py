@@ -17,7 +17,7 @@ from bridge.motion.drift_model import DriftModel, NoiseScale
 from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.noise_monitor import SlipMonitor, gyro_share
-from bridge.motion.pose_filter import BIAS, GYRO_SCALE, STATES, WHEEL_SCALE
+from bridge.motion.pose_filter import BIAS, GYRO_SCALE, MOTION_BIAS, STATES, WHEEL_SCALE
 from bridge.motion.robot_model import RobotModel
 from support.sim_body import box, room
 from support.sim_drive import SimDrive
@@ -210,13 +210,14 @@ def test_who_slips_is_doubted_the_more_the_more_he_slips() -> None:
 
 def test_wheels_that_slip_and_a_chip_that_shakes_leave_their_scale_in_doubt() -> None:
     estimator = PoseEstimator(MODEL, ORIGIN)
-    wheels, gyro = DRIFT.wheel_scale, DRIFT.gyro_scale
+    states = [WHEEL_SCALE, GYRO_SCALE, MOTION_BIAS]
+    wheels, gyro, bias = DRIFT.wheel_scale, DRIFT.gyro_scale, DRIFT.motion_bias_rad_s
     estimator.slip_monitor._power = (2.0 * DRIFT.along_m_sqrt_m) ** 2  # noqa: SLF001
     for _ in range(2):  # once: the same slip again tells nothing new
         estimator.wait(0.2)
         estimator.shake(0.30)
-        doubt = np.sqrt(np.diag(estimator.belief.p)[[WHEEL_SCALE, GYRO_SCALE]])
-        assert doubt == pytest.approx([2.0 * wheels, 4.0**0.6 * gyro])
+        doubt = np.sqrt(np.diag(estimator.belief.p)[states])
+        assert doubt == pytest.approx([2.0 * wheels, 4.0**0.6 * gyro, 4.0**0.6 * bias])
 
 
 def test_of_the_gyros_walk_only_what_vibration_makes_grows_with_it() -> None:
