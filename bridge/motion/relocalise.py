@@ -88,8 +88,11 @@ class Relocaliser:
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
         moving = abs(estimator.v_m_s) > MOVING_M_S
+        wander = estimator.slip_monitor.slippery * estimator.drift.across_m_sqrt_m
         for side, range_m in zip(self._sides, (left_m, right_m), strict=True):
-            line = side.add(seen_from, range_m, moving=moving, steady=steady)
+            line = side.add(
+                seen_from, range_m, moving=moving, steady=steady, wander_m_sqrt_m=wander
+            )
             if line is not None and self._grazed_m < MAX_SPAN_M:
                 room_m = _mean_m(line) - self._radius_m
                 line = line.doubt(GRAZE_RAD if RUB_M <= room_m < GRAZED_M else RUB_RAD)

@@ -65,7 +65,9 @@ class _Match(NamedTuple):
     surprise: Floats
     """Of direction and distance."""
     expected: Floats
-    """Its covariance."""
+    """Its covariance, ..."""
+    noise: Floats
+    """... and what of it is the sight's own."""
 
 
 class WallMap:
@@ -137,10 +139,8 @@ class WallMap:
         self._check()
         estimator = self._estimator
         pose = estimator.pose
-        noise = np.array([[sight.variance]])
         sensor = pose.transform(mount.x_m, mount.y_m)
-        best, best_chi, second_chi, gate_m = -1, math.inf, math.inf, GATE_M
-        best_rows, best_surprise = None, None
+        found: list[_Match] = []
         straight_on = self._straight_on(pose.theta_rad + mount.yaw_rad)
         for i, wall in enumerate(self.walls):
             if not straight_on and wall.seen_m < NEW_SPAN_M:
@@ -155,30 +155,27 @@ class WallMap:
             rows, predicted_m, by_skew = self._front_rows(i, pose, mount, sensor)
             surprise = np.array([sight.range_m - predicted_m])
             _, s = estimator.belief.project(self._index(i), rows)
-            variance = sight.variance + by_skew
-            total = float(s[0, 0]) + variance
-            chi = float(surprise[0] ** 2) / total
-            if chi < best_chi:
-                best, best_chi, second_chi = i, chi, best_chi
-                gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(total))
-                best_rows, best_surprise, noise = rows, surprise, np.array([[variance]])
-            else:
-                second_chi = min(second_chi, chi)
-        if best_rows is None or best_surprise is None or best_chi > OTHER_CHI1:
+            noise = np.array([[sight.variance + by_skew]])
+            s += noise
+            chi2 = float(surprise[0] ** 2) / float(s[0, 0])
+            found.append(_Match(i, chi2, math.inf, rows, surprise, s, noise))
+        best = self._choose(found)
+        if best is None or best.chi2 > OTHER_CHI1:
             if straight_on:
                 self._add_front(sight, pose, mount)
             return False
-        if best_chi > SAME_CHI1 or second_chi < SAME_CHI1 or abs(best_surprise[0]) > gate_m:
+        gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best.expected[0, 0]))
+        if best.chi2 > SAME_CHI1 or best.second_chi2 < SAME_CHI1 or abs(best.surprise[0]) > gate_m:
             return False
-        wall = self.walls[best]
-        held: tuple[int, ...] = (THETA, STATES + 2 * best)
+        wall = self.walls[best.wall]
+        held: tuple[int, ...] = (THETA, STATES + 2 * best.wall)
         if wall.seen_m < NEW_SPAN_M:
             held += (WHEEL_SCALE,)
-        estimator.correct(self._index(best), best_rows, best_surprise, noise, held)
-        along = _along(wall, self.normal_rad(best), sensor)
+        estimator.correct(self._index(best.wall), best.rows, best.surprise, best.noise, held)
+        along = _along(wall, self.normal_rad(best.wall), sensor)
         wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
         wall.sights += 1
-        self._square(best)
+        self._square(best.wall)
         return True
 
     # -- inside ----------------------------------------------------------------------------
@@ -204,10 +201,25 @@ class WallMap:
             _, s = self._estimator.belief.project(self._index(i), rows)
             s += noise
             chi2 = float(surprise @ np.linalg.solve(s, surprise))
-            found.append(_Match(i, chi2, math.inf, rows, surprise, s))
+            found.append(_Match(i, chi2, math.inf, rows, surprise, s, noise))
+        return self._choose(found)
+
+    def _choose(self, found: list[_Match]) -> _Match | None:
+        """Of the walls that a sight may be of the one that it surprises least.
+
+        For a place that only the ultrasonic saw, the wall on which it lies, if one is known.
+        """
         if not found:
             return None
         best = min(found, key=lambda match: match.chi2)
+        if self.walls[best.wall].seen_m < NEW_SPAN_M:
+            bearers = [
+                match
+                for match in found
+                if self.walls[match.wall].seen_m >= NEW_SPAN_M
+                and self._is_one(match.wall, best.wall)
+            ]
+            best = min(bearers, key=lambda match: match.chi2, default=best)
         others = [m.chi2 for m in found if m is not best and not self._is_one(m.wall, best.wall)]
         return best._replace(second_chi2=min(others, default=math.inf))
 
@@ -259,12 +271,20 @@ class WallMap:
     def _is_one(self, i: int, j: int) -> bool:
         """Whether two walls that face the same way are one, seen in two places: square, in line.
 
-        A cupboard's front a little before a wall is no part of it: what is known of the step says.
+        A place that only the ultrasonic saw, and of no known direction, is one with a wall before
+        which it lies. A cupboard's front a little before a wall is no part of it: what is known of
+        the step says.
         """
+        if self.walls[i].seen_m < NEW_SPAN_M:
+            i, j = j, i
         one, other = self.walls[i], self.walls[j]
-        if not one.frame == other.frame >= 0:
-            return False
         alpha = self.normal_rad(i)
+        if other.seen_m < NEW_SPAN_M <= one.seen_m:
+            along = _along(one, alpha, (other.anchor_x_m, other.anchor_y_m))
+            if not one.low_m - FRONT_MARGIN_M < along < one.high_m + FRONT_MARGIN_M:
+                return False
+        elif not one.frame == other.frame >= 0:
+            return False
         c, s = math.cos(alpha), math.sin(alpha)
         dx, dy = other.anchor_x_m - one.anchor_x_m, other.anchor_y_m - one.anchor_y_m
         step_m = dx * c + dy * s + self.offset_m(j) - self.offset_m(i)

@@ -24,6 +24,10 @@ MAX_CHI2 = 12.0
 than thought, and the sight is worth less."""
 MAX_BOW_M = 0.003
 """A column of 0.7 m diameter bows 5 mm over 0.12 m."""
+WANDER_BOW = 1.5 * 5.0 / math.sqrt(210.0)
+"""Bow (standard deviation) that a straight wall seems to have from a robot that slips sideways at
+random, over how far it slips meanwhile: a Brownian path's share of the second Legendre polynomial,
+0.52."""
 JUMP_M = 0.012
 GAP_M, GAP_RAD = 0.08, math.radians(15.0)
 """Between two hits of a stretch: beyond it another wall may have come abeam."""
@@ -100,15 +104,25 @@ class SideSight:
         self._last_m = 0.0
         self._last = Pose2(0.0, 0.0, 0.0)
         """Where the last hit was read."""
+        self._wander = 0.0
 
     def add(
-        self, odometry: Pose2, range_m: float | None, *, moving: bool, steady: bool
+        self,
+        odometry: Pose2,
+        range_m: float | None,
+        *,
+        moving: bool,
+        steady: bool,
+        wander_m_sqrt_m: float = 0.0,
     ) -> LineSight | None:
         """Take one reading; give the sight that it ends, if any.
 
         What is read in a quick turn is left out and does not end the stretch, if that was short:
         who follows a wall by a noisy infrared turns to and fro. Who goes round a corner turns on.
+
+        ``wander_m_sqrt_m``: how far sideways the odometry goes wrong over a metre, at random.
         """
+        self._wander = wander_m_sqrt_m
         if range_m is None or not moving:
             return self._end(odometry)
         if not steady:
@@ -137,10 +151,10 @@ class SideSight:
 
     def _end(self, odometry: Pose2) -> LineSight | None:
         hits, self._hits = self._hits, []
-        return fit_line(hits, odometry) if len(hits) >= MIN_HITS else None
+        return fit_line(hits, odometry, self._wander) if len(hits) >= MIN_HITS else None
 
 
-def fit_line(hits: list[_Hit], odometry: Pose2) -> LineSight | None:
+def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineSight | None:
     """Weighted total least squares; None where the hits are no flat wall."""
     total = sum(h.weight for h in hits)
     mean_x = sum(h.weight * h.x_m for h in hits) / total
@@ -161,7 +175,9 @@ def fit_line(hits: list[_Hit], odometry: Pose2) -> LineSight | None:
     if high - low < MIN_SPAN_M or chi2 > MAX_CHI2:
         return None
     bow, bow_sigma = _bow(hits, along, across)
-    if abs(bow) > max(MAX_BOW_M, 3.0 * math.sqrt(max(chi2, 1.0)) * bow_sigma):
+    noise = math.sqrt(max(chi2, 1.0)) * bow_sigma
+    wander = WANDER_BOW * wander_m_sqrt_m * math.sqrt(high - low)
+    if abs(bow) > max(MAX_BOW_M, 3.0 * math.hypot(noise, wander)):
         return None
     # What lies along the wall, as a turn about the hits' mean moves the normal's foot.
     ahead = to_x * c + to_y * s

@@ -210,3 +210,54 @@ def test_a_cupboards_front_before_a_wall_is_not_that_wall() -> None:
     room.believe(-0.6, 0.0, 0.0)
     room.doubt(0.02, 0.5 * DEGREE)
     assert not room.walls.see_line(line(math.pi / 2, 0.49)), "it may be either"
+
+
+def marked(before_m: float = 0.0) -> Room:
+    """A wall along y = 0.5 to -0.5, at x = 0.8; the ultrasonic saw a place on it, or before it."""
+    room = Room()
+    room.walls.see_line(line(0.0, 0.8))
+    room.believe(0.0, 0.4, 0.0)
+    ahead = FrontSight(0.8 - before_m - MODEL.ultrasonic.x_m, 0.001**2)
+    assert not room.walls.see_front(ahead, MODEL.ultrasonic), "beyond what is known of the wall"
+    room.believe(0.0, -0.4, 0.0)
+    room.walls.walls[0].low_m, room.walls.walls[0].high_m = -0.5, 0.5
+    assert [wall.seen_m for wall in room.walls.walls] == [pytest.approx(0.3), 0.0]
+    return room
+
+
+@pytest.mark.parametrize("frame", [-1, 0])
+@pytest.mark.parametrize("off_deg", [-0.8, 0.8])
+def test_a_place_that_the_ultrasonic_saw_on_a_wall_is_that_wall(off_deg: float, frame: int) -> None:
+    room = marked()
+    for wall in room.walls.walls:
+        wall.frame = frame
+    room.doubt(0.01, DEGREE)
+    room.believe(0.0, 0.0, off_deg * DEGREE)
+    assert room.walls.see_line(line(0.0, 0.8))
+    assert abs(room.filter.pose.theta_rad) < 0.1 * DEGREE
+    assert [wall.sights for wall in room.walls.walls] == [2, 1]
+
+
+@pytest.mark.parametrize("off_m", [-0.01, 0.01])
+def test_the_ultrasonic_takes_such_a_place_for_the_wall_as_well(off_m: float) -> None:
+    room = marked()
+    room.believe(0.0, 0.45, 0.0)
+    room.doubt(0.01, 0.0)
+    room.believe(off_m, 0.0, 0.0)
+    sight = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
+    assert room.walls.see_front(sight, MODEL.ultrasonic)
+    assert abs(room.filter.pose.x_m) < 0.001
+    assert [wall.sights for wall in room.walls.walls] == [2, 1]
+
+
+def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
+    before, beside = marked(before_m=0.025), marked()
+    beside.walls.walls[0].high_m = 0.15  # seen up to 25 cm from that place
+    for room in (before, beside):
+        room.doubt(0.02, 0.5 * DEGREE)
+        room.believe(0.0125, 0.0, 0.0)
+        assert not room.walls.see_line(line(0.0, 0.8)), "it may be either"
+        room.believe(0.0, 0.25, 0.0)
+        ahead = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
+        assert not room.walls.see_front(ahead, MODEL.ultrasonic)
+        assert [wall.sights for wall in room.walls.walls] == [1, 1]

@@ -8,9 +8,18 @@ import random
 import numpy as np
 import pytest
 
+from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
+from bridge.motion.relocalise import Relocaliser
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.wall_sight import FLAT_M, FLAT_RAD, FrontSights, LineSight, SideSight
+from bridge.motion.wall_sight import (
+    FLAT_M,
+    FLAT_RAD,
+    WANDER_BOW,
+    FrontSights,
+    LineSight,
+    SideSight,
+)
 from support.walled import DEGREE, ORIGIN
 
 MODEL = RobotModel()
@@ -23,6 +32,7 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
     way_m: float = 0.3,
     noise_m: float = 0.0,
     bow_m: float = 0.0,
+    wander_m_sqrt_m: float = 0.0,
     seed: int = 0,
 ) -> LineSight | None:
     """Past a wall on the left whose place at x = 0 is ``wall_y``; a reading each centimetre."""
@@ -35,8 +45,8 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
         x = pose.x_m + mount.x_m
         bow = bow_m * (1.0 - (2.0 * 0.01 * i / way_m - 1.0) ** 2)
         range_m = wall_y + x * math.tan(slope_rad) - bow - mount.y_m + rng.gauss(0, noise_m)
-        side.add(pose, range_m, moving=True, steady=True)
-    return side.add(pose, None, moving=True, steady=True)
+        side.add(pose, range_m, moving=True, steady=True, wander_m_sqrt_m=wander_m_sqrt_m)
+    return side.add(pose, None, moving=True, steady=True, wander_m_sqrt_m=wander_m_sqrt_m)
 
 
 @pytest.mark.parametrize("degrees", [-6.0, 0.0, 4.0])
@@ -79,6 +89,57 @@ def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
     first = side.add(Pose2(0.12, 0, 0), 0.20, moving=True, steady=True)
     assert first is not None
     assert first.span_m == pytest.approx(0.11)
+
+
+@pytest.mark.parametrize(
+    ("bow_m", "way_m", "wander_m_sqrt_m", "flat"),
+    [
+        # 31 readings of 1.9 mm tell a bow to 1.1 mm, what the robot slid aside makes it worse
+        (0.004, 0.3, 0.0, False),
+        (0.004, 0.3, 0.0026, False),
+        (0.004, 0.3, 0.0031, True),
+        # 21 tell it to 1.2 mm
+        (0.005, 0.2, 0.0045, False),
+        (0.005, 0.2, 0.0051, True),
+        (-0.005, 0.2, 0.0036, False),
+        (-0.005, 0.2, 0.0051, True),
+    ],
+)
+def test_who_slides_aside_sees_a_flat_wall_bow(
+    bow_m: float, way_m: float, wander_m_sqrt_m: float, *, flat: bool
+) -> None:
+    sight = drive_by(0.2, 0.0, bow_m=bow_m, way_m=way_m, wander_m_sqrt_m=wander_m_sqrt_m)
+    assert (sight is not None) is flat
+
+
+@pytest.mark.parametrize(("slip_m_sqrt_m", "known"), [(0.001, 0), (0.002, 0), (0.0038, 1)])
+def test_how_far_the_robot_slides_aside_is_as_its_wheels_show(
+    slip_m_sqrt_m: float, known: int
+) -> None:
+    """3.5 mm of bow over 0.3 m: more than a good floor explains, not more than a slippery one."""
+    estimator = PoseEstimator(MODEL, ORIGIN)
+    relocaliser = Relocaliser(MODEL, estimator)
+    free = {"bumper_left": False, "bumper_right": False}
+    counts = 0.0
+    for tick in range(201):
+        driving = 50 <= tick <= 200
+        counts += driving * 0.002 / MODEL.metres_per_count
+        estimator.on_imu(0.01 * tick, 0.0)
+        estimator.on_encoders(0.01 * tick, int(counts), int(counts))
+        estimator.slip_monitor._power = slip_m_sqrt_m**2  # noqa: SLF001 - as after metres of it
+        if driving and tick % 5 == 0:
+            share = 2.0 * (tick - 50) / 150 - 1.0
+            relocaliser.update(None, 0.1 - 0.0035 * (1.0 - share * share), None, **free)
+    relocaliser.update(None, None, None, **free)
+    assert len(relocaliser.walls.walls) == known
+
+
+def test_a_brownian_path_bows_as_much_as_is_thought() -> None:
+    rng = np.random.default_rng(5)
+    x = np.linspace(0.0, 1.0, 201)
+    paths = np.cumsum(rng.normal(0.0, math.sqrt(x[1]), (4000, x.size)), axis=1)
+    bows = np.polyfit(x, paths.T, 2)[0] / 4.0
+    assert float(bows.std()) == pytest.approx(WANDER_BOW, rel=0.05)
 
 
 def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:

@@ -1,4 +1,4 @@
-"""A known wall gone along where the heading is in doubt: what is kept of walls, and the runs."""
+"""A known wall gone along where the heading is in doubt: the ways there, and the runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bridge.coverage.recovery.choice import Choice, Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.recovery.stretches import OFF_M, Start, Stretches
+from bridge.coverage.recovery.stretches import OFF_M, Start
 from bridge.coverage.room_generator import generate_room
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
@@ -33,78 +33,8 @@ if TYPE_CHECKING:
     Found = TypeVar("Found")
 
 MODEL = RobotModel()
-LEFT, RIGHT = 1, -1
+LEFT = 1
 QUARTER = 0.5 * math.pi
-
-
-def follow(stretches: Stretches, side: int, *poses: tuple[float, float, float]) -> None:
-    for pose in poses:
-        stretches.follow(Pose2(*pose), side, straight=True)
-
-
-def one(start: Start, x: float, y: float, heading: float) -> bool:
-    return start == pytest.approx((x, y, heading))
-
-
-def test_a_stretch_is_begun_from_either_end_a_little_off_the_wall() -> None:
-    stretches = Stretches()
-    assert stretches.starts() == []
-    follow(stretches, LEFT, (1.0, 2.0, 0.0), (1.5, 2.0, 0.0), (2.0, 2.0, 0.0))
-    stretches.end(Pose2(2.0, 2.0, 0.0), LEFT)
-    # the wall is above: off it is below, whichever way it is gone along
-    forth, back = stretches.starts()
-    assert one(forth, 1.0, 2.0 - OFF_M, 0.0)
-    assert one(back, 2.0, 2.0 - OFF_M, -math.pi)
-
-
-def test_a_wall_on_the_right_is_kept_off_on_the_left() -> None:
-    stretches = Stretches()
-    follow(stretches, RIGHT, (0.0, 0.0, QUARTER))
-    stretches.end(Pose2(0.0, 1.0, QUARTER), RIGHT)
-    assert one(stretches.starts()[0], -OFF_M, 0.0, QUARTER)
-
-
-def test_short_and_bent_ones_are_not_kept_and_a_corner_parts_two() -> None:
-    stretches = Stretches()
-    follow(stretches, LEFT, (0.0, 0.0, 0.0), (0.4, 0.0, 0.0))
-    stretches.end(Pose2(0.4, 0.0, 0.0), LEFT)
-    assert stretches.starts() == []
-    # round a column of 1 m: never straight on for half a metre
-    for k in range(100):
-        at = 0.1 * k
-        stretches.follow(Pose2(math.cos(at), math.sin(at), at + QUARTER), LEFT, straight=True)
-    assert stretches.starts() == []
-    stretches = Stretches()
-    follow(stretches, LEFT, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    stretches.follow(Pose2(1.0, 0.1, 0.1), LEFT, straight=False)
-    follow(stretches, LEFT, (1.0, 0.2, QUARTER), (1.0, 1.2, QUARTER))
-    stretches.end(Pose2(1.0, 1.2, QUARTER), LEFT)
-    assert len(stretches.starts()) == 4
-    assert one(stretches.starts()[-1], 1.0 + OFF_M, 1.2, -QUARTER)
-
-
-def test_the_longest_are_kept() -> None:
-    stretches = Stretches()
-    for k in range(60):
-        follow(stretches, LEFT, (0.0, float(k), 0.0))
-        stretches.end(Pose2(0.6 + 0.01 * k, float(k), 0.0), LEFT)
-    assert [start.y_m for start in stretches.starts()[::2]] == pytest.approx(
-        [k - OFF_M for k in range(60 - 24, 60)]
-    )
-
-
-def test_what_gave_nothing_twice_is_forgotten_from_both_ends() -> None:
-    stretches = Stretches()
-    for y in (0.0, 1.0):
-        follow(stretches, LEFT, (0.0, y, 0.0))
-        stretches.end(Pose2(1.0, y, 0.0), LEFT)
-    forth, back, *other = stretches.starts()
-    stretches.tried(forth, helped=False)
-    stretches.tried(back, helped=True)
-    stretches.tried(forth, helped=False)
-    assert len(stretches.starts()) == 4, "not twice in a row"
-    stretches.tried(back, helped=False)
-    assert stretches.starts() == other
 
 
 def swept_lane(options: RecoveryOptions) -> EvidenceMap:
@@ -272,7 +202,7 @@ class Doubting:
         plan: FloorPlan,
         *,
         cured_from: int = 0,
-        on_the_way: bool = False,
+        way_leaves_deg: float = math.inf,
         off_m: tuple[float, float] = (0.0, 0.0),
         deg_s: float = 0.01,
         max_time_s: float = 4000.0,
@@ -280,7 +210,8 @@ class Doubting:
         """Run to the end.
 
         ``cured_from``: which of the runs along a wall is the first to take doubt away, a tenth
-        of a second after its end; ``on_the_way``: the travel there does. ``off_m``: by how much
+        of a second after its end; ``way_leaves_deg``: the travel there leaves no more than this.
+        ``off_m``: by how much
         the robot's own place is wrong; ``deg_s``: how fast it begins to doubt.
         """
         self.planner = Open(MODEL)
@@ -308,8 +239,8 @@ class Doubting:
                 whole = math.dist(sight[0][:2], sight[-1][:2]) > 0.4  # as a line of it is
                 if whole and stood_s > 0.1 and len(self.sights) > cured_from:
                     doubt_rad = 0.0
-            if on_the_way and state == "travel" and self.times("sight"):
-                doubt_rad = 0.0
+            if state == "travel" and self.times("sight"):
+                doubt_rad = min(doubt_rad, math.radians(way_leaves_deg))
             if was == "sight" != state:
                 self.waits_s.append(self.planner.due_s - world.time_s)
             was = state
@@ -404,10 +335,14 @@ def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
     assert len(run.sights) > 2
 
 
-def test_a_way_that_tells_the_heading_is_enough() -> None:
-    run = Doubting(room(), on_the_way=True)
-    assert len(run.times("sight")) >= 1
-    assert run.sights == []
+@pytest.mark.parametrize(("left_deg", "enough"), [(0.0, True), (0.59, True), (0.61, False)])
+def test_a_way_that_tells_the_heading_is_enough(left_deg: float, *, enough: bool) -> None:
+    """To three quarters of what sends the robot to a wall, however doubtful it set out."""
+    run = Doubting(room(), way_leaves_deg=left_deg, deg_s=0.02, max_time_s=200.0)
+    doubts = [float(event.data["doubt_deg"]) for _, event in run.told if event.kind == "sight"]
+    assert len(doubts) >= 1
+    assert max(doubts) > 1.5, "of which 0.61 is less than half"
+    assert len(run.sights) == (0 if enough else len(doubts))
 
 
 def test_a_robot_that_has_swept_all_does_not_ask_for_its_heading() -> None:

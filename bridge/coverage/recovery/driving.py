@@ -47,7 +47,8 @@ _DOUBT_RAD = math.radians(0.8)
 _APART_S = 20.0
 """From one run along a wall to the next; twice as long after each that took no doubt away."""
 _HELPED = 0.75
-"""What is left of the doubt where a run along a wall was of use."""
+"""What is left of the doubt where a run along a wall was of use; where the way there leaves less
+than this of what would send the robot to a wall, the run is not needed."""
 _SIGHT_M_S, _READ_S = 0.15, 0.15
 """Slow, for more readings; the last of them is on its way when the robot stands."""
 _NEAR_M = 0.15
@@ -122,9 +123,8 @@ class DrivingPlanner(WatchfulPlanner):
 
         Whether it was driven: not where the way there was barred, or told the heading already.
         """
-        before_rad = self._seen.heading_doubt_rad
         arrived = yield from self._travel(Choice("sight", way, start.heading_rad, SIGHT_M))
-        if not arrived or self._seen.heading_doubt_rad < _HELPED * before_rad:
+        if not arrived or self._seen.heading_doubt_rad < _HELPED * _DOUBT_RAD:
             return False
         yield from self._turn(start.heading_rad)
         self._stand("sight", way[-1])
