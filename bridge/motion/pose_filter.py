@@ -252,6 +252,11 @@ class PoseFilter:
         if due.time_s >= SETTLE_S:
             self.settle()
 
+    @property
+    def across_m_sqrt_m(self) -> float:
+        """How far these wheels slide aside over a metre, at random."""
+        return self.slip_monitor.slippery * self.drift.across_m_sqrt_m
+
     def settle(self) -> None:
         """Bring the covariance up to the newest encoder sample: F P Fᵀ + Q of all since.
 
@@ -269,8 +274,8 @@ class PoseFilter:
         f[THETA, GYRO_SCALE] = -due.rotation
         f[BIAS, BIAS_SLOPE] = due.warmed_c
         self._doubt_wheels()
-        slippery = self.slip_monitor.slippery
-        along_m, across_m = slippery * drift.along_m_sqrt_m, slippery * drift.across_m_sqrt_m
+        along_m = self.slip_monitor.slippery * drift.along_m_sqrt_m
+        across_m = self.across_m_sqrt_m
         along = self.way_noise.value * along_m * along_m
         across = self.way_noise.value * across_m * across_m
         q[X, X] = along * due.way_cc + across * due.way_ss

@@ -88,7 +88,7 @@ class Relocaliser:
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
         moving = abs(estimator.v_m_s) > MOVING_M_S
-        wander = estimator.slip_monitor.slippery * estimator.drift.across_m_sqrt_m
+        wander = estimator.across_m_sqrt_m
         for side, range_m in zip(self._sides, (left_m, right_m), strict=True):
             line = side.add(
                 seen_from, range_m, moving=moving, steady=steady, wander_m_sqrt_m=wander

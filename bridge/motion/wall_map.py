@@ -159,7 +159,7 @@ class WallMap:
             s += noise
             chi2 = float(surprise[0] ** 2) / float(s[0, 0])
             found.append(_Match(i, chi2, math.inf, rows, surprise, s, noise))
-        best = self._choose(found)
+        best = self._choose(found, SAME_CHI1)
         if best is None or best.chi2 > OTHER_CHI1:
             if straight_on:
                 self._add_front(sight, pose, mount)
@@ -202,12 +202,13 @@ class WallMap:
             s += noise
             chi2 = float(surprise @ np.linalg.solve(s, surprise))
             found.append(_Match(i, chi2, math.inf, rows, surprise, s, noise))
-        return self._choose(found)
+        return self._choose(found, SAME_CHI2)
 
-    def _choose(self, found: list[_Match]) -> _Match | None:
-        """Of the walls that a sight may be of the one that it surprises least.
+    def _choose(self, found: list[_Match], same_chi2: float) -> _Match | None:
+        """The wall that a sight surprises least, and how much it would the next other one.
 
-        For a place that only the ultrasonic saw, the wall on which it lies, if one is known.
+        If that is a place which only the ultrasonic saw: the wall on which it lies, where the
+        sight may be of that.
         """
         if not found:
             return None
@@ -216,7 +217,8 @@ class WallMap:
             bearers = [
                 match
                 for match in found
-                if self.walls[match.wall].seen_m >= NEW_SPAN_M
+                if match.chi2 < same_chi2
+                and self.walls[match.wall].seen_m >= NEW_SPAN_M
                 and self._is_one(match.wall, best.wall)
             ]
             best = min(bearers, key=lambda match: match.chi2, default=best)
@@ -271,9 +273,9 @@ class WallMap:
     def _is_one(self, i: int, j: int) -> bool:
         """Whether two walls that face the same way are one, seen in two places: square, in line.
 
-        A place that only the ultrasonic saw, and of no known direction, is one with a wall before
-        which it lies. A cupboard's front a little before a wall is no part of it: what is known of
-        the step says.
+        A place that only the ultrasonic saw, and of no known direction, is one with a wall in line
+        with it, if it lies within what was seen of that, or a little beyond. A cupboard's front a
+        little before a wall is no part of it: what is known of the step says.
         """
         if self.walls[i].seen_m < NEW_SPAN_M:
             i, j = j, i

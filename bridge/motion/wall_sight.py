@@ -104,7 +104,6 @@ class SideSight:
         self._last_m = 0.0
         self._last = Pose2(0.0, 0.0, 0.0)
         """Where the last hit was read."""
-        self._wander = 0.0
 
     def add(
         self,
@@ -122,9 +121,8 @@ class SideSight:
 
         ``wander_m_sqrt_m``: how far sideways the odometry goes wrong over a metre, at random.
         """
-        self._wander = wander_m_sqrt_m
         if range_m is None or not moving:
-            return self._end(odometry)
+            return self._end(odometry, wander_m_sqrt_m)
         if not steady:
             return None
         sigma = infrared_sigma_m(range_m)
@@ -135,7 +133,7 @@ class SideSight:
             or odometry.distance_m(last) > GAP_M
             or abs(math.remainder(odometry.theta_rad - last.theta_rad, math.tau)) > GAP_RAD
         ):
-            sight = self._end(odometry)
+            sight = self._end(odometry, wander_m_sqrt_m)
         mount = self._mount
         reach = max(mount.min_range_m, range_m)
         x, y = odometry.transform(
@@ -146,12 +144,12 @@ class SideSight:
         self._last_m, self._last = range_m, odometry
         first = self._hits[0]
         if math.hypot(x - first.x_m, y - first.y_m) >= MAX_SPAN_M:
-            return self._end(odometry)
+            return self._end(odometry, wander_m_sqrt_m)
         return sight
 
-    def _end(self, odometry: Pose2) -> LineSight | None:
+    def _end(self, odometry: Pose2, wander_m_sqrt_m: float) -> LineSight | None:
         hits, self._hits = self._hits, []
-        return fit_line(hits, odometry, self._wander) if len(hits) >= MIN_HITS else None
+        return fit_line(hits, odometry, wander_m_sqrt_m) if len(hits) >= MIN_HITS else None
 
 
 def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineSight | None:

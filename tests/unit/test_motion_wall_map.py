@@ -225,10 +225,13 @@ def marked(before_m: float = 0.0) -> Room:
     return room
 
 
-@pytest.mark.parametrize("frame", [-1, 0])
+@pytest.mark.parametrize(("frame", "high_m"), [(-1, 0.5), (0, 0.5), (-1, 0.25)])
 @pytest.mark.parametrize("off_deg", [-0.8, 0.8])
-def test_a_place_that_the_ultrasonic_saw_on_a_wall_is_that_wall(off_deg: float, frame: int) -> None:
+def test_a_place_that_the_ultrasonic_saw_on_a_wall_is_that_wall(
+    off_deg: float, frame: int, high_m: float
+) -> None:
     room = marked()
+    room.walls.walls[0].high_m = high_m
     for wall in room.walls.walls:
         wall.frame = frame
     room.doubt(0.01, DEGREE)
@@ -261,3 +264,57 @@ def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
         ahead = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
         assert not room.walls.see_front(ahead, MODEL.ultrasonic)
         assert [wall.sights for wall in room.walls.walls] == [1, 1]
+
+
+def test_what_is_not_known_of_a_walls_direction_moves_its_far_end() -> None:
+    """A place 2 cm before a wall, 1 m from where that was seen to a degree, may well be on it."""
+    room = Room()
+    room.walls.see_line(line(0.0, 0.8)._replace(var_normal=DEGREE**2))
+    room.believe(0.0, 1.0, 0.0)
+    ahead = FrontSight(0.78 - MODEL.ultrasonic.x_m, 0.001**2)
+    assert not room.walls.see_front(ahead, MODEL.ultrasonic)
+    room.walls.walls[0].high_m = 1.2
+    assert room.walls.see_line(line(0.0, 0.79))
+    assert [wall.sights for wall in room.walls.walls] == [2, 1]
+
+
+def test_two_places_that_only_the_ultrasonic_saw_are_not_known_to_be_one() -> None:
+    room = Room()
+    ahead = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
+    for step_m in (0.0, 0.4):
+        room.believe(0.0, step_m, 0.0)
+        assert not room.walls.see_front(ahead, MODEL.ultrasonic)
+    room.believe(0.0, -0.2, 0.0)  # between both
+    assert not room.walls.see_front(ahead, MODEL.ultrasonic)
+    assert len(room.walls.walls) == 2
+
+
+@pytest.mark.parametrize("step_m", [0.015, 0.02, 0.025])
+@pytest.mark.parametrize("drift_m", [0.005, 0.01, 0.015, 0.02])
+@pytest.mark.parametrize("by_infrared", [False, True])
+def test_a_cupboard_that_may_be_the_wall_is_still_itself(
+    step_m: float, drift_m: float, *, by_infrared: bool
+) -> None:
+    """The ultrasonic saw it, then the wall was followed: it stands before that, or is part of it.
+
+    By then the robot is sure of the wall, and does not take what surprises it as such for it.
+    """
+    room = Room()
+    cupboard = FrontSight(0.8 - step_m - MODEL.ultrasonic.x_m, 0.002**2)
+    assert not room.walls.see_front(cupboard, MODEL.ultrasonic)
+    room.doubt(drift_m, 0.3 * DEGREE)
+    for forth_m in (0.8, 0.0, 0.2, -0.3):
+        room.believe(0.0, forth_m, 0.0)
+        room.walls.see_line(line(0.0, 0.8))
+    room.walls.walls[1].low_m = -1.2  # and on its other side
+    room.believe(0.0, -room.filter.pose.y_m, 0.0)
+    x_m = room.filter.pose.x_m
+    for _ in range(5):
+        if by_infrared:
+            assert room.walls.see_line(line(0.0, 0.8 - step_m))
+        else:
+            room.believe(0.0, 0.001, 0.0)
+            assert room.walls.see_front(cupboard, MODEL.ultrasonic)
+        assert room.filter.pose.x_m == pytest.approx(x_m, abs=0.001)
+    assert [wall.sights > 5 for wall in room.walls.walls] == [True, False]
+    assert len(room.walls.walls) == 2

@@ -109,10 +109,10 @@ class Open(RecoveryPlanner):
 
     def _sight(
         self, start: Start, way: tuple[tuple[float, float], ...]
-    ) -> Generator[Leg, Step, bool]:
-        driven = yield from super()._sight(start, way)
-        self.driven.append(driven)
-        return driven
+    ) -> Generator[Leg, Step, float | None]:
+        there_rad = yield from super()._sight(start, way)
+        self.driven.append(there_rad is not None)
+        return there_rad
 
     @property
     def starts(self) -> list[Start]:
@@ -202,6 +202,7 @@ class Doubting:
         plan: FloorPlan,
         *,
         cured_from: int = 0,
+        cured_deg: float = 0.0,
         way_leaves_deg: float = math.inf,
         off_m: tuple[float, float] = (0.0, 0.0),
         deg_s: float = 0.01,
@@ -210,9 +211,9 @@ class Doubting:
         """Run to the end.
 
         ``cured_from``: which of the runs along a wall is the first to take doubt away, a tenth
-        of a second after its end; ``way_leaves_deg``: the travel there leaves no more than this.
-        ``off_m``: by how much
-        the robot's own place is wrong; ``deg_s``: how fast it begins to doubt.
+        of a second after its end, down to ``cured_deg``; ``way_leaves_deg``: the travel there
+        leaves no more than this. ``off_m``: by how much the robot's own place is wrong; ``deg_s``:
+        how fast it begins to doubt.
         """
         self.planner = Open(MODEL)
         self.sights: list[list[tuple[float, float, float]]] = []
@@ -238,7 +239,7 @@ class Doubting:
                 stood_s = stood_s + 0.02 if obs.v_m_s < 0.01 else 0.0
                 whole = math.dist(sight[0][:2], sight[-1][:2]) > 0.4  # as a line of it is
                 if whole and stood_s > 0.1 and len(self.sights) > cured_from:
-                    doubt_rad = 0.0
+                    doubt_rad = min(doubt_rad, math.radians(cured_deg))
             if state == "travel" and self.times("sight"):
                 doubt_rad = min(doubt_rad, math.radians(way_leaves_deg))
             if was == "sight" != state:
@@ -313,6 +314,25 @@ def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again(
     assert len(run.sights) >= 6
     assert len(run.planner.starts) < run.most_starts
     assert run.end is not None
+
+
+@pytest.mark.parametrize(
+    ("way_leaves_deg", "cured_deg", "credited"),
+    [
+        (0.7, math.inf, False),  # what the way told is not the wall's
+        (2.0, 1.8, False),
+        (2.0, 1.2, True),
+        (0.65, 0.55, True),  # little of little, and enough
+    ],
+)
+def test_a_wall_is_credited_with_its_own_run(
+    way_leaves_deg: float, cured_deg: float, *, credited: bool
+) -> None:
+    run = Doubting(
+        room(), cured_deg=cured_deg, way_leaves_deg=way_leaves_deg, deg_s=0.08, max_time_s=270.0
+    )
+    assert len(run.sights) >= 4
+    assert (len(run.planner.starts) == run.most_starts) is credited
 
 
 def test_a_way_that_is_barred_does_not_speak_against_the_wall(

@@ -47,8 +47,9 @@ _DOUBT_RAD = math.radians(0.8)
 _APART_S = 20.0
 """From one run along a wall to the next; twice as long after each that took no doubt away."""
 _HELPED = 0.75
-"""What is left of the doubt where a run along a wall was of use; where the way there leaves less
-than this of what would send the robot to a wall, the run is not needed."""
+"""What is left of the doubt where a run along a wall was of use."""
+_TOLD_RAD = math.radians(0.6)
+"""A way that leaves no more doubt of the heading makes the run along the wall needless."""
 _SIGHT_M_S, _READ_S = 0.15, 0.15
 """Slow, for more readings; the last of them is on its way when the robot stands."""
 _NEAR_M = 0.15
@@ -110,22 +111,26 @@ class DrivingPlanner(WatchfulPlanner):
             y_m=round(start.y_m, 3),
             doubt_deg=round(math.degrees(obs.heading_doubt_rad), 2),
         )
-        driven = yield from self._sight(start, way)
-        helped = self._seen.heading_doubt_rad < _HELPED * obs.heading_doubt_rad
+        there_rad = yield from self._sight(start, way)
+        left_rad = self._seen.heading_doubt_rad
+        helped = left_rad < _HELPED * obs.heading_doubt_rad
         self._sights_failed = 0 if helped else self._sights_failed + 1
-        if driven:  # somebody in the way there does not speak against the wall
-            self._stretches.tried(start, helped=helped)
+        if there_rad is not None:  # somebody in the way there does not speak against the wall
+            useful = left_rad < max(_HELPED * there_rad, _TOLD_RAD)
+            self._stretches.tried(start, helped=useful)
         self._sight_due_s = self._seen.time_s + _APART_S * 2**self._sights_failed
         return True
 
-    def _sight(self, start: Start, way: tuple[Point, ...]) -> Generator[Leg, Step, bool]:
+    def _sight(self, start: Start, way: tuple[Point, ...]) -> Generator[Leg, Step, float | None]:
         """Straight along a wall, not led by it: a noisy infrared leads to and fro.
 
-        Whether it was driven: not where the way there was barred, or told the heading already.
+        With how much doubt of the heading it was begun; None where it was not driven, for the way
+        there was barred, or told the heading already.
         """
         arrived = yield from self._travel(Choice("sight", way, start.heading_rad, SIGHT_M))
-        if not arrived or self._seen.heading_doubt_rad < _HELPED * _DOUBT_RAD:
-            return False
+        there_rad = self._seen.heading_doubt_rad
+        if not arrived or there_rad < _TOLD_RAD:
+            return None
         yield from self._turn(start.heading_rad)
         self._stand("sight", way[-1])
         yield from self._drive(
@@ -139,7 +144,7 @@ class DrivingPlanner(WatchfulPlanner):
             )
         )
         yield Rest(_READ_S, purpose="sight")
-        return True
+        return there_rad
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
         near = 0.28
