@@ -2,10 +2,11 @@
 
 The cliff sensor: reflex light barriers under the front rim that look for the floor.
 
-Three of them, straight ahead and 45° to either side, 1 cm inside the rim; together they are
-one bit. The floor is missing in a room's ``cliffs``, and under a robot that is held up. What
-stands on the floor (carpet, threshold) is floor to them. What becomes of a robot that drives
-on is told in ``plant``.
+Three of them, straight ahead and 55° to either side, 1 cm inside the rim; together they are
+one bit. The outer ones are 12.3 cm aside, so that whatever comes under a wheel, 11.5 cm aside, on
+the way ahead was under one of them before. The floor is missing in a room's ``cliffs``, and under
+a robot that is held up. What stands on the floor (carpet, threshold) is floor to them. What
+becomes of a robot that drives on is told in ``plant``.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
 INSIDE_RIM_M = 0.01
-BEARINGS_RAD = (-0.25 * math.pi, 0.0, 0.25 * math.pi)
+BEARINGS_RAD = (math.radians(-55.0), 0.0, math.radians(55.0))
 
 
 class CliffSensor:

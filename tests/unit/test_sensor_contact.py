@@ -13,7 +13,7 @@ from bridge.coverage.regions import find_regions
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from sim_device.bumper import RELEASE_M, Bumper
-from sim_device.cliff import CliffSensor
+from sim_device.cliff import CliffSensor, wheel_over
 from sim_device.sensor_faults import CountDropout
 from support.scripted_body import Placed
 from support.sim_body import box, duty, plant, room, sensors, world
@@ -115,9 +115,25 @@ def test_the_floor_is_missed_as_soon_as_a_spot_is_over_the_edge() -> None:
     device = CliffSensor(RADIUS_M)
     assert device.sees_none(Pose2(1.5 - 0.149, 1.0, 0.0), plan.cliffs)
     assert not device.sees_none(Pose2(1.5 - 0.151, 1.0, 0.0), plan.cliffs)
-    # Turned by 45° the spot beside looks straight at the edge; from behind it is not seen.
-    assert device.sees_none(Pose2(1.5 - 0.149, 1.0, math.radians(45.0)), plan.cliffs)
+    # Turned by 55° the spot beside looks straight at the edge; from behind it is not seen.
+    assert device.sees_none(Pose2(1.5 - 0.149, 1.0, math.radians(55.0)), plan.cliffs)
+    assert device.sees_none(Pose2(1.5 - 0.149, 1.0, math.radians(-55.0)), plan.cliffs)
+    assert not device.sees_none(Pose2(1.5 - 0.149, 1.0, math.radians(45.0)), plan.cliffs)
     assert not device.sees_none(Pose2(1.5 - 0.149, 1.0, math.pi), plan.cliffs)
+
+
+@pytest.mark.parametrize("aside_mm", range(0, 130, 3))
+@pytest.mark.parametrize("side", [-1, 1])
+def test_no_wheel_comes_straight_on_over_an_edge_that_no_spot_saw(aside_mm: int, side: int) -> None:
+    """A pit 40 cm long whose side lies so far beside the way."""
+    low, high = sorted((1.0 + side * 0.001 * aside_mm, 1.0 + side * 0.5))
+    pit = ((0.8, low), (1.2, low), (1.2, high), (0.8, high))
+    device = CliffSensor(RADIUS_M)
+    for mm in range(500, 1400):
+        pose = Pose2(0.001 * mm, 1.0, 0.0)
+        if device.sees_none(pose, (pit,)):
+            return
+        assert not wheel_over(pose, 0.115, (pit,))
 
 
 def test_rays_pass_over_a_cliff_and_a_suite_sees_it() -> None:

@@ -176,7 +176,8 @@ class Chooser:
             left = keep_holes(window.target, self._buffers.layer("hole", window.target.shape))
         outline = np.zeros(4)
         prices = np.array([speed, options.turn_s_rad, options.stop_s, options.outline_cells])
-        scan_outlines(window.open, window.ways, window.done, y, x, pose.theta_rad, prices, outline)
+        ways = window.outline_ways
+        scan_outlines(window.open, ways, window.done, y, x, pose.theta_rad, prices, outline)
         best = np.zeros((2, 8))
         image: Turned | None = None
         if left >= options.least_cells:
@@ -247,7 +248,8 @@ def _parted(memory: EvidenceMap, window: Window, pose: Pose2) -> Point | None:
     column, row = memory.to_cells(*window.metres(0.5, 0.5))
     r0, c0 = int(row), int(column)
     part = np.s_[r0 : r0 + rows, c0 : c0 + cols]
-    was_there = (memory.been[part] > 0) & (memory.near[part] == 0) & (memory.lens[part] == 0)
+    lens, been = memory.places()
+    was_there = (been[part] > 0) & (memory.near[part] == 0) & (lens[part] == 0)
     cells = np.argwhere(was_there & (window.dist < 0))
     if len(cells) < _PARTED_CELLS:
         return None

@@ -37,6 +37,7 @@ _WALL_M, _WALL_CELLS = 0.2, 12
 """So many cells (24 cm of wall) known so near to what refused it: a leg leads round itself."""
 FLOOR_CELLS = 250
 """New cells (a tenth of a square metre), after which what was in vain may be tried again."""
+_MOST_BACK, _CLEAR_M = 5, 0.05
 _NO_LEG_M = 0.01
 """A centimetre is no way to go."""
 _NO_WAY_M = 0.02
@@ -317,7 +318,11 @@ class DrivingPlanner(WatchfulPlanner):
         if result.reason is StopReason.RANGE:
             self.memory.add_point(*result.pose.transform(self.model.radius_m + 0.01, 0.0))
             self.tell(telling.obstacle_met(result))
-        elif result.reason in {StopReason.BUMPER, StopReason.CLIFF, StopReason.STALLED}:
+        elif result.reason is StopReason.CLIFF:
+            self.memory.add_cliff(self._edge_at or result.pose)
+            self.tell(telling.obstacle_met(result))
+            yield from self._leave_edge(heading_rad)
+        elif result.reason in {StopReason.BUMPER, StopReason.STALLED}:
             both = not (result.bumper_left or result.bumper_right)
             self.memory.add_bump(
                 result.pose, left=result.bumper_left or both, right=result.bumper_right or both
@@ -325,10 +330,22 @@ class DrivingPlanner(WatchfulPlanner):
             self.tell(telling.obstacle_met(result))
             yield Drive(heading_rad, -self.options.back_off_m, speed_m_s=0.05, purpose="back-off")
 
+    def _leave_edge(self, heading_rad: float) -> Generator[Leg, Step]:
+        """Back off until there is floor ahead, and on: turning before, a wheel would go over it.
+
+        Between two spots an edge may be as near as the outer ones look ahead, 9 cm.
+        """
+        way = Drive(heading_rad, -self.options.cliff_back_off_m, speed_m_s=0.05, purpose="back-off")
+        for _ in range(_MOST_BACK):
+            yield way
+            if not self._seen.cliff:
+                yield replace(way, distance_m=-_CLEAR_M)
+                return
+
     def _meet(self, result: LegResult) -> Generator[Leg, Step, bool]:
         """Follow what ended a drive early, if its outline was not swept yet; whether it was not."""
-        if not result.reason.blocked:
-            return False
+        if not result.reason.blocked or result.reason is StopReason.CLIFF:
+            return False  # an edge of the floor is seen by nothing that could follow it
         pose = result.pose
         bearing = self._contact(result)
         left = bearing > 0.0
@@ -376,6 +393,8 @@ class DrivingPlanner(WatchfulPlanner):
             again = again + 1 if self._followed_m - bumped_m < _SAME_BUMP_M else 0
             bumped_m = self._followed_m
             yield from self._note(result, result.pose.theta_rad)
+            if reason is StopReason.CLIFF:
+                break
             # turn until what was met is abeam; on the other side, it is an inner corner
             ended_s = begun_s + result.duration_s  # it may have rested since
             ahead_of_it = again or ended_s - self._brisk_s < _STOPS_S

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.coverage.recovery import packed
+from bridge.coverage.recovery.edges import SPAN_RAD, WHEEL_M, Edges
 from bridge.coverage.recovery.evidence_kernels import (
     MOST,
     SURE,
@@ -51,6 +52,8 @@ _RIM_CELLS = 1.75
 """Evidence this near to the rim may be what was touched."""
 _BESIDE, _BESIDE_STRAIGHT = 0.9, 0.6
 """Of the radius: what is farther aside is the wall that is followed, round a corner or straight."""
+_KNOWN_M = 0.10
+"""Between the wheels, where the axle was, there is floor."""
 _LAYERS = ("swept", "wall", "near", "lens", "been", "tried")
 
 
@@ -80,6 +83,7 @@ class EvidenceMap:
         self._last = (x, y, pose.theta_rad)
         self._been_at = (x, y)
         self._low, self._high = [x, y], [x, y]
+        self.edges = Edges(model.radius_m)
         self._guessed: list[tuple[float, float]] = []
         """Where something was put for a bump alone, metres."""
         self._readings: tuple[float | None, float | None] = (None, None)
@@ -133,6 +137,8 @@ class EvidenceMap:
             bx, by = self._been_at
             if abs(x - bx) + abs(y - by) > 0.5:  # noqa: PLR2004 - half a cell
                 self._move(x, y)
+        if self.edges and not obs.cliff:
+            self.edges.see_floor(pose)
         readings = (obs.infrared_left_m, obs.infrared_right_m)
         if readings != self._readings or obs.time_s - self._read_s >= _READING_S:
             self._readings = readings
@@ -185,6 +191,27 @@ class EvidenceMap:
         theta = pose.theta_rad
         bump_lens(self.lens, x, y, theta + low, theta + high, self._model.radius_m * self._per_m)
 
+    def add_cliff(self, pose: Pose2) -> None:
+        """No floor is ahead at a pose."""
+        self.edges.add(pose, lambda x_m, y_m: bool(self.been[self._disc(x_m, y_m, _KNOWN_M)].any()))
+
+    def places(self) -> tuple[Layer, Layer]:
+        """Where the axle cannot be for what only bumps or the missing floor tell; where it was.
+
+        That it was there overrules what bumps tell, and not an edge: it has been over one.
+        """
+        if not self.edges:
+            return self.lens, self.been
+        shut = np.zeros_like(self.lens)
+        reach = self._model.radius_m * self._per_m
+        for pose in self.edges.poses:
+            x, y = self.to_cells(pose.x_m, pose.y_m)
+            theta = pose.theta_rad
+            bump_lens(shut, x, y, theta - SPAN_RAD, theta + SPAN_RAD, reach)
+        for mark in self.edges.marks:
+            shut[self._disc(mark.x_m, mark.y_m, WHEEL_M)] = 1
+        return self.lens | shut, self.been & (1 - shut)
+
     def give_up(self, x_m: float, y_m: float, radius_m: float) -> None:
         """A place was gone for in vain: one try less for its unswept cells."""
         square, _ = self._square(*self.to_cells(x_m, y_m), radius_m)
@@ -200,6 +227,7 @@ class EvidenceMap:
         x, y = self.to_cells(pose.x_m, pose.y_m)
         part, _ = self._square(x, y, places_m)
         self.lens[part] = 0
+        self.edges.forget(pose, places_m)
         part, (r0, c0) = self._square(x, y, things_m)
         for row, col in np.argwhere(self.wall[part]).tolist():
             add_wall(self.wall, self.near, row + r0, col + c0, -MOST, self._reach)
@@ -258,7 +286,7 @@ class EvidenceMap:
         cell = self._options.cell_m
         rim_m = self._model.radius_m + 0.5 * cell
         beside = (_BESIDE_STRAIGHT if straight else _BESIDE) * self._model.radius_m
-        return pace(
+        known = pace(
             self.wall,
             x,
             y,
@@ -272,6 +300,7 @@ class EvidenceMap:
             brake.latency_s,
             self._model.max_speed_m_s,
         )
+        return min(known, self.edges.pace(pose)) if self.edges else known
 
     def packed(self) -> PackedMap:
         """The map as a microcontroller would hold it between two legs: 2 bits a cell."""

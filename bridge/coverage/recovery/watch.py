@@ -62,6 +62,8 @@ class WatchfulPlanner(ScriptedPlanner):
         """Where what refused the robot was followed, on which side, and the new cells by then."""
         self._sought_from: Pose2 | None = None
         """The same of the way under way."""
+        self._edge_at: Pose2 | None = None
+        """Where the floor ahead was missed; None: it is there."""
         self._brisk_s = -math.inf
         self._followed_m = 0.0
         self._checked_m = 0.0
@@ -102,6 +104,7 @@ class WatchfulPlanner(ScriptedPlanner):
         self._see_jump(obs)
         self._see_heading(obs.heading_doubt_rad)
         self._obs = obs
+        self._see_edge(obs)
         memory.update(obs)
         straight = abs(obs.yaw_rate_rad_s) < _STRAIGHT_RAD_S
         self._most_m_s = memory.pace(obs.pose, self._following, self._brake, straight=straight)
@@ -130,6 +133,13 @@ class WatchfulPlanner(ScriptedPlanner):
         else:
             self._stale = 0
         return self._stale > 1 and self._followed_m > self._least_m
+
+    def _see_edge(self, obs: Observation) -> None:
+        """Keep where the floor ahead was missed first: by the time it stands it is farther on."""
+        if not obs.cliff:
+            self._edge_at = None
+        elif self._edge_at is None:
+            self._edge_at = obs.pose
 
     def _see_jump(self, obs: Observation) -> None:
         """Tell where the estimate was set right: it moved farther than the robot did."""

@@ -30,6 +30,8 @@ _CORNERS = 400
 _WAY = 8192
 """Cells of the longest way: five times across the largest room."""
 _SNAP_CELLS = 6
+_EDGE_M = 0.42
+"""No outline is begun so near to where the rim was over an edge: as far as that shuts places."""
 
 
 class Buffers:
@@ -77,12 +79,14 @@ class Window:
         self.dist = buffers.ints("dist", shape)
         self.target = buffers.layer("target", shape)
         self.ways = buffers.ints("ways", shape)
+        self._edges = memory.edges.rims
         self._buffers = buffers
         self.settled = 0
+        lens, been = memory.places()
         copy_window(
             memory.near,
-            memory.lens,
-            memory.been,
+            lens,
+            been,
             memory.swept,
             memory.wall,
             memory.tried,
@@ -97,6 +101,18 @@ class Window:
     def cells(self) -> int:
         """How many."""
         return self.open.size
+
+    @property
+    def outline_ways(self) -> Ints:
+        """The ways, without those to places beside which the floor ends: no wall to follow."""
+        if not self._edges:
+            return self.ways
+        ways = self.ways.copy()
+        rows, cols = np.ogrid[: ways.shape[0], : ways.shape[1]]
+        for point in self._edges:
+            row, col = self.cell(*point)
+            ways[(rows - row) ** 2 + (cols - col) ** 2 < (_EDGE_M / self.cell_m) ** 2] = -1
+        return ways
 
     def place(self, pose: Pose2) -> tuple[float, float]:
         """Column and row of a pose."""

@@ -1,0 +1,102 @@
+"""Where the floor ends: what the cliff sensor told, and what follows from it.
+
+One bit, of three spots under the front rim: which of them is over an edge is not told, nor how that
+runs on. No ranger sees it, so it is not followed; it is driven up to by lanes, slowly where it is
+known, and left alone by outlines and ways.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.motion.geometry import Pose2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SPAN_RAD = math.radians(55.0)
+"""Between the heading and the outer spots."""
+WHEEL_M = 0.22
+"""The axle keeps so far from where the floor may be missing: half the wheel base, and how far an
+edge may reach on unseen between two spots."""
+_INSIDE_M = 0.01
+"""From the rim to the spots."""
+_SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
+"""Seen from so near to where it was seen before, it tells nothing new."""
+_FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
+"""Floor that is seen so far beyond where it may be missing, and so little aside: it is there."""
+_NEAR_M, _SLOW_M_S = 0.35, 0.10
+"""So near to where an edge was seen the robot goes slowly: braking from 0.28 m/s takes 10 cm, and
+the outer spots look 9 cm ahead of the wheels."""
+
+
+class Edges:
+    """The poses at which no floor was seen ahead, and where it may be missing."""
+
+    def __init__(self, radius_m: float) -> None:
+        """None yet; ``radius_m``: of the body, at whose front rim the sensor looks."""
+        self._radius_m = radius_m
+        self.poses: list[Pose2] = []
+        self.rims: list[tuple[float, float]] = []
+        """The middle of the front rim at each, metres."""
+        self.marks: list[Pose2] = []
+        """Spots that saw no floor, or are beside one that did not, and the way they looked."""
+
+    def __bool__(self) -> bool:
+        """Whether any was seen."""
+        return bool(self.poses)
+
+    def add(self, pose: Pose2, floor: Callable[[float, float], bool]) -> None:
+        """Keep a pose, unless one almost the same is kept.
+
+        ``floor``: whether the robot knows that there is some at a point, for it has been beside it.
+        """
+        for known in self.poses:
+            turned = math.remainder(known.theta_rad - pose.theta_rad, math.tau)
+            if known.distance_m(pose) < _SAME_M and abs(turned) < _SAME_RAD:
+                return
+        self.poses.append(pose)
+        self.rims.append(pose.transform(self._radius_m, 0.0))
+        spots = self._spots(pose)
+        missing = [spot for spot in spots if not floor(*spot)] or spots
+        self.marks += [Pose2(x, y, pose.theta_rad) for x, y in missing]
+
+    def see_floor(self, pose: Pose2) -> None:
+        """All of the spots see floor at a pose: it is not missing where they look."""
+        if not self.marks or not self.beside(pose.x_m, pose.y_m, _NEAR_M):
+            return
+        spots = self._spots(pose)
+        self.marks = [
+            mark for mark in self.marks if not any(_beyond(mark, *spot) for spot in spots)
+        ]
+
+    def forget(self, pose: Pose2, radius_m: float) -> None:
+        """Drop what was seen so near to a pose."""
+        self.poses = [known for known in self.poses if known.distance_m(pose) > radius_m]
+        self.rims = [known.transform(self._radius_m, 0.0) for known in self.poses]
+        self.marks = [mark for mark in self.marks if mark.distance_m(pose) > radius_m]
+
+    def beside(self, x_m: float, y_m: float, radius_m: float) -> bool:
+        """Whether the rim was so near to a point when no floor was seen."""
+        limit = radius_m * radius_m
+        return any((x - x_m) ** 2 + (y - y_m) ** 2 < limit for x, y in self.rims)
+
+    def pace(self, pose: Pose2) -> float:
+        """Fastest forward speed, m/s: infinite where no edge is near."""
+        return _SLOW_M_S if self.beside(pose.x_m, pose.y_m, _NEAR_M) else math.inf
+
+    def _spots(self, pose: Pose2) -> list[tuple[float, float]]:
+        reach_m = self._radius_m - _INSIDE_M
+        return [
+            pose.transform(reach_m * math.cos(bearing), reach_m * math.sin(bearing))
+            for bearing in (-SPAN_RAD, 0.0, SPAN_RAD)
+        ]
+
+
+def _beyond(mark: Pose2, x_m: float, y_m: float) -> bool:
+    """Whether a point is a little farther on than a mark, as that was looked at."""
+    c, s = math.cos(mark.theta_rad), math.sin(mark.theta_rad)
+    dx, dy = x_m - mark.x_m, y_m - mark.y_m
+    least_m, most_m = _FLOOR_M
+    return least_m < dx * c + dy * s < most_m and abs(dy * c - dx * s) < _ASIDE_M

@@ -1,0 +1,283 @@
+"""Where the floor ends: what is kept of it, where that forbids the axle, and what is done there."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.coverage.planner import Step
+from bridge.coverage.recovery.choice import Chooser
+from bridge.coverage.recovery.edges import SPAN_RAD, WHEEL_M, Edges
+from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.coverage.recovery.window import Buffers, Window
+from bridge.motion.braking import Braking
+from bridge.motion.geometry import Pose2
+from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
+from bridge.motion.observation import Observation
+from bridge.motion.robot_model import RobotModel
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+MODEL = RobotModel()
+QUARTER = 0.5 * math.pi
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+BRAKE = Braking(0.3, 0.1)
+SPOT_M = MODEL.radius_m - 0.01
+AHEAD_M, ASIDE_M = SPOT_M * math.cos(SPAN_RAD), SPOT_M * math.sin(SPAN_RAD)
+
+
+def seen(pose: Pose2, time_s: float = 0.0, *, cliff: bool = False) -> Observation:
+    bumper = (False, False)
+    return Observation(time_s, pose, 0.2, 0.0, None, None, None, *bumper, cliff)
+
+
+def nowhere(x_m: float, y_m: float) -> bool:
+    del x_m, y_m
+    return False
+
+
+def open_at(memory: EvidenceMap, x_m: float, y_m: float) -> bool:
+    rows, cols = memory.shape
+    window = Window(memory, (0, rows, 0, cols), 2, Buffers())
+    return bool(window.open[window.cell(x_m, y_m)] > 0)
+
+
+def test_the_spots_may_all_be_without_a_floor() -> None:
+    edges = Edges(MODEL.radius_m)
+    assert not edges
+    edges.add(ORIGIN, nowhere)
+    assert edges
+    assert edges.marks == [
+        pytest.approx((AHEAD_M, -ASIDE_M, 0.0)),
+        pytest.approx((SPOT_M, 0.0, 0.0)),
+        pytest.approx((AHEAD_M, ASIDE_M, 0.0)),
+    ]
+    edges.add(Pose2(0.01, 0.0, 0.1), nowhere)
+    assert len(edges.poses) == len(edges.rims) == 1, "the same once more"
+    edges.add(Pose2(0.01, 0.0, 0.4), nowhere)
+    assert len(edges.poses) == 2
+
+
+def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
+    edges = Edges(MODEL.radius_m)
+    edges.add(ORIGIN, lambda _x, y: y > 0.05)
+    assert len(edges.marks) == 2
+    assert all(mark.y_m < 0.05 for mark in edges.marks)
+    edges = Edges(MODEL.radius_m)
+    edges.add(ORIGIN, lambda _x, _y: True)
+    assert len(edges.marks) == 3, "one of them is wrong"
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "left"),
+    [
+        (0.03, 0.0, 0),  # all three looked on
+        (0.03, 2.0 * ASIDE_M, 2),  # the right spot, where the left one looked
+        (0.0, 0.0, 3),
+        (-0.02, 0.0, 3),  # backing off: floor before an edge
+        (0.08, 0.0, 3),
+        (0.03, 0.03, 3),
+    ],
+)
+def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -> None:
+    for turned in (0.0, 2.0):
+        edges = Edges(MODEL.radius_m)
+        edges.add(Pose2(1.0, 2.0, turned), nowhere)
+        at = Pose2(1.0, 2.0, turned).transform(x_m, y_m)
+        edges.see_floor(Pose2(*at, turned))
+        assert len(edges.marks) == left
+
+
+def test_what_is_forgotten_is_gone() -> None:
+    edges = Edges(MODEL.radius_m)
+    edges.add(ORIGIN, nowhere)
+    edges.add(Pose2(1.0, 0.0, 0.0), nowhere)
+    edges.forget(Pose2(0.1, 0.0, 0.0), 0.3)
+    assert edges.poses == [Pose2(1.0, 0.0, 0.0)]
+    assert edges.rims == [pytest.approx((1.0 + MODEL.radius_m, 0.0))]
+    assert len(edges.marks) == 3
+    assert not edges.beside(0.2, 0.0, 0.3)
+    assert edges.beside(1.2, 0.0, 0.3)
+
+
+@pytest.mark.parametrize(("away_m", "slow"), [(0.3, True), (0.45, True), (0.55, False)])
+def test_near_a_known_edge_the_robot_goes_slowly(away_m: float, *, slow: bool) -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
+    memory.add_cliff(ORIGIN)
+    pace = memory.pace(Pose2(away_m, 0.0, 0.0), 0, BRAKE)
+    assert pace == pytest.approx(0.10 if slow else MODEL.max_speed_m_s)
+
+
+def driven(*, to_m: float = 0.0, way_m: float, y_m: float = 0.01) -> EvidenceMap:
+    """What is kept of a way along x."""
+    memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(to_m - way_m, y_m, 0.0))
+    for k in range(round(100 * way_m) + 1):
+        memory.update(seen(Pose2(to_m - way_m + 0.01 * k, y_m, 0.0), 0.05 * k))
+    return memory
+
+
+def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> None:
+    memory = driven(way_m=0.5)
+    assert open_at(memory, -0.03, 0.01)
+    memory.add_cliff(ORIGIN)
+    assert not open_at(memory, SPOT_M - WHEEL_M + 0.02, 0.01), "it has been there, over the edge"
+    assert open_at(memory, SPOT_M - WHEEL_M - 0.03, 0.01)
+    # beside the outer spots the wheels might pass over an edge
+    assert not open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M - 0.03)
+    assert open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M + 0.03)
+    assert not memory.doubt_bumps(0.2), "it is no bump"
+    assert not open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M - 0.03)
+    # which spot it was may become known: that it was one of them stays
+    memory.edges.marks.clear()
+    assert not open_at(memory, 0.10, 0.01)
+    assert open_at(memory, 0.10, 0.15)
+    memory.forget(ORIGIN, 0.3, 0.6)
+    assert open_at(memory, 0.10, 0.01)
+
+
+@pytest.mark.parametrize(("y_m", "marks"), [(ASIDE_M + 0.07, 2), (ASIDE_M + 0.13, 3)])
+def test_where_the_robot_was_beside_a_spot_there_is_floor(y_m: float, marks: int) -> None:
+    memory = driven(to_m=0.3, way_m=0.6, y_m=y_m)
+    memory.add_cliff(ORIGIN)
+    assert len(memory.edges.marks) == marks
+
+
+def test_floor_beyond_opens_what_was_shut() -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
+    memory.add_cliff(ORIGIN)
+    beside_m = ASIDE_M + WHEEL_M - 0.03
+    memory.update(seen(Pose2(0.03, 0.0, 0.0), 1.0, cliff=True))
+    assert not open_at(memory, AHEAD_M, beside_m)
+    memory.update(seen(Pose2(0.03, 0.0, 0.0), 1.1))
+    assert open_at(memory, AHEAD_M, beside_m)
+
+
+def test_who_stands_where_an_edge_forbids_it_is_not_shut_in() -> None:
+    """A place where it was, and may be no more, is no sign that the evidence is wrong."""
+    memory = driven(way_m=3.0)
+    memory.tried[:] = 9  # nothing is left to sweep
+    for k in range(13):
+        memory.add_cliff(Pose2(-0.2 * k, 0.0, QUARTER))
+    chooser = Chooser(RecoveryOptions())
+    assert chooser.choose(memory, Pose2(-3.0, 0.01, 0.0), 0.0) is None
+    assert not chooser.shut_in
+
+
+def test_beside_an_edge_a_lane_is_chosen_and_no_outline() -> None:
+    memory = driven(way_m=0.5)
+    kinds = []
+    for edge in (False, True):
+        if edge:
+            memory.add_cliff(ORIGIN)
+        else:
+            memory.block(MODEL.radius_m, 0.0, 0.1)
+        choice = Chooser(RecoveryOptions()).choose(memory, Pose2(-0.1, 0.01, 0.0), 0.0)
+        assert choice is not None
+        kinds.append(choice.kind)
+        memory.forget(ORIGIN, 0.0, 0.5)
+    assert kinds == ["outline", "lane"]
+
+
+def test_no_outline_is_begun_beside_an_edge() -> None:
+    memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
+    rows, cols = memory.shape
+    window = Window(memory, (0, rows, 0, cols), 2, Buffers())
+    window.ways[:] = 7
+    assert window.outline_ways is window.ways
+    memory.add_cliff(ORIGIN)
+    window = Window(memory, (0, rows, 0, cols), 2, Buffers())
+    window.ways[:] = 7
+    rim = window.cell(MODEL.radius_m, 0.0)
+    ways = window.outline_ways
+    assert ways[rim] == -1
+    assert ways[rim[0] + 20, rim[1]] == -1
+    assert ways[rim[0] + 22, rim[1]] == 7
+    assert window.ways[rim] == 7, "lanes may begin there"
+
+
+class Driver(RecoveryPlanner):
+    """Goes by hand."""
+
+    def drive(self, leg: Drive) -> Generator[Leg, Step, LegResult]:
+        """A leg, with what is made of its end."""
+        return self._drive(leg)
+
+    def outline(self) -> Generator[Leg, Step]:
+        """Follow a wall on the left."""
+        return self._outline(left=True)
+
+    def meet(self, result: LegResult) -> Generator[Leg, Step, bool]:
+        """What is done where a leg ended early."""
+        return self._meet(result)
+
+
+def begun() -> Driver:
+    planner = Driver(MODEL)
+    planner.start(seen(ORIGIN))
+    return planner
+
+
+def ends(planner: Driver, leg: Leg, x_m: float, time_s: float, *, cliff: bool) -> Step:
+    """The leg ends there."""
+    reason = StopReason.CLIFF if isinstance(leg, FollowWall) else StopReason.DISTANCE
+    if isinstance(leg, Drive) and (leg.distance_m or 1.0) > 0.0:
+        reason = StopReason.CLIFF
+    pose = Pose2(x_m, 0.0, 0.0)
+    obs = seen(pose, time_s, cliff=cliff)
+    planner.watch(obs)
+    return Step(LegResult(leg, reason, 0.0, 1.0, pose), obs)
+
+
+@pytest.mark.parametrize("follows", [False, True])
+@pytest.mark.parametrize("backs", [1, 2, 4])
+def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
+    backs: int, *, follows: bool
+) -> None:
+    """It marks where the floor was first missed, not where it came to a stand."""
+    planner = begun()
+    part: Generator[Leg, Step, object] = planner.outline()
+    if not follows:
+        part = planner.drive(Drive(0.0, 2.0, purpose="lane"))
+    leg = next(part)
+    planner.watch(seen(Pose2(0.40, 0.0, 0.0), 1.0))
+    planner.watch(seen(Pose2(0.41, 0.0, 0.0), 1.1, cliff=True))
+    legs = []
+    try:
+        leg = part.send(ends(planner, leg, 0.45, 1.3, cliff=True))
+        for k in range(1, 9):
+            legs.append(leg)
+            leg = part.send(ends(planner, leg, 0.45 - 0.03 * k, 1.3 + k, cliff=k < backs))
+    except StopIteration:
+        pass
+    ways = [leg.distance_m for leg in legs if isinstance(leg, Drive)]
+    assert ways == [-0.03] * backs + [-0.05]
+    assert {leg.purpose for leg in legs} == {"back-off"}
+    assert planner.memory.edges.poses == [Pose2(0.41, 0.0, 0.0)]
+
+
+def test_backing_off_ends_where_no_floor_comes() -> None:
+    """Someone holds the robot up."""
+    planner = begun()
+    part = planner.drive(Drive(0.0, 2.0, purpose="lane"))
+    leg = next(part)
+    count = 0
+    try:
+        while count < 50:
+            leg = part.send(ends(planner, leg, -0.03 * count, 1.0 + count, cliff=True))
+            count += 1
+    except StopIteration:
+        pass
+    assert count == 5
+
+
+def test_an_edge_is_not_followed() -> None:
+    planner = begun()
+    result = LegResult(Drive(0.0, 2.0), StopReason.CLIFF, 0.5, 3.0, Pose2(0.5, 0.0, 0.0))
+    with pytest.raises(StopIteration) as ended:
+        next(planner.meet(result))
+    assert ended.value.value is False
