@@ -125,11 +125,12 @@ def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> No
     memory = driven(way_m=0.5)
     assert open_at(memory, -0.03, 0.01)
     memory.add_cliff(ORIGIN)
-    assert not open_at(memory, SPOT_M - WHEEL_M + 0.02, 0.01), "it has been there, over the edge"
+    for y_m in (0.0, 0.02):  # the two rows that its way lies between
+        assert not open_at(memory, SPOT_M - WHEEL_M + 0.02, y_m), "though it has been there"
     assert open_at(memory, SPOT_M - WHEEL_M - 0.03, 0.01)
     # beside the outer spots the wheels might pass over an edge
-    assert not open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M - 0.03)
-    assert open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M + 0.03)
+    assert not open_at(memory, AHEAD_M, ASIDE_M + 0.19)
+    assert open_at(memory, AHEAD_M, ASIDE_M + 0.25)
     assert not memory.doubt_bumps(0.2), "it is no bump"
     assert not open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M - 0.03)
     # which spot it was may become known: that it was one of them stays
