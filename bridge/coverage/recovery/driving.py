@@ -38,6 +38,7 @@ _WALL_M, _WALL_CELLS = 0.2, 12
 FLOOR_CELLS = 250
 """New cells (a tenth of a square metre), after which what was in vain may be tried again."""
 _MOST_BACK, _CLEAR_M = 5, 0.05
+"""From an edge: times that floor is waited for, and the way from there on until it can turn."""
 _NO_LEG_M = 0.01
 """A centimetre is no way to go."""
 _NO_WAY_M = 0.02

@@ -27,8 +27,8 @@ _SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
 _FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
 """Floor that is seen so far beyond where it may be missing, and so little aside: it is there."""
 _NEAR_M, _SLOW_M_S = 0.35, 0.10
-"""So near to where an edge was seen the robot goes slowly: braking from 0.28 m/s takes 10 cm, and
-the outer spots look 9 cm ahead of the wheels."""
+"""So near to where an edge was seen the robot goes slowly: a halt from 0.28 m/s takes 5 cm of
+the 9 that the outer spots look ahead of the wheels."""
 
 
 class Edges:

@@ -26,7 +26,7 @@ class RecoveryOptions:
     """Floor this far beyond what was driven over is believed to exist."""
     back_off_m: float = 0.015
     cliff_back_off_m: float = 0.03
-    """From an edge, again and again until there is floor ahead: then the wheels can turn."""
+    """From an edge, again and again until there is floor ahead."""
     fresh_share: float = 0.15
     """An outline ends where less than this of the mouth's next way is unswept."""
     least_cells: int = 7
