@@ -18,6 +18,7 @@ from bridge.supervise import Supervisor
 from bridge.telemetry import RoomRecord, TruthRecord
 from bridge.watching import Watch
 from protocol.clock import HostNs
+from protocol.link import Link
 from sim_device.device import VirtualSweeper
 from sim_device.line import STRAIGHT
 from sim_device.rig import Rig
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
     from bridge.supervise import SuperviseSettings
+    from protocol.link import LinkBase
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
     from sim_device.noise import NoiseLevel
@@ -78,6 +80,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     prepare: Callable[[VirtualRun], None] = lambda _: None,
     mission: Mission | None = None,
     supervise: SuperviseSettings | None = None,
+    link: type[LinkBase] = Link,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
@@ -86,7 +89,8 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
 
     ``progress`` is called about once a simulated second; ``ended`` is asked as often whether
     the run should end early. A ``line`` takes the place of the plain delay of 1 ms each way;
-    ``prepare`` may change both ends before the first byte.
+    ``prepare`` may change both ends before the first byte. ``link`` is the link of both ends:
+    UART, or CAN.
 
     Raises:
         FaultSpecError: a fault cannot be on this device.
@@ -95,7 +99,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
         UnknownNoiseLevelError: no such noise level.
 
     """
-    device = VirtualSweeper(plan, model, seed=seed, noise=noise)
+    device = VirtualSweeper(plan, model, seed=seed, noise=noise, link=link)
     if mission is None:
         runner = PlanRunner(make_planner(planner, model, random.Random(seed)), model)
         mission = Mission(runner, max_time_s=max_time_s)
@@ -103,7 +107,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     host = Host(
         model,
         sink,
-        HostOptions(EPOCH_NS - HOST_BOOT_NS, planner, plan.start),
+        HostOptions(EPOCH_NS - HOST_BOOT_NS, planner, plan.start, None, link),
         mission,
         lambda: next(ids),
     )
