@@ -87,13 +87,30 @@ class CoverageReport:
     time_ratio: float
     """Duration over the reference time."""
     reference_time_s: float
-    """Sweepable area / (W · cruise speed)."""
+    """Sweepable area / (W · cruise speed): a yardstick, which a run may beat."""
+    min_time_s: float
+    """Sweepable area over ``max_sweep_rate_m2_s``: a lower bound, which no run can beat."""
     first_swept_s: Floats
     """Per cell (rows along y, columns along x): time from the first pose; infinite: never."""
     body_swept: Mask
     origin_m: tuple[float, float]
     """Corner of the first cell of the two grids."""
     resolution_m: float
+
+
+def max_sweep_rate_m2_s(model: RobotModel) -> float:
+    """Largest area that the mouth can pass over in a second, at the robot's speed limits.
+
+    A point of the mouth at y left of its middle moves across the mouth at v - ωy, wherever the
+    mouth sits on the robot. The rate is the integral of |v - ωy| over the width W. It is convex
+    in v and ω, so that it is largest at both limits: v·W if the mouth's ends never move
+    backward, otherwise v²/ω + ωW²/4.
+    """
+    speed, yaw_rate = model.max_speed_m_s, model.max_yaw_rate_rad_s
+    half = 0.5 * model.cleaning_width_m
+    if speed >= yaw_rate * half:
+        return speed * model.cleaning_width_m
+    return speed * speed / yaw_rate + yaw_rate * half * half
 
 
 class CoverageMeter:
@@ -113,6 +130,11 @@ class CoverageMeter:
         """Time to sweep the sweepable floor once at cruise speed, with no turns."""
         width, speed = self.model.cleaning_width_m, self.model.cruise_speed_m_s
         return self.sweepable_m2 / (width * speed)
+
+    @property
+    def min_time_s(self) -> float:
+        """Lower bound of the time to sweep the sweepable floor, at the robot's speed limits."""
+        return self.sweepable_m2 / max_sweep_rate_m2_s(self.model)
 
     def measure(
         self,
@@ -218,6 +240,7 @@ class CoverageTrack:
             path_ratio=path_m * width / max(meter.sweepable_m2, 1e-12),
             time_ratio=duration_s / max(meter.reference_time_s, 1e-12),
             reference_time_s=meter.reference_time_s,
+            min_time_s=meter.min_time_s,
             first_swept_s=times,
             body_swept=body,
             origin_m=(raster.x_min_m, raster.y_min_m),

@@ -129,12 +129,17 @@ def story(data: RunData) -> list[str]:
             f"{100 * share:.1f} %, {basis}; the largest piece that it missed has "
             f"{report.largest_hole_cm2:.0f} cm²."
         )
-        line = "No robot of this width and speed could sweep that floor in less than "
-        line += _minutes(report.reference_time_s)
-        if share >= _FAIR:  # of a run that was cut short it would say nothing
-            line += f": this one took {report.time_ratio:.2f} times that time, and its way was "
-            line += f"{report.path_ratio:.2f} times the shortest"
-        lines.append(f"{line}.")
+        lines.append(
+            "No run of this robot can sweep that floor in less than "
+            f"{_minutes(report.min_time_s)}: that is its top speed of "
+            f"{data.track.model.max_speed_m_s:.2f} m/s, with no floor swept twice."
+        )
+        if share >= _FAIR:  # a run that was cut short has a small ratio for another reason
+            lines.append(
+                f"Lanes that sweep no floor twice, at the cruise speed and without turns, take "
+                f"{_minutes(report.reference_time_s)}; this run took {report.time_ratio:.2f} times "
+                f"as long, and its path was {report.path_ratio:.2f} times as long."
+            )
     elif data.track.plan is None:
         lines.append("The room is not known, so nothing can be said of what it swept.")
     lines.append(_wire_words(data))
@@ -215,7 +220,8 @@ def render(data: RunData, found: list[Hole]) -> str:
     if data.coverage is not None:
         drawn = figures.svg(7.6, 3.8, _coverage(data))
         parts.append(section("Coverage against time", drawn, _CURVE_NOTE))
-        parts.append(table("Against the paper and the lower bound", *rows.comparison(data)))
+        heading = "Against the paper, the bounds and the reference"
+        parts.append(table(heading, *rows.comparison(data)))
         parts.append(table("What was missed", *rows.hole_rows(found), note=_HOLE_NOTE))
     for heading, note, draw in figures.panels(data):
         parts.append(section(heading, figures.svg(7.6, 2.8, partial(draw, data)), note))
@@ -227,9 +233,8 @@ def render(data: RunData, found: list[Hole]) -> str:
 
 
 _CURVE_NOTE = (
-    "Time counts from the moment that the robot was to drive. The dashed line is a robot of the "
-    "same width and cruise speed that never turns and sweeps nothing twice; no robot can be left "
-    "of it."
+    "Time counts from the moment that the robot was to drive. The dashed line is the lower bound: "
+    "this robot at its top speed all the time, with no floor swept twice. No run can be left of it."
 )
 _HOLE_NOTE = (
     "Floor that the mouth could have reached. The radius is of the largest disc that fits in the "

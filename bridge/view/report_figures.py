@@ -144,14 +144,14 @@ def draw_bounds(axes: Axes, data: RunData, paper_share: float | None) -> None:
     report = data.coverage
     if report is None:
         return
-    bound = report.reference_time_s
+    bound = report.min_time_s
     axes.plot(
         [0.0, bound, max(bound, report.duration_s)],
         [0.0, 100.0, 100.0],
         color=SOFT,
         lw=1.0,
         ls="--",
-        label=f"lower bound: no turn, no floor twice ({bound:.0f} s)",
+        label=f"lower bound: top speed, no floor twice ({bound:.0f} s)",
     )
     for share, time_s, face in ((90, report.t90_s, "white"), (99, report.t99_s, ORANGE)):
         if time_s is not None:

@@ -30,7 +30,7 @@ MODEL = RobotModel()
 
 @pytest.fixture(scope="module")
 def closet(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A room so small that eight times its lower bound are soon over."""
+    """A room so small that eight times its reference time is soon over."""
     path = tmp_path_factory.mktemp("rooms") / "closet.json"
     corners = [[0.0, 0.0], [0.6, 0.0], [0.6, 0.6], [0.0, 0.6]]
     room = {"name": "closet", "walls": corners, "obstacles": [], "start": [0.3, 0.3, 0.0]}
@@ -47,7 +47,7 @@ def test_random_is_given_as_long_as_it_is_compared(closet: str) -> None:
     assert run["outcome"] == "timeout"
     for curve in ("coverage", "by_energy"):
         assert None not in run["curve"][curve]
-    # its path is shorter than eight times the lower bound of that: not told, and not held level
+    # its path is shorter than eight times the reference path: not told, and not held level
     assert run["path_ratio"] < MULTIPLES[-1]
     assert run["curve"]["by_path"][-1] is None
 

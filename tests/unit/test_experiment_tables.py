@@ -141,10 +141,10 @@ def test_a_straight_lane_by_time_and_by_path() -> None:
     share = way * model.cleaning_width_m / area
     by_path = curves.over_path(meter, measured, track)
     assert by_path[-1] == pytest.approx(share, rel=0.02)
-    # after so much path nothing more comes: the lane is 0.047 of the lower bound
+    # after so much path nothing more comes: the lane is 0.047 of the reference
     assert by_path == [by_path[-1]] * len(by_path)
     assert curves.over_path(meter, measured, track, cut=True) == [None] * len(by_path)
-    # at cruise speed half the lower bound is 53 s; the run took 10 s
+    # at cruise speed half the reference time is 53 s; the run took 10 s
     assert curves.over_time(meter, measured)[0] == pytest.approx(share, rel=0.02)
     assert curves.over_time(meter, measured, cut=True) == [None] * len(by_path)
 
@@ -167,7 +167,7 @@ def test_side_by_side_only_where_both_ran() -> None:
     table = zimablue_table(rows, "coverage")
     assert [line[0] for line in table.rows] == ["paper", "BSA (zimablue)"]
     assert "1.77 times" in table.note
-    assert "theirs at 6 lower bounds of time" in table.note
+    assert "theirs at 6 times the reference time" in table.note
 
 
 def test_an_enlarged_room_has_the_same_shape() -> None:

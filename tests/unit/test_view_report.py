@@ -14,7 +14,7 @@ from matplotlib.image import imread
 
 from bridge.record.reader import LogReader
 from bridge.view.report import render
-from bridge.view.report_figures import room_height
+from bridge.view.report_figures import blank, draw_bounds, room_height
 from bridge.view.report_tables import holes
 from bridge.view.run_data import RunData, load_run
 from support.cli import Done, case_1, plain_messages, short_runs, sweepctl
@@ -110,6 +110,27 @@ def test_a_whole_run(reported: Reported) -> None:
     picture = imread(png)
     assert picture.shape[0] > 900
     assert picture[..., :3].std() > 0.05, "not an empty sheet"
+
+
+def test_a_bound_is_named_apart_from_a_reference(reported: Reported) -> None:
+    report, model = reported.data.coverage, reported.data.track.model
+    assert report is not None
+    area_m2, width_m = report.sweepable_m2, model.cleaning_width_m
+    bound_s = area_m2 / (width_m * model.max_speed_m_s)
+    reference_s = area_m2 / (width_m * model.cruise_speed_m_s)
+    text = Page(reported.html.read_text()).text
+    assert f"can sweep that floor in less than {bound_s:.0f} s" in text
+    assert f"lower bound: top speed, no floor twice ({bound_s:.0f} s)" in legend(reported.data)
+    assert f"bound {bound_s:.0f} s at top speed, reference {reference_s:.0f} s at cruise" in text
+    assert f"bound {0.9 * bound_s:.0f} s and {0.99 * bound_s:.0f} s" in text
+    assert f"reference {area_m2 / width_m:.1f} m" in text
+    assert f"take {reference_s:.0f} s; this run took {report.time_ratio:.2f} times as long" in text
+
+
+def legend(data: RunData) -> list[str]:
+    axes = blank(4.0, 3.0).add_subplot()
+    draw_bounds(axes, data, None)
+    return [str(label) for label in axes.get_legend_handles_labels()[1]]
 
 
 def test_figures_are_those_of_the_summary(reported: Reported) -> None:

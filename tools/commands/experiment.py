@@ -87,7 +87,7 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     "max_time_s",
     type=options.Number(1.0, 1e6),
     help="End a run that takes longer, in simulated seconds.  [default: 3600, or 15 times the "
-    "room's lower bound where that is more; random and zimablue's planners are ended sooner]",
+    "room's reference time where that is more; random and zimablue's planners are ended sooner]",
 )
 @click.option(
     "--out",

@@ -30,7 +30,7 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     """Explain the run in FILE on one self-contained page, for somebody who was not there.
 
     What was run, room and path, coverage against time, holes, energy, wire and clock, faults
-    and events, beside the paper's figures and the lower bound.
+    and events, beside the paper's figures and the lower bound of the time.
     """
     from bridge.record.sources import readable
     from bridge.view.report import default_path, write_report

@@ -32,7 +32,7 @@ def display_name(planner: str) -> str:
 
 
 def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
-    """Coverage at multiples of each robot's own lower bound: ``coverage`` (time), ``by_path``."""
+    """Coverage at multiples of each robot's own reference: ``coverage`` (time), ``by_path``."""
     lines = [
         (display_name(planner), noise, str(len(runs)), *at_multiples(runs, curve), outcomes(runs))
         for (planner, noise), runs in group(shared(rows), "planner", "noise").items()
@@ -43,7 +43,7 @@ def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
         f"Side by side with zimablue, against {unit}",
         ("planner", "noise", "runs", *(f"{m:g}x" for m in MULTIPLES), "ended"),
         lines,
-        "Mouth % of what each robot's mouth can reach, at multiples of its own lower bound: that "
+        "Mouth % of what each robot's mouth can reach, at multiples of its own reference: that "
         + (
             "area / (width of its mouth · its cruise speed). "
             if curve == "coverage"
@@ -52,7 +52,8 @@ def zimablue_table(rows: Sequence[Row], curve: str) -> Table:
         + "Same rooms, same starts, same number of seeds. zimablue's robot, sensors, noise and "
         f"speeds are its own; the rooms are {scale:.2f} times as large for it, the ratio of the "
         "two bodies, so that every door and gap is as tight for it as for ours. A dash: a run was "
-        f"ended before, theirs at {LONGEST:g} lower bounds of time, random at {MULTIPLES[-1]:g}.",
+        f"ended before, theirs at {LONGEST:g} times the reference time, random at "
+        f"{MULTIPLES[-1]:g}.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Coverage as it grows: at multiples of the lower bounds of time, of path and of energy."""
+"""Coverage as it grows: at multiples of the reference time, path and energy."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ if TYPE_CHECKING:
     Track = Sequence[tuple[float, float, float, float]]
 
 MULTIPLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
-"""Of the lower bounds: of time, sweepable area / (W · cruise speed); of path, area / W; of energy,
-that time at the power drawn at cruise."""
+"""Multiples of the references: the time is sweepable area / (W · cruise speed), the path is
+area / W, the energy is that time at the power drawn at cruise speed. None is a bound: the recovery
+planner drives faster than the cruise speed, and a turn on the spot sweeps floor without path."""
 
 
 def over_time(
     meter: CoverageMeter, report: CoverageReport, *, cut: bool = False
 ) -> list[float | None]:
-    """Main figure at multiples of the lower-bound time.
+    """Main figure at multiples of the reference time.
 
     After the run's end it stays as it is, as the robot stands; but of a run that was ``cut``
     short nothing is known beyond: ``None``.
@@ -44,13 +45,13 @@ def over_energy(
     *,
     cut: bool = False,
 ) -> list[float | None]:
-    """The same at multiples of the lower bound of energy: with so much, how far it came.
+    """The same at multiples of the reference energy: with so much, how far it came.
 
     Args:
         meter: of the room.
         report: of the run.
         drawn: time from the first pose (s) and energy drawn by then (Wh), rising.
-        unit_wh: the lower bound.
+        unit_wh: the reference energy.
         cut: whether the run was ended before its planner was done.
 
     """
@@ -70,7 +71,7 @@ def over_energy(
 def over_path(
     meter: CoverageMeter, report: CoverageReport, track: Track, *, cut: bool = False
 ) -> list[float | None]:
-    """The same at multiples of the lower-bound path, whatever the speed was."""
+    """The same at multiples of the reference path, whatever the speed was."""
     steps = [math.dist(a[1:3], b[1:3]) for a, b in pairwise(track)]
     ways = np.concatenate([[0.0], np.cumsum(steps)]) if track else np.zeros(1)
     begun = track[0][0] if track else 0.0

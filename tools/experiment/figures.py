@@ -42,7 +42,7 @@ def check() -> None:
 
 
 def coverage_curves(rows: Sequence[Row], noise: str) -> str:
-    """Coverage against time and against energy, in multiples of their lower bounds."""
+    """Coverage against time and against energy, in multiples of the reference of each."""
     figure = _figure(9.6, 4.0)
     over_time, over_energy = figure.subplots(1, 2, sharey=True)
     at_level = [row for row in rows if row["noise"] == noise]
@@ -52,14 +52,14 @@ def coverage_curves(rows: Sequence[Row], noise: str) -> str:
             shares = _mean_curve(runs, curve)
             xs = [0, *MULTIPLES[: len(shares)]]
             axes.plot(xs, [0, *shares], "o-", ms=3, color=colour, label=planner)
-    over_time.set_xlabel("time / lower bound of time")
-    over_energy.set_xlabel("energy / lower bound of energy")
+    over_time.set_xlabel("time / reference time")
+    over_energy.set_xlabel("energy / reference energy")
     _finish(over_time, over_energy)
     return _svg(figure)
 
 
 def zimablue_curves(rows: Sequence[Row]) -> str:
-    """Ours and theirs, each against its own lower bound of time and of path."""
+    """Ours and theirs, each against its own reference time and path."""
     figure = _figure(9.6, 4.0)
     over_time, over_path = figure.subplots(1, 2, sharey=True)
     theirs = 0
@@ -72,8 +72,8 @@ def zimablue_curves(rows: Sequence[Row]) -> str:
             shares = _mean_curve(runs, curve)
             xs = [0, *MULTIPLES[: len(shares)]]
             axes.plot(xs, [0, *shares], style, ms=3, lw=1.3, color=colour, label=name)
-    over_time.set_xlabel("time / own lower bound")
-    over_path.set_xlabel("path / own lower bound")
+    over_time.set_xlabel("time / own reference time")
+    over_path.set_xlabel("path / own reference path")
     _finish(over_time, over_path)
     return _svg(figure)
 

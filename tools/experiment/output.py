@@ -101,7 +101,7 @@ def _curves(rows: Sequence[Row]) -> list[Row]:
     return [
         {
             **_named(row),
-            "lower_bounds": multiple,
+            "multiple": multiple,
             **{
                 name: row["curve"][key][k] if key in row["curve"] else None
                 for key, name in names.items()

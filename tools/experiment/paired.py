@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tools.experiment.store import Row
 
 FROM = 1.5
-"""Lower bounds; before, no planner is near done and the order of its ways decides."""
+"""Multiple of the reference; before, no planner is near done and the order of its ways decides."""
 _COLUMNS = tuple(k for k, multiple in enumerate(MULTIPLES) if multiple >= FROM)
 _UNITS = {"coverage": "time", "by_energy": "energy"}
 
@@ -41,8 +41,8 @@ def paired_table(rows: Sequence[Row], curve: str, leader: str) -> Table:
         (f"{leader} against", "noise", "pairs", *(f"{MULTIPLES[k]:g}x" for k in _COLUMNS)),
         lines,
         f"Pairs of runs in the same room, at the same noise, with the same seed: in how many "
-        f"{leader} is behind at so many lower bounds of {unit}, and in brackets its margin in the "
-        "worst pair, in points of the mouth's share (below 0: behind). A dash: a run was ended "
+        f"{leader} is behind at so many times the reference {unit}, and in brackets its margin in "
+        "the worst pair, in points of the mouth's share (below 0: behind). A dash: a run was ended "
         "before."
         + (
             " zimablue's runs, with their own noise, stand beside ours of each level."

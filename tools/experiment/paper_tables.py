@@ -117,7 +117,7 @@ def beside_table(rows: Sequence[Row]) -> Table:
         "Noise paper. The paper compares with the U-shaped path, and in its conclusions with the "
         "random one, and gives no figure for either; the room is our reading of its Fig. 18. "
         "Repeated: path · W over the floor swept, less 1. The random way cannot know when it is "
-        f"done: it is ended after {MULTIPLES[-1]:g} lower bounds of time and of energy.",
+        f"done: it is ended after {MULTIPLES[-1]:g} times the reference time and energy.",
     )
 
 

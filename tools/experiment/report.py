@@ -184,7 +184,7 @@ def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
         )
         made.append((f"Coverage against time and energy, noise {noise}", svg, note))
     if results.of(Kind.ZIMABLUE) and compare_tables.shared(rows):
-        note = "Each robot against its own lower bounds; dashed: zimablue's."
+        note = "Each robot against its own reference time and path; dashed: zimablue's."
         made.append(("Side by side with zimablue", figures.zimablue_curves(rows), note))
     return made
 

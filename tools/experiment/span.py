@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _LONGEST = 15.0
-"""Lower bounds of time that a run is given at least. At rest the robot draws 1.5 W, more than half
-of what it draws at cruise: 8 lower bounds of energy are drawn before."""
+"""Multiples of the reference time that a run is given at least. At rest the robot draws 1.5 W, more
+than half of what it draws at cruise: it draws 8 times the reference energy before."""
 _STRAIGHT_S, _STEADY_S = 22.0, 2.0
 """A straight way at cruise, and what is left out where it sets off."""
 _S_PER_H = 3600.0
@@ -53,7 +53,7 @@ def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], b
     """Whether a run is over by its drive's time (s) and the energy drawn since boot (Wh).
 
     Only ``random`` needs to be told: it never ends by itself. It is ended where the last of the
-    multiples of both lower bounds has been passed.
+    multiples of reference time and energy has been passed.
     """
     if not isinstance(planner, RandomPlanner):
         return lambda _time_s, _energy_wh: False
@@ -65,7 +65,7 @@ def enough(planner: Planner, meter: CoverageMeter) -> Callable[[float, float], b
 
 
 def energy_unit_wh(meter: CoverageMeter) -> float:
-    """The lower bound of energy: sweeping the sweepable floor once, straight on at cruise speed."""
+    """The reference energy: sweeping the sweepable floor once, straight on at cruise speed."""
     return cruise_power_w() * meter.reference_time_s / _S_PER_H
 
 

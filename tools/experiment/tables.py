@@ -77,7 +77,7 @@ def planner_table(rows: Sequence[Row]) -> Table:
         "Path ratio: path over sweepable area / W. Time ratio: time over the time to sweep the "
         "sweepable area once at cruise speed. A hole's depth is the radius of the largest disc "
         "that fits into what was left. Timeout: at the time limit; random, which never ends by "
-        f"itself, after {MULTIPLES[-1]:g} lower bounds of time and of energy.",
+        f"itself, after {MULTIPLES[-1]:g} times the reference time and energy.",
     )
 
 
@@ -103,9 +103,9 @@ def room_table(rows: Sequence[Row], noise: str) -> Table:
 
 
 def curve_table(rows: Sequence[Row], curve: str = "coverage") -> Table:
-    """Coverage at multiples of a lower bound, mean over all runs of a planner.
+    """Coverage at multiples of a reference, mean over all runs of a planner.
 
-    The bound is that of time (``coverage``) or of energy (``by_energy``).
+    The reference is that of time (``coverage``) or of energy (``by_energy``).
     """
     lines = [
         (planner, noise, str(len(runs)), *at_multiples(runs, curve))
@@ -126,7 +126,7 @@ def curve_table(rows: Sequence[Row], curve: str = "coverage") -> Table:
 
 
 def _unit_mwh_m2(rows: Sequence[Row]) -> str:
-    """The lower bound of energy: one figure for all rooms, being power over speed and width."""
+    """The reference energy: one figure for all rooms, being power over speed and width."""
     return number(
         [1000.0 * row["reference_energy_wh"] / row["sweepable_m2"] for row in rows], median, 1
     )
@@ -160,8 +160,8 @@ def energy_table(rows: Sequence[Row], shares: Sequence[float] = (0.5, 0.8, 0.9, 
         ("planner", "noise", "runs", *(f"{100 * share:.0f} %" for share in shares)),
         lines,
         "Median mWh per sweepable square metre until the share was reached, over all runs, and in "
-        f"brackets how many reached it within {MULTIPLES[-1]:g} lower bounds of time; a dash: the "
-        "median run did not. Between the curve's points by straight lines.",
+        f"brackets how many reached it within {MULTIPLES[-1]:g} times the reference time; a dash: "
+        "the median run did not. Between the curve's points by straight lines.",
     )
 
 

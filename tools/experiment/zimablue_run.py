@@ -6,7 +6,7 @@ door, gap and leg is then as tight for its robot as for ours, and the planner se
 in units of its own body. Its robot, sensors, noise, estimator, speeds and contact stay its own.
 Coverage is measured by our metrics from its true pose, its head as a segment across the axle:
 of what that head can reach, at multiples of that area / (head · cruise speed). A run goes on
-until the planner ends it, or to six times that bound.
+until the planner ends it, or to six times that reference time.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PLANNERS = {"ba_star": "BA*", "epsilon_star": "ε*", "bsa": "BSA", "spiral_stc":
 """Its names, and those of the literature."""
 _ROBOT = "tracked"
 LONGEST = 6.0
-"""Multiples of the lower bound that a run may take."""
+"""Multiples of the reference time that a run may take."""
 _SAMPLE_STEPS = 5
 """A pose every 0.1 s."""
 _CENTIMETRE_M = 0.01
@@ -68,7 +68,7 @@ def zimablue_trials(rooms: list[str], seeds: range, max_time_s: float | None) ->
 
 
 def limit_s(trial: Trial, reference_time_s: float) -> float:
-    """When a run of theirs is ended, by its lower bound: an hour is less in large rooms."""
+    """When a run of theirs is ended, by its reference time: an hour is less in large rooms."""
     longest_s = LONGEST * reference_time_s
     return longest_s if trial.max_time_s is None else min(longest_s, trial.max_time_s)
 
@@ -117,7 +117,7 @@ def run_zimablue(trial: Trial) -> dict[str, Any]:
 
     return {
         "outcome": "timeout" if cut else "complete",
-        "reason": f"{LONGEST:g} lower bounds" if cut else "the planner ended",
+        "reason": f"{LONGEST:g} times the reference time" if cut else "the planner ended",
         "duration_s": round(report.duration_s, 2),
         "path_m": round(report.path_m, 3),
         **{
