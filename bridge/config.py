@@ -19,14 +19,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RangerMount, RobotModel
+from bridge.spelling import unknown_key
 from bridge.supervise.settings import PREFIX as SUPERVISE
 from bridge.supervise.settings import SuperviseSettings, settings_from
 
 if TYPE_CHECKING:
+    from collections.abc import Set as AbstractSet
     from pathlib import Path
 
 MAX_FILE_BYTES = 64 * 1024
 MAX_NAME = 64
+ROUNDING_M = 1e-6
+"""Length that counts as zero: rounding of the numbers in a robot file."""
 _SHOWN = 10**30
 _RANGES: dict[str, tuple[float, float]] = {
     "robot_diameter_m": (0.05, 2.0),
@@ -82,6 +86,33 @@ def load_robot(path: Path | None) -> tuple[RobotModel, str]:
         raise ConfigError(f"robot file {path}: {error}") from None
 
 
+def robot_cautions(model: RobotModel) -> list[str]:
+    """What will not work well on this robot, by key; each text says what to do."""
+    found = []
+    radius_m = model.radius_m
+    outside_m = model.mouth_reach_m - radius_m
+    if outside_m > ROUNDING_M:
+        found.append(
+            f"cleaning_width_m, mouth_offset_m: the ends of the mouth are "
+            f"{1000 * outside_m:.0f} mm outside the footprint; they hit walls before the hull does"
+        )
+    for name, mount in model.rangers.items():
+        hull_m = mount.hull_distance_m(radius_m)
+        if hull_m < mount.min_range_m - ROUNDING_M:
+            found.append(
+                f"{name}: a wall that touches the robot is {1000 * hull_m:.0f} mm from the sensor, "
+                f"below its minimum range of {1000 * mount.min_range_m:.0f} mm; it reads wrong "
+                f"there, so mount it at least {1000 * (mount.min_range_m - hull_m):.0f} mm "
+                f"further inside"
+            )
+        elif hull_m >= mount.max_range_m:
+            found.append(
+                f"{name}: the hull is {1000 * hull_m:.0f} mm from the sensor, beyond its maximum "
+                f"range of {1000 * mount.max_range_m:.0f} mm; it detects nothing"
+            )
+    return found
+
+
 def load_supervise(path: Path | None) -> SuperviseSettings:
     """What a robot file says of supervision (``[supervise]``), over the defaults.
 
@@ -97,19 +128,83 @@ def parse_robot(text: str) -> RobotModel:
     """Read a robot file's text.
 
     Raises:
-        ConfigError: not TOML, an unknown key, or a value out of its range.
+        ConfigError: not TOML, unknown keys, values out of their ranges, or a robot that
+            cannot work; the text names all of them.
 
     """
     data = _tables(text)
-    settings_from(data.pop(SUPERVISE, {}))  # a wrong rule is told before a run, not in it
-    model = _fill(RobotModel(), data, "")
-    if model.cleaning_width_m > model.robot_diameter_m:
-        raise ConfigError("cleaning_width_m must not exceed robot_diameter_m")
-    if model.cruise_speed_m_s > model.max_speed_m_s:
-        raise ConfigError("cruise_speed_m_s must not exceed max_speed_m_s")
-    if model.wheel_base_m > model.robot_diameter_m:
-        raise ConfigError("wheel_base_m must not exceed robot_diameter_m")
+    problems: list[str] = []
+    try:
+        settings_from(data.pop(SUPERVISE, {}))  # a wrong rule is told before a run, not in it
+    except ConfigError as error:
+        problems += error.problems
+    model = _fill(RobotModel(), data, "", problems)
+    problems += _impossible(model, {problem.partition(":")[0] for problem in problems})
+    if problems:
+        raise ConfigError(*problems)
     return model
+
+
+def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
+    """What cannot be built, or cannot work, although each value is in its range.
+
+    A value in ``wrong`` is not known, so nothing that depends on it is judged.
+    """
+    found: list[str] = []
+
+    def check(holds: bool, keys: tuple[str, ...], text: str) -> None:  # noqa: FBT001 - a condition
+        if not holds and wrong.isdisjoint(keys):
+            found.append(text)
+
+    diameter, radius_m = "robot_diameter_m", model.radius_m
+    for key in ("cleaning_width_m", "wheel_base_m", "wheel_diameter_m"):
+        value = getattr(model, key)
+        check(
+            value <= model.robot_diameter_m,
+            (key, diameter),
+            f"{key}: {value:g} must not exceed robot_diameter_m ({model.robot_diameter_m:g})",
+        )
+    check(
+        abs(model.mouth_offset_m) <= radius_m,
+        ("mouth_offset_m", diameter),
+        f"mouth_offset_m: {model.mouth_offset_m:g} puts the mouth outside the footprint, "
+        f"whose radius is {radius_m:g} m",
+    )
+    check(
+        model.cruise_speed_m_s <= model.max_speed_m_s,
+        ("cruise_speed_m_s", "max_speed_m_s"),
+        f"cruise_speed_m_s: {model.cruise_speed_m_s:g} must not exceed max_speed_m_s "
+        f"({model.max_speed_m_s:g})",
+    )
+    check(
+        model.driver_drop_v < model.battery_v,
+        ("driver_drop_v", "battery_v"),
+        f"driver_drop_v: {model.driver_drop_v:g} must be below battery_v ({model.battery_v:g})",
+    )
+    for name, mount in model.rangers.items():
+        place = (f"{name}.x_m", f"{name}.y_m", name, diameter)
+        out_m = math.hypot(mount.x_m, mount.y_m)
+        check(
+            out_m <= radius_m + ROUNDING_M,
+            place,
+            f"{name}.x_m, {name}.y_m: the sensor at ({mount.x_m:g}, {mount.y_m:g}) is "
+            f"{out_m:.3g} m from the axle's centre, outside the footprint, whose radius is "
+            f"{radius_m:g} m",
+        )
+        check(
+            mount.min_range_m < mount.max_range_m,
+            (f"{name}.min_range_m", f"{name}.max_range_m", name),
+            f"{name}.min_range_m: {mount.min_range_m:g} must be below {name}.max_range_m "
+            f"({mount.max_range_m:g})",
+        )
+        yaw = (f"{name}.yaw_rad", name)
+        direction, share = {
+            "ultrasonic": ("forward", math.cos(mount.yaw_rad)),
+            "infrared_left": ("to the left (yaw_rad near 1.571)", math.sin(mount.yaw_rad)),
+            "infrared_right": ("to the right (yaw_rad near -1.571)", -math.sin(mount.yaw_rad)),
+        }[name]
+        check(share > 0.0, yaw, f"{name}.yaw_rad: {mount.yaw_rad:g} does not face {direction}")
+    return found
 
 
 def _tables(text: str) -> dict[str, Any]:
@@ -144,24 +239,27 @@ def _escaped(character: str) -> str:
 _T = TypeVar("_T", RobotModel, RangerMount)
 
 
-def _fill(base: _T, data: dict[str, Any], prefix: str) -> _T:
-    known = {field.name for field in dataclasses.fields(base)}
+def _fill(base: _T, data: dict[str, Any], prefix: str, problems: list[str]) -> _T:
+    """``base`` with what stands in the file; what is wrong there is added to ``problems``."""
+    known: list[str] = [field.name for field in dataclasses.fields(base)]
+    tables: list[str] = [] if prefix else [SUPERVISE]
     changes: dict[str, Any] = {}
     for key, value in data.items():
         if key not in known:
-            raise ConfigError(f"{prefix}{key}: no such key; known are {', '.join(sorted(known))}")
-        changes[key] = _value(f"{prefix}{key}", key, getattr(base, key), value)
+            problems.append(unknown_key(prefix, key, [*known, *tables]))
+            continue
+        try:
+            changes[key] = _value(f"{prefix}{key}", key, getattr(base, key), value, problems)
+        except ConfigError as error:
+            problems += error.problems
     return dataclasses.replace(base, **changes)
 
 
-def _value(path: str, key: str, default: object, value: object) -> object:
+def _value(path: str, key: str, default: object, value: object, problems: list[str]) -> object:
     if isinstance(default, RangerMount):
         if not isinstance(value, dict):
             raise ConfigError(f"{path}: must be a table")
-        mount = _fill(default, value, f"{path}.")
-        if mount.min_range_m >= mount.max_range_m:
-            raise ConfigError(f"{path}.min_range_m must be below {path}.max_range_m")
-        return mount
+        return _fill(default, value, f"{path}.", problems)
     if isinstance(default, str):
         if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME:
             raise ConfigError(f"{path}: must be a text of 1 to {MAX_NAME} characters")

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
 
 class BridgeError(Exception):
     """Base of everything that the host raises on purpose."""
@@ -10,9 +15,27 @@ class BridgeError(Exception):
 
 
 class ConfigError(BridgeError):
-    """A robot file that cannot be used; names the key."""
+    """A robot file that cannot be used; names every key that is wrong."""
 
     exit_status = 2
+
+    def __init__(self, *problems: str) -> None:
+        """``problems``: one text for each thing that is wrong, the key first."""
+        self.problems = problems
+        super().__init__(together(problems))
+
+
+MAX_PROBLEMS = 12
+"""Number of problems that one line names; a file may hold thousands of wrong keys."""
+
+
+def together(problems: Sequence[str]) -> str:
+    """Several problems as one line."""
+    if len(problems) == 1:
+        return problems[0]
+    left = len(problems) - MAX_PROBLEMS
+    rest = f"; and {left} more" if left > 0 else ""
+    return f"{len(problems)} problems: {'; '.join(problems[:MAX_PROBLEMS])}{rest}"
 
 
 class ParameterError(BridgeError):

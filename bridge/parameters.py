@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from bridge.errors import ParameterError
+from bridge.spelling import nearest
 from protocol.values import ParameterFlag, ParameterKind, label
 
 if TYPE_CHECKING:
@@ -139,8 +140,6 @@ def to_raw(kind: str, value: float) -> int:
 
 def closest(name: str, known: list[str]) -> str:
     """What to tell of a name that no parameter has."""
-    from difflib import get_close_matches  # noqa: PLC0415 - only where something is wrong
-
-    near = get_close_matches(name, known, n=1)
-    hint = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
+    near = nearest(name, known)
+    hint = f"; did you mean {near}?" if near else f"; there are {', '.join(known)}"
     return f"the device has no parameter {name!r}{hint}"

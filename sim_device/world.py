@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bridge.coverage.floorplan import FloorPlanError, contains, signed_area_m2
+from bridge.coverage.floorplan import check_robot_fits, contains, signed_area_m2
 from sim_device.ray_kernel import HIT_COSINE, HIT_RANGE, cast_beams, echo
 from sim_device.terrain import carpet_rows, threshold_rows
 
@@ -25,33 +25,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-START_OVERLAP_M = 1e-6
-"""How far the start disc may stick into a wall: rounding in a room file, not a mistake."""
-
 _AT_ORIGIN = (0.0, 0.0, 0.0)
-
-
-class StartBlockedError(FloorPlanError):
-    """The robot's disc does not fit where the room file starts it."""
-
-    def __init__(
-        self,
-        x_m: float,
-        y_m: float,
-        radius_m: float,
-        overlap_m: float | None,
-    ) -> None:
-        """Keep the start, the disc's radius and how far it sticks into a wall (m).
-
-        ``None``: the disc's centre itself is not on the floor.
-        """
-        self.x_m, self.y_m, self.radius_m, self.overlap_m = x_m, y_m, radius_m, overlap_m
-        what = (
-            "stands in a wall or an obstacle"
-            if overlap_m is None
-            else f"overlaps a wall or an obstacle by {1000.0 * overlap_m:.1f} mm"
-        )
-        super().__init__(f"start: the robot (radius {radius_m:g} m) at ({x_m:g}, {y_m:g}) {what}")
 
 
 class Nearest(NamedTuple):
@@ -101,7 +75,7 @@ class World:
         """Per corner: True where it juts into the floor (an obstacle's corner), False where
         the floor ends in it (a room's corner)."""
         if check_start:
-            self._check_start()
+            check_robot_fits(plan, self.radius_m)
 
     @property
     def edge_count(self) -> int:
@@ -194,14 +168,6 @@ class World:
         along = np.clip(((x_m - ax) * ex + (y_m - ay) * ey) * inv_len2, 0.0, 1.0)
         qx, qy = ax + along * ex, ay + along * ey
         return qx, qy, (x_m - qx) ** 2 + (y_m - qy) ** 2
-
-    def _check_start(self) -> None:
-        start = self.plan.start
-        if not self.is_floor(start.x_m, start.y_m):
-            raise StartBlockedError(start.x_m, start.y_m, self.radius_m, None)
-        overlap = -self.clearance_m(start.x_m, start.y_m)
-        if overlap > START_OVERLAP_M:
-            raise StartBlockedError(start.x_m, start.y_m, self.radius_m, overlap)
 
 
 def _corners(

@@ -36,6 +36,7 @@ from bridge.summary import run_summary
 from bridge.supervise import Supervisor
 from bridge.telemetry import RoomRecord, RunInfo, Severity
 from bridge.watching import Watch, go_on
+from tools.cautions import cautions
 from tools.comparing import compared
 from tools.console import err
 from tools.lan_risk import bus_risk
@@ -164,6 +165,8 @@ def run_live(asked: LiveOptions) -> LiveResult:
         lambda severity, source, kind, text: host.event(clock.now(), severity, source, kind, text),
         stop_on_error=asked.recording.stop_on_error,
     )
+    for source, text in cautions(asked.model, asked.plan):
+        host.event(clock.now(), Severity.WARNING, source, "caution", text)
     operating = _operating(asked, pump, operator)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)

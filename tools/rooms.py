@@ -14,8 +14,10 @@ def shipped_rooms() -> list[str]:
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".json"))
 
 
-def load_room(room: str) -> FloorPlan:
+def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
     """Read a room file, or a shipped one by its name.
+
+    With ``radius_m`` a robot of this radius must fit at the start.
 
     Raises:
         FloorPlanError: no such room, or the file cannot be used; the text names it.
@@ -24,7 +26,7 @@ def load_room(room: str) -> FloorPlan:
     path = Path(room)
     if not path.exists() and room in shipped_rooms():
         text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
-        return parse_floorplan(text, default_name=room)
+        return parse_floorplan(text, default_name=room, radius_m=radius_m)
     try:
         with path.open("rb") as file:  # not by its size: a device file says 0
             content = file.read(MAX_FILE_BYTES + 1)
@@ -39,6 +41,6 @@ def load_room(room: str) -> FloorPlan:
     except UnicodeDecodeError:
         raise FloorPlanError(f"room {room} is not UTF-8 text") from None
     try:
-        return parse_floorplan(text, default_name=path.stem)
+        return parse_floorplan(text, default_name=path.stem, radius_m=radius_m)
     except (ValueError, OverflowError) as error:  # also a number of hundreds of digits
         raise FloorPlanError(f"room {room}: {error}") from None

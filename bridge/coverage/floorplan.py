@@ -17,17 +17,22 @@ A third tells where there is no floor at all: ``"cliffs": [[[x, y], …], …]``
 obstacles. Nothing stands there, so rays and bodies pass; the cliff sensor sees it, a robot
 that drives on falls in, and the metrics count it as they count obstacles.
 
-Other keys are ignored, in these objects too.
+Other keys are ignored, in these objects too; one that resembles a known key is named in
+:attr:`FloorPlan.cautions`, for it was probably meant to be that key.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from bridge.motion.geometry import Pose2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
@@ -38,6 +43,21 @@ MAX_EXTENT_M = 200.0
 _MIN_CORNERS = 3
 _PLANE = 2
 _POSE = 3
+_KEYS = ("name", "walls", "obstacles", "start", "carpets", "thresholds", "cliffs")
+_CARPET_KEYS = ("polygon", "drag_n", "slip")
+_THRESHOLD_KEYS = ("line", "height_m")
+_RESEMBLES = 0.75
+"""Share of equal letters (Ratcliff and Obershelp) from which a key resembles another: "wall" and
+"walls" have 0.89, "Obstacle" and "obstacles" 0.94, "notes" and "name" 0.44."""
+_RESEMBLES_MISSING = 0.55
+"""The same for a key that must be there and is not: "start_pose" and "start" have 0.67."""
+MAX_PROBLEMS = 12
+"""Number of problems, or of keys that resemble another, that are named."""
+MAX_HEADING_RAD = 2.0 * math.pi + 0.01
+"""Greatest heading of the start pose: a full turn, rounded to two digits. A greater one is
+probably an angle in degrees."""
+MAX_DEGREES = 10_000.0
+"""Angle beyond which a heading is no number of degrees either."""
 DEFAULT_CARPET_DRAG_N = 4.0
 """A short-pile carpet under a robot of 3 kg: 14 % of its weight."""
 DEFAULT_CARPET_SLIP = 0.02
@@ -47,7 +67,15 @@ MAX_THRESHOLD_M = 0.05
 
 
 class FloorPlanError(ValueError):
-    """A floor plan that cannot be used; the text names the key and the value."""
+    """A floor plan that cannot be used; the text names every key that is wrong, and its value."""
+
+    def __init__(self, *problems: str) -> None:
+        """``problems``: one text for each thing that is wrong, the key first."""
+        self.problems = problems
+        shown = "; ".join(problems[:MAX_PROBLEMS])
+        left = len(problems) - MAX_PROBLEMS
+        rest = f"; and {left} more" if left > 0 else ""
+        super().__init__(f"{len(problems)} problems: {shown}{rest}" if len(problems) > 1 else shown)
 
 
 class Carpet(NamedTuple):
@@ -79,6 +107,8 @@ class FloorPlan:
     carpets: tuple[Carpet, ...] = ()
     thresholds: tuple[Threshold, ...] = ()
     cliffs: tuple[Polygon, ...] = ()
+    cautions: tuple[str, ...] = field(default=(), compare=False)
+    """What is probably wrong in the room file although the file can be used; for people."""
 
     def edges(self) -> list[tuple[Point, Point]]:
         """Every wall and obstacle edge as a pair of end points."""
@@ -129,55 +159,253 @@ def contains(polygon: Polygon, x_m: float, y_m: float) -> bool:
     return inside
 
 
-def parse_floorplan(text: str, *, default_name: str = "room") -> FloorPlan:
-    """Read a room file's text.
+def check_robot_fits(plan: FloorPlan, radius_m: float) -> None:
+    """See that a robot of this radius fits at the start.
+
+    Raises:
+        StartBlockedError: its disc overlaps a wall or an obstacle.
+
+    """
+    overlap_m = _overlap_m(plan.start, (plan.walls, *plan.obstacles), radius_m)
+    if overlap_m is None or overlap_m > START_OVERLAP_M:
+        raise StartBlockedError(plan.start.x_m, plan.start.y_m, radius_m, overlap_m)
+
+
+def _overlap_m(start: Pose2, outlines: tuple[Polygon, ...], radius_m: float) -> float | None:
+    """How far the disc at the start sticks into the walls or an obstacle; below 0: it is free.
+
+    ``outlines`` begins with the walls. None: the disc's centre is not on the floor.
+    """
+    x_m, y_m = start.x_m, start.y_m
+    if [contains(outline, x_m, y_m) for outline in outlines] != [True] + [False] * (
+        len(outlines) - 1
+    ):
+        return None
+    return radius_m - min(
+        _distance_m(x_m, y_m, a, b)
+        for outline in outlines
+        for a, b in zip(outline, outline[1:] + outline[:1], strict=True)
+    )
+
+
+START_OVERLAP_M = 1e-6
+"""Depth to which the start disc may overlap a wall: rounding in a room file, not a mistake."""
+
+
+class StartBlockedError(FloorPlanError):
+    """The robot's disc does not fit where the room file starts it."""
+
+    def __init__(self, x_m: float, y_m: float, radius_m: float, overlap_m: float | None) -> None:
+        """Keep the start, the disc's radius and how far it sticks into a wall (m).
+
+        ``None``: the disc's centre itself is not on the floor.
+        """
+        self.x_m, self.y_m, self.radius_m, self.overlap_m = x_m, y_m, radius_m, overlap_m
+        what = (
+            "stands in a wall or an obstacle"
+            if overlap_m is None
+            else f"overlaps a wall or an obstacle by {1000.0 * overlap_m:.1f} mm"
+        )
+        super().__init__(f"start: the robot (radius {radius_m:g} m) at ({x_m:g}, {y_m:g}) {what}")
+
+
+def _distance_m(x_m: float, y_m: float, a: Point, b: Point) -> float:
+    ex, ey = b[0] - a[0], b[1] - a[1]
+    length2 = ex * ex + ey * ey
+    along = ((x_m - a[0]) * ex + (y_m - a[1]) * ey) / length2 if length2 else 0.0
+    along = min(1.0, max(0.0, along))
+    return math.hypot(a[0] + along * ex - x_m, a[1] + along * ey - y_m)
+
+
+def parse_floorplan(
+    text: str, *, default_name: str = "room", radius_m: float | None = None
+) -> FloorPlan:
+    """Read a room file's text; with ``radius_m`` a robot of this radius must fit at the start.
 
     Raises:
         FloorPlanError: not JSON, a key missing or of the wrong form, numbers that are not
-            finite or out of bounds, or a start outside the free floor.
+            finite or out of bounds, or a start outside the free floor. All that is wrong is
+            named.
 
     """
     if len(text) > MAX_FILE_BYTES:
         raise FloorPlanError(f"room is larger than {MAX_FILE_BYTES} bytes")
     try:
-        data = json.loads(text)
+        data = json.loads(text, object_pairs_hook=_Pairs.made)
     except (json.JSONDecodeError, RecursionError) as error:
         raise FloorPlanError(f"room is not valid JSON: {error}") from None
     if not isinstance(data, dict):
         raise FloorPlanError(f"room must be a JSON object, not {type(data).__name__}")
-    name = data.get("name", default_name)
-    if not isinstance(name, str) or not name:
-        raise FloorPlanError(f"name: must be a non-empty text, not {name!r}")
-    walls = _polygon(data.get("walls"), "walls")
-    if signed_area_m2(walls) < 0:
-        walls = walls[::-1]
-    raw_obstacles = data.get("obstacles", [])
-    if not isinstance(raw_obstacles, list):
-        raise FloorPlanError("obstacles: must be a list of polygons")
-    obstacles = tuple(_polygon(o, f"obstacles[{i}]") for i, o in enumerate(raw_obstacles))
-    carpets = tuple(_carpet(c, f"carpets[{i}]") for i, c in enumerate(_list(data, "carpets")))
-    thresholds = tuple(
-        _threshold(t, f"thresholds[{i}]") for i, t in enumerate(_list(data, "thresholds"))
-    )
-    cliffs = tuple(_polygon(c, f"cliffs[{i}]") for i, c in enumerate(_list(data, "cliffs")))
-    corners = sum(
-        len(p) for p in (walls, *obstacles, *(c.polygon for c in carpets), thresholds, *cliffs)
-    )
-    if corners > MAX_POINTS:
-        raise FloorPlanError(f"room has more than {MAX_POINTS} corners")
-    start = Pose2(*_numbers(data.get("start"), "start", _POSE))
-    _check_start(start, walls, obstacles)
-    for i, cliff in enumerate(cliffs):
-        if contains(cliff, start.x_m, start.y_m):
-            raise FloorPlanError(f"start: ({start.x_m:g}, {start.y_m:g}) is over cliffs[{i}]")
-    return FloorPlan(name, walls, obstacles, start, carpets, thresholds, cliffs)
+    return _Reading(data, default_name, radius_m).plan()
 
 
-def _list(data: dict[str, object], key: str) -> list[object]:
-    value = data.get(key, [])
-    if not isinstance(value, list):
-        raise FloorPlanError(f"{key}: must be a list of objects")
-    return value
+class _Pairs(dict[str, object]):
+    """A JSON object that remembers which keys stand in it twice."""
+
+    twice: tuple[str, ...] = ()
+
+    @classmethod
+    def made(cls, pairs: list[tuple[str, object]]) -> _Pairs:
+        """From the pairs of the text."""
+        found = cls(pairs)
+        if len(found) < len(pairs):
+            keys = [key for key, _ in pairs]
+            found.twice = tuple(key for key in found if keys.count(key) > 1)
+        return found
+
+
+_Read = TypeVar("_Read")
+
+
+class _Reading:
+    """One pass over a room file, which gathers everything that is wrong."""
+
+    def __init__(self, data: dict[str, object], default_name: str, radius_m: float | None) -> None:
+        self._data = data
+        self._default_name = default_name
+        self._radius_m = radius_m
+        self._problems: list[str] = []
+        self._cautions: list[str] = []
+
+    def plan(self) -> FloorPlan:
+        """The floor plan.
+
+        Raises:
+            FloorPlanError: it cannot be used.
+
+        """
+        data = self._data
+        self._look_at_keys(data, _KEYS, "")
+        name = data.get("name", self._default_name)
+        if not isinstance(name, str) or not name:
+            self._problems.append(f"name: must be a non-empty text, not {name!r:.60}")
+            name = self._default_name
+        walls = self._one(self._walls)
+        obstacles = self._each("obstacles", "polygons", _polygon)
+        carpets = self._each("carpets", "objects", _carpet, _CARPET_KEYS)
+        thresholds = self._each("thresholds", "objects", _threshold, _THRESHOLD_KEYS)
+        cliffs = self._each("cliffs", "polygons", _polygon)
+        start = self._one(self._start)
+        corners = sum(
+            len(p)
+            for p in (
+                walls or (),
+                *obstacles,
+                *(carpet.polygon for carpet in carpets),
+                thresholds,
+                *cliffs,
+            )
+        )
+        if corners > MAX_POINTS:
+            self._problems.append(f"room has more than {MAX_POINTS} corners")
+        elif start is not None:
+            self._check_start(start, walls, obstacles, cliffs)
+        if self._problems or walls is None or start is None:
+            raise FloorPlanError(*self._problems, *self._cautions)
+        cautions = tuple(self._cautions[:MAX_PROBLEMS])
+        return FloorPlan(name, walls, obstacles, start, carpets, thresholds, cliffs, cautions)
+
+    def _walls(self) -> Polygon:
+        walls = _polygon(self._needed("walls"), "walls")
+        return walls[::-1] if signed_area_m2(walls) < 0 else walls
+
+    def _start(self) -> Pose2:
+        value = self._needed("start")
+        if isinstance(value, list) and len(value) == _POSE:
+            x, y, heading = value
+            if isinstance(heading, int | float) and MAX_HEADING_RAD < abs(heading) < MAX_DEGREES:
+                self._problems.append(
+                    f"start: a heading of {heading:g} rad is more than a full turn; the format "
+                    f"has radians ({heading:g}° are {math.radians(heading):.5g} rad)"
+                )
+                value = [x, y, 0.0]
+        return Pose2(*_numbers(value, "start", _POSE))
+
+    def _needed(self, key: str) -> object:
+        if key not in self._data:
+            unknown = [other for other in self._data if other not in _KEYS]
+            near = _resembling(key, unknown, _RESEMBLES_MISSING)
+            hint = f'; is "{near:.40}" meant to be it?' if near is not None else ""
+            raise FloorPlanError(f"{key}: is missing{hint}")
+        return self._data[key]
+
+    def _one(self, read: Callable[[], _Read]) -> _Read | None:
+        try:
+            return read()
+        except FloorPlanError as error:
+            self._problems += error.problems
+            return None
+
+    def _each(
+        self,
+        key: str,
+        what: str,
+        read: Callable[[object, str], _Read],
+        keys: tuple[str, ...] = (),
+    ) -> tuple[_Read, ...]:
+        values = self._data.get(key, [])
+        if not isinstance(values, list):
+            self._problems.append(f"{key}: must be a list of {what}")
+            return ()
+        found = []
+        for i, value in enumerate(values):
+            if isinstance(value, dict):
+                self._look_at_keys(value, keys, f"{key}[{i}].")
+            made = self._one(partial(read, value, f"{key}[{i}]"))
+            if made is not None:
+                found.append(made)
+        return tuple(found) if len(found) == len(values) else ()
+
+    def _look_at_keys(self, data: dict[str, object], known: tuple[str, ...], prefix: str) -> None:
+        """Take note of keys that are probably another one, misspelt, and of keys given twice."""
+        if len(self._cautions) >= MAX_PROBLEMS:
+            return
+        for key in data:
+            near = None if key in known else _resembling(key, known, _RESEMBLES)
+            if near is not None and near not in data:
+                self._cautions.append(
+                    f'"{prefix}{key:.40}" is no key of a room file and is ignored; '
+                    f'did you mean "{prefix}{near}"?'
+                )
+        twice = data.twice if isinstance(data, _Pairs) else ()
+        self._cautions += [
+            f'"{prefix}{key}" stands twice in the room file; the last one counts'
+            for key in twice
+            if key in known
+        ]
+
+    def _check_start(
+        self,
+        start: Pose2,
+        walls: Polygon | None,
+        obstacles: tuple[Polygon, ...],
+        cliffs: tuple[Polygon, ...],
+    ) -> None:
+        place = f"start: ({start.x_m:g}, {start.y_m:g})"
+        if walls is not None and not contains(walls, start.x_m, start.y_m):
+            self._problems.append(f"{place} is outside the walls")
+        for key, where, polygons in (("obstacles", "in", obstacles), ("cliffs", "over", cliffs)):
+            for i, polygon in enumerate(polygons):
+                if contains(polygon, start.x_m, start.y_m):
+                    self._problems.append(f"{place} is {where} {key}[{i}]")
+        if self._radius_m is not None and walls is not None:
+            overlap_m = _overlap_m(start, (walls, *obstacles), self._radius_m)
+            if overlap_m is not None and overlap_m > START_OVERLAP_M:
+                blocked = StartBlockedError(start.x_m, start.y_m, self._radius_m, overlap_m)
+                self._problems += blocked.problems
+
+
+def _resembling(key: str, known: Iterable[str], cutoff: float) -> str | None:
+    """The key that ``key`` resembles most, if any; case does not matter."""
+    from difflib import get_close_matches  # noqa: PLC0415 - only where a key is not known
+
+    lower = {other.lower(): other for other in known if len(other) <= _KEY_LENGTH}
+    found = get_close_matches(key.lower(), lower, 1, cutoff) if len(key) <= _KEY_LENGTH else []
+    return lower[found[0]] if found else None
+
+
+_KEY_LENGTH = 40
+"""Characters of a key beyond which it resembles none."""
 
 
 def _object(value: object, key: str) -> dict[str, object]:
@@ -218,14 +446,6 @@ def _share(
     if not 0.0 <= number <= most:
         raise FloorPlanError(f"{key}.{name}: {number:g} must be from 0 to {most:g}")
     return number
-
-
-def _check_start(start: Pose2, walls: Polygon, obstacles: tuple[Polygon, ...]) -> None:
-    if not contains(walls, start.x_m, start.y_m):
-        raise FloorPlanError(f"start: ({start.x_m:g}, {start.y_m:g}) is outside the walls")
-    for i, obstacle in enumerate(obstacles):
-        if contains(obstacle, start.x_m, start.y_m):
-            raise FloorPlanError(f"start: ({start.x_m:g}, {start.y_m:g}) is in obstacles[{i}]")
 
 
 def _polygon(value: object, key: str) -> Polygon:

@@ -28,6 +28,16 @@ class RangerMount:
     offset_m: float = 0.0
     """What the device makes of its raw range: scale · raw + offset, by ``calibrate range``."""
 
+    def hull_distance_m(self, radius_m: float) -> float:
+        """Distance along the beam from the sensor to the rim of a disc around the axle's centre.
+
+        A wall that touches the robot reads this. The mount must be inside the disc.
+        """
+        ahead_x, ahead_y = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        along = self.x_m * ahead_x + self.y_m * ahead_y
+        across = self.x_m * ahead_y - self.y_m * ahead_x
+        return math.sqrt(max(0.0, radius_m**2 - across**2)) - along
+
 
 def _ultrasonic() -> RangerMount:
     return RangerMount(0.12, 0.0, 0.0, 0.02, 4.0, math.radians(15.0))
@@ -79,6 +89,20 @@ class RobotModel:
     def radius_m(self) -> float:
         """Radius of the body's disc."""
         return self.robot_diameter_m / 2.0
+
+    @property
+    def mouth_reach_m(self) -> float:
+        """Distance from the axle's centre to the ends of the mouth."""
+        return math.hypot(self.mouth_offset_m, 0.5 * self.cleaning_width_m)
+
+    @property
+    def rangers(self) -> dict[str, RangerMount]:
+        """Every range sensor by its name in the robot file."""
+        return {
+            "ultrasonic": self.ultrasonic,
+            "infrared_left": self.infrared_left,
+            "infrared_right": self.infrared_right,
+        }
 
     @property
     def metres_per_count(self) -> float:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from bridge.errors import ConfigError
+from bridge.spelling import unknown_key
 
 MAX_CORNERS = 256
 MAX_SECONDS = 3600.0
@@ -237,7 +238,11 @@ def settings_from(table: object, base: SuperviseSettings | None = None) -> Super
     """
     if not isinstance(table, dict):
         raise ConfigError(f"{PREFIX}: must be a table")
-    return _fill(base or SuperviseSettings(), table, PREFIX)
+    problems: list[str] = []
+    settings = _fill(base or SuperviseSettings(), table, PREFIX, problems)
+    if problems:
+        raise ConfigError(*problems)
+    return settings
 
 
 def parse_rule(settings: SuperviseSettings, text: str) -> SuperviseSettings:
@@ -284,21 +289,33 @@ def _as_toml(value: object) -> str:
     return repr(value)
 
 
-def _fill(base: _T, table: dict[str, Any], path: str) -> _T:
+def _fill(base: _T, table: dict[str, Any], path: str, problems: list[str]) -> _T:
+    """``base`` with what stands in the table; what is wrong there is added to ``problems``."""
     fields = {each.name: each for each in dataclasses.fields(base)}
     changes: dict[str, Any] = {}
     for key, value in table.items():
         if key not in fields:
-            raise ConfigError(f"{path}.{key}: no such key; known are {', '.join(sorted(fields))}")
-        changes[key] = _value(f"{path}.{key}", getattr(base, key), fields[key], value)
+            problems.append(unknown_key(f"{path}.", key, fields))
+            continue
+        try:
+            default = getattr(base, key)
+            changes[key] = _value(f"{path}.{key}", default, fields[key], value, problems)
+        except ConfigError as error:
+            problems += error.problems
     return dataclasses.replace(base, **changes)
 
 
-def _value(path: str, default: object, declared: dataclasses.Field[Any], value: object) -> object:
+def _value(
+    path: str,
+    default: object,
+    declared: dataclasses.Field[Any],
+    value: object,
+    problems: list[str],
+) -> object:
     if isinstance(default, Rule):
         if not isinstance(value, dict):
             raise ConfigError(f"{path}: must be a table")
-        return _fill(default, value, path)
+        return _fill(default, value, path, problems)
     if isinstance(default, Level):
         return _level(path, value)
     if isinstance(default, tuple):

@@ -7,7 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from bridge.config import _RANGES, MAX_FILE_BYTES, load_robot, parse_robot, to_toml
+from bridge.config import (
+    _RANGES,
+    MAX_FILE_BYTES,
+    load_robot,
+    parse_robot,
+    robot_cautions,
+    to_toml,
+)
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RangerMount, RobotModel
 
@@ -97,3 +104,98 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
         with pytest.raises(ConfigError) as caught:
             load_robot(path)
         assert str(path) in str(caught.value)
+
+
+def test_a_file_names_everything_that_is_wrong_in_one_line() -> None:
+    text = """
+        whel_base_m = 0.2
+        wheel_diameter_m = 7
+        [ultrasonic]
+        x_m = 1.0
+        [infrared_left]
+        max_rnge_m = 3
+        [supervise.stal]
+        reaction = "stop"
+        [supervise.slip]
+        reaction = "scream"
+    """
+    with pytest.raises(ConfigError) as caught:
+        parse_robot(text)
+    line = str(caught.value)
+    assert "\n" not in line
+    for said in (
+        "whel_base_m: no such key; did you mean wheel_base_m?",
+        "wheel_diameter_m: 7 is out of range",
+        "ultrasonic.x_m, ultrasonic.y_m: the sensor at (1, 0)",
+        "infrared_left.max_rnge_m: no such key; did you mean infrared_left.max_range_m?",
+        "supervise.stal: no such key; did you mean supervise.stall?",
+        "supervise.slip.reaction: 'scream'",
+    ):
+        assert said in line
+    assert len(caught.value.problems) == 6
+
+
+def test_a_file_of_thousands_of_wrong_keys_is_still_told_in_a_short_line() -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_robot("\n".join(f"wheel_{number} = 1" for number in range(3000)))
+    assert len(caught.value.problems) == 3000
+    assert "and 2988 more" in str(caught.value)
+    assert len(str(caught.value)) < 5000
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("[ultrasonic]\nx_m = 1.0", "ultrasonic.x_m"),
+        ("[ultrasonic]\nyaw_rad = 3.14", "ultrasonic.yaw_rad"),
+        ("[infrared_left]\ny_m = 0.17", "infrared_left.y_m"),
+        ("[infrared_right]\nyaw_rad = 1.57", "infrared_right.yaw_rad"),
+        ("mouth_offset_m = 0.2", "mouth_offset_m"),
+        ("wheel_diameter_m = 0.4", "wheel_diameter_m"),
+        ("battery_v = 4.0\ndriver_drop_v = 4.5", "driver_drop_v"),
+    ],
+)
+def test_a_robot_that_cannot_work_is_refused_by_name(text: str, key: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_robot(text)
+    assert key in str(caught.value)
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        # sqrt(0.16² − 0.05²) − 0.14 = 12 mm
+        ("[infrared_left]\ny_m = 0.14", "infrared_left: a wall that touches the robot is 12 mm"),
+        # at 45° the beam leaves the hull after sqrt(0.16² − 0.0354²) − 0.1061 = 50 mm: no caution
+        ("[infrared_left]\nyaw_rad = 0.7854", None),
+        ("[ultrasonic]\nx_m = 0.15", "ultrasonic: a wall that touches the robot is 10 mm"),
+        ("robot_diameter_m = 0.9", "infrared_left: the hull is 347 mm from the sensor"),
+        # hypot(0.12, 0.14) − 0.16 = 24 mm
+        ("cleaning_width_m = 0.28\nmouth_offset_m = 0.12", "24 mm outside the footprint"),
+        ("", None),
+    ],
+)
+def test_what_will_not_work_well_is_a_caution_with_its_number(text: str, said: str | None) -> None:
+    found = robot_cautions(parse_robot(text))
+    if said is None:
+        assert found == []
+    else:
+        assert any(said in caution for caution in found)
+
+
+@pytest.mark.parametrize("diameter_m", [0.20, 0.22, 0.32, 0.35, 0.42, 0.50])
+def test_a_robot_to_scale_is_accepted(diameter_m: float) -> None:
+    scale = diameter_m / 0.32
+    text = f"""
+        robot_diameter_m = {diameter_m}
+        wheel_base_m = {0.23 * scale}
+        cleaning_width_m = {0.16 * scale}
+        [ultrasonic]
+        x_m = {0.12 * scale}
+        [infrared_left]
+        y_m = {0.10 * scale}
+        [infrared_right]
+        y_m = {-0.10 * scale}
+    """
+    assert parse_robot(text).robot_diameter_m == diameter_m

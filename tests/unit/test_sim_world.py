@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import sim_device
-from bridge.coverage.floorplan import FloorPlanError, parse_floorplan
+from bridge.coverage.floorplan import FloorPlanError, StartBlockedError, parse_floorplan
 from bridge.motion.robot_model import RobotModel
-from sim_device.world import StartBlockedError, World
+from sim_device.world import World
 from support.sim_body import box, room, world
 
 ROOMS = sorted((Path(sim_device.__file__).parent / "rooms").glob("*.json"))

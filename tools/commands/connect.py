@@ -113,7 +113,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     if resume is not None and planner is None:
         raise click.UsageError("--resume goes with --plan")
     model, robot_toml = load_robot(robot)
-    plan = load_room(room) if room else None
+    plan = load_room(room, model.radius_m) if room else None
     if resume is None:
         resume = "ask" if sys.stdin.isatty() else "never"
     recording = take_record_options(opening)

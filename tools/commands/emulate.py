@@ -152,8 +152,8 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     qemu_target.check(target, link, firmware)
     _check(link, baud, listen, pty_link, lan=lan, as_json=as_json)
-    plan = load_room(room)
     model, robot_toml = load_robot(robot)
+    plan = load_room(room, model.radius_m)
     kind = Link if link in _SERIAL else CanLink
     boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice that it was started anew
     stopper = Stopper()
@@ -210,7 +210,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                 on_fault=_on_fault(writer),
                 on_plug=_on_plug,
             )
-            _warn(link, listen, lan=lan, keyed=key_file is not None)
+            _warn(plan, model, link, listen, lan=lan, keyed=key_file is not None)
             report = serve(rig, port, stopper, watchers, server, waker=chip)
             _sum_up(rig, report, chip, asked=stats)
     except PortUnavailableError as error:
@@ -267,9 +267,20 @@ def _check(  # noqa: PLR0913 - the options that exclude each other
         raise click.UsageError("--json goes with --list-faults")
 
 
-def _warn(link: str, listen: tuple[str, int] | None, *, lan: bool, keyed: bool) -> None:
+def _warn(  # noqa: PLR0913 - everything that can be wrong at the start
+    plan: FloorPlan,
+    model: RobotModel,
+    link: str,
+    listen: tuple[str, int] | None,
+    *,
+    lan: bool,
+    keyed: bool,
+) -> None:
+    from tools.cautions import caution_lines
     from tools.lan_risk import port_risk
 
+    for text in caution_lines(model, plan):
+        _tell(text)
     risk = port_risk(link, listen, lan=lan, keyed=keyed)
     if risk is not None:
         _tell(f"warning: {risk}")

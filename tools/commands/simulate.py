@@ -94,16 +94,16 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.config import load_robot
     from bridge.record.writer import RunWriter
     from bridge.telemetry import RunInfo
-    from tools.console import print_summary
+    from tools.cautions import caution_lines, caution_records
+    from tools.console import print_summary, say
     from tools.rooms import load_room
     from tools.supervising import supervise_rules
     from tools.version import VERSION
     from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
     from tools.virtual_summary import summarise
 
-    plan = load_room(room)
     model, robot_toml = load_robot(robot)
-    check_start(plan, model)
+    plan = load_room(room, model.radius_m)
     check_faults(plan, fault)
     if supervise and planner_options:
         raise click.UsageError(
@@ -129,7 +129,11 @@ def command(  # noqa: PLR0913 - one parameter per option
         extra,
     )
     writer = RunWriter(path, info, force=force)
+    for line in caution_lines(model, plan):
+        say(line)
     try:
+        for record in caution_records(model, plan, EPOCH_NS):
+            writer.write(record)
         with _interruptible() as ended:  # the summary too is written whole
             with _progress(max_time_s) as progress:
                 run = run_virtual(
@@ -184,13 +188,6 @@ def _mission(  # noqa: PLR0913, PLR0917 - what a run can be asked for
         raise click.BadParameter(f"{planner}: {error}", param_hint="'--planner-option'") from None
     runner = PlanRunner(made, model)
     return Mission(runner, max_time_s=max_time_s, resume=Resume(resume))
-
-
-def check_start(plan: Any, model: Any) -> None:  # noqa: ANN401 - imported when needed
-    """Refuse a room in which the robot does not fit at its start, before a log is made."""
-    from sim_device.world import World
-
-    World(plan, model)
 
 
 def check_faults(plan: Any, faults: tuple[FaultSpec, ...]) -> None:  # noqa: ANN401 - as above

@@ -1,0 +1,33 @@
+"""What is probably wrong with a room or a robot although both can be used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.config import robot_cautions
+from bridge.telemetry import EventRecord, Severity
+
+if TYPE_CHECKING:
+    from bridge.coverage.floorplan import FloorPlan
+    from bridge.motion.robot_model import RobotModel
+
+
+def cautions(model: RobotModel, plan: FloorPlan | None) -> list[tuple[str, str]]:
+    """Each with its source, ``robot`` or ``room``."""
+    found = [("robot", text) for text in robot_cautions(model)]
+    if plan is not None:
+        found += [("room", text) for text in plan.cautions]
+    return found
+
+
+def caution_lines(model: RobotModel, plan: FloorPlan | None) -> list[str]:
+    """The same as lines for people."""
+    return [f"warning: {source}: {text}" for source, text in cautions(model, plan)]
+
+
+def caution_records(model: RobotModel, plan: FloorPlan | None, log_ns: int) -> list[EventRecord]:
+    """The same for a log."""
+    return [
+        EventRecord(log_ns, Severity.WARNING, source, "caution", text, {})
+        for source, text in cautions(model, plan)
+    ]
