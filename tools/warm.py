@@ -39,7 +39,6 @@ def warm() -> None:
     """Call every kernel."""
     from bridge.config import load_robot
     from bridge.coverage.recovery.rehearse import rehearse as rehearse_recovery
-    from bridge.record.csv_kernel import rehearse as rehearse_csv
     from bridge.record.records_kernel import rehearse as rehearse_export
     from bridge.record.sink import NullSink
     from tools.virtual_run import run_virtual
@@ -47,7 +46,6 @@ def warm() -> None:
 
     plan, (model, _) = room(), load_robot(None)
     rehearse_export()
-    rehearse_csv()
     rehearse_recovery(model)
     for planner, time_s in _SIMULATED_S.items():
         run = run_virtual(plan, model, planner, NullSink(), max_time_s=time_s)
