@@ -98,9 +98,7 @@ static void let_go(void)
 /* A graver cause replaces a lesser one. */
 static void latch(uint8_t cause)
 {
-    if (cause > device.stop_cause) {
-        device.stop_cause = cause;
-    }
+    device.stop_cause = sp_latched_cause(device.stop_cause, cause);
     device.mode = SP_MODE_IDLE;
     let_go();
 }
@@ -255,7 +253,9 @@ static void greet(const sp_host_hello_t *hello, uint32_t now_us)
 
 static void handle(const sp_frame_t *frame, uint32_t now_us)
 {
-    if (frame->version != SP_VERSION || (frame->node != NODE && frame->node != SP_NODE_ALL)
+    const bool for_us =
+        frame->node == NODE || (frame->node == SP_NODE_ALL && sp_to_all(frame->type));
+    if (frame->version != SP_VERSION || !for_us
         || sp_direction(frame->type) != SP_FROM_HOST) {
         return;
     }
@@ -273,10 +273,8 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
     case SP_TYPE_STOP: { /* obeyed before any question of session or repetition */
         sp_stop_t stop;
         if (sp_stop_decode(&stop, frame->payload, frame->length)) {
-            const bool known = stop.cause >= SP_STOP_CAUSE_SESSION_END
-                && stop.cause <= SP_STOP_CAUSE_HARDWARE;
             const sp_ack_t ack = {stop.command_id, SP_TYPE_STOP};
-            latch(known ? stop.cause : (uint8_t)SP_STOP_CAUSE_OPERATOR);
+            latch(stop.cause);
             SEND(ack, now_us, &ack);
         }
         break;

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from protocol.can_frames import CAN_PART_TYPES
 from protocol.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
 from protocol.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
-from protocol.message import MAX_TYPE, RateClass
+from protocol.message import MAX_TYPE, Direction, RateClass
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -46,6 +46,8 @@ def _message(spec: MessageSpec) -> Iterator[str]:
         yield f"type {spec.type_id:#x} is out of range"
     if not spec.doc:
         yield "has no description"
+    if spec.to_all and spec.direction is Direction.DEVICE:
+        yield "a device's message has the node of its device, never all"
     if spec.layout.size > MAX_PAYLOAD:
         yield f"payload of {spec.layout.size} B exceeds {MAX_PAYLOAD} B"
     if spec.rate is RateClass.STREAM:

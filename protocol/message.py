@@ -95,6 +95,8 @@ class MessageSpec:
     default_hz: float
     bootstrap: bool
     """Needed to agree at all: never changes, and is decoded before agreement."""
+    to_all: bool
+    """May be addressed to node 0, which is every device."""
     doc: str
     fields: tuple[Field, ...]
     layout: struct.Struct
@@ -115,6 +117,7 @@ class _Declaration(NamedTuple):
     rate: RateClass
     default_hz: float
     bootstrap: bool
+    to_all: bool
     fields: tuple[Field, ...]
 
 
@@ -122,13 +125,14 @@ _DECLARATIONS: dict[type[Message], _Declaration] = {}
 
 
 @dataclass_transform(frozen_default=True)
-def message(
+def message(  # noqa: PLR0913 - what is declared of a message
     type_id: int,
     direction: Direction,
     rate: RateClass,
     *,
     default_hz: float = 0.0,
     bootstrap: bool = False,
+    to_all: bool = False,
 ) -> Callable[[type[M]], type[M]]:
     """Declare the ``NamedTuple`` below as a wire message."""
 
@@ -140,7 +144,13 @@ def message(
         body = {k: v for k, v in vars(cls).items() if k not in {*names, "__dict__", "__weakref__"}}
         made = type(cls.__name__, (Message, values), {**body, "__slots__": ()})
         _DECLARATIONS[made] = _Declaration(
-            type_id, direction, rate, default_hz, bootstrap, tuple(_declared_fields(cls, hints))
+            type_id,
+            direction,
+            rate,
+            default_hz,
+            bootstrap,
+            to_all,
+            tuple(_declared_fields(cls, hints)),
         )
         return cast("type[M]", made)
 
@@ -173,6 +183,7 @@ def specify(cls: type[Message]) -> MessageSpec:
         declaration.rate,
         declaration.default_hz,
         declaration.bootstrap,
+        declaration.to_all,
         (cls.__doc__ or "").strip(),
         fields,
         struct.Struct("<" + "".join(f.wire.code for f in fields)),

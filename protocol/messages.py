@@ -43,7 +43,7 @@ UNKNOWN_MESSAGE = 0xFF
 # ---- host to device ---------------------------------------------------------------------
 
 
-@message(0x00, _HOST, _COMMAND, bootstrap=True)
+@message(0x00, _HOST, _COMMAND, bootstrap=True, to_all=True)
 class Stop(Message):
     """Stop and latch; repeated until acknowledged, obeyed from anyone at any time."""
 
@@ -87,7 +87,7 @@ class WheelDuty(Message):
     time_to_live_s = si("time_to_live")
 
 
-@message(0x04, _HOST, _RARE, bootstrap=True)
+@message(0x04, _HOST, _RARE, bootstrap=True, to_all=True)
 class HostHello(Message):
     """Opens a session; sent again with ``agreed`` set once the catalogues are compared."""
 
@@ -113,7 +113,7 @@ class SetMode(Message):
     mode: Annotated[int, number(U8, "enum", "the mode wanted", enum=Mode, high=3)]
 
 
-@message(0x07, _HOST, _RARE)
+@message(0x07, _HOST, _RARE, to_all=True)
 class TimeRequest(Message):
     """Ask for the device's clock; also keeps the session alive."""
 

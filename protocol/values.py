@@ -19,7 +19,7 @@ class Mode(IntEnum):
 
 
 class StopCause(IntEnum):
-    """Why a stop is latched, in rising severity: a graver cause replaces a lesser one."""
+    """Why a stop is latched, from the least grave cause to the gravest one."""
 
     NONE = 0
     SESSION_END = 1
@@ -31,6 +31,20 @@ class StopCause(IntEnum):
     OPERATOR = 4
     HARDWARE = 5
     """The device's own fault handling."""
+
+
+def by_gravity() -> list[StopCause]:
+    """Causes of a stop from the least grave to the gravest; their values rise with gravity."""
+    return sorted(cause for cause in StopCause if cause is not StopCause.NONE)
+
+
+def latched_cause(held: int, cause: int) -> StopCause:
+    """What a device has latched after a stop of ``cause`` where ``held`` was latched.
+
+    The graver cause: the greater value. An operator's stop is never hidden by an orderly end or
+    a lost link. A cause without a name, and none at all, count as the operator's.
+    """
+    return StopCause(max(held, cause if cause in by_gravity() else StopCause.OPERATOR))
 
 
 class Fault(IntFlag):

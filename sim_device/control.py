@@ -126,7 +126,7 @@ class Control:
         how = "aborted" if reason is None else f"finished: {reason}"
         self._log.add(LogLevel.INFO, f"planner {plan.planner} {how}")
 
-    def stop(self, cause: StopCause, event: Event = Event.STOP) -> None:
+    def stop(self, cause: int, event: Event = Event.STOP) -> None:
         """Latch a stop and leave any driving mode.
 
         Of events other than ``STOP`` the table may say that they change nothing: a host that
@@ -136,9 +136,9 @@ class Control:
         if self.modes.state is State.STOPPED and (event is Event.STOP or not self.latch.latched):
             self._latch(cause)
 
-    def _latch(self, cause: StopCause) -> None:
+    def _latch(self, cause: int) -> None:
         if self.latch.latch(cause):
-            self._log.add(LogLevel.WARNING, f"stop latched: {label(StopCause, cause)}")
+            self._log.add(LogLevel.WARNING, f"stop latched: {label(StopCause, self.latch.cause)}")
 
     def clear(self, cause: int) -> NackReason | None:
         """Release the latch if ``cause`` is what holds it and no longer so."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.clock import DeviceUs, extend_us
-from protocol.values import StopCause
+from protocol.values import StopCause, latched_cause
 
 if TYPE_CHECKING:
     from protocol.messages import VelocitySetpoint, WheelDuty
@@ -36,12 +36,10 @@ class StopLatch:
         """True while the robot must stand."""
         return self.cause is not StopCause.NONE
 
-    def latch(self, cause: StopCause) -> bool:
+    def latch(self, cause: int) -> bool:
         """Latch a cause; False where an equal or graver one holds already."""
-        if cause <= self.cause:
-            return False
-        self.cause = cause
-        return True
+        held, self.cause = self.cause, latched_cause(self.cause, cause)
+        return self.cause is not held
 
     def clear(self, cause: int) -> bool:
         """Release the latch if ``cause`` is what holds it."""

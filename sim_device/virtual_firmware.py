@@ -154,7 +154,7 @@ class Firmware:
         for event in self.link.receive(data, now_us):
             if event.__class__ is Received:
                 message, frame, spec = event
-                if frame.node in {node, NODE_ALL}:
+                if frame.node == node or (frame.node == NODE_ALL and spec.to_all):
                     self._heard_us = now_us
                     if self.link.key is not None and self.keyring.refuses(frame):
                         self._refuse(message, frame, now_us)
@@ -192,7 +192,7 @@ class Firmware:
             handler(message, extra_us, now_us)
         elif isinstance(message, Stop):
             # Obeyed before any question of session or repetition.
-            self.stop(_cause(message.cause))
+            self.stop(message.cause)
             self._send(Ack(message.command_id, frame.type_id), now_us)
         elif isinstance(message, COMMANDS):
             self._command(message, frame.type_id, now_us)
@@ -279,7 +279,7 @@ class Firmware:
 
     # ---- what commands ask for ------------------------------------------------------------
 
-    def stop(self, cause: StopCause, event: Event = Event.STOP) -> None:
+    def stop(self, cause: int, event: Event = Event.STOP) -> None:
         """Latch a stop and leave any driving mode, as the mode table says."""
         self.control.stop(cause, event)
 
@@ -361,9 +361,3 @@ class Firmware:
         for name in due:
             type_id, pack = known[name]
             send(type_id, pack(now_us), stamp_us, node)
-
-
-def _cause(raw: int) -> StopCause:
-    """The cause named; one that we do not know counts as the operator's."""
-    known = StopCause.NONE < raw <= max(StopCause)
-    return StopCause(raw) if known else StopCause.OPERATOR

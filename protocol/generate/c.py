@@ -38,12 +38,14 @@ def _header(catalogue: Catalogue) -> str:
         c_header_text.HEADER_FRAMING.format(version=PROTOCOL_VERSION),
         "/* ---- values " + "-" * 78 + " */\n",
         c_messages.enums(catalogue),
+        c_messages.latch_rule(catalogue),
         "/* ---- messages " + "-" * 76 + " */\n\n"
         "/* encode: the payload's length, or -1 where it does not fit.\n"
         " * decode: false where the length is not the message's.\n"
         " * frame: a whole frame in a buffer of SP_FRAME_MAX bytes; its length, 0 where it is too\n"
         " * long. */\n",
         *(c_messages.declaration(spec) for spec in catalogue),
+        c_messages.to_all(catalogue),
         c_header_text.HEADER_SCHEMA.format(hash=catalogue.hash),
         c_can.header(catalogue),
         "#ifdef __cplusplus\n}\n#endif\n\n#endif\n",

@@ -36,7 +36,7 @@ HEADER_FRAMING = """\
 /* ---- frames: 00 | COBS( header 8 B | payload | CRC-32 ) | 00 ------------------------------ */
 
 #define SP_VERSION {version}u
-#define SP_NODE_ALL 0u /* for stop, hello and time requests only */
+#define SP_NODE_ALL 0u /* for the messages that sp_to_all() names, and no others */
 #define SP_NODE_MAX 15u
 #define SP_FLAG_AUTHENTICATED 1u
 #define SP_FLAG_RETRY 2u

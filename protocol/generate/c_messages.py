@@ -16,6 +16,7 @@ from protocol.generate.c_text import (
     upper,
 )
 from protocol.message import Direction, RateClass
+from protocol.values import StopCause, by_gravity, latched_cause
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,6 +57,46 @@ def _enum(name: str, enum: type[IntEnum]) -> str:
     members = [f"    SP_{name.upper()}_{m.name} = {m.value}" for m in enum]
     doc = (enum.__doc__ or name).splitlines()[0]
     return lines([comment(doc), "enum {", ",\n".join(members), "};"])
+
+
+def latch_rule(catalogue: Catalogue) -> str:
+    """What a stop leaves latched; nothing where the catalogue has no causes."""
+    if not any(field.enum is StopCause for spec in catalogue for field in spec.fields):
+        return ""
+    gravest, unnamed = max(StopCause).name, latched_cause(StopCause.NONE, StopCause.NONE).name
+    return lines(
+        [
+            comment(
+                "What a device has latched after a stop of a cause: the graver one. From the "
+                f"least grave to the gravest: {', '.join(c.name.lower() for c in by_gravity())}."
+            ),
+            "static inline uint8_t sp_latched_cause(uint8_t held, uint8_t cause)",
+            "{",
+            f"    if (cause == SP_STOP_CAUSE_NONE || cause > SP_STOP_CAUSE_{gravest}) {{",
+            f"        cause = SP_STOP_CAUSE_{unnamed}; /* it has no name here */",
+            "    }",
+            "    return cause > held ? cause : held;",
+            "}",
+        ]
+    )
+
+
+def to_all(catalogue: Catalogue) -> str:
+    """Which messages may have node 0."""
+    cases = [
+        guarded(spec, f"    case SP_TYPE_{upper(spec)}:\n") for spec in catalogue if spec.to_all
+    ]
+    return (
+        "/* Whether a message may be addressed to SP_NODE_ALL. A device passes over every other\n"
+        " * message for that node, as it does over those for another node. */\n"
+        "static inline bool sp_to_all(uint8_t type)\n"
+        "{\n"
+        "    switch (type) {\n" + "".join(cases) + "        return true;\n"
+        "    default:\n"
+        "        return false;\n"
+        "    }\n"
+        "}\n"
+    )
 
 
 def switch_macro(spec: MessageSpec) -> str | None:

@@ -18,9 +18,10 @@ from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
 from protocol.messages import VelocitySetpoint
 from protocol.uart import encode_frame
+from protocol.values import StopCause, by_gravity, latched_cause
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 FILE = "PROTOCOL.md"
 _BITS_A_BYTE = 10
@@ -71,7 +72,7 @@ def render(catalogue: Catalogue = CATALOGUE, behaviour: Behaviour | None = None)
 
 
 def _sections(catalogue: Catalogue, behaviour: Behaviour | None) -> Iterator[str]:
-    yield md_text.FRAMING
+    yield md_text.FRAMING.format(to_all=_listed(s.name for s in catalogue if s.to_all))
     yield from message_index(catalogue)
     for spec in catalogue:
         yield from message_section(spec)
@@ -80,7 +81,10 @@ def _sections(catalogue: Catalogue, behaviour: Behaviour | None) -> Iterator[str
     yield from can_tables(catalogue)
     yield md_text.AGREEMENT.format(hash=catalogue.hash)
     yield from hash_table(catalogue)
-    yield md_text.RELIABILITY
+    yield md_text.RELIABILITY.format(
+        causes=", ".join(f"`{c.name.lower()}`" for c in by_gravity()),
+        unnamed=latched_cause(StopCause.NONE, StopCause.NONE).name.lower(),
+    )
     yield md_text.AUTHENTICATION.format(
         guarded=", ".join(f"`{s.name}`" for s in catalogue if s.type_id in GUARDED_TYPES),
         free=", ".join(f"`{s.name}`" for s in catalogue if s.cls in FREE),
@@ -92,6 +96,11 @@ def _sections(catalogue: Catalogue, behaviour: Behaviour | None) -> Iterator[str
         yield from _machines(behaviour)
         yield from _timing(behaviour)
         yield from _life(catalogue, behaviour)
+
+
+def _listed(names: Iterable[str]) -> str:
+    *others, last = (f"`{name}`" for name in names)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _machines(behaviour: Behaviour) -> Iterator[str]:

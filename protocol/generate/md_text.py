@@ -26,8 +26,8 @@ UART, 921 600 baud 8N1 unless told otherwise:
 |---|---|---|---|
 | 0 | `version`, `flags` | 4 + 4 bit | version in the high nibble; flag bit 0 authenticated, bit 1 \
 retry, others 0 |
-| 1 | `node` | u8 | the *device's* id, 1–15, in both directions; 0: all, for stop, hello and \
-time requests |
+| 1 | `node` | u8 | the *device's* id, 1–15, in both directions; 0: all devices, for {to_all} \
+alone |
 | 2 | `type` | u8 | message type, 0–0x7e; it fixes the direction |
 | 3 | `seq` | u8 | counts the sender's frames, wraps |
 | 4 | `t_us` | u32 | sender's microsecond clock when the content was *sampled*, wraps |
@@ -42,6 +42,8 @@ one byte.
 - No frame is looked into before its CRC holds. A stream's payload has at most 25 B: up to a \
 codeword of 37 B the CRC finds every 5-bit error.
 - A payload that is longer or shorter than its message is refused, unless agreement says why.
+- A device passes over a message for another node, and any message for node 0 but {to_all}: it \
+answers none of them, and none of them keeps its session alive.
 """
 
 CAN = """\
@@ -122,7 +124,11 @@ RELIABILITY = """\
   device keeps its last replies by (session, id, type): a repeated command is answered again and not
   carried out again. `get_parameter` and `set_parameter` send the `parameter_value` before the
   `ack`, each time.
-- **Stop** is obeyed from anyone at any time, before any question of session, and latched.
+- **Stop** is obeyed from anyone at any time, before any question of session, and latched. Causes
+  from the least grave to the gravest: {causes}.
+  A graver cause replaces the latched one, a less grave one never does, and the device acknowledges
+  both. A cause without a name counts as `{unnamed}`. `clear_stop` releases only the cause that it
+  names.
 - Nothing that a session asked for (mode, stream rates, setpoints) outlives it.
 """
 

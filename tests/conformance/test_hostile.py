@@ -10,18 +10,29 @@ import pytest
 from protocol.can_segments import content, segments
 from protocol.catalogue import CATALOGUE
 from protocol.messages import (
+    Ack,
+    ClearStop,
     Describe,
+    DescribeReply,
     Encoders,
     GetParameter,
     Hello,
     HostHello,
+    Nack,
+    PlannerCommand,
+    Reboot,
+    SaveParameters,
+    SetKey,
+    SetMode,
+    SetParameter,
     SetStreamRate,
     Stop,
     TimeReply,
     TimeRequest,
     VelocitySetpoint,
+    WheelDuty,
 )
-from protocol.values import Mode, StopCause
+from protocol.values import Mode, ParameterKind, PlannerAction, RebootKind, StopCause
 from support.probe import now_us
 from support.reference_codec import frame_bytes
 
@@ -32,7 +43,7 @@ if TYPE_CHECKING:
     from support.probe import Probe
 
 SEED = 20_240
-TIME_REQUEST, STOP, SET_MODE = 0x07, 0x00, 0x06
+TIME_REQUEST, STOP, SET_MODE, STATUS = 0x07, 0x00, 0x06, 0x11
 UNKNOWN_TYPES = (0x01, 0x0F, 0x3F, 0x7E)
 FUZZ_BYTES = 12_000
 """A second at what the slowest line that we know of carries."""
@@ -337,6 +348,38 @@ def test_a_devices_own_message_is_passed_over(device: Probe) -> None:
     device.alive()
     answers = [h for h in device.heard[mark:] if type(h.message).__name__ in {"Ack", "Nack"}]
     assert not answers
+
+
+def test_node_0_is_for_stop_hello_and_time_alone(device: Probe) -> None:
+    """Every other message for all devices is passed over: nothing changes, nobody answers."""
+    device.agree()
+    device.enter(Mode.VELOCITY)
+    before = device.status()
+    mark = len(device.heard)
+    ids = [device.next_id() for _ in range(9)]
+    for message in (
+        VelocitySetpoint(0, 0, 240, 1),
+        WheelDuty(0, 0, 240, 1),
+        Describe(STOP, 0),
+        SetMode(ids[0], Mode.IDLE),
+        ClearStop(ids[1], StopCause.OPERATOR),
+        PlannerCommand(ids[2], PlannerAction.ABORT, 0),
+        GetParameter(ids[3], 0),
+        SetParameter(ids[4], 0, ParameterKind.U32, 0),
+        SaveParameters(ids[5]),
+        SetStreamRate(ids[6], STATUS, 0),
+        Reboot(ids[7], RebootKind.NORMAL),
+        SetKey(ids[8], 0, 0, 0, 0),
+    ):
+        device.send(message, node=0)
+    status = device.status()
+    assert (status.mode, status.setpoint_left) == (before.mode, 0), "it obeyed a message for all"
+    assert not device.of(DescribeReply, mark), "it described a message to all"
+    answers: list[Ack | Nack] = [*device.of(Ack, mark), *device.of(Nack, mark)]
+    assert not [m for m in answers if m.command_id in ids], "it answered a message for all"
+    device.stop()
+    device.reply_to(ClearStop(ids[1], StopCause.OPERATOR))  # was not carried out nor remembered
+    assert device.status().stop_cause == StopCause.NONE
 
 
 def test_another_nodes_messages_are_passed_over(device: Probe) -> None:

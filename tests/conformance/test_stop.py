@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.messages import Ack, ClearStop, SetMode, Stop, TimeRequest
-from protocol.values import Mode, NackReason, StopCause
+from protocol.messages import Ack, ClearStop, Describe, SetMode, Stop, TimeRequest
+from protocol.values import Mode, NackReason, StopCause, by_gravity
 from support.probe import now_us
 
 if TYPE_CHECKING:
@@ -19,6 +20,10 @@ STOP = 0x00
 
 def clear(device: Probe, cause: int) -> NackReason | None:
     return device.refusal(lambda i: ClearStop(i, cause))
+
+
+def acknowledged(device: Probe, ids: tuple[int, ...], mark: int) -> bool:
+    return all(device.replies(i, STOP, mark) == [Ack(i, STOP)] for i in ids)
 
 
 def test_a_stop_is_latched_and_leaves_every_mode(device: Probe) -> None:
@@ -64,22 +69,29 @@ def test_it_is_obeyed_and_acknowledged_outside_a_session(device: Probe) -> None:
     device.free()
 
 
-def test_a_graver_cause_replaces_a_lesser_one_and_never_the_other_way(device: Probe) -> None:
+def test_the_graver_of_two_stops_that_coincide_is_latched(device: Probe) -> None:
     device.agree()
-    device.free()
-    held = StopCause.NONE
-    for cause in (StopCause.SUPERVISE, StopCause.SESSION_END, StopCause.HARDWARE, *GRAVE):
-        device.stop(cause)
-        held = max(held, cause)
-        assert device.status().stop_cause == held, f"after {cause.name.lower()}"
+    for first, second in itertools.product(by_gravity(), repeat=2):
+        device.free()
+        ids = device.next_id(), device.next_id()
+        mark = len(device.heard)
+        for command_id, cause in zip(ids, (first, second), strict=True):
+            device.send(Stop(command_id, cause))
+        pair = f"{first.name.lower()}, then {second.name.lower()}"
+        assert device.until(lambda i=ids, m=mark: acknowledged(device, i, m), 1.0), pair  # type: ignore[misc]  # bound now
+        assert device.status().stop_cause == max(first, second), pair
+        if first is not second:
+            assert clear(device, min(first, second)) is NackReason.OTHER_CAUSE, pair
+            assert device.status().stop_cause == max(first, second), pair
     device.free()
 
 
-def test_a_cause_that_nobody_knows_stops_all_the_same(device: Probe) -> None:
+def test_a_cause_without_a_name_counts_as_the_operators(device: Probe) -> None:
     device.agree()
-    device.free()
-    device.reply_to(Stop(device.next_id(), 200))
-    assert device.status().stop_cause != StopCause.NONE
+    for cause in (0, 6, 200):
+        device.free()
+        device.reply_to(Stop(device.next_id(), cause))
+        assert device.status().stop_cause == StopCause.OPERATOR, f"cause {cause}"
 
 
 @pytest.mark.parametrize("cause", GRAVE)
@@ -146,13 +158,14 @@ def test_any_frame_of_the_host_keeps_the_link(device: Probe) -> None:
 
 
 @pytest.mark.slow
-def test_frames_for_another_node_do_not_keep_it(device: Probe) -> None:
+def test_frames_that_are_not_for_it_do_not_keep_it(device: Probe) -> None:
     device.agree()
     device.free()
     other = 15 if device.node != 15 else 14
     session, device.session_id = device.session_id, 0
     for ping in range(14):
         device.send(TimeRequest(ping), node=other)
+        device.send(Describe(STOP, 0), node=0)
         device.listen(0.1, alive=False)
     device.session_id = session
     device.agree()

@@ -19,7 +19,9 @@ from protocol.messages import (
     Hello,
     Imu,
     SaveParameters,
+    SetMode,
     Status,
+    Stop,
     VelocitySetpoint,
 )
 from protocol.uart import Frame, UartParser
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.session_events import SessionEvent
+    from protocol.message import Message
 
 pytestmark = pytest.mark.realtime
 
@@ -272,6 +275,26 @@ def test_a_setpoint_that_was_long_on_its_way_does_not_count(device: Device) -> N
     assert bench.run(0.12, lambda: device.drive == (0.0, 0.0))  # what was left of 200 ms
     assert not moves(2, 0)  # as old by its counter
     assert moves(3, 0)
+
+
+def test_what_is_addressed_to_all_neither_drives_nor_releases_it(device: Device) -> None:
+    bench = Bench(device)
+    bench.open()
+    link = bench.session.link
+
+    def send_to_all(*messages: Message) -> None:
+        for message in messages:
+            link.send(message, bench.now_us + HOST_AHEAD_US, node=0)
+        bench.run(0.05)
+
+    send_to_all(ClearStop(900, StopCause.SESSION_END))
+    assert bench.status().stop_cause == StopCause.SESSION_END
+    bench.start()
+    send_to_all(VelocitySetpoint(1000, 0, 200, 1), SetMode(901, Mode.IDLE))
+    assert device.drive == (0.0, 0.0)
+    assert bench.status().mode == Mode.VELOCITY
+    send_to_all(Stop(902, StopCause.SUPERVISE), Stop(903, StopCause.SESSION_END))
+    assert bench.status().stop_cause == StopCause.SUPERVISE
 
 
 def test_a_new_host_starts_from_nothing(device: Device) -> None:

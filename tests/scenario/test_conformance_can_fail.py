@@ -41,6 +41,8 @@ FOUND_BY = {
     "trusting": {"test_a_damaged_frame_is_counted_and_not_obeyed"},
     "deaf": {"test_a_silent_host_is_a_lost_link"},
     "careless": {"test_another_nodes_messages_are_passed_over"},
+    "obliging": {"test_node_0_is_for_stop_hello_and_time_alone"},
+    "newest": {"test_the_graver_of_two_stops_that_coincide_is_latched"},
     "fickle": {"test_saved_values_survive_a_reboot_and_others_do_not"},
 }
 """Defect → the checks that must find it."""

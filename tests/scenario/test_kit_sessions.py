@@ -6,23 +6,32 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from protocol.catalogue import CATALOGUE
 from protocol.messages import (
+    Ack,
     ClearStop,
     Describe,
     GetParameter,
     HostHello,
+    Nack,
+    ParameterValue,
     PlannerCommand,
     Reboot,
     SaveParameters,
     SetMode,
     SetParameter,
+    SetStreamRate,
     Stop,
+    TimeReply,
+    TimeRequest,
     VelocitySetpoint,
+    WheelDuty,
 )
+from protocol.uart import Frame, UartParser
 from protocol.values import Fault, Mode, OnboardPlanner, PlannerAction, RebootKind, StopCause
 from support.kit_build import the_kit
 from support.kit_compare import compare
-from support.kit_script import LoseSupply, Readings
+from support.kit_script import LoseSupply, Readings, Step
 from support.kit_sessions import Writer, f32
 
 if TYPE_CHECKING:
@@ -94,6 +103,49 @@ def test_every_command_in_every_state(state: int) -> None:
     told = compare(writer.acts)
     steps = {len([a for a in writer.acts[:i] if not isinstance(a, Readings)]) for i in reached}
     assert {told[i - 1].state for i in steps} == {state}
+
+
+def test_the_graver_of_two_stops_that_coincide_is_latched() -> None:
+    causes = [*range(8), 200]
+    writer = Numbered()
+    expected = []
+    for first in causes:
+        for second in causes:
+            writer.go(IDLE)
+            writer.command(Stop(0, first))
+            writer.command(Stop(0, second))
+            expected.append((len(writer.acts), first, second))
+    told = compare(writer.acts)
+    steps = [n for n, act in enumerate(writer.acts, 1) if isinstance(act, Step)]
+    for acts, first, second in expected:
+        named = [c if 0 < c <= max(StopCause) else StopCause.OPERATOR for c in (first, second)]
+        assert told[steps.index(acts)].stop_cause == max(named), (first, second)
+
+
+@pytest.mark.parametrize("state", sorted(WAYS))
+def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int) -> None:
+    """Only a stop and a hello are not, and they need not be: one device is meant by node 0."""
+    commands = [c for c in COMMANDS if not isinstance(c, Stop | HostHello)]
+    commands += [GetParameter(0, SPEED), SetParameter(0, SPEED, 2, NEW), SaveParameters(0)]
+    commands += [SetStreamRate(0, 0x12, 0), Reboot(0, RebootKind.NORMAL)]
+    writer = Numbered()
+    writer.go(state)
+    reached = len(writer.acts)
+    for i in range(40):
+        writer.say(VelocitySetpoint(900, 0, 200, i), WheelDuty(900, 900, 200, i), node=0)
+        if i < len(commands):
+            writer.say(replaced(commands[i], 500 + i), node=0)
+        writer.say(TimeRequest(i), node=0)  # the one of these that keeps the session
+    told = compare(writer.acts)[reached - 1 :]
+    assert {(t.state, t.parameters[SPEED], t.reboots) for t in told} == {
+        (state, told[0].parameters[SPEED], 0)
+    }
+    assert not any(t.setpoint.first or t.duty.first for t in told)
+    parser = UartParser()
+    wrote = [f for t in told for f in parser.feed(t.wrote) if isinstance(f, Frame)]
+    answered = {CATALOGUE.by_type[f.type_id].cls for f in wrote}
+    assert TimeReply in answered
+    assert not answered & {Ack, Nack, ParameterValue}
 
 
 @pytest.mark.parametrize("state", [VELOCITY, ONBOARD, RUNNING, PAUSED, BRINGUP, IDLE])

@@ -34,7 +34,7 @@ from protocol.messages import (
     VelocitySetpoint,
 )
 from protocol.uart import Frame, UartParser, encode_frame
-from protocol.values import StopCause
+from protocol.values import StopCause, by_gravity
 from sim_device.device import VirtualSweeper
 from tools.rooms import load_room
 
@@ -269,6 +269,33 @@ class Careless(Sound):
         return [frame._replace(node=1)]
 
 
+class Obliging(Sound):
+    """It obeys whatever is addressed to all."""
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        return [frame if frame.node else frame._replace(node=1)]
+
+
+class Newest(Sound):
+    """It latches the cause of the last stop, however grave the one before was."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self._own: set[int] = set()
+
+    def host_frame(self, frame: Frame) -> list[Frame]:
+        if not isinstance(self.message(frame), Stop):
+            return [frame]
+        clears = [ClearStop(self.own_id(), cause) for cause in by_gravity()]
+        self._own |= {clear.command_id for clear in clears}
+        return [*(self.saying(frame, c, command_id=c.command_id) for c in clears), frame]
+
+    def device_frame(self, frame: Frame) -> list[Frame]:
+        message = self.message(frame)
+        mine = isinstance(message, Ack | Nack) and message.command_id in self._own
+        return [] if mine else [frame]
+
+
 class Fickle(Sound):
     """It says that parameters were saved, and saves none."""
 
@@ -299,6 +326,8 @@ DEFECTS = {
         Trusting,
         Deaf,
         Careless,
+        Obliging,
+        Newest,
         Fickle,
     )
 }

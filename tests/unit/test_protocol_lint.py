@@ -57,6 +57,10 @@ def test_type_and_name_declared_twice() -> None:
         (replace(CATALOGUE.spec(Imu), type_id=0x7F), "imu: type 0x7f is out of range"),
         (replace(CATALOGUE.spec(Imu), type_id=-1), "imu: type -0x1 is out of range"),
         (replace(CATALOGUE.spec(Imu), doc=""), "imu: has no description"),
+        (
+            replace(CATALOGUE.spec(Imu), to_all=True),
+            "imu: a device's message has the node of its device, never all",
+        ),
         (replace(CATALOGUE.spec(Imu), default_hz=0.0), "imu: a stream needs a default rate"),
         (
             replace(CATALOGUE.spec(LogText), rate=RateClass.STREAM, default_hz=1.0),

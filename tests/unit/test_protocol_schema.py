@@ -42,6 +42,7 @@ def variant(cls: type[Message], fields: list[Field], name: str | None = None) ->
         spec.rate,
         default_hz=spec.default_hz,
         bootstrap=spec.bootstrap,
+        to_all=spec.to_all,
     )
     return declare(made)
 

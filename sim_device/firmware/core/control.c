@@ -86,7 +86,7 @@ void control_stop(control_t *control, uint8_t cause, event_t event)
     if (latch_set(&control->latch, cause)) {
         text_t *const line = log_begin(&control->log, SP_LOG_LEVEL_WARNING);
         text_add(line, "stop latched: ");
-        text_add(line, name_of_cause(cause));
+        text_add(line, name_of_cause(control->latch.cause));
     }
 }
 

@@ -5,18 +5,18 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "sweepctl_protocol.h"
+
 typedef struct {
-    uint8_t cause; /* SP_STOP_CAUSE_*, in rising severity */
+    uint8_t cause; /* SP_STOP_CAUSE_* */
 } latch_t;
 
 /* Latch a cause; false where an equal or graver one holds already. */
 static inline bool latch_set(latch_t *latch, uint8_t cause)
 {
-    if (cause <= latch->cause) {
-        return false;
-    }
-    latch->cause = cause;
-    return true;
+    const uint8_t held = latch->cause;
+    latch->cause = sp_latched_cause(held, cause);
+    return latch->cause != held;
 }
 
 /* Release the latch if `cause` is what holds it. */

@@ -100,11 +100,8 @@ static void describe(firmware_t *firmware, const sp_describe_t *question, int64_
 /* Obeyed before any question of session or repetition. */
 static void stop(firmware_t *firmware, const sp_stop_t *wanted, int64_t now_us)
 {
-    const bool known =
-        wanted->cause > SP_STOP_CAUSE_NONE && wanted->cause <= SP_STOP_CAUSE_HARDWARE;
     const sp_ack_t ack = {wanted->command_id, SP_TYPE_STOP};
-    control_stop(&firmware->control,
-        known ? wanted->cause : (uint8_t)SP_STOP_CAUSE_OPERATOR, EVENT_STOP);
+    control_stop(&firmware->control, wanted->cause, EVENT_STOP);
     line_send(&firmware->line, SP_TYPE_ACK, (uint32_t)now_us,
         sp_ack_encode(&ack, line_payload(&firmware->line), SP_PAYLOAD_MAX));
 }
@@ -129,13 +126,19 @@ static void duty(
     }
 }
 
+static bool for_us(const sp_frame_t *frame)
+{
+    return frame->node == board_identity()->node
+        || (frame->node == SP_NODE_ALL && sp_to_all(frame->type));
+}
+
 void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us)
 {
     if (!payloads_fit(&firmware->payloads, frame)) {
         firmware->line.refused++;
         return;
     }
-    if (frame->node != board_identity()->node && frame->node != SP_NODE_ALL) {
+    if (!for_us(frame)) {
         return;
     }
     firmware->heard_us = arrived_us;
