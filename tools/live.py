@@ -18,6 +18,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from bridge.io import clock
+from bridge.session_events import State
 from bridge.telemetry import EventRecord, LogRecord, Severity
 from tools.console import err
 from tools.live_map import swept_picture
@@ -64,7 +65,7 @@ class Teller:
         """Take one record."""
         self._sink.write(record)
         if isinstance(record, EventRecord):
-            if record.severity is not Severity.DEBUG:
+            if record.severity is not Severity.DEBUG and not _ends_run(record):
                 self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
         elif isinstance(record, LogRecord):
             self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
@@ -80,6 +81,13 @@ class Teller:
         if self._first_ns is None:
             self._first_ns = log_ns
         self.lines.append((severity, f"{(log_ns - self._first_ns) / 1e9:8.2f}  {text}"))
+
+
+def _ends_run(event: EventRecord) -> bool:
+    """Whether an event is a failure of the session, whose text is the run's last line."""
+    return event.source == "session" and (
+        event.kind == State.FAILED.value or event.severity is Severity.ERROR
+    )
 
 
 class LivePicture:

@@ -30,6 +30,8 @@ from bridge.motion.geometry import Pose2
 from bridge.onboard_mission import OnboardMission
 from bridge.operator import Operator
 from bridge.owner import OwnerService
+from bridge.record.errors import LogReadError
+from bridge.record.family import parts_of
 from bridge.record.policy import LogWatch, RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
 from bridge.summary import run_summary
@@ -117,6 +119,8 @@ class LiveResult:
     exit_status: int
     complaints: list[str]
     """Lines for people about what went wrong."""
+    agreed: bool = True
+    """A device was there; without one there is no log, and nothing to sum up."""
 
 
 def run_live(asked: LiveOptions) -> LiveResult:
@@ -186,6 +190,8 @@ def run_live(asked: LiveOptions) -> LiveResult:
             recorder.close(summary)
     finally:
         recorder.close()
+        if host.hello is None:
+            _discard(asked.log)
     return _result(host, asked, recorder, summary)
 
 
@@ -279,6 +285,14 @@ def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
     return recorder, offset_ns
 
 
+def _discard(log: Path) -> None:
+    """Remove the log of a run that found no device to agree with; it holds nothing of a robot."""
+    with contextlib.suppress(LogReadError, OSError):
+        for part in parts_of(log):
+            if part.is_file():  # a device file is not ours to remove
+                part.unlink()
+
+
 def _result(
     host: Host, asked: LiveOptions, recorder: ThreadedRecorder, summary: dict[str, Any]
 ) -> LiveResult:
@@ -293,7 +307,7 @@ def _result(
     status = ending.exit_status if ending else 1
     if recorder.error is not None and status == 0:
         status = 1  # the run did what it was to do, its log did not
-    return LiveResult(summary, status, complaints)
+    return LiveResult(summary, status, complaints, host.hello is not None)
 
 
 @contextlib.contextmanager
@@ -361,6 +375,6 @@ def _summarise(host: Host, asked: LiveOptions, way: array[float]) -> dict[str, A
         room=plan.name if plan else None,
         planner=asked.planner_name,
         seed=None,
-        log=str(asked.log),
+        log=None if host.hello is None else str(asked.log),
         report=report,
     )

@@ -185,6 +185,8 @@ def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) ->
         assert several.status == 2
         assert "several devices answer; choose one with --node N" in several.complaint
         assert re.search(r"node 1: .*node 2: ", several.complaint)
+        assert several.err.count("several devices answer") == 1
+        assert not (tmp_path / "several.mcap").exists()
         arguments = ("--node", "2", "--plan", "paper", "--json")
         with Command("connect", one.port, *arguments, "--out", "two.mcap", cwd=tmp_path) as host:
             host.says("run is driving")

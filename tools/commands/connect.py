@@ -143,5 +143,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     )
     for line in result.complaints:
         complain(line)
-    print_summary(result.summary, as_json=as_json)
+    if as_json or result.agreed or not result.complaints:
+        print_summary(result.summary, as_json=as_json)
     return result.exit_status
