@@ -7,10 +7,11 @@ wheel turned, and which way - it asks.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from collections import deque
 from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.bench.gyro import LEAST_SAMPLES, biases
 from bridge.bench.wheel_step import WheelStep, judge_step, wheel_steps
 from bridge.bench.wiring import (
     LEFT,
@@ -27,13 +28,13 @@ from bridge.bench.wiring import (
     strongest,
     wrong,
 )
-from bridge.errors import CommandRejectedError, StoppedForSafetyError
+from bridge.errors import BridgeError, CommandRejectedError, StoppedForSafetyError
 from bridge.motion.kinematics import encoder_delta
 from protocol.messages import Encoders, Imu, Power, Range, SetStreamRate, Status
 from protocol.values import Contact, Fault, Mode, flag_labels
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from bridge.bench.desk import Desk
     from bridge.bench.person import Person
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
 """In the order in which each needs the one before."""
 REST_S = 2.0
+REST_TRIES = 5
+"""Rests in which a person may touch the robot, before its axes are left out."""
 KICK_DUTY, KICK_S = 0.3, 0.8
 """About 6 cm at the rim: seen by eye, and hundreds of counts."""
 HAND_S = 20.0
@@ -163,43 +166,64 @@ class BringUp:
     # ---- by hand --------------------------------------------------------------------------
 
     def _axes(self) -> Iterator[Finding]:
+        rest = self._at_rest()
+        if rest is None:
+            advice = "put it down, and touch it only after the question"
+            yield left_out("imu axes", "the robot does not stand still", advice)
+            return
         yield self._by_hand(
             "imu turn",
             "Turn the whole robot by a quarter COUNTER-CLOCKWISE, seen from above.",
             "+z",
             TURN_RAD,
-            _angles,
+            _Rotation(rest),
         )
-        yield self._by_hand(
-            "imu nose", "Raise the robot's FRONT by a hand's width.", "+x", TILT_M_S2, _tilt
-        )
-        yield self._by_hand(
-            "imu side", "Raise the robot's LEFT side by a hand's width.", "+y", TILT_M_S2, _tilt
-        )
+        for step, text, wanted in (
+            ("imu nose", "Raise the robot's FRONT by a hand's width.", "+x"),
+            ("imu side", "Raise the robot's LEFT side by a hand's width.", "+y"),
+        ):
+            yield self._by_hand(step, text, wanted, TILT_M_S2, _Tilt(rest))
+
+    def _at_rest(self) -> ImuSample | None:
+        """Mean reading at rest: the gyro's bias, and gravity; None: the robot is moved."""
+        self._person.tell("Let the robot stand level and still.")
+        for _ in range(REST_TRIES):
+            samples = self._rest_readings()
+            try:
+                x, y, z = biases([(t_s, sample.gyro) for t_s, sample in samples])
+            except BridgeError as error:
+                self._person.tell(str(error))
+                continue
+            gravity = _mean_accel([sample for _, sample in samples])
+            return ImuSample(gravity, (x.bias_rad_s, y.bias_rad_s, z.bias_rad_s))
+        return None
+
+    def _rest_readings(self) -> list[tuple[float, ImuSample]]:
+        kept = self._desk.watch(Imu)
+        self._desk.run(REST_S)
+        self._desk.run(HAND_S, lambda: len(kept) >= LEAST_SAMPLES)
+        self._desk.unwatch(kept)
+        return [(t_s, _sample(m)) for t_s, m in kept if isinstance(m, Imu)]
 
     def _by_hand(
-        self,
-        step: str,
-        text: str,
-        wanted: str,
-        least: float,
-        felt: Callable[[list[tuple[float, ImuSample]]], tuple[float, float, float]],
+        self, step: str, text: str, wanted: str, least: float, motion: _Rotation | _Tilt
     ) -> Finding:
         if not self._person.confirm(f"{text} Ready (no: leave it out)?"):
             return left_out(step, "not tried")
         kept = self._desk.watch(Imu)
-        samples: list[tuple[float, ImuSample]] = []
+        taken = 0
 
         def answered() -> bool:
-            for t_s, message in kept[len(samples) :]:
+            nonlocal taken
+            for t_s, message in kept[taken:]:
                 if isinstance(message, Imu):
-                    samples.append((t_s, _sample(message)))
-            return len(samples) > 1 and abs(strongest(felt(samples)).value) >= least
+                    motion.add(t_s, _sample(message))
+            taken = len(kept)
+            return abs(strongest(motion.values).value) >= least
 
         self._desk.run(HAND_S, answered)
         self._desk.unwatch(kept)
-        values = felt(samples) if samples else (0.0, 0.0, 0.0)
-        return judge_axis(step, values, wanted, least)
+        return judge_axis(step, motion.values, wanted, least)
 
     # ---- sensors --------------------------------------------------------------------------
 
@@ -347,29 +371,59 @@ def _sample(message: Imu) -> ImuSample:
     )
 
 
-def _angles(samples: list[tuple[float, ImuSample]]) -> tuple[float, float, float]:
-    """What was turned about each axis, radians."""
-    sums = [0.0, 0.0, 0.0]
-    for (before_s, _), (t_s, sample) in pairwise(samples):
-        for i in range(3):
-            sums[i] += sample.gyro[i] * (t_s - before_s)
-    return sums[0], sums[1], sums[2]
+class _Rotation:
+    """Angle about each axis (rad), less the gyro's bias as it was at rest.
+
+    A bias of 3 °/s that is left in looks like a quarter turn after half a minute. What two seconds
+    of rest leave of it is below 1° in the time that a hand has.
+    """
+
+    def __init__(self, rest: ImuSample) -> None:
+        self._bias = rest.gyro
+        self._last_s: float | None = None
+        self.values = (0.0, 0.0, 0.0)
+
+    def add(self, t_s: float, sample: ImuSample) -> None:
+        """Take the next reading, with the device's time."""
+        step_s = 0.0 if self._last_s is None else t_s - self._last_s
+        self._last_s = t_s
+        x, y, z = (
+            angle + (rate - bias) * step_s
+            for angle, rate, bias in zip(self.values, sample.gyro, self._bias, strict=True)
+        )
+        self.values = x, y, z
 
 
-_TILT_SAMPLES = 10
+_TILT_SAMPLES = 30
+"""Readings that a tilt must last, 0.3 s at 100 Hz: a knock is over before."""
 
 
-def _tilt(samples: list[tuple[float, ImuSample]]) -> tuple[float, float, float]:
-    """How far gravity moved along x and y since the beginning; of z only the other two tell."""
-    first = samples[:_TILT_SAMPLES]
-    last = samples[-_TILT_SAMPLES:]
-    moved = [
-        fmean(s.accel[i] for _, s in last) - fmean(s.accel[i] for _, s in first) for i in range(3)
-    ]
-    # Whatever is tilted, the axis that was up loses a little: it is never the one that rises.
-    up = max(range(3), key=lambda i: abs(fmean(s.accel[i] for _, s in first)))
-    moved[up] = 0.0
-    return moved[0], moved[1], moved[2]
+class _Tilt:
+    """How far gravity moved from its direction at rest, m/s², along the two level axes."""
+
+    def __init__(self, rest: ImuSample) -> None:
+        self._rest = rest.accel
+        self._newest: deque[ImuSample] = deque(maxlen=_TILT_SAMPLES)
+
+    def add(self, _t_s: float, sample: ImuSample) -> None:
+        """Take the next reading."""
+        self._newest.append(sample)
+
+    @property
+    def values(self) -> tuple[float, float, float]:
+        """Of the newest readings; zeros until there are enough."""
+        if len(self._newest) < _TILT_SAMPLES:
+            return 0.0, 0.0, 0.0
+        now = _mean_accel(self._newest)
+        # Whatever is tilted, the axis that was up loses a little: it is never the one that rises.
+        up = max(range(3), key=lambda i: abs(self._rest[i]))
+        x, y, z = (0.0 if i == up else now[i] - self._rest[i] for i in range(3))
+        return x, y, z
+
+
+def _mean_accel(samples: Collection[ImuSample]) -> tuple[float, float, float]:
+    x, y, z = (fmean(sample.accel[i] for sample in samples) for i in range(3))
+    return x, y, z
 
 
 _HAND_M = 0.2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import pytest
@@ -17,11 +18,13 @@ from protocol.clock import HostNs
 from protocol.messages import ClearStop, Imu, SetKey
 from protocol.values import Mode, StopCause
 from sim_device.device import VirtualSweeper
+from sim_device.noise import NOISE_LEVELS
 from support.bench_wire import Scripted, desk_on
 from support.miswired import PLAN, Stand
 
 if TYPE_CHECKING:
     from bridge.bench.wiring import Finding
+    from sim_device.imu import ImuCounts
 
 ALL_STEPS = (
     "battery",
@@ -100,26 +103,80 @@ def test_motors_and_encoders(wrong: list[str], expected: set[tuple[str, str]]) -
     assert found[-1].ok is None
 
 
-@pytest.mark.parametrize(
-    ("wrong", "expected"),
-    [
-        (
-            "imu upside down",
-            {
-                ("imu gravity", "the chip's -z is up, not +z"),
-                ("imu turn", "-z answers, not +z"),
-                ("imu side", "-y answers, not +y"),
-            },
-        ),
-        (
-            "imu turned",
-            {("imu nose", "-y answers, not +x"), ("imu side", "+x answers, not +y")},
-        ),
-        ("gyro inverted", {("imu turn", "-z answers, not +z")}),
-    ],
-)
-def test_the_inertial_sensor(wrong: str, expected: set[tuple[str, str]]) -> None:
-    assert wrongs(brought_up(Stand(wrong), "rest", "axes")) == expected
+SEEDS = range(20)
+IMU_WRONG = {
+    "": set[tuple[str, str]](),
+    "imu upside down": {
+        ("imu gravity", "the chip's -z is up, not +z"),
+        ("imu turn", "-z answers, not +z"),
+        ("imu side", "-y answers, not +y"),
+    },
+    "imu turned": {("imu nose", "-y answers, not +x"), ("imu side", "+x answers, not +y")},
+    "gyro inverted": {("imu turn", "-z answers, not +z")},
+}
+
+
+@pytest.mark.parametrize("noise", NOISE_LEVELS)
+@pytest.mark.parametrize("wrong", IMU_WRONG)
+def test_miswired_axes_are_named_whatever_the_noise(wrong: str, noise: str) -> None:
+    for seed in SEEDS:
+        found = brought_up(Stand(wrong, seed=seed, noise=noise), "rest", "axes")
+        assert wrongs(found) == IMU_WRONG[wrong], seed
+        assert {f.step for f in found if f.ok is not None} >= {"imu turn", "imu nose", "imu side"}
+
+
+@pytest.mark.parametrize("noise", NOISE_LEVELS)
+def test_a_robot_that_nobody_turns_is_not_blamed_for_its_gyro_bias(noise: str) -> None:
+    for seed in SEEDS:
+        device = VirtualSweeper(PLAN, noise=noise, seed=seed)
+        person = Scripted(confirm=lambda text: "Turn" in text, choose=lambda _text: "n")
+        desk, _ = desk_on(device)
+        with desk:
+            turn, *_ = BringUp(desk, person, RobotModel()).run(("axes",))
+        assert turn.line == "imu turn: left out: no motion was felt", seed
+
+
+def test_axes_are_left_out_while_the_robot_is_moved() -> None:
+    stand = Stand()
+    person = Scripted(confirm=stand.confirm, choose=stand.choose)
+    desk, _ = desk_on(stand.device)
+    shaken = stand.device.sensors.imu
+
+    def shaking() -> ImuCounts:
+        swing = round(131 * 20 * math.sin(stand.device.plant.tick_ms / 80))
+        counts = shaken()
+        return counts._replace(gyro_z=counts.gyro_z + swing)
+
+    with desk, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stand.device.sensors, "imu", shaking)
+        (finding,) = BringUp(desk, person, RobotModel()).run(("axes",))
+    assert finding.ok is None
+    assert "does not stand still" in finding.line
+    assert person.asked == [], "no motion is asked for"
+    assert sum("the robot was moved: z strays" in text for text in person.told) > 1
+
+
+def test_a_knock_is_not_taken_for_a_tilt() -> None:
+    """Half a second of one hand's width up counts; a blow of 2 g along the wrong axis does not."""
+    stand = Stand()
+    felt = stand.device.sensors.imu
+    knocks = iter(range(1_000_000))
+
+    def knocked() -> ImuCounts:
+        counts = felt()
+        hit = 16384 * 2 if next(knocks) % 100 < 2 else 0
+        return counts._replace(accel_y=max(-32768, counts.accel_y - hit))
+
+    person = Scripted(confirm=stand.confirm, choose=stand.choose)
+    desk, _ = desk_on(stand.device)
+    with desk, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stand.device.sensors, "imu", knocked)
+        found = BringUp(desk, person, RobotModel()).run(("axes",))
+    assert [(f.step, f.ok) for f in found] == [
+        ("imu turn", True),
+        ("imu nose", True),
+        ("imu side", True),
+    ]
 
 
 @pytest.mark.parametrize(

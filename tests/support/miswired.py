@@ -25,8 +25,8 @@ _LSB_G, _LSB_DEG = 16384, 131.0
 class Stand:
     """Wraps a device's sensors and motors; ``wrong`` names what is connected wrongly."""
 
-    def __init__(self, *wrong: str, seed: int = 3) -> None:
-        self.device = VirtualSweeper(PLAN, noise="typical", seed=seed)
+    def __init__(self, *wrong: str, seed: int = 3, noise: str = "typical") -> None:
+        self.device = VirtualSweeper(PLAN, noise=noise, seed=seed)
         self.wrong = frozenset(wrong)
         self.device.plant.faults.lifted = True  # the floor sensor is covered: it sees paper
         self._hand: tuple[str, int] = ("", 0)
