@@ -49,10 +49,10 @@ _LEVELS = {
     LogLevel.ERROR: Severity.ERROR,
 }
 _FELT = {
-    DisturbanceKind.BUMP: "something was bumped into, m/s lost at once",
-    DisturbanceKind.STALL: "the wheels turn and the body stands",
-    DisturbanceKind.SLIP_LEFT: "the left wheel slips, m/s between the wheels",
-    DisturbanceKind.SLIP_RIGHT: "the right wheel slips, m/s between the wheels",
+    DisturbanceKind.BUMP: "the robot bumped into something and lost {:.3f} m/s at once",
+    DisturbanceKind.STALL: "the robot stands while its wheels turn at {:.3f} m/s",
+    DisturbanceKind.SLIP_LEFT: "the left wheel slips, {:.3f} m/s between the wheels",
+    DisturbanceKind.SLIP_RIGHT: "the right wheel slips, {:.3f} m/s between the wheels",
 }
 LINK_PERIOD_NS = 10_000_000_000
 _new = tuple.__new__
@@ -214,7 +214,7 @@ class HostRecords:
         last, self._disturbance = self._disturbance, found[-1] if found else self._disturbance
         fresh = list(takewhile(lambda each: each is not last, reversed(found)))
         for each in reversed(fresh):
-            kind, text = each.kind.value, _FELT[each.kind]
+            kind, text = each.kind.value, _FELT[each.kind].format(each.size)
             self.event(now_ns, Severity.INFO, "estimator", kind, text, size=round(each.size, 3))
 
     def plan(self, runner: Runner, now_ns: int) -> None:

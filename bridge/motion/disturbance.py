@@ -70,7 +70,8 @@ class Disturbance(NamedTuple):
     kind: DisturbanceKind
     t_s: float
     size: float
-    """Speed lost or gained in one sample (m/s), or the wheels' disagreement (m/s)."""
+    """Speed, m/s: of a bump what was lost or gained in one sample, of a stall that of the wheels,
+    of a slip the difference between wheels and gyro."""
 
 
 class BumpDetector:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from bridge.coverage.room_generator import generate_room
 from bridge.host_records import HostRecords
@@ -61,6 +62,14 @@ def test_a_host_tells_what_its_robot_bumps_into() -> None:
     bumps = [e for e in sink.events if (e.source, e.kind) == ("estimator", "bump")]
     assert bumps
     assert 0.02 < float(bumps[0].data["size"]) < 0.5
+
+
+@pytest.mark.parametrize("kind", DisturbanceKind)
+def test_the_text_of_each_kind_has_the_speed_before_its_unit(kind: DisturbanceKind) -> None:
+    sink = Kept()
+    HostRecords(sink, 10, "recovery").disturbances((Disturbance(kind, 1.0, 0.1234),), 5)
+    (event,) = sink.events
+    assert "0.123 m/s" in event.text
 
 
 def test_with_source_and_size() -> None:
