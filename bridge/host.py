@@ -43,7 +43,7 @@ from protocol.messages import (
     Status,
 )
 from protocol.uart import DamagedFrame
-from protocol.values import StopCause, label
+from protocol.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,6 +110,9 @@ class Host(HostSenses):
         self._clock_ns = 0
         self._silent_ns = 0
         """When the wire was last found silent."""
+        self._slow = False
+        """The link was last found too slow to drive over."""
+        self.mission.link = self.session.round_trip.trouble(HostNs(0))
         self._missing: list[str] = []
         """What driving needs and the device does not share."""
         self._partial = True
@@ -291,6 +294,7 @@ class Host(HostSenses):
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
         self._missing = missing_needs(event.differences)
+        self.mission.link = self.session.round_trip.trouble(now_ns)
         self.mission.on_ready(now_ns / 1e9)
         if self.mission.asking:
             self._records.asking(now_ns)
@@ -335,6 +339,7 @@ class Host(HostSenses):
         if self._in_doubt(now_ns):
             obs = stale = None
         was = mission.phase
+        self._judge_link(now_ns)
         command = mission.step(obs, stale, now_s)
         if self.watch is not None:
             command = self.watch.judge(command, now_ns)
@@ -353,6 +358,29 @@ class Host(HostSenses):
             self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
         if mission.pending:
             self._serve(now_ns)
+
+    def _judge_link(self, now_ns: HostNs) -> None:
+        """Let the run know whether the link is quick enough to move; report each change."""
+        session = self.session
+        if session.state is not State.READY or now_ns - session.heard_ns > SILENT_NS:
+            return  # nothing is driven on a silence, and the session judges it
+        mission = self.mission
+        trouble = mission.link = session.round_trip.trouble(now_ns)
+        slow = trouble is not None and trouble.known
+        if slow is not self._slow:
+            self._slow = slow
+            if trouble is not None:
+                self.event(now_ns, Severity.WARNING, "link", "slow", trouble.text)
+            else:
+                text = "the link is quick enough to drive over again"
+                self.event(now_ns, Severity.INFO, "link", "quick", text)
+        if trouble is None or mission.runner is not None:
+            return
+        status = self.state.status
+        if status and status.mode == Mode.ONBOARD and status.stop_cause == StopCause.NONE:
+            # The device plans for itself, and no run of ours supervises it.
+            ending = Ending("stopped", trouble.text, 5, StopCause.LINK)
+            mission.request_end(ending, now_ns / 1e9)
 
     def _driven(self, pose: Pose2, now_ns: HostNs) -> None:
         if self.drive_pose is not None:

@@ -17,6 +17,7 @@ from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause, label
 
 if TYPE_CHECKING:
+    from bridge.round_trip import LinkTrouble
     from bridge.runners import Runner
     from protocol.commands import Outcome
 
@@ -25,6 +26,9 @@ SETTLE_S = 2.5
 DATA_TIMEOUT_S = 3.0
 """For the first status, and after settling for the data that driving needs: thirty periods."""
 END_TIMEOUT_S = 1.0
+SLOW_LIMIT_S = 2.0
+"""Time for which the link may be too slow before a run's first move, s: both ends may be held up
+while they start. Nothing moves meanwhile."""
 LOST_TIMEOUT_S = 30.0
 
 
@@ -78,6 +82,14 @@ class Request:
     """Which of the device's own planners."""
 
 
+_BEFORE_MOTION = {Phase.WAITING, Phase.CLEARING, Phase.ENABLING, Phase.SETTLING}
+
+
+def _too_slow(link: LinkTrouble) -> Ending:
+    """End a run whose link does not allow motion."""
+    return Ending("stopped", link.text, 5, StopCause.LINK)
+
+
 class Mission:
     """The phases of a run; without a plan it only watches."""
 
@@ -103,6 +115,8 @@ class Mission:
         """The device has said that it stands, for good."""
         self.signed = False
         """What is asked for is signed with a key, which may be another than the device's."""
+        self.link: LinkTrouble | None = None
+        """Why nothing may move over the link now; the host sets it at each control step."""
         self.asking = False
         """The device is back, and a person is asked whether to go on."""
         self._resume = resume
@@ -114,6 +128,8 @@ class Mission:
         self._since_s = 0.0
         self._asked_s: float | None = None
         """Since when there is a plan that waits for the device's status."""
+        self._slow_s: float | None = None
+        """Since when the link is too slow for a first move."""
         self._ready = False
         self._was_ready = False
         self.pending: list[Request] = []
@@ -143,6 +159,7 @@ class Mission:
     def on_ready(self, now_s: float) -> None:
         """The session has agreed with a device."""
         self._ready = True
+        self._slow_s = None
         if self._was_ready and self.runner is not None and self.ending is None:
             self._back(now_s)
             return
@@ -195,7 +212,8 @@ class Mission:
             return
         cause = status.stop_cause
         if self.phase is Phase.WAITING:
-            self._start(cause, now_s)
+            if self._may_start:
+                self._start(cause, now_s)
         elif self.phase in {Phase.SETTLING, Phase.DRIVING} and cause != StopCause.NONE:
             name = label(StopCause, cause)
             self._end(now_s, Ending("stopped", f"the device latched a stop (cause: {name})", 5))
@@ -236,8 +254,16 @@ class Mission:
         self, obs: Observation | None, stale: str | None, now_s: float
     ) -> VelocityCommand | None:
         """One control step; a velocity to send, or None where none may be sent."""
+        link = self.link
         if self.phase is Phase.DRIVING:  # nearly always
-            return self._drive(obs, stale, now_s)
+            if link is None:
+                return self._drive(obs, stale, now_s)
+            self._end(now_s, _too_slow(link))
+            return HALT
+        if link is not None and link.known:
+            self._await_quicker(link, now_s)
+        else:
+            self._slow_s = None
         elapsed_s = now_s - self._since_s
         match self.phase:
             case Phase.WAITING:
@@ -264,19 +290,36 @@ class Mission:
         self.ending = Ending("fault", "the device was lost for 30 s", 3)
         self._finish(now_s)
 
+    def _await_quicker(self, link: LinkTrouble, now_s: float) -> None:
+        """The link is too slow before the first move: end the run where it stays so."""
+        if self.runner is None or not self._ready or self.phase not in _BEFORE_MOTION:
+            self._slow_s = None
+        elif self._slow_s is None:
+            self._slow_s = now_s
+        elif now_s - self._slow_s > SLOW_LIMIT_S:
+            self._end(now_s, _too_slow(link))
+
+    @property
+    def _may_start(self) -> bool:
+        """Whether the link allows to ask for leave to move; before motion it is judged again."""
+        return self.link is None or not self.link.known
+
     def _wait(self, now_s: float) -> None:
         if self.runner is None or not self._ready:
             return
         if self._asked_s is None:
             self._asked_s = now_s
         elif now_s - self._asked_s > DATA_TIMEOUT_S:
-            self._end(now_s, Ending("fault", "no status from the device", 3))
+            if self.link is not None:
+                self._end(now_s, _too_slow(self.link))
+            else:
+                self._end(now_s, Ending("fault", "no status from the device", 3))
 
     def _settle(
         self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
     ) -> VelocityCommand | None:
         if elapsed_s >= self._settle_s:
-            if obs is not None and stale is None:
+            if obs is not None and stale is None and self.link is None:
                 if self.drive_started_s is None:
                     self.drive_started_s = now_s
                 if self._resumed:
@@ -284,9 +327,11 @@ class Mission:
                 self._resumed = False
                 self._go(Phase.DRIVING, now_s)
             elif elapsed_s > self._settle_s + DATA_TIMEOUT_S:
-                self._end(
-                    now_s, Ending("stopped", f"no {stale or 'range'} data from the device", 5)
-                )
+                text = f"no {stale or 'range'} data from the device"
+                ending = Ending("stopped", text, 5)
+                if self.link is not None and obs is not None and stale is None:
+                    ending = _too_slow(self.link)
+                self._end(now_s, ending)
         return HALT
 
     def _drive(

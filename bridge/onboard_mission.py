@@ -117,6 +117,11 @@ class OnboardMission(Mission):
         elif self._left_s is None:
             self._left_s = now_s
 
+    @property
+    def _may_start(self) -> bool:
+        """Once started, the device moves by itself: the link is measured before."""
+        return self.link is None
+
     def _enable(self, now_s: float) -> None:
         self.pending.append(Request("mode", Mode.ONBOARD))
         self._go(Phase.ENABLING, now_s)

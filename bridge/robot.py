@@ -26,6 +26,7 @@ from bridge.errors import (
     DeviceLostError,
     DisagreementError,
     NoDeviceError,
+    StoppedForSafetyError,
 )
 from bridge.host import Host
 from bridge.host_options import HostOptions
@@ -63,6 +64,8 @@ OPEN_TIMEOUT_S = 5.0
 ENABLE_TIMEOUT_S = 10.0
 STATUS_TIMEOUT_S = 1.0
 """Ten of the device's statuses."""
+LINK_TIMEOUT_S = 2.0
+"""Time for a slow link to become quick, s; four pings take 0.4 s."""
 _POLL_S = 0.02
 
 
@@ -194,6 +197,17 @@ class Robot:
             raise DeviceLostError("the device does not tell its status")
         return status
 
+    def wait_for_link(self, timeout_s: float = LINK_TIMEOUT_S) -> None:
+        """Wait until the link is known to be quick enough for motion.
+
+        Raises:
+            StoppedForSafetyError: it is too slow, or too few pings are answered.
+
+        """
+        if not self._until(lambda: self._mission.link is None, timeout_s):
+            link = self._mission.link
+            raise StoppedForSafetyError("the link was lost" if link is None else link.text)
+
     # ---- motion ---------------------------------------------------------------------------
 
     def enable(self, *, clear_stop: bool = False) -> None:
@@ -203,7 +217,8 @@ class Robot:
         ended the session, the port is opened anew.
 
         Raises:
-            StoppedForSafetyError: such a stop is latched, or the robot is closed.
+            StoppedForSafetyError: such a stop is latched, the link is too slow, or the robot is
+                closed.
             CommandRejectedError: the device refused.
             DeviceLostError: it fell silent.
             PortError: the port cannot be opened again, or nothing answers on it.

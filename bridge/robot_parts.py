@@ -122,11 +122,12 @@ class OwnPlanner:
 
         Raises:
             BridgeError: no planner has this name, or the status is not known yet.
-            StoppedForSafetyError: such a stop is latched.
+            StoppedForSafetyError: such a stop is latched, or the link is too slow.
 
         """
         number = planner_number(planner)
         robot = self._robot
+        robot.wait_for_link()
         status = robot.wait_for_status()
         if status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}:
             name = label(StopCause, status.stop_cause)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from bridge.round_trip import RoundTrip
 from bridge.session_bus import LISTEN_NS
 from bridge.session_events import (
     CommandEnded,
@@ -45,8 +46,9 @@ AGREE_TIMEOUT_NS = 8_000_000_000
 LOST_AFTER_NS = 1_000_000_000
 FAST_PING_NS = 100_000_000
 FAST_PINGS = 50
-SLOW_PING_NS = 250_000_000
-"""Four a second: the device holds us lost after 1 s, and one or two lost pings are normal."""
+SLOW_PING_NS = 200_000_000
+"""Period of pings after the first fifty, ns: at 5 Hz four pings show within a second that a link
+has become slow, and the device, which holds us lost after 1 s, may lose a few."""
 PING_SPREAD_NS = 16_000_000
 """By up to so much each comes early, the slowest adapter's period: in step with one that looks
 every so often, each would wait for it as long as the one before, and none be quick."""
@@ -86,6 +88,8 @@ class Session(SessionHandshake):
             key=key,
         )
         self._pings = 0
+        self.round_trip = RoundTrip()
+        """Of the pings since both ends agreed."""
         self._wanted_node = node
         self._evidence = Evidence()
         self._heard_ns = HostNs(0)
@@ -259,6 +263,7 @@ class Session(SessionHandshake):
             # Telemetry flows once the device knows that we agree; but what comes before it has
             # named our session may still be of an earlier one.
             self._ready(now_ns)
+            self.round_trip.begin(now_ns)
         state = self.state
         if state is State.READY or (state is State.AGREEING and handler == self._hello):
             self._events.append(Data(event, now_ns))
@@ -274,6 +279,8 @@ class Session(SessionHandshake):
     def _time_reply(self, reply: TimeReply, event: Received, now_ns: HostNs) -> None:
         sent_ns = self._outbox.pinged_ns(reply.ping)
         if sent_ns is not None:
+            turnaround_us = (event.frame.t_us - reply.received_us) & 0xFFFF_FFFF
+            self.round_trip.answered(sent_ns, now_ns, turnaround_us)
             self._events.append(Ping(sent_ns, reply.received_us, event.frame.t_us, now_ns))
 
     @property

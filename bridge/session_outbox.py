@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
     from protocol.message import Message
 
-_PINGS_KEPT = 16
-"""Four seconds of pings without an answer."""
+_PINGS_KEPT = 64
+"""Pings that wait for their answer: at 10 Hz more than 6 s of them, so that the round trip of a
+very slow link is measured too."""
 
 
 @dataclass(slots=True)

@@ -7,7 +7,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge import host, session, session_agreement, session_bus, session_events, session_handshake
+from bridge import (
+    host,
+    round_trip,
+    session,
+    session_agreement,
+    session_bus,
+    session_events,
+    session_handshake,
+)
 from bridge.io import pump
 from protocol import can_link, can_segments, can_stamps, commands
 from protocol.generate.md import Behaviour, Machine, Rule
@@ -186,6 +194,20 @@ def _host_rules() -> Iterator[Rule]:
         ),
     ):
         yield Rule("host", what, _ms(value), f"bridge.session.{source}")
+    yield Rule(
+        "host",
+        f"least round trip of the last {round_trip.PINGS} time requests, the device's turnaround "
+        "taken off, that allows motion; no motion before there are as many, and in a run a stop "
+        "with cause `link`",
+        _ms(round_trip.LIMIT_NS),
+        "bridge.round_trip.LIMIT_NS",
+    )
+    yield Rule(
+        "host",
+        "the same stop where no time request is answered within that limit for",
+        _ms(round_trip.UNANSWERED_NS),
+        "bridge.round_trip.UNANSWERED_NS",
+    )
     yield Rule(
         "host",
         "a time request comes early, each by another share of",

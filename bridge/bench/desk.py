@@ -48,6 +48,11 @@ ANSWER_S = 8.0
 """Six tries with the timeout doubling, and a flash that erases."""
 STALE_NS = 300_000_000
 """Fifteen encoder readings: what moves without them is stopped."""
+LINK_S = 2.0
+"""Time for the link to prove quick enough before the first motion, s; four pings take 0.4 s."""
+SILENT_NS = 100_000_000
+"""Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
+judges a silence, within a second."""
 _DAMAGE_IS_NOISE = frozenset({"silence", "garbage", "echo", "deaf"})
 M = TypeVar("M", bound="Message")
 
@@ -88,6 +93,8 @@ class Desk:
         self._moved = self._interrupted = False
         self._free = False
         """No stop should be latched: one that is has come from the device."""
+        self._cause = StopCause.SESSION_END
+        """The gravest cause for a stop so far."""
         self._cycle_ns = wire.now()
         self._t_us = DeviceUs(0)
         self.lines: list[str] = []
@@ -171,6 +178,11 @@ class Desk:
             self.session.setpoint(*self._steer(), TTL_MS, now_ns)
 
     def _well(self, now_ns: HostNs) -> bool:
+        link = self.session.round_trip.trouble(now_ns) if self._free and self.ready else None
+        if link is not None and now_ns - self.session.heard_ns <= SILENT_NS:
+            self._cause = StopCause.LINK
+            self._failed = Failed("slow", link.text)
+            return False
         moving = self._duty is not None or self._steer is not None
         if moving and now_ns - self._arrived.get(Encoders, now_ns) > STALE_NS:
             self._failed = Failed("stale", "no encoder readings from the device any more")
@@ -183,7 +195,7 @@ class Desk:
         failed = self._failed
         if failed is None:
             return
-        if failed.kind in {"latched", "stale"}:
+        if failed.kind in {"latched", "stale", "slow"}:
             raise StoppedForSafetyError(failed.text)
         raise DeviceLostError(failed.text)
 
@@ -291,10 +303,14 @@ class Desk:
         A stop is cleared only where it ended a session in order, or with ``clear_stop``.
 
         Raises:
-            StoppedForSafetyError: another stop is latched.
+            StoppedForSafetyError: another stop is latched, or the link is too slow.
             CommandRejectedError: the device refused.
 
         """
+        trip, now = self.session.round_trip, self._wire.now
+        if not self.run(LINK_S, lambda: trip.trouble(now()) is None):
+            link = trip.trouble(now())
+            raise StoppedForSafetyError("the link was lost" if link is None else link.text)
         status = self.await_newest(Status)
         if status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END} and not clear_stop:
             cause = label(StopCause, status.stop_cause)
@@ -333,7 +349,7 @@ class Desk:
         self._free = False
         self._interrupted = False
         self._failed = None
-        command_id = self.session.stop(cause, self._wire.now())
+        command_id = self.session.stop(max(cause, self._cause), self._wire.now())
         self.newest.pop(Status, None)  # what it said before counts no more
         return self._spin(1.0, lambda: command_id in self._outcomes)
 

@@ -27,7 +27,9 @@ from bridge.session_events import State
 from protocol.messages import Encoders, Imu, Range, Status
 from protocol.values import Mode, StopCause
 from sim_device.device import VirtualSweeper
+from sim_device.faults.kinds import parse_fault
 from sim_device.ports import PtyPort, Stopper, serve
+from sim_device.rig import Rig
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -44,13 +46,14 @@ PLAN = parse_floorplan('{"walls": [[0,0],[6,0],[6,6],[0,6]], "start": [3,3,0]}')
 class Emulated:
     """A virtual sweeper served by a thread of this process, so that its truth can be looked at."""
 
-    def __init__(self) -> None:
+    def __init__(self, *faults: str) -> None:
         self.device = VirtualSweeper(PLAN, noise="none", seed=1)
+        rig = Rig(self.device, faults=[parse_fault(fault) for fault in faults])
         self._pty = PtyPort()
         self.port = self._pty.path
         self._stopper = Stopper()
         self._thread = threading.Thread(
-            target=serve, args=(self.device, self._pty, self._stopper), daemon=True
+            target=serve, args=(rig, self._pty, self._stopper), daemon=True
         )
         self._thread.start()
 
@@ -166,6 +169,19 @@ def test_a_stop_holds_until_a_person_frees_it(emulated: Emulated, tmp_path: Path
         for file in files:
             file.close()
     assert all(path.read_bytes() == b"" for path in tmp_path.iterdir())
+
+
+def test_over_a_slow_link_nothing_is_let_move() -> None:
+    with Emulated("latency@0:ms=150") as slow, bridge.open(slow.port) as robot:
+        with pytest.raises(StoppedForSafetyError, match=r"round trip is 3\d\d ms \(limit 100 ms\)"):
+            robot.planner.start("paper")
+        assert robot.session is State.READY, "to look on is no motion"
+        with pytest.raises(StoppedForSafetyError, match="too slow to drive over"):
+            robot.enable()
+        with pytest.raises(StoppedForSafetyError, match="too slow to drive over"):
+            robot.drive(0.1, 0.0)
+        until(lambda: slow.holds(StopCause.LINK))
+        assert slow.pose == Pose2(3.0, 3.0, 0.0)
 
 
 def test_the_device_goes_away() -> None:

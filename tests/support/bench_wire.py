@@ -30,6 +30,8 @@ class RigWire:
         self.rig = Rig(device, STRAIGHT)
         self.now_us = 0
         self.closed = False
+        self.latency_us = LATENCY_US
+        """Each way, of what is sent from now on."""
         self._down: deque[tuple[int, bytes]] = deque()
         self._up: deque[tuple[int, bytes]] = deque()
 
@@ -42,7 +44,7 @@ class RigWire:
 
     def turn(self, data: bytes, until_ns: HostNs) -> bytes:
         if data:
-            self._down.append((self.now_us + LATENCY_US, data))
+            self._down.append((self.now_us + self.latency_us, data))
         until_us = max(self.now_us, -((BOOT_NS - until_ns) // 1000))
         while True:
             moments = [until_us, self.rig.next_deadline_us()]
@@ -53,7 +55,7 @@ class RigWire:
                 arrived += self._down.popleft()[1]
             said = self.rig.step(arrived, self.now_us)
             if said:
-                self._up.append((self.now_us + LATENCY_US, said))
+                self._up.append((self.now_us + self.latency_us, said))
             heard = b""
             while self._up and self._up[0][0] <= self.now_us:
                 heard += self._up.popleft()[1]

@@ -60,13 +60,14 @@ class Pipe(Wire):
 
     def __init__(self, latency_us: int = 0) -> None:
         super().__init__()
-        self._latency_us = latency_us
+        self.latency_us = latency_us
+        """Of what is pushed from now on; nothing overtakes what was pushed before."""
         self._way: list[Piece] = []
 
     def push(self, data: bytes, now_us: int) -> None:
         """Write bytes; none is no piece."""
         if data:
-            self._way.append(Piece(now_us + self._latency_us, data))
+            self._way.append(Piece(now_us + self.latency_us, data))
 
     def arrived(self, now_us: int) -> list[Piece]:
         """Give what is old enough."""
