@@ -49,12 +49,11 @@ imports: venv ## who may import whom
 	@echo '== import rules'
 	@$(BIN)/lint-imports
 
+# PHASES are two runs of pytest, of which the second begins whatever became of the first.
+PHASES = PYTHONPATH=tests $(BIN)/python -m support.phases
 unit: venv ## the tests; ARGS='-k name' chooses
 ifeq ($(strip $(ARGS)),)
-	@echo '== tests in virtual time, on all cores'
-	@$(BIN)/python -m pytest -q -n auto --dist loadfile -m 'not realtime'
-	@echo '== tests in real time, one by one'
-	@$(BIN)/python -m pytest -q -m realtime
+	@$(PHASES) 'not nightly' $(TEST_OPTIONS)
 else
 	@echo '== tests'
 	@$(BIN)/python -m pytest -q $(ARGS)

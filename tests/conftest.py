@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hypothesis import HealthCheck, settings
 
-from support import conformance
+from support import conformance, needs
 
 if TYPE_CHECKING:
     import pytest
@@ -35,7 +35,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     conformance.add_options(parser)
+    needs.add_options(parser)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     conformance.configure(config)
+    needs.configure(config)

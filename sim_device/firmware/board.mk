@@ -8,6 +8,7 @@ BUILD ?= build
 WIRE ?= $(BUILD)/wire
 PYTHON ?= python3
 CROSS ?= arm-none-eabi-
+CPPCHECK ?= cppcheck
 BOARDS := board_f405_qemu board_f429
 HERE := $(dir $(abspath $(lastword $(MAKEFILE_LIST))))
 
@@ -31,11 +32,11 @@ all: programs
 	@$(CROSS)size $(BOARDS:%=$(BUILD)/%.elf)
 programs: $(BOARDS:%=$(BUILD)/%.elf) $(BOARDS:%=$(BUILD)/%.bin)
 
-# What the compiler does not see; Debian's cppcheck.
+# What the compiler does not see.
 .PHONY: analyse
 analyse: $(WIRE)/sweepctl_protocol.c
 	@for board in $(BOARDS); do \
-		cppcheck --std=c99 --platform=arm32-wchar_t4 --enable=warning,style,performance,portability \
+		$(CPPCHECK) --std=c99 --platform=arm32-wchar_t4 --enable=warning,style,performance,portability \
 			--inline-suppr --error-exitcode=1 --quiet --suppress=missingIncludeSystem \
 			-USP_CONFIG_FILE $(INCLUDES) -I$$board $$board/*.c board_common/*.c || exit 1; \
 	done

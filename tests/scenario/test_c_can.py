@@ -15,7 +15,7 @@ from protocol.message import Direction
 from protocol.messages import Encoders, Imu, LogText, Sync
 from protocol.uart import DamagedFrame
 from support.c_adapter import random_message, words
-from support.c_build import SANITIZED, generate
+from support.c_build import generate
 
 if TYPE_CHECKING:
     from protocol.link import LinkEvent
@@ -32,13 +32,13 @@ FROM_HOST = [s for s in CATALOGUE if s.direction is Direction.HOST]
 def adapter(tmp_path_factory: pytest.TempPathFactory) -> Adapter:
     """As roomy as the Python end, whose every account it must then give."""
     room = ("-DSP_CAN_OPEN=16", "-DSP_CAN_RECENT=64")
-    return generate(tmp_path_factory.mktemp("c_can")).adapter(flags=(*SANITIZED, *room))
+    return generate(tmp_path_factory.mktemp("c_can")).adapter(flags=room, sanitized=True)
 
 
 @pytest.fixture(scope="module")
 def small_adapter(tmp_path_factory: pytest.TempPathFactory) -> Adapter:
     """With the bounds that a chip has."""
-    return generate(tmp_path_factory.mktemp("c_small")).adapter(flags=SANITIZED)
+    return generate(tmp_path_factory.mktemp("c_small")).adapter(sanitized=True)
 
 
 def frames_of(records: bytes) -> list[CanFrame]:

@@ -26,7 +26,7 @@ from protocol.messages import (
 )
 from protocol.uart import Frame, UartParser
 from protocol.values import Fault, Mode, NackReason, StopCause
-from support.c_build import C_TESTS, ROOT, SANITIZED, generate
+from support.c_build import C_TESTS, ROOT, generate
 from support.hostile import BitFlips, Chunked, CutTail, Lossy, Pipe, Wire
 
 if TYPE_CHECKING:
@@ -177,8 +177,8 @@ def build(directory: Path, *flags: str) -> Path:
         ROOT / "examples" / "device_main.c",
         C_TESTS / "board_lockstep.c",
     ]
-    all_flags = ("-O1", "-g", f"-I{ROOT / 'examples'}", *SANITIZED, *flags)
-    return generated.compile("device", sources, flags=all_flags)
+    all_flags = ("-O1", "-g", f"-I{ROOT / 'examples'}", *flags)
+    return generated.compile("device", sources, flags=all_flags, sanitized=True)
 
 
 @pytest.fixture(scope="module")

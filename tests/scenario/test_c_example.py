@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from support.c_build import ROOT, STRICT, run, tool
+from support.c_build import ROOT, STRICT, any_compiler
 from support.desk_device import check_that_connect_accepts
 from support.kit_build import wire
 
@@ -22,5 +22,5 @@ def test_connect_accepts_the_example_device(tmp_path: Path) -> None:
     examples = (ROOT / "examples" / name for name in ("device_main.c", "board_pty.c"))
     includes = (f"-I{folder}", f"-I{ROOT / 'examples'}")
     sources = (*examples, folder / "sweepctl_protocol.c")
-    run([tool("gcc"), *STRICT, "-Os", *includes, *sources, "-o", program])
+    any_compiler("gcc", "clang").run(*STRICT, "-Os", *includes, *sources, "-o", program)
     check_that_connect_accepts(program, tmp_path)

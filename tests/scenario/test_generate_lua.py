@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
     Dissect = Callable[[int, list[Packet]], list[Seen]]
 
+pytestmark = pytest.mark.needs("tshark")
+
 Vector = dict[str, Any]
 VECTORS = Path(__file__).parent.parent / "vectors"
 DAMAGE_FINDING = {"cobs": "bad_cobs", "length": "bad_length", "crc": "bad_crc"}

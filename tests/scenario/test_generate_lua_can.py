@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     Dissect = Callable[[int, list[Packet]], list[Seen]]
 
 
+pytestmark = pytest.mark.needs("tshark")
+
+
 @pytest.fixture(scope="module")
 def tshark(tmp_path_factory: pytest.TempPathFactory) -> Tshark:
     (text,) = render("lua").values()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.generate import render
-from support.c_build import C_TESTS, MORE, SANITIZED, STRICT, run, tool
+from support.c_build import C_TESTS, MORE, STRICT, any_compiler, locked, run
 from support.desk_device import check_that_connect_accepts
 from support.kit_build import CORE, KIT, compile_kit, the_kit, wire
 from support.kit_script import script
@@ -25,12 +25,10 @@ def test_interrupt_rings_and_the_line_s_queue(tmp_path: Path) -> None:
     sources = [KIT / "core" / name for name in PARTS]
     includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{folder}")
     program = tmp_path / "parts"
-    run(
-        [
-            *(tool("gcc"), *STRICT, *MORE, "-g", *SANITIZED, *includes, "-o", str(program)),
-            *map(str, (*sources, C_TESTS / "kit_parts.c", folder / "sweepctl_protocol.c")),
-        ]
-    )
+    compiler = any_compiler("gcc", "clang")
+    files = (*sources, C_TESTS / "kit_parts.c", folder / "sweepctl_protocol.c")
+    flags = (*STRICT, *MORE, "-g", *compiler.sanitized)
+    compiler.run(*flags, *includes, "-o", program, *files)
     run([program])
 
 
@@ -85,7 +83,7 @@ def test_the_static_checkers_are_content(tmp_path: Path) -> None:
     folder = wire(tmp_path)
     run(
         [
-            *(tool("cppcheck"), "--std=c99", "--enable=warning,style,performance,portability"),
+            *(locked("cppcheck"), "--std=c99", "--enable=warning,style,performance,portability"),
             *("--inline-suppr", "--error-exitcode=1", "--quiet", "-USP_CONFIG_FILE"),
             *("-UROBOT_CONFIG", "--suppress=missingIncludeSystem"),
             *("--max-configs=1", "--suppress=toomanyconfigs"),

@@ -1,7 +1,4 @@
-"""The firmware's own binary on an emulated chip: built, run, stopped, reset, left alone.
-
-Where the cross compiler or QEMU is missing these fail and say what to install.
-"""
+"""The firmware's own binary on an emulated chip: built, run, stopped, reset, left alone."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ from bridge.io.ports import open_port
 from protocol.messages import Hello, Status
 from protocol.values import Mode, ResetCause, StopCause
 from sim_device.ports.qemu_build import FirmwareBuildError, firmware_elf
-from support.c_build import ROOT, run, tool
+from support.c_build import ROOT, locked, run, tool
 from support.cli import end, start, sweepctl
 from support.probe import Probe
 from support.qemu import FIRMWARE, READY_S, build, emulated, finish, true_coverage, until
@@ -30,6 +27,9 @@ if TYPE_CHECKING:
     from support.qemu import Emulated
 
 pytestmark = pytest.mark.realtime
+
+CROSS = pytest.mark.needs("arm-none-eabi-gcc")
+CHIP = pytest.mark.needs("arm-none-eabi-gcc", "qemu-system-arm")
 
 FLOOR = ROOT / "tests" / "conformance" / "floor.json"
 RAMP_S = 0.20 / 1.0
@@ -59,6 +59,7 @@ def probe(device: Emulated) -> Probe:
 # ---- built -----------------------------------------------------------------------------
 
 
+@CROSS
 @pytest.mark.parametrize("name", BOARDS)
 def test_size_and_stack(built: Path, name: str) -> None:
     """A quarter of each memory at most, and a stack that is bounded and has its reserve."""
@@ -69,11 +70,12 @@ def test_size_and_stack(built: Path, name: str) -> None:
     assert took.deepest[:2] == ["reset_handler", "main"]
 
 
-def test_nothing_is_found_in_the_boards_sources(built: Path) -> None:
-    tool("cppcheck")
-    run([tool("make"), "-s", "-C", FIRMWARE, "-f", "board.mk", f"BUILD={built}", "analyse"])
+def test_nothing_is_found_in_the_boards_sources(tmp_path: Path) -> None:
+    variables = (f"BUILD={tmp_path}", f"PYTHON={sys.executable}", f"CPPCHECK={locked('cppcheck')}")
+    run([tool("make"), "-s", "-C", FIRMWARE, "-f", "board.mk", *variables, "analyse"])
 
 
+@CROSS
 def test_it_is_kept_by_what_it_is_made_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     elf = firmware_elf(tmp_path, told.append)
@@ -95,6 +97,7 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     assert "apt install qemu-system-arm" in done.line
 
 
+@CHIP
 def test_a_program_for_another_chip(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.elf"
     wrong.write_bytes(b"\x7fELF" + bytes(100))
@@ -103,6 +106,7 @@ def test_a_program_for_another_chip(tmp_path: Path) -> None:
     assert f"{wrong} does not run: QEMU has ended by itself" in done.line
 
 
+@CROSS
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
@@ -122,6 +126,7 @@ def test_what_it_cannot_do_is_refused(built: Path, arguments: list[str], why: st
 # ---- run -------------------------------------------------------------------------------
 
 
+@CHIP
 def test_conformance(device: Emulated, tmp_path: Path) -> None:
     """A share of the suite that `pytest --port PORT` runs: what is safe, and what is quick."""
     report = tmp_path / "report.json"
@@ -141,6 +146,7 @@ def test_conformance(device: Emulated, tmp_path: Path) -> None:
     assert report.is_file()
 
 
+@CHIP
 def test_its_stack_is_as_small_as_the_bound_says(built: Path, tmp_path: Path) -> None:
     """What a running chip has used at most, against the sum over its call graph."""
     took = taken(built, "board_f405_qemu")
@@ -153,6 +159,7 @@ def test_its_stack_is_as_small_as_the_bound_says(built: Path, tmp_path: Path) ->
     assert 100 < used <= took.stack
 
 
+@CHIP
 def test_the_first_seconds_of_a_clean(built: Path, tmp_path: Path) -> None:
     """`make qemu` cleans the room to its end; here until something has been swept."""
     truth = tmp_path / "truth.mcap"
@@ -172,6 +179,7 @@ def test_the_first_seconds_of_a_clean(built: Path, tmp_path: Path) -> None:
     assert true_coverage(truth, "case-1") > 0.02
 
 
+@CHIP
 def test_a_host_that_is_killed(device: Emulated, tmp_path: Path) -> None:
     """The wheels rest a setpoint's life and a ramp later; a second later it latches."""
     host = start("connect", device.port, "--plan", "recovery", "--json", cwd=tmp_path)
@@ -200,6 +208,7 @@ def _latched(host: Probe) -> StopCause:
     return StopCause(host.status().stop_cause)
 
 
+@CHIP
 def test_a_stop_holds_until_it_is_cleared(device: Emulated) -> None:
     host = probe(device)
     try:
@@ -220,6 +229,7 @@ def test_a_stop_holds_until_it_is_cleared(device: Emulated) -> None:
         host.port.close()
 
 
+@CHIP
 @pytest.mark.parametrize(
     ("fault", "cause"),
     [
@@ -251,6 +261,7 @@ def _booted(host: Probe, before: Hello) -> bool:
     return any(hello.boot_id != before.boot_id for hello in hellos)
 
 
+@CHIP
 def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
     host = probe(device)
     try:
@@ -266,6 +277,7 @@ def test_faults_of_body_and_sensors_work(device: Emulated) -> None:
 # ---- left alone ------------------------------------------------------------------------
 
 
+@CHIP
 def test_the_end_leaves_nothing(built: Path, tmp_path: Path) -> None:
     with emulated(built / "board_f405_qemu.elf", tmp_path, "empty", "--pty-link", "port") as made:
         assert made.port == "port"
@@ -274,6 +286,7 @@ def test_the_end_leaves_nothing(built: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@CHIP
 def test_qemu_does_not_outlive_an_emulator_that_is_killed(built: Path, tmp_path: Path) -> None:
     with emulated(built / "board_f405_qemu.elf", tmp_path, "empty") as made:
         pid = made.qemu_pid()
@@ -290,6 +303,7 @@ def _gone(pid: int) -> bool:
         return True
 
 
+@CHIP
 def test_an_emulator_whose_qemu_dies_says_so(built: Path, tmp_path: Path) -> None:
     with emulated(built / "board_f405_qemu.elf", tmp_path, "empty") as made:
         os.kill(made.qemu_pid(), signal.SIGKILL)

@@ -74,6 +74,7 @@ def connect(address: str) -> ViewerClient:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals that freeze are a Unix thing")
+@pytest.mark.needs("vulkan")
 def test_a_frozen_viewer_holds_up_neither_run_nor_log(tmp_path: Path) -> None:
     log, png = tmp_path / "run.mcap", tmp_path / "live.png"
     recorder = ThreadedRecorder(RunWriter(log, run_info()))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from matplotlib.image import imread
 
 from bridge.record.writer import RunWriter
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+@pytest.mark.needs("vulkan")
 def test_the_window_shows_room_and_swept_floor(tmp_path: Path) -> None:
     log, png = tmp_path / "run.mcap", tmp_path / "view.png"
     writer = RunWriter(log, run_info())

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any, Self
 
 import pytest
 
+from support.tools import tool_named
+
 if TYPE_CHECKING:
     from pathlib import Path
 
-_NAMES = ("chromium", "chromium-browser", "google-chrome")
+(_NAMES,) = tool_named("chromium").programs
 _FLAGS = (
     *("--headless=new", "--no-first-run", "--remote-debugging-pipe", "about:blank"),
     # Tests may run as root and where there is no graphics card: WebGL is drawn in software.
@@ -25,12 +27,12 @@ _FLAGS = (
 
 
 def find_browser() -> str:
-    """The program; a test without it fails and says what to install."""
+    """The program; the test that asks has the mark ``needs("chromium")``."""
     for name in _NAMES:
         path = shutil.which(name)
         if path is not None:
             return path
-    pytest.fail("chromium is missing: install Debian package chromium")
+    pytest.fail("chromium is missing, and the test lacks its mark `needs`")
 
 
 class Browser:

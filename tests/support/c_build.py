@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
+import sysconfig
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +15,7 @@ import pytest
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.generate.c import SOURCE, render
 from support.c_adapter import table
+from support.tools import tool_named, unmarked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -21,27 +24,67 @@ ROOT = Path(__file__).parents[2]
 C_TESTS = ROOT / "tests" / "c"
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-pedantic")
 MORE = ("-Wsign-conversion", "-Wshadow", "-Wdouble-promotion", "-Wundef", "-Wcast-qual")
-SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 CORTEX_M4 = ("-mcpu=cortex-m4", "-mthumb", "-Os", "-ffreestanding")
 UNIT = ("-DSP_CRC_UNIT", '-DSP_CONFIG_FILE="crc_unit.h"')
-_PACKAGES = {
-    "gcc": "gcc",
-    "clang": "clang",
-    "g++": "g++",
-    "arm-none-eabi-gcc": "gcc-arm-none-eabi",
-    "arm-none-eabi-size": "binutils-arm-none-eabi",
-    "arm-none-eabi-nm": "binutils-arm-none-eabi",
-    "cppcheck": "cppcheck",
-    "make": "make",
-    "qemu-system-arm": "qemu-system-arm",
-}
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler of this machine, or the one that the lock brings."""
+
+    command: tuple[str, ...]
+    sanitized: tuple[str, ...] = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    """Options with which undefined behaviour, and memory's misuse if it can, ends the program."""
+    tool: str = ""
+    """The tool that starts without a mark, because the lock's compiler could stand in for it."""
+
+    def run(self, *arguments: str | Path) -> None:
+        """Compile; the test fails with what the compiler reported."""
+        with unmarked(self.tool):
+            run([*self.command, *arguments])
+
+
+ZIG = Compiler(
+    (sys.executable, "-m", "ziglang", "cc"),
+    # No AddressSanitizer; its report of undefined behaviour takes 20 s to build, a trap nothing.
+    ("-fsanitize=undefined", "-fsanitize-trap=undefined"),
+)
+"""Clang from the `ziglang` wheel: there on every machine."""
+
+COMPILERS = [
+    pytest.param("gcc", marks=pytest.mark.needs("gcc")),
+    pytest.param("clang", marks=pytest.mark.needs("clang")),
+    "zig",
+]
+"""Parameters of a test that every compiler must pass."""
+
+
+def compiler(name: str) -> Compiler:
+    """The system's compiler of this name, or ``zig``."""
+    return ZIG if name == "zig" else Compiler((tool(name),))
+
+
+def any_compiler(*preferred: str) -> Compiler:
+    """The first of the system's that is there, else the lock's."""
+    for name in preferred:
+        if tool_named(name).present():
+            return Compiler((tool(name),), tool=name)
+    return ZIG
 
 
 def tool(name: str) -> str:
-    """Path of a system tool; the test fails where it is missing."""
+    """Path of a program of the system; the test fails where it is missing."""
     path = shutil.which(name)
     if path is None:
-        pytest.fail(f"{name} is missing: install Debian package {_PACKAGES[name]}")
+        pytest.fail(f"{name} is missing, and the test lacks its mark `needs`")
+    return path
+
+
+def locked(name: str) -> str:
+    """Path of a program that a locked package brings, in this environment."""
+    path = shutil.which(name, path=sysconfig.get_path("scripts"))
+    if path is None:
+        pytest.fail(f"{name} is not in {sysconfig.get_path('scripts')}: `make venv` installs it")
     return path
 
 
@@ -72,17 +115,25 @@ class Generated:
         name: str,
         sources: Iterable[Path],
         *,
-        compiler: str = "clang",
+        compiler: Compiler | None = None,
         flags: Sequence[str] = (),
+        sanitized: bool = False,
     ) -> Path:
         """Compile with every warning an error; the output's path."""
+        chosen = compiler or any_compiler("clang", "gcc")
         out = self.directory / name
         includes = (f"-I{self.directory}", f"-I{C_TESTS}")
-        run([tool(compiler), *STRICT, *MORE, *includes, *flags, "-o", out, *sources])
+        checks = chosen.sanitized if sanitized else ()
+        chosen.run(*STRICT, *MORE, *includes, *checks, *flags, "-o", out, *sources)
         return out
 
     def adapter(
-        self, name: str = "adapter", *, compiler: str = "clang", flags: Sequence[str] = ()
+        self,
+        name: str = "adapter",
+        *,
+        compiler: Compiler | None = None,
+        flags: Sequence[str] = (),
+        sanitized: bool = False,
     ) -> Adapter:
         """Build the adapter."""
         sources = [
@@ -91,7 +142,10 @@ class Generated:
             C_TESTS / "adapter.c",
             *([C_TESTS / "crc_unit.c"] if UNIT[0] in flags else []),
         ]
-        return Adapter(self.compile(name, sources, compiler=compiler, flags=("-O1", "-g", *flags)))
+        flags = ("-O1", "-g", *flags)
+        return Adapter(
+            self.compile(name, sources, compiler=compiler, flags=flags, sanitized=sanitized)
+        )
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,13 @@ types are LINKTYPE_USER0, _USER1 and _CAN_SOCKETCAN of tcpdump.org's registry.
 from __future__ import annotations
 
 import os
-import shutil
 import struct
 import subprocess
 from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree as ET
 
-import pytest
-
 from bridge.record.reader import LogReader
+from support.c_build import tool
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -153,12 +151,9 @@ class Tshark:
     """tshark with one Lua script and nobody's own settings, kept in a folder."""
 
     def __init__(self, script: str, folder: Path) -> None:
-        program = shutil.which("tshark")
-        if program is None:
-            pytest.fail("tshark is not installed; the Debian package is tshark")
         path = folder / "script.lua"
         path.write_text(script, encoding="utf-8")
-        self._command = [program, "-n", "-X", f"lua_script:{path}"]
+        self._command = [tool("tshark"), "-n", "-X", f"lua_script:{path}"]
         self._environment = {**os.environ, "WIRESHARK_CONFIG_DIR": str(folder / "settings")}
 
     def run(self, capture: Path, *arguments: str) -> str:

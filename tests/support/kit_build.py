@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.generate import render
-from support.c_build import MORE, ROOT, SANITIZED, STRICT, run, tool
+from support.c_build import MORE, ROOT, STRICT, any_compiler
 from support.kit_script import read, script
 
 if TYPE_CHECKING:
@@ -40,13 +40,15 @@ def compile_kit(
     wire_folder: Path,
     sources: Sequence[Path],
     *,
-    compiler: str = "gcc",
     flags: Sequence[str] = (),
+    sanitized: bool = False,
 ) -> Path:
     """Compile the core with ``sources``, every warning an error; the output's path."""
     includes = (f"-I{KIT / 'include'}", f"-I{KIT / 'core'}", f"-I{wire_folder}")
     files = [*CORE, wire_folder / "sweepctl_protocol.c", *sources]
-    run([tool(compiler), *STRICT, *MORE, *includes, *flags, *files, "-lm", "-o", out])
+    compiler = any_compiler("gcc", "clang")
+    checks = compiler.sanitized if sanitized else ()
+    compiler.run(*STRICT, *MORE, *includes, *checks, *flags, *files, "-lm", "-o", out)
     return out
 
 
@@ -72,9 +74,10 @@ class Kit:
 
 @functools.cache
 def the_kit() -> Kit:
-    """The core under AddressSanitizer and UBSan, once for all tests of a run."""
+    """The core under the compiler's sanitizers, once for all tests of a run."""
     directory = Path(tempfile.mkdtemp(prefix="kit-"))
     atexit.register(shutil.rmtree, directory, ignore_errors=True)
     sources = [KIT / "board_host" / name for name in ("script.c", "script_main.c")]
-    flags = ("-O0", "-g", *SANITIZED)  # built in half the time of -O1
-    return Kit(compile_kit(directory / "script_host", wire(directory), sources, flags=flags))
+    flags = ("-O0", "-g")  # built in half the time of -O1
+    out = directory / "script_host"
+    return Kit(compile_kit(out, wire(directory), sources, flags=flags, sanitized=True))

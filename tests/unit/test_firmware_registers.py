@@ -16,6 +16,8 @@ from support.c_build import ROOT, run, tool
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.needs("arm-none-eabi-gcc")
+
 HEADERS = ROOT / "sim_device" / "firmware" / "board_common"
 STM32F4 = {
     # 3.9.12 FLASH, 4.4.4 CRC, 5.6.2 PWR, 6.3.29 RCC

@@ -14,13 +14,24 @@ from protocol.generate.c import HEADER, SOURCE, render
 from protocol.generate.c_can import HostPartsError
 from protocol.message import Direction, Message, RateClass, message
 from protocol.messages import ALL_MESSAGES
-from support.c_build import CORTEX_M4, ROOT, UNIT, generate, run, tool
+from support.c_build import (
+    COMPILERS,
+    CORTEX_M4,
+    ROOT,
+    UNIT,
+    ZIG,
+    compiler,
+    generate,
+    run,
+    tool,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from support.c_build import Generated
 
+CROSS = "arm-none-eabi-gcc"
 MINIMAL_TEXT_BYTES = 2_800
 STACK_BYTES = 200
 """Of the deepest chain of calls, below whoever calls it."""
@@ -108,25 +119,27 @@ def test_a_host_s_stream_of_several_can_frames_is_refused(
 # ---- compilers --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("name", COMPILERS)
 @pytest.mark.parametrize("build", [*BUILDS, "no floats", "unit's model"])
-def test_it_compiles_without_a_warning(generated: Generated, compiler: str, build: str) -> None:
+def test_it_compiles_without_a_warning(generated: Generated, name: str, build: str) -> None:
     more = {"no floats": ("-DSP_NO_FLOAT",), "unit's model": UNIT}
     flags = ("-c", "-O2", *{**BUILDS, **more}[build])
-    generated.compile("any.o", [generated.source], compiler=compiler, flags=flags)
+    generated.compile("any.o", [generated.source], compiler=compiler(name), flags=flags)
 
 
 def test_each_message_can_be_left_out_alone(generated: Generated) -> None:
     for spec in CATALOGUE:
         if not spec.bootstrap:
             flags = ("-fsyntax-only", f"-DSP_WITH_{spec.name.upper()}=0")
-            generated.compile("any.o", [generated.source], compiler="gcc", flags=flags)
+            generated.compile("any.o", [generated.source], flags=flags)
 
 
-def test_a_cpp_compiler_takes_the_header(generated: Generated) -> None:
+@pytest.mark.parametrize("name", [pytest.param("g++", marks=pytest.mark.needs("g++")), "zig"])
+def test_a_cpp_compiler_takes_the_header(generated: Generated, name: str) -> None:
     user = generated.directory / "user.cpp"
     user.write_text(f'#include "{HEADER}"\nint main() {{ return sp_direction(0); }}\n')
-    run([tool("g++"), "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", user, "-o", "/dev/null"])
+    command = [*ZIG.command[:-1], "c++"] if name == "zig" else [tool(name)]
+    run([*command, "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", user, "-o", "/dev/null"])
 
 
 # ---- on the chip ------------------------------------------------------------------------------
@@ -143,7 +156,7 @@ class Size(NamedTuple):
 
 def on_chip(generated: Generated, flags: tuple[str, ...], name: str = "chip.o") -> Path:
     flags = ("-c", *CORTEX_M4, *flags)
-    return generated.compile(name, [generated.source], compiler="arm-none-eabi-gcc", flags=flags)
+    return generated.compile(name, [generated.source], compiler=compiler(CROSS), flags=flags)
 
 
 def size_of(path: Path) -> Size:
@@ -158,17 +171,18 @@ def struct_sizes(generated: Generated) -> dict[str, int]:
     lines = [f"extern char {n}[sizeof(sp_{n}_t)]; char {n}[sizeof(sp_{n}_t)];" for n in names]
     probe.write_text(f'#include "{HEADER}"\n' + "\n".join(lines) + "\n")
     flags = ("-c", *CORTEX_M4)
-    made = generated.compile("probe.o", [probe], compiler="arm-none-eabi-gcc", flags=flags)
+    made = generated.compile("probe.o", [probe], compiler=compiler(CROSS), flags=flags)
     listing = run([tool("arm-none-eabi-nm"), "-S", made]).decode()
     return {line.split()[3]: int(line.split()[1], 16) for line in listing.splitlines()}
 
 
+@pytest.mark.needs(CROSS)
 def test_the_minimal_set_is_small(generated: Generated, capsys: pytest.CaptureFixture[str]) -> None:
     sizes = {name: size_of(on_chip(generated, flags)) for name, flags in BUILDS.items()}
     device = generated.compile(
         "device.o",
         [ROOT / "examples" / "device_main.c"],
-        compiler="arm-none-eabi-gcc",
+        compiler=compiler(CROSS),
         flags=("-c", *CORTEX_M4, "-DSP_MINIMAL", f"-I{ROOT / 'examples'}"),
     )
     sizes["(the example's own code)"] = size_of(device)
@@ -184,12 +198,14 @@ def test_the_minimal_set_is_small(generated: Generated, capsys: pytest.CaptureFi
     assert structs["parser"] <= PARSER_RAM_BYTES
 
 
+@pytest.mark.needs(CROSS)
 def test_it_calls_nothing_from_outside(generated: Generated) -> None:
     for flags in BUILDS.values():
         path = on_chip(generated, ("-ffunction-sections", *flags))
         assert run([tool("arm-none-eabi-nm"), "-u", path]) == b""
 
 
+@pytest.mark.needs(CROSS)
 def test_the_stack_is_bounded_and_nothing_recurs(
     generated: Generated, capsys: pytest.CaptureFixture[str]
 ) -> None:

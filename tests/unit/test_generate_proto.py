@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -20,17 +20,16 @@ from support.peers import catalogue, longer
 if TYPE_CHECKING:
     from pathlib import Path
 
+PROTOC = (sys.executable, "-m", "grpc_tools.protoc")
+
 
 def compiled(folder: Path, messages: Catalogue = CATALOGUE) -> FileDescriptorProto:
     """What protoc makes of the text."""
-    protoc = shutil.which("protoc")
-    if protoc is None:
-        pytest.fail("protoc is missing; install the Debian package protobuf-compiler")
     for name, text in render("proto", messages).items():
         (folder / name).write_text(text, encoding="utf-8")
     out = folder / "descriptors.bin"
     done = subprocess.run(
-        [protoc, f"-I{folder}", f"--descriptor_set_out={out}", "sweepctl.proto"],
+        [*PROTOC, f"-I{folder}", f"--descriptor_set_out={out}", "sweepctl.proto"],
         capture_output=True,
         text=True,
         check=False,

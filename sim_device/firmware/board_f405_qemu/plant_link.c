@@ -17,7 +17,7 @@ uint8_t plant_pages[BOARD_FLASH_PAGES][BOARD_FLASH_PAGE_SIZE];
 
 static plant_readings_t present, coming;
 static volatile bool on_its_way; /* `coming` is of a moment that may not have come */
-static uint8_t frame[HEAD + PAYLOAD_MAX + CHECK];
+static uint8_t plant_frame[HEAD + PAYLOAD_MAX + CHECK];
 static size_t filled;
 static bool in_frame;
 static uint8_t chunks;
@@ -153,11 +153,11 @@ void plant_received(uint8_t byte) {
         filled = 0;
         return;
     }
-    frame[filled++] = byte;
+    plant_frame[filled++] = byte;
     if (filled < HEAD) {
         return;
     }
-    const size_t length = frame[1];
+    const size_t length = plant_frame[1];
     if (length > PAYLOAD_MAX) {
         in_frame = false;
         return;
@@ -166,7 +166,7 @@ void plant_received(uint8_t byte) {
         return;
     }
     in_frame = false;
-    if (u32_at(frame + HEAD + length) == sp_crc32_update(0, frame, HEAD + length)) {
-        take(frame[0], frame + HEAD, length);
+    if (u32_at(plant_frame + HEAD + length) == sp_crc32_update(0, plant_frame, HEAD + length)) {
+        take(plant_frame[0], plant_frame + HEAD, length);
     }
 }

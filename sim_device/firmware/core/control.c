@@ -157,7 +157,7 @@ static motors_t steps_of(duties_t duties)
 }
 
 static velocity_t run_plan(
-    control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
+    control_t *control, uint32_t tick, const readings_t *readings, const around_t *around)
 {
     const velocity_t wanted =
         onboard_step(&control->plan, tick, control->now_us, readings, around, &control->log);
@@ -169,7 +169,7 @@ static velocity_t run_plan(
 
 /* What the wheels should do now, as state and latch say. */
 static motors_t drive(
-    control_t *control, uint32_t tick, readings_t *readings, const around_t *around)
+    control_t *control, uint32_t tick, const readings_t *readings, const around_t *around)
 {
     const board_encoders_t *const counts = &readings->counts;
     velocity_t wanted = {0.0f, 0.0f};
@@ -228,8 +228,8 @@ static void judge(control_t *control)
     }
 }
 
-motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us, readings_t *readings,
-    const around_t *around)
+motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
+    const readings_t *readings, const around_t *around)
 {
     control->now_us = now_us;
     watchdog_t *const watchdog =

@@ -76,8 +76,8 @@ typedef struct {
 } motors_t;
 
 /* One control period. `around` is given in those in which the rangers were read, else NULL. */
-motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us, readings_t *readings,
-    const around_t *around);
+motors_t control_tick(control_t *control, uint32_t tick, int64_t now_us,
+    const readings_t *readings, const around_t *around);
 
 /* Take a reading of the supply. */
 void control_power(control_t *control, const board_power_t *power);

@@ -51,33 +51,33 @@ const char *onboard_finish_reason(const onboard_t *plan)
 /* ---- running ------------------------------------------------------------------------------- */
 
 /* Begin the first leg, or the one after the leg that has ended; false where there is none. */
-static bool next_leg(onboard_t *plan, const observation_t *seen, log_t *log)
+static bool next_leg(onboard_t *plan, const observation_t *observed, log_t *log)
 {
     if (!plan->began) {
         plan->began = true;
-        paper_start(&plan->paper, &plan->model, &seen->pose, log);
-    } else if (!paper_next(&plan->paper, &plan->driver.result, &seen->pose, log)) {
+        paper_start(&plan->paper, &plan->model, &observed->pose, log);
+    } else if (!paper_next(&plan->paper, &plan->driver.result, &observed->pose, log)) {
         plan->finish_reason = plan->paper.finish_reason;
         return false;
     }
-    driver_begin(&plan->driver, &plan->paper.leg, seen);
+    driver_begin(&plan->driver, &plan->paper.leg, observed);
     return true;
 }
 
 /* One decision step: the leg under way, and what follows when it ends. */
-static velocity_t run(onboard_t *plan, const observation_t *seen, log_t *log)
+static velocity_t run(onboard_t *plan, const observation_t *observed, log_t *log)
 {
     if (plan->began) {
-        const velocity_t wanted = driver_step(&plan->driver, seen);
+        const velocity_t wanted = driver_step(&plan->driver, observed);
         if (plan->driver.result.reason == END_NONE) {
             return wanted;
         }
     }
     for (unsigned i = 0; i < DECISIONS_MAX; i++) {
-        if (!next_leg(plan, seen, log)) {
+        if (!next_leg(plan, observed, log)) {
             return HALT;
         }
-        const velocity_t wanted = driver_step(&plan->driver, seen);
+        const velocity_t wanted = driver_step(&plan->driver, observed);
         if (plan->driver.result.reason == END_NONE) {
             return wanted;
         }

@@ -1,0 +1,293 @@
+"""The registry of what the tests start and Python does not bring: one place, and all follow it.
+
+From it come the marker ``needs`` (``support.needs``), ``.ci/packages*.txt`` and the table in
+CONTRIBUTING.md:
+
+    PYTHONPATH=tests python -m support.tools    writes the files anew
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import tempfile
+from contextvars import ContextVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+ROOT = Path(__file__).parents[2]
+CI = ROOT / ".ci"
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+PROBE_S = 60.0
+"""Time limit of one probe, s: far above what a compiler takes on a busy machine."""
+
+_UNMARKED: ContextVar[frozenset[str]] = ContextVar("_UNMARKED", default=frozenset())
+
+
+@contextlib.contextmanager
+def unmarked(*names: str) -> Iterator[None]:
+    """In the block programs of these tools start without a mark: the caller can do without."""
+    before = _UNMARKED.set(startable() | set(names))
+    try:
+        yield
+    finally:
+        _UNMARKED.reset(before)
+
+
+def startable() -> frozenset[str]:
+    """Tools whose programs may start here without a mark."""
+    return _UNMARKED.get()
+
+
+class UnknownToolError(LookupError):
+    """A test names a tool that the registry does not have."""
+
+
+@dataclass(frozen=True)
+class Package:
+    """A system package with the reason why the tests want it."""
+
+    debian: str
+    reason: str
+    ubuntu: str = ""
+    """Name on Ubuntu 24.04, where it differs."""
+
+    def name(self, distribution: str) -> str:
+        """The package's name on a distribution, by the ``ID`` of its os-release."""
+        return self.ubuntu if distribution == "ubuntu" and self.ubuntu else self.debian
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A program or a capability of the system, by the name that tests give to ``needs``."""
+
+    name: str
+    use: str
+    """What the tests do with it."""
+    programs: tuple[tuple[str, ...], ...]
+    """All of these are started; each may have several names, of which the first found is taken."""
+    packages: tuple[Package, ...]
+    probe: Callable[[], bool] = lambda: True
+    """What must hold beside the programs; asked once."""
+
+    def present(self) -> bool:
+        """Whether it is all there."""
+        with unmarked(self.name):
+            return _present(self)
+
+
+@functools.cache
+def _present(tool: Tool) -> bool:
+    return all(any(map(shutil.which, names)) for names in tool.programs) and tool.probe()
+
+
+# ---- probes ---------------------------------------------------------------------------------
+
+
+def _clang_has_runtimes() -> bool:
+    """The sanitizers and the fuzzer link: Debian packs them apart from the compiler."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder, "empty.c")
+        source.write_text("int LLVMFuzzerTestOneInput(void) { return 0; }\n", encoding="ascii")
+        flags = ("-fsanitize=fuzzer,address,undefined", "-o", f"{folder}/empty")
+        return _succeeds("clang", *flags, str(source))
+
+
+def _arm_has_libc() -> bool:
+    """The linker's specification of newlib-nano, which gcc names by its path where it exists."""
+    command = ("arm-none-eabi-gcc", "-print-file-name=nano.specs")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PROBE_S, check=False)
+    return os.sep in done.stdout
+
+
+def _has_vulkan() -> bool:
+    """The loader, and a driver's manifest where the loader looks."""
+    try:
+        ctypes.CDLL("libvulkan.so.1")
+    except OSError:
+        return False
+    for variable in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
+        if named := os.environ.get(variable):
+            return any(Path(path).is_file() for path in named.split(os.pathsep))
+    folders = ("/usr/share/vulkan/icd.d", "/usr/local/share/vulkan/icd.d", "/etc/vulkan/icd.d")
+    return any(any(Path(folder).glob("*.json")) for folder in folders)
+
+
+def _succeeds(*command: str) -> bool:
+    done = subprocess.run(command, capture_output=True, timeout=PROBE_S, check=False)
+    return done.returncode == 0
+
+
+# ---- the registry ---------------------------------------------------------------------------
+
+TOOLS = (
+    Tool(
+        "gcc",
+        "compiles the generated C and the firmware; `zig cc` from the lock does it as well",
+        (("gcc",),),
+        (Package("gcc", "one of the compilers of the generated C"),),
+    ),
+    Tool(
+        "g++",
+        "includes the generated header in a C++ program",
+        (("g++",),),
+        (Package("g++", "a C++ program must be able to include its header"),),
+    ),
+    Tool(
+        "clang",
+        "compiles the generated C, with sanitizers and with the fuzzer",
+        (("clang",),),
+        (
+            Package("clang", "the other compiler of the generated C"),
+            Package("libclang-rt-dev", "clang's sanitizers and its fuzzer", "libclang-rt-18-dev"),
+        ),
+        _clang_has_runtimes,
+    ),
+    Tool(
+        "arm-none-eabi-gcc",
+        "builds the firmware for its chips; its size and its stack",
+        (
+            ("arm-none-eabi-gcc",),
+            ("arm-none-eabi-size",),
+            ("arm-none-eabi-nm",),
+            ("arm-none-eabi-objdump",),
+        ),
+        (
+            Package(
+                "gcc-arm-none-eabi", "size and stack of C on a Cortex-M4 (binutils come with it)"
+            ),
+            Package("libnewlib-arm-none-eabi", "the C library that the firmware is linked with"),
+        ),
+        _arm_has_libc,
+    ),
+    Tool(
+        "qemu-system-arm",
+        "runs the firmware on an emulated chip",
+        (("qemu-system-arm",),),
+        (Package("qemu-system-arm", "emulates the chip on which the firmware runs"),),
+    ),
+    Tool(
+        "tshark",
+        "reads captures with the generated dissector",
+        (("tshark",),),
+        (Package("tshark", "runs what `generate lua` writes, on captures that the tests make"),),
+    ),
+    Tool(
+        "chromium",
+        "opens the web viewer",
+        (("chromium", "chromium-browser", "google-chrome"),),
+        (
+            Package(
+                # Ubuntu's chromium is a snap, which sees neither /tmp nor a debugging pipe.
+                "chromium",
+                "the browser that opens the web viewer",
+                "google-chrome-stable",
+            ),
+        ),
+    ),
+    Tool(
+        "vulkan",
+        "draws the viewer's window off screen",
+        (),
+        (
+            Package(
+                "mesa-vulkan-drivers", "the viewer draws its screenshot in software without a GPU"
+            ),
+            Package("libvulkan1", "how it finds that driver"),
+        ),
+        _has_vulkan,
+    ),
+)
+BY_NAME = {tool.name: tool for tool in TOOLS}
+PROGRAMS = {name: tool for tool in TOOLS for names in tool.programs for name in names}
+"""Which tool a program belongs to."""
+BASE = frozenset({"bash", "make", "sh"})
+"""Programs of every machine on which `make test` can be typed: no test is marked for them."""
+
+
+def tool_named(name: str) -> Tool:
+    """The tool.
+
+    Raises:
+        UnknownToolError: there is none of this name.
+
+    """
+    try:
+        return BY_NAME[name]
+    except KeyError:
+        known = ", ".join(BY_NAME)
+        raise UnknownToolError(f"the registry has no tool {name!r}; it has {known}") from None
+
+
+def distribution() -> str:
+    """``ID`` of this system's os-release; empty where there is none."""
+    try:
+        text = Path("/etc/os-release").read_text(encoding="utf-8")
+    except OSError:
+        return ""
+    found = re.search(r'^ID="?([\w.-]+)"?$', text, re.MULTILINE)
+    return found[1] if found else ""
+
+
+def packages(tools: Iterable[Tool], system: str) -> list[str]:
+    """Package names of these tools on a distribution, each once."""
+    return list(dict.fromkeys(p.name(system) for tool in tools for p in tool.packages))
+
+
+def install_command(tools: Iterable[Tool], system: str) -> str:
+    """What installs these tools, as one line for a shell."""
+    names = packages(tools, system)
+    return shlex.join(["sudo", "apt-get", "install", "--no-install-recommends", *names])
+
+
+# ---- what is written from it ----------------------------------------------------------------
+
+
+def packages_text(system: str) -> str:
+    """``.ci/packages*.txt`` for one distribution."""
+    rows = {p.name(system): p.reason for tool in TOOLS for p in tool.packages}
+    width = max(map(len, rows))
+    lines = [
+        f"# System packages of the tests on {system.capitalize()}, one a line, with the reason.",
+        "# Generated from tests/support/tools.py: PYTHONPATH=tests python -m support.tools",
+        *(f"{name:<{width}}  # {reason}" for name, reason in rows.items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+FILES = {CI / "packages.txt": "debian", CI / "packages-ubuntu.txt": "ubuntu"}
+BEGIN, END = "<!-- tools: begin -->\n", "<!-- tools: end -->\n"
+
+
+def contributing_text(page: str) -> str:
+    """The page with its table of tools written anew."""
+    before, _, rest = page.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    rows = [
+        f"| `{tool.name}` | {tool.use} | {', '.join(f'`{p.debian}`' for p in tool.packages)} |"
+        for tool in TOOLS
+    ]
+    table = "| tool | what tests do with it | Debian packages |\n| --- | --- | --- |"
+    return f"{before}{BEGIN}{table}\n" + "\n".join(rows) + f"\n{END}{after}"
+
+
+def main() -> None:
+    """Write the files."""
+    for path, system in FILES.items():
+        path.write_text(packages_text(system), encoding="utf-8")
+    page = CONTRIBUTING.read_text(encoding="utf-8")
+    CONTRIBUTING.write_text(contributing_text(page), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
