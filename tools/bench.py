@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from tools.console import ask, say
 from tools.stopping import until_signalled
 
 if TYPE_CHECKING:
@@ -80,7 +81,6 @@ def _recorded(wire: Wire, port: str, log: BenchLog, robot_toml: str) -> Iterator
     from bridge.record.policy import RecordOptions, open_log
     from bridge.record.recorder import ThreadedRecorder
     from bridge.telemetry import RunInfo
-    from tools.console import say
     from tools.version import VERSION
 
     offset_ns = clock.unix_offset_ns()
@@ -133,7 +133,7 @@ class Terminal:
         elif ": left out: " in text:
             colour = "yellow"
         self._desk.told(text)
-        click.secho(text, err=True, fg=colour)
+        say(text, style=colour)
 
     def confirm(self, text: str) -> bool:
         """Ask for a yes; the end of the input is a no."""
@@ -177,8 +177,7 @@ class Terminal:
 
     def _line(self, prompt: str) -> str | None:
         """A line of input, stripped; None at its end. Time goes on for the device."""
-        sys.stderr.write(prompt)
-        sys.stderr.flush()
+        ask(prompt)
         answers: list[str] = []
         done = threading.Event()
 

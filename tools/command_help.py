@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tools.console import write_line
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -24,7 +26,11 @@ _HEAD = """\
 
 `sweepctl COMMAND --help` says the same in short. Messages for people go to stderr, results to
 stdout; with `--json` stdout holds exactly one JSON object. Colour and pictures are for terminals:
-on a pipe everything is plain lines.
+on a pipe, and on a dumb terminal, everything is plain lines. Control, bidirectional and invisible
+characters of names and texts from outside are printed as escapes (`\\x1b`), and words of more than
+400 characters are shortened. A command that has a port open never waits for the reader of its
+output: what finds no room is dropped and counted, and at the end it waits 0.6 s for a reader that
+stands still.
 
 ## What is common
 
@@ -193,7 +199,7 @@ def _cell(text: str) -> str:
 def main() -> None:
     """Write the page."""
     PATH.write_text(reference(), encoding="utf-8")
-    print(f"wrote {PATH}")
+    write_line(f"wrote {PATH}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,8 @@
-"""What people read: a summary as a table, progress, one-line messages."""
+"""What people read: a summary as a table, progress, one-line messages.
+
+Every command writes through this module, and text from outside is made visible here: see
+``visible_text``.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,9 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from tools.output_queue import QueuedStream
+from tools.visible_text import one_line, visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,35 +27,85 @@ _OUTCOME_STYLE = {"complete": "green", "stopped": "yellow", "timeout": "red", "f
 @cache
 def err() -> Console:
     """Where people read; made, and its library imported, when there is something to read."""
-    from rich.console import Console
+    from tools.visible_console import VisibleConsole
 
-    return Console(stderr=True, highlight=False, emoji=False)
-
-
-def say(text: str) -> None:
-    """A line for people, on stderr."""
-    err().print(text, soft_wrap=True, markup=False)
-
-
-def complain(text: str) -> None:
-    """An error in one line, on stderr."""
-    click.echo(f"{click.style('sweepctl:', fg='red', bold=True)} {text}", err=True)
-
-
-def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
-    """A run's summary: one JSON object, or a table."""
-    if as_json:
-        sys.stdout.write(json.dumps(summary) + "\n")
-        sys.stdout.flush()
-        return
-    plain_console().print(summary_table(summary))
+    return VisibleConsole(stderr=True)
 
 
 def plain_console() -> Console:
-    """Stdout, for what others have named: no word of a log or a file's name is markup."""
-    from rich.console import Console
+    """Make a console on stdout."""
+    from tools.visible_console import VisibleConsole
 
-    return Console(highlight=False, markup=False, emoji=False)
+    return VisibleConsole()
+
+
+def is_drawable() -> bool:
+    """Whether people read on a terminal where a picture can be drawn over an older one."""
+    return err().is_interactive
+
+
+def say(text: str, *, style: str | None = None) -> None:
+    """Print a line for people, on stderr."""
+    err().print(one_line(text), soft_wrap=True, style=style)
+
+
+def say_lines(text: str) -> None:
+    """Print several lines for people, on stderr."""
+    for line in text.splitlines():
+        say(line)
+
+
+def complain(text: str) -> None:
+    """Print an error in one line, on stderr."""
+    click.echo(f"{click.style('sweepctl:', fg='red', bold=True)} {one_line(text)}", err=True)
+
+
+def ask(text: str) -> None:
+    """Print a question on stderr; the answer is typed on the same line."""
+    sys.stderr.write(visible(text))
+    sys.stderr.flush()
+
+
+def send(sequence: str) -> None:
+    """Send a control sequence of our own to the terminal on stderr."""
+    sys.stderr.write(sequence)
+    sys.stderr.flush()
+
+
+def drop_queued() -> None:
+    """Drop what still waits for a terminal to take it, where output is queued."""
+    for stream in (err().file, plain_console().file):  # those below what Rich puts in their place
+        if isinstance(stream, QueuedStream) and stream.isatty():
+            stream.drop_queued()
+
+
+def write_line(*lines: str) -> None:
+    """Write lines on stdout, however long they are."""
+    sys.stdout.write("".join(f"{visible(line)}\n" for line in lines))
+
+
+def write_lines(text: str) -> None:
+    """Write text of several lines on stdout; tabs and line ends are its own."""
+    sys.stdout.write(visible(text, keep="\n\t"))
+
+
+def write_json(value: object) -> None:
+    """Write one JSON object in a line on stdout; it is ASCII, so nothing in it is left to hide."""
+    sys.stdout.write(json.dumps(value) + "\n")
+
+
+def flush() -> None:
+    """Let a program that reads stdout have what was written."""
+    sys.stdout.flush()
+
+
+def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
+    """Print a run's summary: one JSON object, or a table."""
+    if as_json:
+        write_json(summary)
+        flush()
+        return
+    plain_console().print(summary_table(summary))
 
 
 def summary_table(summary: dict[str, Any]) -> Table:

@@ -10,13 +10,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.text import Text
 
-from tools.console import summary_table
+from tools.console import plain_console, summary_table
 
 RUNS = Path("runs")
 LIVE_S = 20
-_OUT = Console(highlight=False, width=max(100, Console().width))
+_OUT = plain_console()
+_OUT.width = max(100, _OUT.width)
 
 
 def main() -> int:
@@ -29,7 +30,7 @@ def main() -> int:
 def simulated() -> int:
     """Case 1 with the default planner, whole stack in virtual time."""
     log = RUNS / "demo-simulated.mcap"
-    _OUT.rule("[bold]1  simulate: the paper's case 1, whole stack in virtual time")
+    _OUT.rule(Text("1  simulate: the paper's case 1, whole stack in virtual time", "bold"))
     done = _sweepctl(
         "simulate", "case-1", "--planner", "recovery", "--seed", "1", "--json",
         "--out", str(log), "--force",
@@ -45,7 +46,8 @@ def simulated() -> int:
 def live() -> int:
     """An emulated robot and the host as two processes on a pseudo-terminal."""
     log = RUNS / "demo-live.mcap"
-    _OUT.rule(f"[bold]2  emulate + connect --plan: two processes, a real wire, {LIVE_S} s")
+    title = f"2  emulate + connect --plan: two processes, a real wire, {LIVE_S} s"
+    _OUT.rule(Text(title, "bold"))
     emulator = subprocess.Popen(
         [sys.executable, "-m", "tools.sweepctl", "emulate", "case-1", "--seed", "1"],
         stdout=subprocess.PIPE,
@@ -55,7 +57,7 @@ def live() -> int:
         assert emulator.stdout is not None  # noqa: S101 - asked for above
         port = emulator.stdout.readline().removeprefix("ready ").strip()
         if not port:
-            _OUT.print("[red]the emulator did not start")
+            _OUT.print("the emulator did not start", style="red")
             return 1
         done = _sweepctl(
             "connect", port, "--plan", "paper", "--room", "case-1",
@@ -65,7 +67,8 @@ def live() -> int:
         emulator.send_signal(signal.SIGTERM)
         emulator_status = emulator.wait(timeout=10)
     if done.returncode or emulator_status:
-        _OUT.print(f"[red]connect ended with {done.returncode}, emulate with {emulator_status}")
+        ends = f"connect ended with {done.returncode}, emulate with {emulator_status}"
+        _OUT.print(ends, style="red")
         return done.returncode or emulator_status
     _OUT.print(summary_table(json.loads(done.stdout)))
     _picture(log)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from typing import TYPE_CHECKING
 
 import click
 
 from sim_device.faults.kinds import KINDS, as_dict
 from sim_device.faults.spec import Number
+from tools.console import write_json, write_lines
 
 if TYPE_CHECKING:
     from bridge.telemetry import EventRecord
@@ -22,7 +21,7 @@ GRAMMAR = "kind@time[:for][:name=value,...]"
 def print_faults(*, as_json: bool) -> None:
     """Every kind on stdout."""
     if as_json:
-        sys.stdout.write(json.dumps({"faults": [as_dict(kind) for kind in KINDS.values()]}) + "\n")
+        write_json({"faults": [as_dict(kind) for kind in KINDS.values()]})
         return
     lines = [
         f"--fault {GRAMMAR}",
@@ -35,7 +34,7 @@ def print_faults(*, as_json: bool) -> None:
         lines += [kind.name, *_wrapped(kind.meaning)]
         lines += [line for a in kind.arguments for line in _wrapped(_argument(a))]
         lines += [f"    {_lasts(kind)}  --fault {kind.example}", ""]
-    sys.stdout.write("\n".join(lines))
+    write_lines("\n".join(lines))
 
 
 def _wrapped(text: str) -> list[str]:
@@ -153,4 +152,4 @@ and with `wrong-baud` no frame ever passes.
 
 
 if __name__ == "__main__":
-    sys.stdout.write(faults_page())
+    write_lines(faults_page())

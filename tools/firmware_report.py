@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+from tools.console import say, write_line
 from tools.firmware_stack import Calls, UnboundedStackError, bound
 
 KIB = 1024
@@ -96,23 +97,23 @@ def _output(*command: str) -> str:
 def main(arguments: list[str]) -> int:
     """Print the table; 1 where a stack may outgrow its reserve, 2 where there is no build."""
     if len(arguments) != 1:
-        print("usage: python -m tools.firmware_report BUILD", file=sys.stderr)
+        say("usage: python -m tools.firmware_report BUILD")
         return 2
     build = Path(arguments[0])
     worst = 0
     row = "{:<18} {:>15} {:>16} {:>20}"
-    print(row.format("", "flash", "RAM", "stack, of reserve"))
+    write_line(row.format("", "flash", "RAM", "stack, of reserve"))
     for name, board in BOARDS.items():
         try:
             took = taken(build, name)
         except (OSError, subprocess.CalledProcessError) as error:
-            print(f"{build} holds no build of {name}, or no compiler: {error}", file=sys.stderr)
+            say(f"{build} holds no build of {name}, or no compiler: {error}")
             return 2
         except UnboundedStackError as error:
-            print(f"{name}: the stack has no bound: {error}", file=sys.stderr)
+            say(f"{name}: the stack has no bound: {error}")
             return 1
         ram = took.ram + took.reserve
-        print(
+        write_line(
             row.format(
                 board.chip,
                 f"{took.flash} B {100 * took.flash / board.flash:4.1f} %",
@@ -120,10 +121,10 @@ def main(arguments: list[str]) -> int:
                 f"{took.stack} of {took.reserve} B",
             )
         )
-        print(f"  deepest: {' > '.join(took.deepest)}")
+        write_line(f"  deepest: {' > '.join(took.deepest)}")
         worst = max(worst, took.stack - took.reserve)
     if worst > 0:
-        print(f"a stack may outgrow its reserve by {worst} B", file=sys.stderr)
+        say(f"a stack may outgrow its reserve by {worst} B")
     return int(worst > 0)
 
 

@@ -20,7 +20,7 @@ from rich.text import Text
 from bridge.io import clock
 from bridge.session_events import State
 from bridge.telemetry import EventRecord, LogRecord, Severity
-from tools.console import err
+from tools.console import drop_queued, err, say
 from tools.live_map import swept_picture
 from tools.live_tables import (
     Rates,
@@ -30,8 +30,11 @@ from tools.live_tables import (
     state_table,
     wire_table,
 )
+from tools.visible_text import one_line
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from bridge.host import Host
@@ -46,6 +49,8 @@ _STYLES = {
     Severity.ERROR: "red",
 }
 _KEPT_EVENTS = 200
+_STATUS_NS = 5_000_000_000
+"""Time between plain lines about the state of the run, nanoseconds."""
 _NARROW, _LOW, _LOWEST, _FOOTER = 110, 22, 15, 2
 """Columns and rows below which one small table tells what matters most."""
 _COLUMN, _TABLE, _LEAST_MAP = 44, 46, 10
@@ -59,28 +64,35 @@ class Teller:
         self._sink = sink
         self._plain = plain
         self._first_ns: int | None = None
+        self._status_ns = 0
+        self.status: Callable[[], str] | None = None
+        """Gives a line about the state of the run, which ``plain`` prints every few seconds."""
         self.lines: deque[tuple[Severity, str]] = deque(maxlen=_KEPT_EVENTS)
 
     def write(self, record: Record) -> None:
         """Take one record."""
         self._sink.write(record)
+        if self._first_ns is None:
+            self._first_ns = self._status_ns = record.log_ns
         if isinstance(record, EventRecord):
             if record.severity is not Severity.DEBUG and not _ends_run(record):
                 self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
         elif isinstance(record, LogRecord):
             self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
+        if self._plain and self.status and record.log_ns - self._status_ns >= _STATUS_NS:
+            self._status_ns = record.log_ns
+            self._tell(record.log_ns, Severity.INFO, self.status())
 
     def close(self, summary: object = None) -> None:
         """The sink is closed by whoever opened it."""
 
     def _tell(self, log_ns: int, severity: Severity, text: str) -> None:
+        line = f"{(log_ns - (self._first_ns or 0)) / 1e9:8.2f}  {one_line(text)}"
         if self._plain:
-            with contextlib.suppress(OSError):  # whoever read us has left; the run goes on
-                err().print(Text(text, style=_STYLES[severity]), soft_wrap=True)
+            with contextlib.suppress(OSError):  # the reader has left; the run goes on
+                say(line, style=_STYLES[severity])
             return
-        if self._first_ns is None:
-            self._first_ns = log_ns
-        self.lines.append((severity, f"{(log_ns - self._first_ns) / 1e9:8.2f}  {text}"))
+        self.lines.append((severity, line))
 
 
 def _ends_run(event: EventRecord) -> bool:
@@ -108,6 +120,7 @@ class LivePicture:
 
     def stop(self) -> None:
         """Take the picture away."""
+        drop_queued()  # older pictures: what gives the terminal back must find room
         self._live.stop()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:

@@ -40,9 +40,10 @@ from bridge.telemetry import RoomRecord, RunInfo, Severity
 from bridge.watching import Watch, go_on
 from tools.cautions import cautions
 from tools.comparing import compared
-from tools.console import err
+from tools.console import is_drawable, say
 from tools.lan_risk import bus_risk
 from tools.live import LivePicture, Teller
+from tools.live_tables import status_line
 from tools.operating import Operating
 from tools.options import DEFAULT_PLANNER
 from tools.recording import check_view, live_view
@@ -50,7 +51,7 @@ from tools.terminal_keys import Keyboard
 from tools.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from bridge.coverage.floorplan import FloorPlan
@@ -59,8 +60,11 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.supervise import SuperviseSettings
     from protocol.values import OnboardPlanner
+    from tools.terminal_keys import Key
 
 
+_ANY_WIDTH = 10_000
+"""Columns of a line that is not laid out: more than any."""
 HAND_M_S = 0.15
 """Speed of a drive by hand, unless told otherwise."""
 
@@ -142,7 +146,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     except BaseException:
         opened.close()
         raise
-    teller = Teller(recorder, plain=not err().is_terminal)
+    teller = Teller(recorder, plain=not is_drawable())
     host = Host(
         asked.model,
         teller,
@@ -327,12 +331,26 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
         with contextlib.ExitStack() as stack:
             if gamepad is not None:
                 stack.enter_context(_gamepad(gamepad, operating))
-            keyboard = stack.enter_context(Keyboard(operating.on_key))
+            on_key = operating.on_key if is_drawable() else _answered(operating)
+            # A terminal that is not drawn on is not asked about its keyboard either.
+            keyboard = stack.enter_context(Keyboard(on_key, releases=is_drawable()))
             operating.dead_man.releases = keyboard.releases
             yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _answered(operating: Operating) -> Callable[[Key], None]:
+    """Handle keys and print what each came to: there is no picture to show it."""
+
+    def on_key(key: Key) -> None:
+        before = operating.message
+        operating.on_key(key)
+        if operating.message != before:
+            say(operating.message)
+
+    return on_key
 
 
 def _gamepad(path: str, operating: Operating) -> Gamepad:
@@ -349,7 +367,10 @@ def _gamepad(path: str, operating: Operating) -> Gamepad:
 
 @contextlib.contextmanager
 def _picture(host: Host, teller: Teller, operating: Operating) -> Iterator[None]:
-    if not err().is_terminal:
+    if not is_drawable():
+        teller.status = lambda: status_line(host)
+        if Keyboard.possible():
+            say(operating.help(_ANY_WIDTH))
         yield
         return
     picture = LivePicture(host, teller, operating if Keyboard.possible() else None)

@@ -93,6 +93,28 @@ def state_table(host: Host) -> Table:
     return _rows(rows)
 
 
+def status_line(host: Host) -> str:
+    """What matters most in one line, for a reader without a picture."""
+    state, mission, pose = host.state, host.mission, host.estimator.pose
+    parts = [f"{host.session.state.value}, run {mission.phase.value}"]
+    if state.status is not None:
+        parts.append(f"mode {label(Mode, state.status.mode)}")
+        if state.status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}:
+            parts.append(f"stop {label(StopCause, state.status.stop_cause)}")
+        faults = flag_labels(Fault, state.status.faults)
+        parts += [f"faults {', '.join(faults)}"] if faults else []
+    parts += [
+        f"pose {pose.x_m:+.2f} m {pose.y_m:+.2f} m {math.degrees(pose.theta_rad):+.0f}°",
+        f"{host.estimator.v_m_s:+.2f} m/s",
+        f"path {host.path_m:.1f} m",
+    ]
+    if state.power is not None:
+        parts.append(f"battery {state.power.battery_v:.2f} V")
+    wire = host.session.link.statistics
+    parts.append(f"{wire.lost} frames lost, {wire.damaged} damaged")
+    return "; ".join(parts)
+
+
 def compact_table(host: Host, rates: Rates) -> Table:
     """What matters most, for a small terminal."""
     state, mission, pose = host.state, host.mission, host.estimator.pose

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import sys
 from typing import TYPE_CHECKING, Self
 
 from rich.console import Console, Group
@@ -12,7 +10,7 @@ from rich.live import Live
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from tools.console import say
+from tools.console import drop_queued, flush, plain_console, say, write_json, write_line
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -72,11 +70,11 @@ class TextLines(Nothing):
                 line += f"  [{seen.raw.hex(' ')}]"
         else:
             line = f"{since_s:9.3f} ! {seen.kind}: {seen.text}: {seen.raw.hex(' ')}"
-        sys.stdout.write(line + "\n")
+        write_line(line)
 
     def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
         """Push out what was printed, and say the rates."""
-        sys.stdout.flush()
+        flush()
         for node, value in monitor.strangers.items():
             if node not in self._warned:
                 self._warned.add(node)
@@ -111,11 +109,11 @@ class JsonLines(Nothing):
         }
         if self._raw or seen.kind != "message":
             found["raw"] = seen.raw.hex()
-        sys.stdout.write(json.dumps(found) + "\n")
+        write_json(found)
 
     def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - of every view
         """Push out what was printed."""
-        sys.stdout.flush()
+        flush()
 
     def sum_up(self, monitor: Monitor) -> None:
         """Say the totals."""
@@ -129,7 +127,7 @@ class Table(Nothing):
         """Nothing is drawn before it is entered."""
         self._monitor, self._port, self._types = monitor, port, types
         self._drawn_ns = 0
-        self._console = Console(highlight=False, markup=False, emoji=False)
+        self._console = plain_console()
         self._live = Live(
             self.picture(self._console), console=self._console, auto_refresh=False, screen=False
         )
@@ -193,6 +191,7 @@ class Table(Nothing):
         trace: TracebackType | None,
     ) -> None:
         """Leave the last picture on it."""
+        drop_queued()  # older tables
         with contextlib.suppress(OSError):
             self._live.update(self.picture(self._console), refresh=True)
             self._live.stop()

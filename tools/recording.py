@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
+from tools.console import say
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -84,7 +85,6 @@ def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[None]:
         yield
         return
     from bridge.view.live import LiveViewer
-    from tools.console import say
 
     viewer = LiveViewer(log, serve=serve)
     try:

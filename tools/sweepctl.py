@@ -6,7 +6,6 @@ import errno
 import gc
 import importlib
 import io
-import json
 import os
 import signal
 import sys
@@ -14,7 +13,10 @@ from typing import Any, TextIO
 
 import click
 
+from tools.console import complain, flush, write_json
+from tools.output_queue import QueuedOutput
 from tools.version import VERSION
+from tools.visible_text import shortened
 
 _COMMANDS = {
     "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
@@ -74,23 +76,38 @@ def cli() -> None:
     """Bridge, recorder and virtual twin of a small sweeping robot."""
 
 
+_LIVE = {
+    *("connect", "drive", "monitor", "bringup", "calibrate", "param", "key", "stop", "doctor"),
+    *("emulate", "replay", "simulate"),
+}
+"""Commands with a loop, a port or a log to close: they never wait for who reads their output."""
+
+
 def run(arguments: list[str] | None = None) -> int:
     """Run the command line; its exit status."""
-    try:
-        return _run(sys.argv[1:] if arguments is None else arguments)
-    except (click.Abort, KeyboardInterrupt):
-        click.echo("sweepctl: interrupted", err=True)
-        return 0
+    given = sys.argv[1:] if arguments is None else arguments
+    if next((word for word in given if not word.startswith("-")), None) not in _LIVE:
+        return _run(given)
+    with QueuedOutput() as output:
+        status = _run(given)
+    return status if output.error is None else _unwritten(output.error)
 
 
 def _run(arguments: list[str]) -> int:
+    try:
+        return _invoke(arguments)
+    except (click.Abort, KeyboardInterrupt):
+        complain("interrupted")
+        return 0
+
+
+def _invoke(arguments: list[str]) -> int:
     from bridge.coverage.floorplan import FloorPlanError
     from bridge.errors import BridgeError
-    from tools.console import complain
 
     try:
         result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)
-        sys.stdout.flush()  # what cannot be written is told now, not as the interpreter ends
+        flush()  # what cannot be written is reported now, not as the interpreter ends
     except click.ClickException as error:
         text = _usage_text(error)
         if text is None:
@@ -106,28 +123,29 @@ def _run(arguments: list[str]) -> int:
         if "--json" in arguments:
             _print_failure(str(error), status)
         return status
-    except BrokenPipeError:
-        # The reader of our output left; nothing more can be said.
-        _silence_stdout()
-        return 1
     except OSError as error:
-        if error.errno not in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG} or error.filename:
-            raise
-        complain(f"cannot write the output: {error.strerror}")
-        _silence_stdout()
-        return 1
+        if error.filename is None and error.errno in _UNWRITTEN:
+            return _unwritten(error)
+        raise
     return result if isinstance(result, int) else 0
 
 
-def _silence_stdout() -> None:
-    """Nothing is tried again as the interpreter ends."""
+_UNWRITTEN = {errno.EPIPE, errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+"""Errors of a write to stdout."""
+
+
+def _unwritten(error: OSError) -> int:
+    """Say why stdout could not be written; nothing is tried again as the interpreter ends."""
+    if error.errno not in {errno.EPIPE, errno.EIO}:  # else its reader left: nobody is there to ask
+        complain(f"cannot write the output: {error.strerror}")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 1
 
 
 def _usage_text(error: click.ClickException) -> str | None:
     """What is wrong with the command line and where to read on; None: there is no command."""
     text = error.format_message()
-    if "\n" in text:  # the whole help
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):  # the text is the whole help
         return None
     context = error.ctx if isinstance(error, click.UsageError) else None
     return f"{text} (see {context.command_path} --help)" if context else text
@@ -135,7 +153,7 @@ def _usage_text(error: click.ClickException) -> str | None:
 
 def _print_failure(text: str, status: int) -> None:
     """The one JSON object of a command that could not begin."""
-    sys.stdout.write(json.dumps({"outcome": "fault", "reason": text, "exit_status": status}) + "\n")
+    write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
 
 
 def _nowhere() -> TextIO:

@@ -15,14 +15,17 @@ import sys
 import threading
 from typing import TYPE_CHECKING, NamedTuple, Self
 
+from tools.console import send
+from tools.output_queue import QueuedStream
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
-QUERY = b"\x1b[?u\x1b[c"
-ENTER = b"\x1b[>11u"
+QUERY = "\x1b[?u\x1b[c"
+ENTER = "\x1b[>11u"
 """Push: disambiguate (1), report event types (2), report all keys as escape codes (8)."""
-LEAVE = b"\x1b[<u"
+LEAVE = "\x1b[<u"
 ANSWER_S = 0.3
 _ESCAPE_S = 0.05
 """A lone escape byte is the key after this; the rest of a sequence is there at once."""
@@ -163,10 +166,13 @@ class Keyboard:
         import tty
 
         self._in = sys.stdin.fileno()
-        self._out = sys.stderr.fileno() if sys.stderr.isatty() else self._in
+        # No write here waits for a terminal that is held or hangs.
+        self._out = None if sys.stderr.isatty() else QueuedStream(sys.stdin)
         self._before = termios.tcgetattr(self._in)
         self._end_read, self._end_write = os.pipe()
-        tty.setcbreak(self._in)  # leaves Ctrl-C a signal
+        # Leaves Ctrl-C a signal. At once: draining the output first waits for the terminal.
+        tty.setcbreak(self._in, termios.TCSANOW)
+        termios.tcflush(self._in, termios.TCIFLUSH)
         if self._ask:
             self._learn()
         self._thread = threading.Thread(target=self._watch, name="keys", daemon=True)
@@ -174,7 +180,7 @@ class Keyboard:
         return self
 
     def _learn(self) -> None:
-        os.write(self._out, QUERY)
+        self._send(QUERY)
         while not self._decoder.answered:
             ready, _, _ = select.select([self._in], [], [], ANSWER_S)
             if not ready:
@@ -183,7 +189,13 @@ class Keyboard:
                 self._on_key(key)
         self.releases = self._decoder.kitty
         if self.releases:
-            os.write(self._out, ENTER)
+            self._send(ENTER)
+
+    def _send(self, sequence: str) -> None:
+        if self._out is None:
+            send(sequence)
+        else:
+            self._out.write(sequence)
 
     def _watch(self) -> None:
         decoder = self._decoder
@@ -221,7 +233,9 @@ class Keyboard:
         self._thread.join(timeout=1.0)
         with contextlib.suppress(OSError, termios.error):
             if self.releases:
-                os.write(self._out, LEAVE)
-            termios.tcsetattr(self._in, termios.TCSADRAIN, self._before)
+                self._send(LEAVE)
+            if self._out is not None:
+                self._out.drain()
+            termios.tcsetattr(self._in, termios.TCSANOW, self._before)
         os.close(self._end_read)
         os.close(self._end_write)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import time  # noqa: TID251 - says how long it took
 from typing import TYPE_CHECKING
 
+from tools.console import flush, write_line
+
 if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
     from bridge.motion.compiled import Kernel
@@ -61,11 +63,12 @@ def kernels() -> dict[str, Kernel]:
 
 def main() -> None:
     """Warm up, and say what was done."""
-    print("compiling the simulator's kernels, once: up to a minute ...", end=" ", flush=True)
+    write_line("compiling the simulator's kernels, once: up to a minute ...")
+    flush()
     begun_s = time.perf_counter()
     warm()
     ready = sum(kernel.kinds is not None for kernel in kernels().values())
-    print(f"{ready} ready, {time.perf_counter() - begun_s:.0f} s")
+    write_line(f"{ready} ready, {time.perf_counter() - begun_s:.0f} s")
 
 
 if __name__ == "__main__":

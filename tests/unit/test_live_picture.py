@@ -17,13 +17,15 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.operator import Operator
 from bridge.record.sink import NullSink
-from bridge.telemetry import EventRecord, Severity
+from bridge.telemetry import EventRecord, LogRecord, Severity
 from protocol.messages import Imu, Power, Range, Status
 from tools.console import err
 from tools.live import LivePicture, Teller
 from tools.live_map import swept_picture
-from tools.live_tables import Rates
+from tools.live_tables import Rates, status_line
 from tools.operating import Operating
+from tools.visible_console import VisibleConsole
+from tools.visible_text import is_visible
 
 MODEL = RobotModel()
 
@@ -123,12 +125,41 @@ def test_rates_are_differences_of_counts() -> None:
 def test_without_a_terminal_each_event_is_a_plain_line(capsys: pytest.CaptureFixture[str]) -> None:
     err.cache_clear()
     teller = Teller(NullSink(), plain=True)
-    record = EventRecord(0, Severity.ERROR, "safety", "stop", "stopped", {})
+    record = EventRecord(5 * 10**9, Severity.ERROR, "safety", "stop", "stopped", {})
     teller.write(record)
-    teller.write(record)
+    teller.write(record._replace(log_ns=record.log_ns + 1_250_000_000))
     teller.write(record._replace(severity=Severity.DEBUG, text="nobody reads this"))
     err.cache_clear()
-    assert capsys.readouterr().err == "safety: stopped\n" * 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["    0.00  safety: stopped", "    1.25  safety: stopped"]
+
+
+def test_plain_lines_tell_the_state_of_the_run_every_few_seconds(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    err.cache_clear()
+    teller = Teller(NullSink(), plain=True)
+    teller.status = lambda: status_line(host())
+    record = EventRecord(0, Severity.DEBUG, "link", "nothing", "nobody reads this", {})
+    for tenth in range(121):
+        teller.write(record._replace(log_ns=tenth * 100_000_000))
+    err.cache_clear()
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split()[0] for line in lines] == ["5.00", "10.00"]
+    for part in ("run waiting", "stop operator", "faults battery_low", "15.50 V"):
+        assert part in lines[0], part
+
+
+def test_what_a_device_says_cannot_act_on_the_terminal() -> None:
+    hostile = "\x1b]52;c;aGk=\x07\x9b2J\u202e\u200b\n[bold]end"
+    teller = Teller(NullSink(), plain=False)
+    teller.write(LogRecord(0, Severity.INFO, "device\x1b[2J", hostile))
+    out = io.StringIO()
+    console = VisibleConsole()
+    console.file = out
+    console.print(LivePicture(host(), teller).layout(140, 42), height=42)
+    assert all(c == "\n" or is_visible(c) for c in out.getvalue())
+    assert "\\x1b]52;c;aGk=\\x07\\x9b2J\\u202e\\u200b\\n[bold]end" in out.getvalue()
 
 
 def test_keys_fit_their_line() -> None:

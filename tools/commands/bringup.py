@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +10,7 @@ import click
 
 from tools import options
 from tools.bench import clear_stop_option, log_options
+from tools.console import say_lines, write_json, write_line
 from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
@@ -61,7 +60,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.bench.wheel_step import as_text
     from bridge.config import load_robot
     from tools.bench import Terminal, desk_on
-    from tools.console import say
 
     model, text = load_robot(robot)
     if plot is not None:
@@ -70,16 +68,16 @@ def command(  # noqa: PLR0913 - one parameter per option
         bench = BringUp(desk, Terminal(desk), model, clear_stop=clear_stop)
         bench.run(steps or _STEPS)
     if bench.steps:
-        say(as_text(bench.steps))
+        say_lines(as_text(bench.steps))
         if plot is not None:
             _draw(bench.steps, plot)
     if as_json:
-        sys.stdout.write(json.dumps(_account(bench, port.name)) + "\n")
+        write_json(_account(bench, port.name))
     else:
         wrong = [f for f in bench.findings if f.ok is False]
         skipped = [f for f in bench.findings if f.ok is None]
         tail = f", {len(skipped)} left out" if skipped else ""
-        sys.stdout.write(f"{len(wrong)} of {len(bench.findings)} looks found a fault{tail}\n")
+        write_line(f"{len(wrong)} of {len(bench.findings)} looks found a fault{tail}")
     return 0 if bench.well else 1
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +11,7 @@ import click
 from tools import options
 from tools.bench import clear_stop_option, log_options
 from tools.calibrating import writing_options
+from tools.console import write_json
 from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
@@ -345,4 +344,4 @@ def _range_changes(name: str, old: tuple[float, float], new: tuple[float, float]
 
 def _report(as_json: bool, found: dict[str, Any]) -> None:  # noqa: FBT001 - of every command
     if as_json:
-        sys.stdout.write(json.dumps(found) + "\n")
+        write_json(found)

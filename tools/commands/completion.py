@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-
 import click
+
+from tools.console import write_lines
 
 SHELLS = ("bash", "zsh", "fish")
 VARIABLE = "_SWEEPCTL_COMPLETE"
@@ -31,5 +31,5 @@ def command(*, shell: str) -> int:
     assert kind is not None  # noqa: S101 - the choices are click's own
     made = kind(cli, {}, "sweepctl", VARIABLE)
     # Not source(), which looks for a bash here: the script may be for another machine.
-    sys.stdout.write(made.source_template % made.source_vars() + "\n")
+    write_lines(made.source_template % made.source_vars() + "\n")
     return 0

@@ -10,6 +10,7 @@ import click
 
 from tools import options
 from tools.adapter_delay import adapter_delay_option
+from tools.console import complain, print_summary
 from tools.recording import recording_options, take_record_options, viewing_options
 from tools.supervising import rule_option
 
@@ -97,7 +98,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.io.reopening import PortOptions
     from bridge.mission import Resume
     from bridge.robot_parts import planner_number
-    from tools.console import complain, print_summary
     from tools.keyfile import read_key
     from tools.live_run import LiveOptions, run_live
     from tools.rooms import load_room

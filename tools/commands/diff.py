@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 
 import click
 
 from tools import options
+from tools.console import plain_console, say, write_json
 
 
 @click.command("diff", epilog="Example:  sweepctl diff before.mcap after.mcap --out both.html")
@@ -30,7 +29,6 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
     from bridge.record.sources import readable
     from bridge.view.comparison import compare, rows, write_page
     from bridge.view.run_data import load_run
-    from tools.console import say
     from tools.outputs import check_outputs
 
     check_outputs([out], [a, b], force=force)
@@ -43,14 +41,12 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
             )
             told["a"]["log"], told["b"]["log"] = str(a), str(b)
             if as_json:
-                sys.stdout.write(json.dumps({**told, "out": str(out) if out else None}) + "\n")
+                write_json({**told, "out": str(out) if out else None})
             else:
                 say(f"wrote {out}")
             return 0
         lines = rows(load_run(first), load_run(second))
     from rich.table import Table
-
-    from tools.console import plain_console
 
     table = Table(box=None, header_style="dim")
     table.add_column("")

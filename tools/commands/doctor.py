@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from tools import options
+from tools.console import plain_console, say, write_json
 
 if TYPE_CHECKING:
     from bridge.doctor import Examination, Finding
@@ -67,11 +66,11 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     if find_baud:
         from bridge.io.attend import find_baud as search
 
-        found = search(target, tell=lambda rate: click.echo(f"listening at {rate} baud", err=True))
+        found = search(target, tell=lambda rate: say(f"listening at {rate} baud"))
         if found is None:
-            click.echo("no sweeper was heard at any rate", err=True)
+            say("no sweeper was heard at any rate")
             return 3
-        click.echo(f"a sweeper is heard at {found} baud: --baud {found}", err=True)
+        say(f"a sweeper is heard at {found} baud: --baud {found}")
         baud = found
     import threading
 
@@ -83,7 +82,7 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     note = getattr(port, "latency_note", None)
     if not as_json:
         how = "listening" if listen else "asking and listening; nothing moves"
-        click.echo(f"{target}: {how}, {duration_s:g} s (Ctrl-C ends it sooner)", err=True)
+        say(f"{target}: {how}, {duration_s:g} s (Ctrl-C ends it sooner)")
     ended = threading.Event()
     with until_signalled(ended.set):  # what was seen is reported
         examination = attend(
@@ -124,7 +123,7 @@ def _report(
             "figures": figures,
             "exit_status": status,
         }
-        sys.stdout.write(json.dumps(report) + "\n")
+        write_json(report)
         return status
     _print(target, findings, figures, note)
     return status
@@ -146,22 +145,24 @@ _COLOURS = {"error": "red", "warning": "yellow", "info": "cyan", "debug": "dim"}
 
 
 def _print(target: str, findings: list[Finding], figures: dict[str, Any], note: str | None) -> None:
-    from rich.console import Console
-    from rich.markup import escape
+    from rich.text import Text
 
-    console = Console(highlight=False, soft_wrap=True)
-    console.print(f"[bold]{escape(target)}[/]")
+    console = plain_console()
+    console.soft_wrap = True
+    console.print(target, style="bold")
     for finding in findings:
         colour = _COLOURS[finding.severity.value]
         name = finding.kind.replace("_", " ")
         console.print(
-            f"[{colour}]{finding.severity.value:<8}[/][bold]{name}[/]: {escape(finding.text)}"
+            Text.assemble(
+                (f"{finding.severity.value:<8}", colour), (name, "bold"), f": {finding.text}"
+            )
         )
-        console.print(f"        [dim]what to do:[/] {escape(finding.advice)}")
+        console.print(Text.assemble("        ", ("what to do:", "dim"), f" {finding.advice}"))
     if not findings:
-        console.print("[green]nothing is wrong[/]")
+        console.print("nothing is wrong", style="green")
     if note:
-        console.print(f"[yellow]note    [/]{escape(note)}")
+        console.print(Text.assemble(("note    ", "yellow"), note))
     _print_figures(console, figures)
 
 
@@ -178,10 +179,10 @@ def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN4
         told.append(f"delay p95 {delay['p95']:.1f} ms")
     if figures["drift_ppm"] is not None:
         told.append(f"clock {figures['drift_ppm']:+.0f} ppm")
-    console.print(", ".join(told), style="dim", markup=False)
+    console.print(", ".join(told), style="dim")
     for boot in figures["boots"][:1]:
         who = f"{boot['firmware']}, uid {boot['uid']}, booted by {boot['cause']}"
-        console.print(who, style="dim", markup=False)
+        console.print(who, style="dim")
     off = [
         f"{name} {stream['rate_hz']:g} Hz (default {stream['default_hz']:g})"
         for name, stream in figures["streams"].items()
@@ -192,4 +193,4 @@ def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN4
     ]
     if off:
         others = f"rates other than the defaults: {', '.join(off)}"
-        console.print(others, style="dim", markup=False)
+        console.print(others, style="dim")

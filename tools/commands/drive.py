@@ -9,6 +9,7 @@ import click
 
 from tools import options
 from tools.bench import clear_stop_option
+from tools.console import complain, print_summary
 from tools.port_options import PortAsked, keyed_port_options
 from tools.recording import recording_options, take_record_options
 
@@ -64,7 +65,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
     from bridge.mission import Resume
-    from tools.console import complain, print_summary
     from tools.live_run import LiveOptions, run_live
     from tools.terminal_keys import Keyboard
 

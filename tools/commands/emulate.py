@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import secrets
 import signal
-import sys
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from tools import options
+from tools.console import flush, say, write_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -199,8 +199,8 @@ def command(  # noqa: PLR0913 - one parameter per option
             if control is not None:
                 server = ControlServer(control)
                 stack.callback(server.close)
-            sys.stdout.write(f"ready {port.path}\n")
-            sys.stdout.flush()
+            write_line(f"ready {port.path}")
+            flush()
             _tell(
                 f"virtual sweeper{' with its firmware in QEMU' if chip else ''}, node {node}, in "
                 f"{plan.name} ({noise} noise, seed {seed}, {link}); Ctrl-C ends it"
@@ -321,11 +321,8 @@ def _port(
 
 def _tell(text: str) -> None:
     """A line for people; whoever read them may have left, and the device runs on."""
-    try:
-        sys.stderr.write(f"{text}\n")
-        sys.stderr.flush()
-    except (OSError, ValueError):
-        pass
+    with suppress(OSError, ValueError):
+        say(text)
 
 
 def _on_plug(name: str | None) -> None:

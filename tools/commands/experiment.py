@@ -10,6 +10,7 @@ import click
 from click.core import ParameterSource
 
 from tools import options
+from tools.console import complain, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -128,7 +129,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C (or SIGTERM) keeps what is
     done and reports on it: the same command goes on from there.
     """
-    from tools.console import say
     from tools.experiment import figures, output
     from tools.experiment.paper_trials import paper_trials
     from tools.experiment.runs import run_all
@@ -189,7 +189,6 @@ def _refuse_grid(ctx: click.Context) -> None:
 
 def _close(outcome: Outcome, done: str, out: Path) -> int:
     """Say what went wrong; the exit status."""
-    from tools.console import complain, say
     from tools.experiment.runs import ERRORS
 
     if outcome.interrupted:

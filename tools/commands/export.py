@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
 from tools import options
+from tools.console import complain, say, write_line
 
 
 @click.command(
@@ -54,7 +54,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.record.export import as_json as exported_json
     from bridge.record.export import export
     from bridge.record.sources import readable
-    from tools.console import complain, say
 
     try:
         with readable(file) as log:
@@ -65,7 +64,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     for problem in result.problems:
         say(problem)
     if as_json:
-        sys.stdout.write(exported_json(result) + "\n")
+        write_line(exported_json(result))
     else:
         say(f"wrote {result.messages} messages of {len(result.files)} topics to {out}")
     return 0

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
+
+from tools.console import write_json, write_line
 
 
 @click.command(
@@ -68,14 +68,14 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise PortError(str(error)) from None
     answer = {"begun": begun, "cleared": cleared, **{k: found[k] for k in ("active", "waiting")}}
     if as_json:
-        sys.stdout.write(json.dumps(answer) + "\n")
+        write_json(answer)
         return 0
     said = [f"begun: {text}" for text in begun]
     said += [f"ended: {cleared}"] if clear or clear_all else []
     if list_them:
         said += [f"active: {text}" for text in found["active"]] or ["active: none"]
         said += [f"waiting: {text}" for text in found["waiting"]]
-    sys.stdout.write("".join(f"{line}\n" for line in said))
+    write_line(*said)
     return 0
 
 

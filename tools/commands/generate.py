@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from protocol.generate import GENERATORS, PER_NODE
+from tools.console import complain, write_line
 
 
 @click.command("generate", epilog="Example:  sweepctl generate c --out firmware/wire")
@@ -35,7 +36,6 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
     md     description for people: bytes, states, timing
     """
     from protocol.generate import render
-    from tools.console import complain
 
     if node is not None and what not in PER_NODE:
         raise click.UsageError("--node goes with dbc: only there does the text name a device")
@@ -55,7 +55,7 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
             path = out / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8", newline="\n")
-            click.echo(str(path))
+            write_line(str(path))
     except OSError as error:
         complain(f"cannot write {error.filename or out}: {error.strerror}")
         return 1

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from tools import options
+from tools.console import plain_console, summary_table, write_json
 
 if TYPE_CHECKING:
     from bridge.record.info import RunDescription
@@ -28,7 +27,7 @@ def command(*, file: Path, as_json: bool) -> int:
 
     description = describe_any(file)
     if as_json:
-        sys.stdout.write(json.dumps(description.as_json()) + "\n")
+        write_json(description.as_json())
         return 0
     _print(description)
     return 0
@@ -39,7 +38,6 @@ def _print(description: RunDescription) -> None:
     from rich.text import Text
 
     from bridge.record.summaries import is_run
-    from tools.console import plain_console, summary_table
 
     console = plain_console()
     console.print(Text(str(description.path), "bold"), end="  ")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
 from tools import options
+from tools.console import say, write_json
 
 
 @click.command("key", epilog="Example:  sweepctl key /dev/ttyUSB0 --set robot.key")
@@ -43,7 +42,6 @@ def command(
     import bridge
     from bridge.errors import CommandRejectedError
     from bridge.io.ports import is_can
-    from tools.console import say
     from tools.keyfile import make_key, read_key
 
     if (new is None) == (not clear):
@@ -70,7 +68,7 @@ def command(
                 )
             raise
     if as_json:
-        sys.stdout.write(json.dumps({"port": port, "key": made is not None}) + "\n")
+        write_json({"port": port, "key": made is not None})
     else:
         said = f"set; keep {new}: it is told nowhere else" if new else "removed"
         say(f"{port}: the key is {said}")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from tools import options
+from tools.console import flush, plain_console, say, write_json, write_line
 from tools.port_options import PortAsked, port_options
 
 if TYPE_CHECKING:
@@ -81,7 +80,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         view: Nothing = Nothing()
     elif jsonl:
         view = JsonLines(raw=raw)
-    elif lines or raw or not sys.stdout.isatty():
+    elif lines or raw or not plain_console().is_interactive:
         view = TextLines(raw=raw)
     else:
         view = Table(monitor, port.name, types)
@@ -103,7 +102,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     finally:
         opened.close()
     if as_json:
-        sys.stdout.write(json.dumps(_account(monitor, port.name)) + "\n")
+        write_json(_account(monitor, port.name))
     else:
         view.sum_up(monitor)
     return 0
@@ -124,7 +123,6 @@ def _look_on(port: str, duration_s: float | None, *, as_json: bool, jsonl: bool)
     """Show what the process that owns the port knows; the device is not asked for anything."""
     from bridge.io import clock
     from bridge.owner import watch
-    from tools.console import say
     from tools.stopping import until_signalled
 
     say(f"{port} is another sweepctl's: what it knows is shown, not what passes")
@@ -134,14 +132,14 @@ def _look_on(port: str, duration_s: float | None, *, as_json: bool, jsonl: bool)
     with until_signalled(lambda: ended.append(True)):
         for newest in watch(port, hz=4.0):
             if jsonl:
-                sys.stdout.write(json.dumps(newest) + "\n")
+                write_json(newest)
             elif not as_json:
-                sys.stdout.write(_line(newest) + "\n")
-            sys.stdout.flush()
+                write_line(_line(newest))
+            flush()
             if ended or (end_ns is not None and clock.now() >= end_ns):
                 break
     if as_json:
-        sys.stdout.write(json.dumps({"port": port, "owner": newest}) + "\n")
+        write_json({"port": port, "owner": newest})
     return 0
 
 

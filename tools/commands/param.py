@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
+from tools.console import plain_console, say, write_json, write_line
 from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
     if as_json or sys.stdout.isatty():
         _show(found, as_json=as_json)
     else:
-        sys.stdout.write("".join(f"{_number(p, p.value)}\n" for p in found))
+        write_line(*(_number(p, p.value) for p in found))
     return 0
 
 
@@ -75,8 +75,6 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
 
     A value must be of the parameter's type and in its range; the device refuses others.
     """
-    from tools.console import say
-
     if len(pairs) % 2:
         raise click.UsageError(f"{pairs[-1]} has no value: give NAME VALUE pairs")
     with _reach(port) as robot:
@@ -105,8 +103,6 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
 @options.json_option
 def _save(*, port: PortAsked, as_json: bool) -> int:
     """Make every present value the next boot's."""
-    from tools.console import say
-
     with _reach(port) as robot:
         kept = [p for p in robot.list_parameters() if p.changed]
         robot.save_parameters()
@@ -129,14 +125,13 @@ def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
     """Compare a device with a robot file; status 0: the same, 1: they differ."""
     from bridge.bench.values import differences
     from bridge.config import load_robot
-    from tools.console import say
 
     model, _ = load_robot(file)
     with _reach(port) as robot:
         found = differences(robot.list_parameters(), model)
     if as_json:
         rows = [{**d._asdict()} for d in found]
-        sys.stdout.write(json.dumps({"file": str(file), "differences": rows}) + "\n")
+        write_json({"file": str(file), "differences": rows})
     else:
         rows_shown = [(d.name, _plain(d.device), _plain(d.file), d.unit) for d in found]
         if rows_shown:
@@ -162,7 +157,7 @@ def _name(text: str) -> str | int:
 def _show(parameters: Sequence[Parameter], *, as_json: bool) -> None:
     if as_json:
         found: dict[str, Any] = {"parameters": [p.to_dict() for p in parameters]}
-        sys.stdout.write(json.dumps(found) + "\n")
+        write_json(found)
         return
     rows = [
         (
@@ -191,7 +186,6 @@ def _state(p: Parameter) -> str:
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    from rich.console import Console
     from rich.measure import Measurement
     from rich.table import Table
 
@@ -205,7 +199,7 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
             table.add_row(*(row[at] for at in kept))
         return table
 
-    console = Console(highlight=False)
+    console = plain_console()
     wide = console.options.update(width=_WIDEST)
     table = without(())
     for dropped in (("no",), ("no", "default")):  # what a person needs least
@@ -216,7 +210,7 @@ def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
         table = without(dropped)
     # No cell is cut, however narrow the reader: a terminal folds the line, a pipe has no width.
     for line in console.render_lines(table, wide, pad=False):
-        console.file.write("".join(part.text for part in line).rstrip() + "\n")
+        write_line("".join(part.text for part in line).rstrip())
 
 
 def _number(parameter: Parameter, value: float) -> str:
@@ -231,7 +225,6 @@ def _plain(value: float | None) -> str:
 
 
 def _remind(parameters: Sequence[Parameter]) -> None:
-    from tools.console import say
 
     if any(p.changed for p in parameters):
         say("until the next boot; `sweepctl param save` makes it stay")

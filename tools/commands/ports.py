@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import click
 
 from tools import options
+from tools.console import plain_console, say, write_json, write_lines
 
 if TYPE_CHECKING:
     from bridge.io.candidates import Candidate
@@ -54,11 +53,10 @@ def command(
     """
     if udev_rule:
         rule = files("tools").joinpath("data/70-sweepctl.rules").read_text(encoding="utf-8")
-        sys.stdout.write(rule)
+        write_lines(rule)
         return 0
     from bridge.io.candidates import candidates
     from bridge.io.candidates import probe as ask
-    from tools.console import say
 
     found = candidates(named)
     if probe == "active":
@@ -66,7 +64,7 @@ def command(
     if probe is not None:
         found = ask(found, active=probe == "active", baud=baud)
     if as_json:
-        sys.stdout.write(json.dumps({"ports": [one.to_dict() for one in found]}) + "\n")
+        write_json({"ports": [one.to_dict() for one in found]})
     elif not found:
         say("no serial port and no CAN interface; is the robot plugged in?")
     else:
@@ -76,8 +74,6 @@ def command(
 
 def _show(found: list[Candidate]) -> None:
     from rich.table import Table
-
-    from tools.console import plain_console
 
     table = Table(box=None, pad_edge=False)
     for title in ("port", "device", "adapter", "state"):

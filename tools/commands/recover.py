@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 
 import click
 
 from tools import options
+from tools.console import say, write_json
 
 
 @click.command("recover", epilog="Example:  sweepctl recover cut.mcap --out whole.mcap")
@@ -28,7 +27,6 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
     """
     from bridge.record.family import parts_of
     from bridge.record.recover import recover
-    from tools.console import say
 
     result = recover(file, out, force=force)
     others = parts_of(file)[1:]
@@ -41,7 +39,7 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
     if result.rescued:
         say(f"{result.rescued} messages were taken out of a chunk that was cut")
     if as_json:
-        sys.stdout.write(json.dumps(result.as_json()) + "\n")
+        write_json(result.as_json())
     else:
         end = "" if result.whole else " (the end was missing)"
         say(f"wrote {out}: {result.messages} messages in {result.chunks} chunks{end}")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
 
 from tools import options
+from tools.console import flush, say, write_line
 
 
 @click.command(
@@ -89,13 +89,12 @@ def _check(log: Path, *, as_json: bool) -> int:
     from bridge.record.errors import LogReadError
     from bridge.record.redecode import as_json as comparison_json
     from bridge.record.redecode import compare
-    from tools.console import say
 
     result = compare(log)
     if not result.recorded:
         raise LogReadError(log, "it holds no messages of a robot to compare with")
     if as_json:
-        sys.stdout.write(comparison_json(result) + "\n")
+        write_line(comparison_json(result))
     elif result.same:
         say(f"{result.equal} messages of the device: the raw bytes say the same, bit for bit")
     else:
@@ -109,7 +108,6 @@ def _serve(log: Path, pty_link: Path | None) -> int:
     from bridge.replay_device import replay_device
     from sim_device.ports.base import PortUnavailableError, Stopper
     from sim_device.ports.pty_port import PtyPort
-    from tools.console import say
     from tools.replaying import serve
     from tools.stopping import until_signalled
 
@@ -117,8 +115,8 @@ def _serve(log: Path, pty_link: Path | None) -> int:
     stopper = Stopper()
     try:
         with until_signalled(stopper.stop), PtyPort(pty_link) as port:
-            sys.stdout.write(f"ready {port.path}\n")
-            sys.stdout.flush()
+            write_line(f"ready {port.path}")
+            flush()
             name = device.recording.hello.name
             say(f"{name}, recorded for {device.recording.duration_s:.1f} s; Ctrl-C ends it")
             serve(device, port, stopper)
@@ -133,7 +131,6 @@ def _view(log: Path, speed: float, span_s: tuple[float, float | None], *, serve:
     import threading
 
     from bridge.view.feeder import FeedOptions, feed
-    from tools.console import say
     from tools.recording import check_view
     from tools.stopping import until_signalled
 

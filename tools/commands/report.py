@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 
 import click
 
 from tools import options
+from tools.console import say, write_json
 
 
 @click.command(
@@ -34,7 +33,6 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     """
     from bridge.record.sources import readable
     from bridge.view.report import default_path, write_report
-    from tools.console import say
     from tools.outputs import check_outputs
 
     default = default_path(file)
@@ -51,7 +49,7 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
             "whole": data.whole,
         }
         told |= {"problems": data.problems, "events": len(data.happenings), "lost": data.lost}
-        sys.stdout.write(json.dumps(told) + "\n")
+        write_json(told)
     else:
         say("wrote " + " and ".join(str(path) for path in (page, png) if path is not None))
         if is_there:

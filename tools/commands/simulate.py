@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
+from tools.console import err, print_summary, say
 from tools.supervising import rule_option
 
 if TYPE_CHECKING:
@@ -95,7 +96,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.record.writer import RunWriter
     from bridge.telemetry import RunInfo
     from tools.cautions import caution_lines, caution_records
-    from tools.console import print_summary, say
     from tools.rooms import load_room
     from tools.supervising import supervise_rules
     from tools.version import VERSION
@@ -245,8 +245,6 @@ def _progress(max_time_s: float) -> Iterator[Callable[[float, Host], None]]:
         yield lambda _time_s, _host: None
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    from tools.console import err
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=err(), transient=True) as bar:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import sys
-
 import click
 
 from tools import options
+from tools.console import complain, say, write_json
 
 
 @click.command("stop", epilog="Example:  sweepctl stop /dev/ttyUSB0")
@@ -25,7 +23,6 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     from bridge.io.reopening import Opener, PortOptions
     from bridge.io.stopping import stop_device
     from bridge.owner import ask
-    from tools.console import complain, say
 
     found: dict[str, object]
     try:
@@ -36,7 +33,7 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
         found = {"by": "wire", "confirmed": True, "node": stop_device(port, opened, node)}
     found = {"port": port, **found}
     if as_json:
-        sys.stdout.write(json.dumps(found) + "\n")
+        write_json(found)
     if not found["confirmed"]:
         complain(f"{port}: {found['ending']}")
         return 3

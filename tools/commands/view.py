@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from tools.console import say
+
 
 @click.command("view", epilog="Example:  sweepctl view runs/demo-simulated.mcap")
 @click.argument("file", type=click.Path(path_type=Path))
@@ -59,7 +61,6 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | None) -> None:
-    from tools.console import say
 
     if save is not None:
         from bridge.view.launch import open_viewer
@@ -80,7 +81,6 @@ def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | No
 def _serve(log: Path) -> None:
     """Until Ctrl-C."""
     from bridge.view.feeder import FeedOptions, feed
-    from tools.console import say
     from tools.recording import check_view
     from tools.stopping import until_signalled
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.table import Table as RichTable
 
+from tools.console import plain_console, write_json
 from tools.experiment import report
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.limits import CAUSES
@@ -59,7 +57,7 @@ def write_results(out: Path, title: str, command: str, rows: Sequence[Row]) -> l
 
 def print_tables(made: Sequence[Table], out: Path) -> None:
     """For people, on stdout."""
-    console = Console(highlight=False, markup=False)
+    console = plain_console()
     if not console.is_terminal:
         console.width = _PLAIN_WIDTH
     for table in made:
@@ -84,7 +82,7 @@ def print_json(made: Sequence[Table], out: Path, rows: Sequence[Row], failed: li
             for table in made
         },
     }
-    sys.stdout.write(json.dumps(summary) + "\n")
+    write_json(summary)
 
 
 def _named(row: Row) -> Row:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from tools.console import err, say
+from tools.console import err, is_drawable, say
 from tools.experiment.ending import prepare_worker, run_until_ended
 from tools.experiment.trials import room_of, work
 from tools.stopping import held_back, until_signalled
@@ -83,14 +83,14 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
         Progress(
             *columns,
             console=err(),
-            disable=not err().is_terminal,
+            disable=not is_drawable(),
             speed_estimate_period=_SPEED_OVER_S,
         ) as bar,
         ProcessPoolExecutor(workers, context, initializer=prepare_worker) as pool,
     ):
         done = len(trials) - len(missing)
         task = bar.add_task("", total=sum(costs.values()), done=done, count=len(trials))
-        if not err().is_terminal:
+        if not is_drawable():
             say(f"{done}/{len(trials)} runs done, {workers} at a time from here")
         try:
             # the longest first: none of them is left alone at the end
@@ -103,7 +103,7 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
                     text = _keep(store, trial, future, outcome)
                     done += 1
                     bar.update(task, advance=costs[trial], description=text, done=done)
-                    if not err().is_terminal:
+                    if not is_drawable():
                         _tell(bar, task, text)
         except BrokenProcessPool as error:
             _break_off(outcome, error)
