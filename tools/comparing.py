@@ -1,4 +1,4 @@
-"""The robot file against the device, told once as a run begins."""
+"""The host's robot against the device's parameters, compared once as a run begins."""
 
 from __future__ import annotations
 
@@ -10,25 +10,33 @@ from bridge.asking import Asker
 from bridge.bench.values import Difference, differences
 from bridge.errors import BridgeError
 from bridge.io import clock
+from bridge.mission import Phase
 from bridge.session_events import State
+from bridge.start_pose import contradictions
 from bridge.telemetry import Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from bridge.coverage.floorplan import FloorPlan
     from bridge.io.pump import Pump
     from bridge.motion.robot_model import RobotModel
 
 _POLL_S = 0.05
+_READING_S = 0.1
+"""Time between two looks at the ranges: a range message is never seen twice at 20 Hz."""
+_READINGS = 9
+"""Number of readings whose median is judged: an odd one, so that single echoes do not count."""
 
 
 @contextlib.contextmanager
-def compared(pump: Pump, model: RobotModel) -> Iterator[None]:
-    """Once device and host agree, ask for its parameters and tell where the robot file differs.
+def compared(pump: Pump, model: RobotModel, *, from_file: bool) -> Iterator[None]:
+    """Once device and host agree, ask for its parameters and report where the model differs.
 
     From a thread of its own: the run does not wait for it. A device without parameters has
-    nothing to tell.
+    nothing to compare. ``from_file``: a robot file gave the model; else it is the default.
     """
+    source = "the robot file" if from_file else "the host's default robot"
     over = threading.Event()
 
     def look() -> None:
@@ -37,7 +45,7 @@ def compared(pump: Pump, model: RobotModel) -> Iterator[None]:
                 return
         with contextlib.suppress(BridgeError):
             for difference in differences(Asker(pump.host, pump.call).list_parameters(), model):
-                _tell(pump, difference)
+                _report(pump, difference, source)
 
     thread = threading.Thread(target=look, name="compare", daemon=True)
     thread.start()
@@ -47,8 +55,40 @@ def compared(pump: Pump, model: RobotModel) -> Iterator[None]:
         over.set()
 
 
-def _tell(pump: Pump, difference: Difference) -> None:
+@contextlib.contextmanager
+def start_checked(pump: Pump, model: RobotModel, plan: FloorPlan | None) -> Iterator[None]:
+    """While the robot stands, compare its ranges with the walls at the room's start, and warn.
+
+    From a thread of its own, once, before anything moves.
+    """
+    over = threading.Event()
+
+    def look(plan: FloorPlan) -> None:
+        readings: list[tuple[float | None, float | None, float | None]] = []
+        while len(readings) < _READINGS:
+            if over.wait(_READING_S) or pump.host.mission.phase is Phase.DRIVING:
+                return
+            seen = pump.host.state.range
+            if pump.host.session.state is State.READY and seen is not None:
+                readings.append((seen.ultrasonic_m, seen.infrared_left_m, seen.infrared_right_m))
+        found = contradictions(plan, model, plan.start, readings)
+        if found:
+            text = (
+                f"the robot does not seem to stand at the start of {plan.name}: "
+                f"{', '.join(found)}; put it there, or map and coverage are wrong"
+            )
+            pump.call(lambda: pump.host.event(clock.now(), Severity.WARNING, "room", "start", text))
+
+    if plan is not None:
+        threading.Thread(target=look, args=(plan,), name="start", daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+def _report(pump: Pump, difference: Difference, source: str) -> None:
     name, unit, device, file = difference
     shown = "" if unit == "ratio" else f" {unit}"
-    text = f"{name}: the device has {device:.7g}{shown}, the robot file {file:.7g}{shown}"
+    text = f"{name}: the device has {device:.7g}{shown}, {source} {file:.7g}{shown}"
     pump.call(lambda: pump.host.event(clock.now(), Severity.WARNING, "session", "parameter", text))

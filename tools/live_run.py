@@ -39,7 +39,7 @@ from bridge.supervise import Supervisor
 from bridge.telemetry import RoomRecord, RunInfo, Severity
 from bridge.watching import Watch, go_on
 from tools.cautions import cautions
-from tools.comparing import compared
+from tools.comparing import compared, start_checked
 from tools.console import is_drawable, say
 from tools.lan_risk import bus_risk
 from tools.live import LivePicture, Teller
@@ -99,8 +99,8 @@ class LiveOptions:
     """Signs what moves the robot, where the device asks for it."""
     adapter_delay_ns: tuple[int, int] = (0, 0)
     """Declared of the way to the device and of the way back (:class:`HostOptions`)."""
-    compare: bool = False
-    """Tell where the device's parameters are not those of the robot file."""
+    robot_file: bool = False
+    """A robot file gave the model; else it is the default."""
     recording: RecordOptions = field(default_factory=RecordOptions)
     view: bool = False
     """Show the run live in Rerun."""
@@ -183,7 +183,8 @@ def run_live(asked: LiveOptions) -> LiveResult:
             with (
                 live_view(asked.log, view=asked.view, serve=asked.serve),
                 _owner(asked, pump, opened),
-                compared(pump, asked.model) if asked.compare else contextlib.nullcontext(),
+                compared(pump, asked.model, from_file=asked.robot_file),
+                start_checked(pump, asked.model, asked.plan),
                 _picture(host, teller, operating),
             ):
                 gc.freeze()  # what start-up left is not walked through again while driving

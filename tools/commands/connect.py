@@ -138,7 +138,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             adapter_delay_ns=adapter_delay_ns,
             clear_stop=clear_stop,
             force=force,
-            compare=robot is not None,
+            robot_file=robot is not None,
         )
     )
     for line in result.complaints:

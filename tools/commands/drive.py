@@ -91,7 +91,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             drive=True,
             speed_m_s=speed_m_s,
             gamepad=gamepad,
-            compare=robot is not None,
+            robot_file=robot is not None,
             recording=take_record_options(recording),
         )
     )
