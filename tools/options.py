@@ -169,7 +169,9 @@ def port_options(f: Callable[..., object]) -> Callable[..., object]:
         click.option("--rts", is_flag=True, help="Set RTS (many boards reset on it)."),
         click.option("--dtr", is_flag=True, help="Set DTR (many boards reset on it)."),
         click.option(
-            "--lan", is_flag=True, help="With can:udp_multicast: let frames leave this machine."
+            "--lan",
+            is_flag=True,
+            help="With can:udp_multicast: let frames leave this machine and come in from others.",
         ),
         click.option(
             "--bitrate",

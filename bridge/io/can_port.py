@@ -17,6 +17,7 @@ import can
 
 from bridge.errors import PortBusyError, PortError
 from bridge.io.device_lock import DeviceLock
+from bridge.io.multicast import MulticastBus
 from bridge.io.port_names import CAN_EXAMPLE
 from protocol.can_frames import RECORD
 
@@ -74,7 +75,7 @@ class CanPort:
         if interface not in _WITHOUT_BITRATE:
             options["bitrate"] = bitrate
         if interface == _MULTICAST:
-            options |= {"hop_limit": 1 if lan else 0, "fd": False}
+            options["lan"] = lan
         self._lock: DeviceLock | None = None
         if interface == "slcan":
             # Before python-can opens it: its first bytes would close another host's bus.
@@ -114,7 +115,9 @@ class CanPort:
             if self._wake_read in ready:
                 self._drain_wakes()
             records: list[bytes] = []
-            while self._fd in ready and len(records) < READ_FRAMES:
+            for _ in range(READ_FRAMES):  # what is no frame counts: a flood of it is left, too
+                if self._fd not in ready:
+                    break
                 self._take(self._receive(0.0), records)
                 ready, _, _ = select.select([self._fd], [], [], 0.0)
         except (can.CanError, OSError, TypeError) as error:
@@ -248,6 +251,8 @@ def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> c
             "udp_multicast or another of python-can's"
         )
     try:
+        if interface == _MULTICAST:
+            return MulticastBus(channel, **options)
         return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
     except can.CanInterfaceNotImplementedError as error:
         raise PortError(f"cannot open {port}: {_reason(error)}") from None
@@ -267,7 +272,7 @@ def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> c
             raise PortError(
                 f"cannot open {port}: {_reason(cause)}; does 'ip link' show {channel} as up?"
             ) from None
-        if interface == _MULTICAST:
+        if interface == _MULTICAST and number in {errno.ENODEV, errno.ENETUNREACH}:
             raise PortError(
                 f"cannot open {port}: {_reason(cause)}; multicast needs a route "
                 "(ip route add 224.0.0.0/4 dev lo)"

@@ -10,6 +10,8 @@ from sim_device.line import FIFO_BYTES
 from sim_device.ports.base import DevicePort, PortUnavailableError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import can
 
 MULTICAST_GROUP = "239.74.163.2"
@@ -20,15 +22,15 @@ _ECHOES = 512
 class MulticastPort(DevicePort):
     """The device's node on the bus."""
 
-    def __init__(self, group: str = MULTICAST_GROUP, *, lan: bool = False) -> None:
-        """Join the group; nothing leaves this machine unless ``lan``.
+    def __init__(self, join: Callable[[str], can.BusABC], group: str = MULTICAST_GROUP) -> None:
+        """Join the group by ``join``, which gives the bus of a group.
 
         Raises:
             PortUnavailableError: this system has no multicast.
 
         """
         self.path = f"can:udp_multicast:{group}"
-        self._group, self._lan = group, lan
+        self._group, self._join = group, join
         self._echoes: deque[bytes] = deque(maxlen=_ECHOES)
         self._bus: can.BusABC | None = None
         self.plug()
@@ -40,13 +42,7 @@ class MulticastPort(DevicePort):
         if self._bus is not None:
             return
         try:
-            self._bus = can.Bus(
-                interface="udp_multicast",
-                channel=self._group,
-                hop_limit=1 if self._lan else 0,
-                fd=False,
-                ignore_config=True,
-            )
+            self._bus = self._join(self._group)
         except (can.CanError, OSError) as error:
             cause = error.__cause__ or error
             raise PortUnavailableError(

@@ -4,27 +4,33 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 import can
 import pytest
+from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from can.interfaces.virtual import VirtualBus
 
 import bridge
 from bridge.errors import BridgeError, PortBusyError, PortError
 from bridge.io.can_port import CanPort
+from bridge.io.multicast import MulticastBus
 from bridge.io.ports import open_port
 from bridge.record.reader import LogReader
 from protocol.can_frames import RECORD, CanFrame, frame_bits
 from protocol.can_link import CanLink
 from sim_device.ports import MulticastPort, SlcanPort
 from support.ends import sweeper
-from support.two_processes import Command, Emulator, connect
+from support.two_processes import PATIENCE_S, Command, Emulator, connect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -202,22 +208,32 @@ def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) ->
         assert nodes == {2}
 
 
-def test_what_the_system_does_not_take_is_not_counted_as_sent(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Network buffers that are full: what is left goes back to the line, and is told of there."""
-    sent: list[int] = []
+class FullNetwork(VirtualBus):
+    """Takes two frames, and then no more."""
 
-    def send(message: can.Message) -> None:
-        if len(sent) == 2:
+    def __init__(self, group: str) -> None:
+        super().__init__(channel=group)
+        self.sent: list[int] = []
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        if len(self.sent) == 2:
             raise can.CanOperationError("No buffer space available")
-        sent.append(message.arbitration_id)
+        self.sent.append(msg.arbitration_id)
+        super().send(msg, timeout)
 
-    with MulticastPort() as port:
-        monkeypatch.setattr(port._bus, "send", send)  # noqa: SLF001 - a network that is full
+
+def test_what_the_system_does_not_take_is_not_counted_as_sent() -> None:
+    """Network buffers that are full: what is left goes back to the line, and is told of there."""
+    joined: list[FullNetwork] = []
+
+    def join(group: str) -> can.BusABC:
+        joined.append(FullNetwork(group))
+        return joined[-1]
+
+    with MulticastPort(join) as port:
         frames = b"".join(RECORD.pack(can_id, 1, b"x") for can_id in (0x121, 0x131, 0x141))
         assert port.write(frames) == 2 * RECORD.size
-        assert sent == [0x121, 0x131]
+        assert joined[0].sent == [0x121, 0x131]
         port.unplug()
         assert port.write(frames) == len(frames), "nobody wants it"
 
@@ -235,6 +251,69 @@ def test_datagrams_that_are_no_frames_do_not_end_the_port() -> None:
             assert found == FRAME
             assert other.wait(0.1) == b"", "its own frame is not heard"
         assert port.garbled == 3
+
+
+GROUP = "239.74.163.4"
+_SENDER = """
+import socket, sys
+with socket.socket(type=socket.SOCK_DGRAM) as out:
+    out.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+    out.sendto(bytes.fromhex(sys.argv[2]), (sys.argv[1], 43113))
+"""
+
+
+def sent_by_another_process(address: str, can_id: int) -> None:
+    """A frame in python-can's own form."""
+    data = pack_message(can.Message(arbitration_id=can_id, data=b"x", is_extended_id=False)).hex()
+    subprocess.run([sys.executable, "-c", _SENDER, address, data], check=True)
+
+
+def own_addresses() -> list[str]:
+    """Of this machine: one that only it can reach, and those that others can."""
+    found = ["127.0.0.1", "127.0.0.5"]
+    with socket.socket(type=DGRAM) as probe, suppress(OSError):  # where there is no network at all
+        probe.connect(("203.0.113.9", 9))  # sends nothing; it chooses the address to send from
+        found.append(probe.getsockname()[0])
+    return found
+
+
+@pytest.mark.parametrize("lan", [False, True])
+def test_only_what_is_sent_to_the_group_is_on_the_bus(lan: bool) -> None:  # noqa: FBT001 - of a test
+    """A datagram to an address of this machine is no frame, whoever sends it."""
+    join = partial(MulticastBus, lan=lan)
+    with (
+        CanPort(f"can:udp_multicast:{GROUP}", lan=lan) as host,
+        MulticastPort(join, GROUP) as device,
+    ):
+        for address in own_addresses():
+            sent_by_another_process(address, 0x100)
+        sent_by_another_process(GROUP, 0x200)  # the last: whatever else is taken comes before it
+        assert ids(host.wait(PATIENCE_S)) == [0x200]
+        select.select(device.filenos(), [], [], PATIENCE_S)
+        assert ids(device.read()) == [0x200]
+
+
+def ids(data: bytes) -> list[int]:
+    return [can_id for can_id, _, _ in RECORD.iter_unpack(data)]
+
+
+def test_a_frame_of_another_machine_is_taken_only_with_lan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sender's address tells: here that of a network which is somebody else's."""
+    frame = pack_message(can.Message(arbitration_id=0x123, data=b"x", is_extended_id=False))
+
+    class Network(socket.socket):
+        """Datagrams that came from afar."""
+
+        def recvfrom(self, size: int, flags: int = 0, /) -> tuple[bytes, tuple[str, int]]:
+            data, _ = super().recvfrom(size, flags)
+            return data, ("203.0.113.9", 43113)
+
+    monkeypatch.setattr(socket, "socket", Network)
+    for lan in (False, True):
+        with MulticastBus(GROUP, lan=lan) as near, MulticastBus(GROUP, lan=lan) as far:
+            far.send(unpack_message(frame))
+            message = near.recv(0.5)
+            assert (message is not None) == lan
 
 
 def test_a_drive_over_socketcan(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 import signal
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,8 +80,8 @@ _SERIAL = {"pty", "tcp"}
 @click.option(
     "--lan",
     is_flag=True,
-    help="With udpcan: let frames leave this machine. With tcp: listen on all its addresses. "
-    "Whoever can reach it can then drive it.",
+    help="With udpcan: let frames leave this machine and come in from others. With tcp: listen on "
+    "all its addresses. Whoever can reach it can then drive it.",
 )
 @options.seed_option
 @options.noise_option
@@ -311,7 +312,9 @@ def _port(
         case "slcan":
             return SlcanPort(pty_link, bitrate=bitrate)
         case "udpcan":
-            return MulticastPort(lan=lan)
+            from bridge.io.multicast import MulticastBus
+
+            return MulticastPort(partial(MulticastBus, lan=lan))
         case "tcp":
             host, number = listen or ("0.0.0.0" if lan else "127.0.0.1", 0)  # noqa: S104 - --lan
             return TcpPort(host, number, _tell)
