@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 APPLICATION = "sweepctl"
 _LOOPBACK = "127.0.0.1"
 _INSTEAD = ", --save FILE.rrd writes a Rerun file, --png or --screenshot FILE.png a picture"
+_NO_PROXY_THERE = "http://127.0.0.1:9"
+"""Nothing answers on the discard service's port of this machine."""
+_DIRECT = "127.0.0.1,localhost,::1"
+"""What is reached without a proxy: the data that the viewer is sent."""
 _INTERRUPTED = {-2, 130}
 """Ended by Ctrl-C, which is how a person ends a viewer that holds the terminal."""
 
@@ -113,14 +117,20 @@ def viewer_program() -> Path:
 
 
 def viewer_environment(log_level: str) -> dict[str, str]:
-    """What a viewer is started with: plain notices, and nothing sent to its makers.
+    """What a viewer is started with: plain notices, and no request beyond this machine.
 
-    Rerun reports its use unless told otherwise in the user's own settings, which are not ours
-    to change; on a machine that runs tests it never does, so it is told that this is one.
+    Rerun reports its use unless the user's own settings forbid it, and those are not ours to
+    change; on a machine that runs tests it does not report, so ``CI`` is set. Its window also asks
+    for Rerun's newest release, which no setting turns off; a proxy that does not exist does.
     """
     environment = {"RUST_LOG": log_level, **os.environ}
     environment |= {"RERUN_APP_ONLY": "true", "NO_COLOR": "1", "CI": "1"}
     environment.pop("FORCE_RERUN_ANALYTICS", None)
+    for name, value in (
+        *((f"{scheme}_proxy", _NO_PROXY_THERE) for scheme in ("http", "https", "all")),
+        ("no_proxy", _DIRECT),
+    ):
+        environment[name] = environment[name.upper()] = value
     return environment
 
 
