@@ -7,12 +7,13 @@ Used by :class:`bridge.robot.Robot` and by the socket through which other proces
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from bridge.errors import BridgeError, DeviceLostError, ParameterError
+from bridge.errors import BridgeError, DeviceLostError, ParameterError, shown
 from bridge.io import clock
+from bridge.mission import known_cause
 from bridge.parameters import Parameter, closest
-from bridge.refusals import check_known, check_outcome
+from bridge.refusals import check_fields, check_known, check_outcome
 from protocol.catalogue import CATALOGUE
 from protocol.message import Direction, RateClass
 from protocol.messages import (
@@ -35,6 +36,7 @@ from protocol.values import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
+    from concurrent.futures import Future
 
     from bridge.host import Host
     from protocol.commands import Outcome
@@ -58,11 +60,22 @@ _NAMES = {
 }
 
 
+_HANGS = "the loop that has its port does not answer"
+R = TypeVar("R")
+
+
+class InLoop(Protocol):
+    """What runs something in a loop's own thread."""
+
+    def __call__(self, action: Callable[[], R]) -> Future[R]:
+        """Have it run at the loop's next turn; what it gives or raises is the answer's."""
+
+
 class Asker:
     """Sends acknowledged commands through a running loop and waits for how they end."""
 
-    def __init__(self, host: Host, call: Callable[[Callable[[], None]], None]) -> None:
-        """``call`` runs something in the loop's own thread."""
+    def __init__(self, host: Host, call: InLoop) -> None:
+        """``call`` runs something in the loop's own thread, as :meth:`Pump.call` does."""
         self._host = host
         self._call = call
 
@@ -72,36 +85,48 @@ class Asker:
         """Send one command and wait.
 
         Raises:
+            ParameterError: a value does not fit its field; nothing was sent.
             CommandRejectedError: the device refused; the text has its reason.
             DeviceLostError: it did not answer, or is not there.
 
         """
-        self._all(kind, [fields])
-
-    def _all(self, kind: type[Message], asked: Sequence[tuple[int, ...]]) -> None:
-        for start in range(0, len(asked), AT_ONCE):
-            self._some(kind, asked[start : start + AT_ONCE])
-
-    def _some(self, kind: type[Message], asked: Sequence[tuple[int, ...]]) -> None:
         what = _NAMES.get(kind, kind.__name__)
-        check_known(what, kind, self._host.session.link)
-        outcomes: list[Outcome | None] = []
-        all_in = threading.Event()
+        self._check(what, kind, fields)
+        answers: list[Outcome | None] = []
+        answered = threading.Event()
 
         def ended(outcome: Outcome | None) -> None:
-            outcomes.append(outcome)
-            if len(outcomes) == len(asked):
-                all_in.set()
+            answers.append(outcome)
+            answered.set()
 
-        def ask() -> None:
-            for fields in asked:
-                self._host.dialogue.ask(kind, fields, clock.now(), ended)
+        self._in_loop(lambda: self._host.dialogue.ask(kind, fields, clock.now(), ended))
+        self._await(answered, what)
+        check_outcome(what, answers[0])
 
-        self._call(ask)
-        if not all_in.wait(WAIT_S):
-            raise DeviceLostError(f"no answer to {what}: the session has ended")
-        for outcome in outcomes:
-            check_outcome(what, outcome)
+    def _check(self, what: str, kind: type[Message], fields: Sequence[int]) -> None:
+        """Find what is wrong with a command here, in the asking thread."""
+        check_fields(what, kind, fields)
+        check_known(what, kind, self._host.session.link)
+
+    def _in_loop(self, action: Callable[[], R]) -> R:
+        """Have something run in the loop and wait for what it gives.
+
+        Raises:
+            DeviceLostError: the loop has ended, or hangs.
+            Exception: what the action raised.
+
+        """
+        answer = self._call(action)
+        try:
+            return answer.result(WAIT_S)
+        except TimeoutError:
+            answer.cancel()  # it must not happen late
+            raise DeviceLostError(_HANGS) from None
+
+    @staticmethod
+    def _await(answered: threading.Event, what: str) -> None:
+        if not answered.wait(WAIT_S):
+            raise DeviceLostError(f"no answer to {what}: {_HANGS}")
 
     # ---- parameters -----------------------------------------------------------------------
 
@@ -113,24 +138,22 @@ class Asker:
             DeviceLostError: it did not answer.
 
         """
-        self._fetch([0])
-        count = self._host.dialogue.parameter_count or 0
-        self._fetch(range(1, count))
-        known = self._host.dialogue.parameters
-        return [known[number] for number in range(count)]
+        first = self._fetch([0])
+        count = self._in_loop(lambda: self._host.dialogue.parameter_count) or 0
+        found = {**first, **self._fetch(range(1, count))}
+        return [found[number] for number in sorted(found)]
 
     def get_parameter(self, name: str | int) -> Parameter:
         """Ask for one, by name or number.
 
         Raises:
-            ParameterError: there is none of this name.
+            ParameterError: there is none of this name, or a number that no parameter can have.
             CommandRejectedError: there is none of this number.
             DeviceLostError: the device did not answer.
 
         """
         number = self._number(name)
-        self._fetch([number])
-        return self._host.dialogue.parameters[number]
+        return self._fetch([number])[number]
 
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
         """Change one until the next boot; gives what the device has then.
@@ -142,6 +165,8 @@ class Asker:
 
         """
         known = self.get_parameter(name)
+        if known.kind.upper() not in ParameterKind.__members__:
+            raise ParameterError(f"{known.name}: this program cannot set a value of {known.kind}")
         kind = ParameterKind[known.kind.upper()]
         self.command(SetParameter, known.number, kind, known.raw(value))
         return self.get_parameter(known.number)
@@ -166,16 +191,38 @@ class Asker:
             raise ParameterError(closest(name, sorted(names)))
         return names[name]
 
-    def _fetch(self, numbers: Iterable[int]) -> None:
-        known, missing = self._host.dialogue.parameters, list(numbers)
+    def _fetch(self, numbers: Iterable[int]) -> dict[int, Parameter]:
+        """Ask for these parameters; what the device answered to this very question."""
+        what, missing = _NAMES[GetParameter], list(numbers)
         for number in missing:
-            known.pop(number, None)
+            self._check(what, GetParameter, (number,))
+        found: dict[int, Parameter] = {}
         for _ in range(_TRIES):
-            self._all(GetParameter, [(number,) for number in missing])
-            missing = [number for number in missing if number not in known]
+            for start in range(0, len(missing), AT_ONCE):
+                found |= self._fetch_some(missing[start : start + AT_ONCE])
+            missing = [number for number in missing if number not in found]
             if not missing:
-                return
+                return found
         raise DeviceLostError(f"the device did not tell parameter {missing[0]}")
+
+    def _fetch_some(self, numbers: Sequence[int]) -> dict[int, Parameter]:
+        answers: list[tuple[Outcome | None, Parameter | None]] = []
+        answered = threading.Event()
+
+        def ended(outcome: Outcome | None, parameter: Parameter | None) -> None:
+            answers.append((outcome, parameter))
+            if len(answers) == len(numbers):
+                answered.set()
+
+        def ask() -> None:
+            for number in numbers:
+                self._host.dialogue.fetch(number, clock.now(), ended)
+
+        self._in_loop(ask)
+        self._await(answered, _NAMES[GetParameter])
+        for outcome, _ in answers:
+            check_outcome(_NAMES[GetParameter], outcome)
+        return {found.number: found for _, found in answers if found is not None}
 
     # ---- the rest -------------------------------------------------------------------------
 
@@ -194,11 +241,10 @@ class Asker:
             if s.direction is Direction.DEVICE and s.rate is RateClass.STREAM
         }
         if stream not in streams:
-            raise ParameterError(f"{stream!r} is no stream; there are {', '.join(streams)}")
-        rate = round(rate_hz * 10.0) if 0.0 <= rate_hz <= 1000.0 else -1  # noqa: PLR2004 - as declared
-        if rate < 0:
-            raise ParameterError(f"{rate_hz:g} Hz is not in 0 to 1000 Hz")
-        self.command(SetStreamRate, streams[stream], rate)
+            raise ParameterError(f"{shown(stream)} is no stream; there are {', '.join(streams)}")
+        if not 0.0 <= rate_hz <= 1000.0:  # noqa: PLR2004 - as declared
+            raise ParameterError(f"{shown(rate_hz)} Hz is not in 0 to 1000 Hz")
+        self.command(SetStreamRate, streams[stream], round(rate_hz * 10.0))
 
     def reboot(self, *, factory_reset: bool = False) -> None:
         """Have the device boot anew; ``factory_reset`` forgets what was saved.
@@ -222,9 +268,9 @@ class Asker:
         status = self._host.state.status
         if status is None:
             raise BridgeError("the device has not told its status yet")
-        cause = StopCause(status.stop_cause)
+        cause = known_cause(status.stop_cause)
         if cause is not StopCause.NONE:
-            self.command(ClearStop, cause)
+            self.command(ClearStop, status.stop_cause)
         return cause
 
     def planner(

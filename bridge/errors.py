@@ -103,3 +103,17 @@ class StoppedForSafetyError(BridgeError):
     """The robot is stopped and must be freed by hand."""
 
     exit_status = 5
+
+
+_SHOWN_BITS = 128
+"""Integers up to this many bits are written out; a person reads 39 digits, not a thousand."""
+_SHOWN_CHARACTERS = 60
+"""Characters of a value that a message of one line quotes."""
+
+
+def shown(value: object) -> str:
+    """A value that a user gave, for a message of one line."""
+    if isinstance(value, int) and value.bit_length() > _SHOWN_BITS:
+        return f"(an integer of {value.bit_length()} bits)"
+    text = repr(value)
+    return text if len(text) <= _SHOWN_CHARACTERS else f"{text[:_SHOWN_CHARACTERS]}..."

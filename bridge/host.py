@@ -198,12 +198,10 @@ class Host(HostSenses):
         """Ask for an orderly end: the robot stops first."""
         if self.session.state is State.READY:
             self.mission.request_end(ending, now_ns / 1e9)
-        elif self.mission.ending is None:
+        elif ending.outranks(self.mission.ending):
             if self.hello is not None:  # not heard is not the same as not hearing
                 self.session.stop(ending.cause, now_ns)
-            self.mission.ending = ending
-            self.mission.on_lost(now_ns / 1e9)
-            self.mission.on_failed(ending.reason, ending.exit_status, now_ns / 1e9)
+            self.mission.end_unheard(ending, now_ns / 1e9)
         self._serve(now_ns)
 
     # ---- events of the session ------------------------------------------------------------

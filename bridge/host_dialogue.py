@@ -6,14 +6,16 @@ passes here: each command with the one who wants to know how it ended.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from bridge.parameters import Parameter
 from bridge.session_events import State
-from protocol.messages import PlannerCommand
+from protocol.errors import ProtocolError
+from protocol.messages import GetParameter, PlannerCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from bridge.mission import Request
     from bridge.session import Session
@@ -36,15 +38,26 @@ def carry_out(request: Request, session: Session, now_ns: HostNs) -> None:
             session.stop(request.value, now_ns)
 
 
+@dataclass(slots=True, eq=False)
+class Fetch:
+    """One question for a parameter that is under way."""
+
+    number: int
+    found: Parameter | None = None
+    """What the device has told since the question."""
+
+
 class Dialogue:
     """One host's commands under way beyond those of its run; lives in the loop's thread."""
 
     def __init__(self, session: Session) -> None:
-        self.parameters: dict[int, Parameter] = {}
-        """By number, as last told; of another boot they are forgotten."""
+        self.parameters: Mapping[int, Parameter] = {}
+        """By number, as last told; of another boot they are forgotten. Replaced as a whole, never
+        changed: another thread may read what it holds."""
         self.parameter_count: int | None = None
         self._session = session
         self._waiting: dict[int, Callable[[Outcome | None], None]] = {}
+        self._fetching: list[Fetch] = []
 
     def ask(
         self,
@@ -62,6 +75,29 @@ class Dialogue:
             return
         self._waiting[self._session.command(kind, fields, now_ns)] = done
 
+    def fetch(
+        self,
+        number: int,
+        now_ns: HostNs,
+        done: Callable[[Outcome | None, Parameter | None], None],
+    ) -> None:
+        """Ask for one parameter; ``done`` gets how the command ended, and what came for it.
+
+        A value that does not come before the command's acknowledgement is None.
+        """
+        fetching = Fetch(number)
+        self._fetching.append(fetching)
+
+        def ended(outcome: Outcome | None) -> None:
+            self._fetching.remove(fetching)
+            done(outcome, fetching.found)
+
+        try:
+            self.ask(GetParameter, (number,), now_ns, ended)
+        except ProtocolError:
+            self._fetching.remove(fetching)
+            raise
+
     def ended(self, outcome: Outcome) -> bool:
         """Take a command's outcome; False for one that was not asked here."""
         done = self._waiting.pop(cast("Command", outcome.message).command_id, None)
@@ -78,11 +114,15 @@ class Dialogue:
 
     def forget(self) -> None:
         """Another boot: parameters may have other values."""
-        self.parameters.clear()
+        self.parameters = {}
         self.parameter_count = None
 
     def parameter(self, message: ParameterValue, *_: Any) -> None:  # noqa: ANN401 - times, of every listener
         """Take what the device told of one parameter."""
         if message.name is not None:
+            found = Parameter.from_message(message)
             self.parameter_count = message.parameter_count
-            self.parameters[message.parameter] = Parameter.from_message(message)
+            self.parameters = {**self.parameters, message.parameter: found}
+            for fetching in self._fetching:
+                if fetching.number == message.parameter:
+                    fetching.found = found

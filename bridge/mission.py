@@ -69,6 +69,21 @@ class Ending:
     exit_status: int
     cause: StopCause = StopCause.SESSION_END
     """What is latched on the device for it."""
+    latched: StopCause = StopCause.NONE
+    """What the device has latched by itself, where that ended the run."""
+
+    @property
+    def gravity(self) -> StopCause:
+        """The cause by which this end is judged: the graver of the host's and the device's."""
+        return max(self.cause, self.latched)
+
+    def outranks(self, other: Ending | None) -> bool:
+        """Whether this end takes the place of another one that it coincides with.
+
+        The order of :class:`StopCause` is the order of gravity, here as on the device. Of two
+        causes of equal gravity the first one stays.
+        """
+        return other is None or self.gravity > other.gravity
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +126,10 @@ class Mission:
         self.ending: Ending | None = None
         self.drive_started_s: float | None = None
         self.drive_ended_s: float | None = None
-        self.stop_confirmed = False
-        """The device has said that it stands, for good."""
+        self.stop_cause = StopCause.NONE
+        """The gravest cause whose stop this run has asked for at its end."""
+        self.confirmed = StopCause.NONE
+        """The gravest cause whose stop the device has acknowledged at this run's end."""
         self.signed = False
         """What is asked for is signed with a key, which may be another than the device's."""
         self.link: LinkTrouble | None = None
@@ -145,6 +162,11 @@ class Mission:
         if self.runner is None and self.phase is Phase.WAITING:
             self.runner = runner
             self._clear_any = clear_stop
+
+    @property
+    def stop_confirmed(self) -> bool:
+        """True when the device has acknowledged the stop of the gravest cause that came up."""
+        return self.ending is not None and self.confirmed >= self.stop_cause
 
     def requests(self) -> list[Request]:
         """Fetch and forget what the session should do."""
@@ -216,15 +238,14 @@ class Mission:
                 self._start(cause, now_s)
         elif self.phase in {Phase.SETTLING, Phase.DRIVING} and cause != StopCause.NONE:
             name = label(StopCause, cause)
-            self._end(now_s, Ending("stopped", f"the device latched a stop (cause: {name})", 5))
+            text = f"the device latched a stop (cause: {name})"
+            self._end(now_s, Ending("stopped", text, 5, latched=known_cause(cause)))
 
     def on_command(self, outcome: Outcome, now_s: float) -> None:
         """A command of ours ended."""
         message = outcome.message
         if isinstance(message, Stop):
-            if self.phase is Phase.ENDING:
-                self.stop_confirmed = outcome.accepted
-                self._finish(now_s)
+            self._stopped(message.cause, now_s, accepted=outcome.accepted)
             return
         if self.phase not in {Phase.CLEARING, Phase.ENABLING}:
             return
@@ -243,10 +264,43 @@ class Mission:
         elif isinstance(message, SetMode):
             self._go(Phase.SETTLING, now_s)
 
+    def _stopped(self, cause: int, now_s: float, *, accepted: bool) -> None:
+        """The device's answer to a stop; that of a lesser cause than the end's ends nothing."""
+        if accepted:
+            self.confirmed = max(self.confirmed, known_cause(cause))
+        if self.phase is Phase.ENDING and cause >= self.stop_cause:
+            if not accepted:
+                self._unconfirmed()
+            self._finish(now_s)
+
     def request_end(self, ending: Ending, now_s: float) -> None:
-        """End the run in order: the robot stops first."""
-        if self.ending is None and self.phase is not Phase.DONE:
+        """End the run in order: the robot stops first.
+
+        A graver cause replaces the one that the run ends for, while its stop is on its way and
+        after it: the stop of the graver one is sent too, and its own confirmation awaited.
+        """
+        if self.phase is Phase.DONE and not self._ready:
+            return
+        present = self.ending
+        if present is None or ending.outranks(present):
             self._end(now_s, ending)
+        elif ending.cause > present.cause:  # the device has latched a graver one by itself
+            self._stop(now_s, ending.cause)
+
+    def end_unheard(self, ending: Ending, now_s: float) -> None:
+        """End a run whose device is not there to confirm a stop."""
+        if self.phase is not Phase.DONE:
+            self.on_lost(now_s)
+        self.ending = ending
+        if self._was_ready and self.runner is not None:
+            self._unconfirmed()
+        self._finish(now_s)
+
+    def crashed(self, ending: Ending, confirmed: StopCause) -> None:
+        """The loop has failed and ended the run without this object's help."""
+        self.ending = ending
+        self.confirmed = max(self.confirmed, confirmed)
+        self.phase = Phase.DONE
 
     # ---- time -----------------------------------------------------------------------------
 
@@ -384,6 +438,7 @@ class Mission:
                     f"the robot holds a stop (cause: {name}); "
                     "see that it is safe, then add --clear-stop",
                     5,
+                    latched=known_cause(cause),
                 ),
             )
 
@@ -393,21 +448,38 @@ class Mission:
 
     def _end(self, now_s: float, ending: Ending) -> None:
         self.ending = ending
-        if self.drive_started_s is not None:
+        if self.drive_started_s is not None and self.drive_ended_s is None:
             self.drive_ended_s = now_s
-        if not self._ready:
+        if self._ready:
+            self._stop(now_s, ending.cause)
+        else:
             self._finish(now_s)
-            return
-        self.pending.append(Request("stop", ending.cause))
-        self._go(Phase.ENDING, now_s)
+
+    def _stop(self, now_s: float, cause: StopCause) -> None:
+        if cause > self.stop_cause:
+            self.stop_cause = cause
+            self.pending.append(Request("stop", cause))
+            self._go(Phase.ENDING, now_s)
 
     def _unconfirmed(self) -> None:
         """The run ends without the device's word that it stands; its own watchdog stops it."""
-        if self.ending is not None:
-            reason = f"{self.ending.reason}; the device did not confirm the stop"
-            self.ending = replace(self.ending, reason=reason)
+        ending = self.ending
+        if ending is None:
+            return
+        reason = f"{ending.reason}; the device did not confirm the stop"
+        self.ending = replace(ending, reason=reason)
+        if self.drive_started_s is not None and not ending.exit_status:
+            self.ending = replace(self.ending, outcome="fault", exit_status=3)
 
     def _finish(self, now_s: float) -> None:
         if self.drive_started_s is not None and self.drive_ended_s is None:
             self.drive_ended_s = now_s
         self._go(Phase.DONE, now_s)
+
+
+def known_cause(number: int) -> StopCause:
+    """The cause of this number; of a number that only a newer device has, the gravest."""
+    try:
+        return StopCause(number)
+    except ValueError:
+        return max(StopCause)

@@ -10,11 +10,10 @@ parameter, look on) goes through the owner's socket; where nobody owns the port,
 
 from __future__ import annotations
 
-import threading
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from bridge.asking import Asker
-from bridge.errors import BridgeError, NoOwnerError
+from bridge.errors import BridgeError, NoOwnerError, OwnerRefusedError, shown
 from bridge.io import clock
 from bridge.io.owner_client import ask, has_owner, watch
 from bridge.mission import Ending
@@ -33,7 +32,6 @@ __all__ = ["OwnerService", "Reached", "RemoteRobot", "ask", "has_owner", "reach"
 
 CONFIRM_S = 3.0
 """For a stop: longer than the run itself waits for the device's word."""
-_POLL_S = 0.01
 
 
 class Reached(Protocol):
@@ -61,7 +59,7 @@ class Reached(Protocol):
         """What is known of the robot now, for JSON."""
 
     def stop(self) -> None:
-        """Stop and latch, cause ``operator``."""
+        """Stop and latch, cause ``operator``; raises where the device does not confirm it."""
 
     def __enter__(self) -> Self: ...
 
@@ -128,8 +126,15 @@ class RemoteRobot:
         return status if isinstance(status, dict) else {}
 
     def stop(self) -> None:
-        """Stop and latch, cause ``operator``; the owner's run ends."""
-        self._ask("stop")
+        """Stop and latch, cause ``operator``; the owner's run ends.
+
+        Returns once the device has confirmed the stop; raises :class:`OwnerRefusedError` where it
+        did not.
+        """
+        answer = self._ask("stop")
+        if answer.get("confirmed") is not True:
+            reason = str(answer.get("ending", "no reason is given"))
+            raise OwnerRefusedError(f"the device did not confirm the stop: {reason}", 3)
 
     def _ask(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
         return ask(self._port, {"do": what, **fields})
@@ -157,7 +162,7 @@ class OwnerService:
     @property
     def over(self) -> bool:
         """True when the run is done."""
-        return self._host.mission.done
+        return self._pump.result is not None
 
     def snapshot(self) -> dict[str, Any]:
         """What is known of the robot now."""
@@ -198,19 +203,17 @@ class OwnerService:
             case "set":
                 return {"parameter": self._set(request).to_dict()}
             case _:
-                raise BridgeError(f"{str(what)[:40]!r} is no request")
+                raise BridgeError(f"{shown(what)} is no request")
 
     def _resume(self) -> None:
         """Go on after a loss or a pause, in the loop's thread."""
-        answers: list[bool] = []
-        done = threading.Event()
-
-        def go() -> None:
-            answers.append(go_on(self._host, clock.now()))
-            done.set()
-
-        self._pump.call(go)
-        if not done.wait(CONFIRM_S) or not answers[0]:
+        answer = self._pump.call(lambda: go_on(self._host, clock.now()))
+        try:
+            goes_on = answer.result(CONFIRM_S)
+        except TimeoutError:
+            answer.cancel()  # a person who got no answer is not surprised by a robot that moves
+            raise NoOwnerError("the run does not answer") from None
+        if not goes_on:
             raise BridgeError("nothing waits to go on")
 
     def _set(self, request: dict[str, Any]) -> Parameter:
@@ -221,15 +224,13 @@ class OwnerService:
 
     def _stop(self, asker: str) -> dict[str, Any]:
         reason = f"stopped from another shell ({asker})"
-        self._pump.request_end(Ending("stopped", reason, 5, StopCause.OPERATOR))
-        for _ in range(round(CONFIRM_S / _POLL_S)):
-            if self._host.mission.done:
-                break
-            clock.pause(_POLL_S)
-        ending = self._host.mission.ending
-        if ending is None or not self._host.mission.done:
+        ending = Ending("stopped", reason, 5, StopCause.OPERATOR)
+        self._pump.request_end(ending)
+        result = self._pump.wait_over(CONFIRM_S)
+        if result is None:
             raise NoOwnerError("the run did not end in time; stop the robot by hand")
-        return {"confirmed": self._host.mission.stop_confirmed, "ending": ending.reason}
+        confirmed = result.confirmed >= ending.cause
+        return {"confirmed": confirmed, "ending": result.ending.reason}
 
 
 def _name(request: dict[str, Any]) -> str | int:
@@ -243,4 +244,7 @@ def _number(request: dict[str, Any], key: str) -> float:
     value = request.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise BridgeError(f"{key} is not a number")
-    return value
+    try:
+        return float(value)
+    except OverflowError:
+        raise BridgeError(f"{key}: {shown(value)} is too large") from None

@@ -7,7 +7,7 @@ import struct
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from bridge.errors import ParameterError
+from bridge.errors import ParameterError, shown
 from bridge.spelling import nearest
 from protocol.values import ParameterFlag, ParameterKind, label
 
@@ -99,12 +99,12 @@ class Parameter:
         if self.kind == "bool":
             text = str(value).lower()
             if text not in _TRUE | _FALSE:
-                raise ParameterError(f"{self.name}: {value} is not true or false")
+                raise ParameterError(f"{self.name}: {shown(value)} is not true or false")
             return float(text in _TRUE)
         try:
             number = float(value)
-        except ValueError:
-            raise ParameterError(f"{self.name}: {value!r} is not a number") from None
+        except (ValueError, OverflowError):  # an integer beyond a float's range
+            raise ParameterError(f"{self.name}: {shown(value)} is not a number") from None
         if not math.isfinite(number):
             raise ParameterError(f"{self.name}: {value} is not a finite number")
         if self.kind == "f32":
@@ -142,4 +142,4 @@ def closest(name: str, known: list[str]) -> str:
     """What to tell of a name that no parameter has."""
     near = nearest(name, known)
     hint = f"; did you mean {near}?" if near else f"; there are {', '.join(known)}"
-    return f"the device has no parameter {name!r}{hint}"
+    return f"the device has no parameter {shown(name)}{hint}"

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.errors import CommandRejectedError, DeviceLostError, StoppedForSafetyError
+from bridge.errors import (
+    CommandRejectedError,
+    DeviceLostError,
+    ParameterError,
+    StoppedForSafetyError,
+    shown,
+)
+from protocol.catalogue import CATALOGUE
 from protocol.values import NackReason, label
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from bridge.errors import BridgeError
     from bridge.mission import Ending
     from protocol.commands import Outcome
@@ -32,6 +41,20 @@ def check_known(what: str, kind: type[Message], link: LinkBase) -> None:
     """
     if link.codec.catalogue.by_class[kind].type_id in link.disabled:
         raise CommandRejectedError(what, "its firmware does not have this command")
+
+
+def check_fields(what: str, kind: type[Message], fields: Sequence[object]) -> None:
+    """See that the values of a command fit its message.
+
+    Raises:
+        ParameterError: one does not; names ``what``, the field, its value and its limits.
+
+    """
+    spec = CATALOGUE.by_class[kind]
+    for field, value in zip(spec.fields[1:], fields, strict=True):
+        low, high = field.wire.low, field.wire.high
+        if not isinstance(value, int) or not low <= value <= high:
+            raise ParameterError(f"{what}: {field.name} {shown(value)} is not in {low} to {high}")
 
 
 def check_outcome(what: str, outcome: Outcome | None) -> None:

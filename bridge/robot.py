@@ -33,8 +33,9 @@ from bridge.host_options import HostOptions
 from bridge.io import clock
 from bridge.io.owner_socket import OwnerSocket
 from bridge.io.ports import DEFAULT_BAUD, link_of
-from bridge.io.pump import Pump
+from bridge.io.pump import Pump, Result
 from bridge.io.reopening import Opener, PortOptions
+from bridge.io.stopping import stop_device
 from bridge.mission import Ending, Mission, Phase
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import VelocityCommand
@@ -66,6 +67,9 @@ STATUS_TIMEOUT_S = 1.0
 """Ten of the device's statuses."""
 LINK_TIMEOUT_S = 2.0
 """Time for a slow link to become quick, s; four pings take 0.4 s."""
+HUNG_NS = 1_000_000_000
+"""Age of the loop's newest turn from which it counts as hung, nanoseconds: four times its
+longest wait. The device has stopped by then, for its velocity has expired."""
 _POLL_S = 0.02
 
 
@@ -173,8 +177,8 @@ class Robot:
 
     @property
     def enabled(self) -> bool:
-        """True while :meth:`drive` moves the robot."""
-        return self._mission.phase is Phase.DRIVING
+        """True while :meth:`drive` moves the robot; false once the session's loop has ended."""
+        return self._mission.phase is Phase.DRIVING and self._thread.is_alive()
 
     def events(self) -> list[EventRecord]:
         """Fetch and forget what happened since the last call: losses, stops, refusals, faults."""
@@ -225,7 +229,7 @@ class Robot:
 
         """
         self._reopen()
-        self._pump.call(lambda: self._mission.start(self._drive, clear_stop=clear_stop))
+        self._in_loop(lambda: self._mission.start(self._drive, clear_stop=clear_stop))
         self._until(lambda: self.enabled or self._mission.ending is not None, ENABLE_TIMEOUT_S)
         if not self.enabled:
             raise cannot_move(self._mission.ending)
@@ -243,6 +247,8 @@ class Robot:
         """
         if not self.enabled:
             raise cannot_move(self._mission.ending)
+        if clock.now() - self._pump.turn_ns > HUNG_NS:
+            raise DeviceLostError(f"{self._name}: the session's loop hangs")
         if not (math.isfinite(v_m_s) and math.isfinite(yaw_rate_rad_s)):
             raise ValueError(f"not a velocity: {v_m_s} m/s, {yaw_rate_rad_s} rad/s")
         command = VelocityCommand(
@@ -254,15 +260,37 @@ class Robot:
 
     def _reopen(self) -> None:
         """A stop has ended the session: begin another where the robot stands."""
-        if not self._thread.is_alive() and not self._closed:
+        if self._closed:
+            raise cannot_move(self._mission.ending)
+        if not self._thread.is_alive():
             self._begin(self.pose)
 
     def stop(self) -> None:
         """Stop and latch, cause ``operator``, and end the session: no data comes any more.
 
-        :meth:`enable` goes on, with ``clear_stop``; :meth:`clear_stop` without motion.
+        Returns once the device has confirmed the stop. Where the session has ended, or gets no
+        confirmation, the port is opened anew and the stop is sent on it for 3 s. :meth:`enable`
+        goes on, with ``clear_stop``; :meth:`clear_stop` without motion.
+
+        Raises:
+            DeviceLostError: the session's loop hangs, and nothing can be sent.
+            NoDeviceError: the device did not confirm the stop. It ramps to rest by itself when
+                the last velocity expires; see that it stands.
+            PortError: the session had ended, and its port cannot be opened.
+
         """
-        self._end(Ending("stopped", "stopped by the program", 5, StopCause.OPERATOR))
+        ending = Ending("stopped", "stopped by the program", 5, StopCause.OPERATOR)
+        if not self._thread.is_alive():
+            self._stop_without_session()
+            return
+        result = self._end(ending)
+        if result is None:
+            raise DeviceLostError(f"{self._name}: the session's loop hangs; stop the robot by hand")
+        if result.confirmed < ending.cause:
+            self._stop_without_session()
+
+    def _stop_without_session(self) -> None:
+        stop_device(self._name, self._open, self.host.session.node)
 
     def clear_stop(self) -> StopCause:
         """Release the latched stop, for a person who looked; gives its cause.
@@ -361,21 +389,42 @@ class Robot:
         self.asker.command(SetKey, *key_words(key or bytes(KEY_SIZE)))
         self._key = key
         session = self.host.session
-        self._pump.call(lambda: session.set_key(key, clock.now()))
+        self._in_loop(lambda: session.set_key(key, clock.now()))
         if key is not None and not self._until(lambda: session.signs, STATUS_TIMEOUT_S):
             raise DeviceLostError("the device did not answer with its challenge")
 
     # ---- the end --------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Stop in order, and give the port back for good."""
+        """End the session in order, the robot stopped, and give the port back for good.
+
+        Waits for the device's confirmation, a second at most, and raises nothing where none
+        comes: the device then stops by itself, when the last velocity expires. Call :meth:`stop`
+        where you must know. Leaving the ``with`` block is this call.
+        """
         self._closed = True
         self._end(Ending("stopped", "closed by the program", 0))
 
-    def _end(self, ending: Ending) -> None:
-        if self._thread.is_alive():  # else its port is closed, and there is nothing to wake
-            self._pump.request_end(ending)
-            self._thread.join(timeout=OPEN_TIMEOUT_S)
+    def _end(self, ending: Ending) -> Result | None:
+        """End the session and wait for it; None: its loop hangs."""
+        self._pump.request_end(ending)
+        result = self._pump.wait_over(OPEN_TIMEOUT_S)
+        self._thread.join(timeout=OPEN_TIMEOUT_S)
+        return result
+
+    def _in_loop(self, action: Callable[[], None]) -> None:
+        """Have something run in the loop's thread, and wait for it.
+
+        Raises:
+            DeviceLostError: the loop has ended, or hangs.
+
+        """
+        answer = self._pump.call(action)
+        try:
+            answer.result(OPEN_TIMEOUT_S)
+        except TimeoutError:
+            answer.cancel()
+            raise DeviceLostError(f"{self._name}: the session's loop hangs") from None
 
     def __enter__(self) -> Self:
         return self

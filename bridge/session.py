@@ -271,7 +271,12 @@ class Session(SessionHandshake):
     def _reply(self, reply: Ack | Nack, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
         outcome = self._outbox.commands.reply(reply, now_ns // 1000)
         if outcome is not None:
-            if isinstance(outcome.message, Stop) and outcome.accepted:
+            message = outcome.message
+            if (
+                isinstance(message, Stop)
+                and outcome.accepted
+                and message.cause >= (self._open_stop or 0)
+            ):
                 self._open_stop = None
             self._outbox.counts.refused += not outcome.accepted
             self._events.append(CommandEnded(outcome))

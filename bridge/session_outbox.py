@@ -84,7 +84,13 @@ class Outbox:
     def command(
         self, make: Callable[[int], Message], type_id: int, now_ns: HostNs, *, forever: bool
     ) -> int:
-        """Send a command made from its id, repeated until answered; gives the id."""
+        """Send a command made from its id, repeated until answered; gives the id.
+
+        Raises:
+            FieldRangeError: a value does not fit its field; nothing is sent or awaited.
+
+        """
+        self._link.codec.encode(make(0))  # or every repetition would raise
         # What else is due waits for the clock's turn, which tells what became of it.
         command_id, message = self.commands.start(make, type_id, now_ns // 1000, forever=forever)
         self.counts.issued += 1

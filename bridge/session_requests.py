@@ -24,7 +24,7 @@ class SessionRequests:
         self._outbox = Outbox(link, node)
         self._catalogue = catalogue
         self._open_stop: int | None = None
-        """Cause of a stop that no device has confirmed yet; it outlives a lost link."""
+        """Gravest cause of a stop that no device has confirmed yet; it outlives a lost link."""
 
     @property
     def node(self) -> int | None:
@@ -57,7 +57,7 @@ class SessionRequests:
 
         It is sent at once in any state: a device obeys a stop outside a session too.
         """
-        self._open_stop = cause
+        self._open_stop = max(cause, self._open_stop or 0)
         return self._command(Stop, cause, now_ns, forever=True)
 
     def clear_stop(self, cause: int, now_ns: HostNs) -> int:

@@ -176,7 +176,7 @@ class Watch:
 
     def _ended(self, what: str, outcome: Outcome | None, now_ns: HostNs) -> None:
         """A pause that the device does not obey leaves only the stop."""
-        if outcome is not None and outcome.accepted:
+        if (outcome is not None and outcome.accepted) or self._host.mission.ending is not None:
             return
         reason = None if outcome is None else outcome.reason
         why = "no answer" if reason is None else label(NackReason, reason)
@@ -203,17 +203,22 @@ class Watch:
         self._set(self.supervisor.factor, now_ns)
 
     def ending(self, now_ns: HostNs) -> None:
-        """The run's stop is being sent."""
+        """A stop of the run is being sent; its own acknowledgement is the one that counts."""
         self._stop_ns = now_ns
+        self._confirmed = None
 
     def keeps(self, outcome: Outcome, now_ns: HostNs) -> bool:
         """Take over the device's word that it stands: only now its top speed goes back.
 
         True: the run is told of it from here, when that is done or has taken too long.
         """
-        stopped = isinstance(outcome.message, Stop) and outcome.accepted
-        if self._speed is None or not stopped or self._host.mission.phase is not Phase.ENDING:
+        message, mission = outcome.message, self._host.mission
+        if self._speed is None or mission.phase is not Phase.ENDING:
             return False
+        if not isinstance(message, Stop) or not outcome.accepted:
+            return False
+        if message.cause < mission.stop_cause:
+            return False  # a graver stop is on its way
         self._confirmed = outcome
         self._give_back(outcome, now_ns)
         return True

@@ -23,7 +23,7 @@ from bridge.io import clock
 from bridge.io.gamepad import Gamepad, Sticks
 from bridge.io.owner_socket import OwnerSocket
 from bridge.io.ports import latency_note, link_of
-from bridge.io.pump import Pump
+from bridge.io.pump import Pump, described
 from bridge.io.reopening import Opener
 from bridge.mission import Ending, Mission, Resume
 from bridge.motion.geometry import Pose2
@@ -189,9 +189,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
             ):
                 gc.freeze()  # what start-up left is not walked through again while driving
                 pump.run()
-            if host.drive_pose is not None:
-                host.record_map(clock.now())
-            summary = _summarise(host, asked, way)
+            summary = _conclude(pump, asked, way)
             recorder.close(summary)
     finally:
         recorder.close()
@@ -265,7 +263,14 @@ def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
         tell("no_socket", f"other shells cannot reach this run: {error}")
         yield
         return
-    pump.on_reopened = owner.also
+
+    def reopened(name: str) -> None:
+        try:
+            owner.also(name)
+        except OSError as error:
+            tell("no_socket", f"other shells cannot find this run under {name}: {error.strerror}")
+
+    pump.on_reopened = reopened
     with owner:
         yield
 
@@ -380,6 +385,30 @@ def _picture(host: Host, teller: Teller, operating: Operating) -> Iterator[None]
         yield
     finally:
         picture.stop()
+
+
+def _conclude(pump: Pump, asked: LiveOptions, way: array[float]) -> dict[str, Any]:
+    """The last map and the run's summary; after a crash as much as the failed parts still give."""
+    host = pump.host
+    try:
+        if host.drive_pose is not None:
+            host.record_map(clock.now())
+        return _summarise(host, asked, way)
+    except Exception as error:
+        if pump.crash is None:
+            raise
+        text = f"no summary after the crash: {described(error)}"
+        with contextlib.suppress(Exception):  # the record may be what has failed
+            host.event(clock.now(), Severity.ERROR, "session", "no_summary", text)
+        ending = host.mission.ending
+        return {
+            "room": asked.plan.name if asked.plan else None,
+            "planner": asked.planner_name,
+            "seed": None,
+            "outcome": "fault",
+            "reason": ending.reason if ending else None,
+            "log": str(asked.log),
+        }
 
 
 def _summarise(host: Host, asked: LiveOptions, way: array[float]) -> dict[str, Any]:

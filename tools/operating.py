@@ -51,8 +51,8 @@ class Operating:
         pump: Pump,
         operator: Operator,
         *,
-        go_on: Callable[[], None],
-        on_start: Callable[[], None] = lambda: None,
+        go_on: Callable[[], object],
+        on_start: Callable[[], object] = lambda: None,
         clear_stop: bool = False,
     ) -> None:
         """``go_on`` answers a run that asks after a loss; ``on_start`` is told that one begins."""

@@ -16,7 +16,7 @@ from bridge.config import load_robot
 from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
-from bridge.errors import StoppedForSafetyError
+from bridge.errors import DeviceLostError, StoppedForSafetyError
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission, Phase
@@ -299,9 +299,17 @@ class SimulatedSweeper:
         """Stop and latch; :meth:`enable` goes on, with ``clear_stop`` where the cause asks for it.
 
         Time passes until the device has confirmed it.
+
+        Raises:
+            DeviceLostError: it did not.
+
         """
         self._end(Ending("stopped", "stopped by the test", 5, cause))
+        mission = self.host.mission
         self.run(_STATUS_S)
+        if mission.confirmed < cause:
+            reason = mission.ending.reason if mission.ending else "the run goes on"
+            raise DeviceLostError(f"the device did not confirm the stop: {reason}")
 
     def _end(self, ending: Ending) -> None:
         self.host.end(ending, self._host_ns)

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import secrets
+import threading
+import traceback
 from collections import deque
-from typing import TYPE_CHECKING
+from concurrent.futures import Future
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from bridge.errors import PortError
+from bridge.errors import BridgeError, DeviceLostError, PortError
 from bridge.io import clock
+from bridge.io.stopping import send_until_confirmed
 from bridge.mission import Ending
+from bridge.stop_request import StopRequest
 from bridge.telemetry import Severity
 from protocol.clock import HostNs
+from protocol.values import StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,10 +29,28 @@ _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 _IDLE_S = 0.25
 STUCK_NS = 50_000_000
 """Nothing older goes out: what a port did not take by then is dropped, and told."""
+CRASH_STOP_NS = 1_000_000_000
+"""How long a loop that has failed repeats its stop, nanoseconds: as long as an orderly end
+waits for the device's confirmation."""
+R = TypeVar("R")
+
+
+class Result(NamedTuple):
+    """How a loop ended; made once, when its port is closed."""
+
+    ending: Ending
+    confirmed: StopCause
+    """The gravest cause whose stop the device has acknowledged; ``NONE``: it has confirmed no
+    stop."""
 
 
 class Pump:
-    """Runs a host on a port until its run is done."""
+    """Runs a host on a port until its run is done.
+
+    Everything that the host is made of belongs to the loop's thread. Another thread asks for an
+    end (:meth:`request_end`), has something run in the loop (:meth:`call`), and looks at
+    :attr:`result`.
+    """
 
     def __init__(self, host: Host, port: BytePort, reopen: Callable[[], BytePort]) -> None:
         """``reopen`` opens the same device again after its port has vanished."""
@@ -33,50 +59,99 @@ class Pump:
         """Asked at every turn whether something outside demands an end."""
         self.on_reopened: Callable[[str], None] = lambda _name: None
         """Told the name under which a port that had vanished was opened again."""
+        self.crash: BaseException | None = None
+        """The exception that has ended the loop; None: it ended in order, or runs."""
+        self.result: Result | None = None
+        """How the loop ended; None: it has not begun, or runs."""
+        self.turn_ns = clock.now()
+        """When the loop's newest turn began; old where the loop hangs."""
+        self._over = threading.Event()
         self._port: BytePort | None = port
         self._reopen = reopen
         self._pending = b""
         self._fetched_ns = HostNs(0)
         self._stuck = False
-        self._ask: Ending | None = None
-        self._calls: deque[Callable[[], None]] = deque()
+        self._endings: deque[Ending] = deque()
+        self._calls: deque[tuple[Callable[[], Any], Future[Any]]] = deque()
         self._end_at_ns: HostNs | None = None
         self._tries = 0
         self._retry_ns = HostNs(0)
 
     def request_end(self, ending: Ending) -> None:
-        """End the run in order; from a signal handler or another thread."""
-        self._ask = ending
-        port = self._port
-        if port is not None:
-            port.wake()
+        """End the run in order; from a signal handler or another thread.
 
-    def call(self, action: Callable[[], None]) -> None:
-        """Run something in the loop's own thread, at its next turn."""
-        self._calls.append(action)
-        port = self._port
-        if port is not None:
-            port.wake()
+        Of several the one with the gravest cause counts (:meth:`Ending.outranks`). What is asked
+        of a loop that has ended comes too late: :attr:`result` tells what the device confirmed.
+        """
+        self._endings.append(ending)
+        self._wake()
+
+    def call(self, action: Callable[[], R]) -> Future[R]:
+        """Run something in the loop's own thread, at its next turn; the answer is its result.
+
+        An exception of the action is the answer's, not the loop's; one that is not meant for a
+        user is put on record too. After the loop's end every answer is a ``DeviceLostError``.
+        """
+        answer: Future[R] = Future()
+        self._calls.append((action, answer))
+        self._wake()
+        if self._over.is_set():
+            self._refuse_calls()
+        return answer
+
+    def wait_over(self, timeout_s: float) -> Result | None:
+        """Wait until the loop has ended and its port is closed; None: it has not by then."""
+        self._over.wait(timeout_s)
+        return self.result
 
     def end_after(self, duration_s: float) -> None:
         """End the run in order after this long; not before a device was found or given up."""
         self._end_at_ns = HostNs(clock.now() + round(duration_s * 1e9))
 
     def run(self) -> None:
-        """Loop until the run is done; the port is closed then."""
-        host = self.host
-        host.open(clock.now())
+        """Loop until the run is done; the port is closed then.
+
+        An exception anywhere in the loop ends the run as a fault: a stop is sent and repeated
+        until the device has confirmed it, for a second at most. :attr:`crash` keeps it, and its
+        traceback is on record. Only what is no ``Exception`` (the interpreter's own exit) is
+        raised again after that.
+        """
         try:
-            while not host.mission.done:
+            self.host.open(clock.now())
+            while not self.host.mission.done or self._endings:
                 self._once()
-        finally:
             self._flush()
-            if self._port is not None:
-                self._port.close()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the robot must stop
+            self._stop_after(error)
+        except BaseException as error:
+            self._stop_after(error)
+            raise
+        finally:
+            self._close()
+
+    def _close(self) -> None:
+        port, self._port = self._port, None
+        if port is not None:
+            with suppress(Exception):  # it is given up, in whatever state it is
+                port.close()
+        mission = self.host.mission
+        ending = mission.ending or Ending("fault", "the run ended without a reason", 1)
+        self.result = Result(ending, mission.confirmed)
+        self._over.set()
+        self._refuse_calls()
+        with suppress(Exception):  # whoever still waits for an answer learns that none comes
+            self.host.dialogue.lost()
+
+    def _wake(self) -> None:
+        port = self._port
+        if port is not None:
+            port.wake()
+
+    # ---- one turn -------------------------------------------------------------------------
 
     def _once(self) -> None:
         host = self.host
-        now_ns = clock.now()
+        self.turn_ns = now_ns = clock.now()
         wait_s = min(_IDLE_S, max(0.0, (host.next_deadline() - now_ns) / 1e9))
         data = b""
         if self._port is None:
@@ -90,20 +165,97 @@ class Pump:
         host.receive(data, now_ns)
         if self._calls:
             while self._calls:
-                self._calls.popleft()()
+                self._answer(*self._calls.popleft(), now_ns)
             self._write(now_ns)  # what was asked for does not wait for the control step
-        ending = self._ask
-        if ending is None:  # cleared only where it was seen: a signal may come between any lines
-            ending = self.watch()
-        else:
-            self._ask = None
+        ending = self.watch()
         if ending is not None:
             host.end(ending, now_ns)
+        while self._endings:  # after all else: a signal may come between any lines
+            host.end(self._endings.popleft(), now_ns)
         if self._end_at_ns is not None and now_ns >= self._end_at_ns and host.hello is not None:
             self._end_at_ns = None
             host.end(Ending("stopped", "the time asked for is over", 0), now_ns)
         host.poll(now_ns)
         self._write(now_ns)
+
+    def _answer(self, action: Callable[[], Any], answer: Future[Any], now_ns: HostNs) -> None:
+        if not answer.set_running_or_notify_cancel():
+            return  # nobody waits for it any more: it must not happen late
+        try:
+            answer.set_result(action())
+        except Exception as error:  # noqa: BLE001 - it is the asker's
+            answer.set_exception(error)
+            if not isinstance(error, BridgeError):
+                text = f"a request to the run failed: {described(error)}"
+                self.host.event(
+                    now_ns,
+                    Severity.ERROR,
+                    "session",
+                    "request_failed",
+                    text,
+                    traceback=_traced(error),
+                )
+
+    def _refuse_calls(self) -> None:
+        with suppress(IndexError):
+            while True:
+                _, answer = self._calls.popleft()
+                if answer.set_running_or_notify_cancel():
+                    answer.set_exception(DeviceLostError(self._ended_text()))
+
+    def _ended_text(self) -> str:
+        reason = "" if self.result is None else f": {self.result.ending.reason}"
+        return f"the session has ended{reason}"
+
+    # ---- after a crash --------------------------------------------------------------------
+
+    def _stop_after(self, error: BaseException) -> None:
+        """Stop the robot without the host, whose code has failed; then put it on record."""
+        self.crash = error
+        cause, confirmed = StopCause.SUPERVISE, StopCause.NONE
+        how = "no device was connected"
+        if self.host.hello is not None:
+            end_ns = HostNs(clock.now() + CRASH_STOP_NS)
+            while confirmed < (cause := self._gravest(cause)) and clock.now() < end_ns:
+                confirmed = max(confirmed, self._send_stop(cause, end_ns))
+            how = "the device has confirmed the stop"
+            if confirmed < cause:
+                how = "the device did not confirm the stop; see that the robot stands"
+        text = f"the run's loop failed ({described(error)}); {how}"
+        self.host.mission.crashed(Ending("fault", text, 1, cause), confirmed)
+        with suppress(Exception):  # what fails may be the record itself
+            self.host.event(
+                clock.now(), Severity.ERROR, "session", "crash", text, traceback=_traced(error)
+            )
+
+    def _gravest(self, cause: StopCause) -> StopCause:
+        """The gravest cause that has come up by now: this one, the run's, or one asked for."""
+        cause = max(cause, self.host.mission.stop_cause)
+        while self._endings:
+            cause = max(cause, self._endings.popleft().cause)
+        return cause
+
+    def _send_stop(self, cause: StopCause, end_ns: HostNs) -> StopCause:
+        """Repeat a stop until it is confirmed; gives the confirmed cause, or ``NONE``."""
+        session = self.host.session
+        stop = StopRequest(type(session.link), cause, secrets.randbelow(0x1_0000), session.node)
+        try:
+            if self._port is None:
+                self._port = self._reopen()
+            send_until_confirmed(self._port, stop, end_ns, self._note_sent)
+        except Exception:  # noqa: BLE001 - a port that has failed too is tried again
+            port, self._port = self._port, None
+            if port is not None:
+                with suppress(Exception):
+                    port.close()
+            clock.pause(0.1)
+        return StopCause.NONE if stop.confirmed_by is None else cause
+
+    def _note_sent(self, data: bytes, now_ns: HostNs) -> None:
+        with suppress(Exception):  # the stop matters, its record may be what has failed
+            self.host.sent(data, now_ns)
+
+    # ---- the port -------------------------------------------------------------------------
 
     def _write(self, now_ns: HostNs) -> None:
         # New bytes are fetched only once the old ones are gone: what waits in the link's
@@ -167,3 +319,14 @@ class Pump:
         self.host.event(now_ns, Severity.INFO, "link", "port_back", f"{self._port.name} is back")
         self.host.session.replugged(now_ns)
         self.on_reopened(self._port.name)
+
+
+def described(error: BaseException) -> str:
+    """An exception in one line: its kind and the first line of its text."""
+    lines = str(error).splitlines()
+    text = f": {lines[0][:200]}" if lines else ""
+    return f"{type(error).__name__}{text}"
+
+
+def _traced(error: BaseException) -> str:
+    return "".join(traceback.format_exception(error))

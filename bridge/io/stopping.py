@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING
 from bridge.errors import NoDeviceError
 from bridge.io import clock
 from bridge.io.ports import link_of
-from protocol.catalogue import CATALOGUE
-from protocol.link import NODE_ALL, Received
-from protocol.message import Direction
-from protocol.messages import Ack, Stop
+from bridge.stop_request import REPEAT_NS, StopRequest
+from protocol.clock import HostNs
 from protocol.values import StopCause
 
 if TYPE_CHECKING:
@@ -23,10 +21,9 @@ if TYPE_CHECKING:
 
     from bridge.io.ports import BytePort
 
-REPEAT_NS = 50_000_000
-"""Above an FTDI adapter's 16 ms: an answer is heard before it is asked for again."""
+__all__ = ["CONFIRM_S", "REPEAT_NS", "send_until_confirmed", "stop_device"]
+
 CONFIRM_S = 3.0
-_STOP = CATALOGUE.by_class[Stop].type_id
 
 
 def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = None) -> int:
@@ -39,31 +36,42 @@ def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = No
         NoDeviceError: nobody has confirmed it within 3 s; it was sent 20 times a second.
 
     """
-    link = link_of(port)(Direction.HOST)
-    stop = Stop(secrets.randbelow(0x1_0000), StopCause.OPERATOR)
+    stop = StopRequest(link_of(port), StopCause.OPERATOR, secrets.randbelow(0x1_0000), node)
     handle = opened()
     try:
-        end_ns = clock.now() + round(CONFIRM_S * 1e9)
-        due_ns, rest = 0, b""
-        while (now_ns := clock.now()) < end_ns:
-            if now_ns >= due_ns:
-                due_ns = now_ns + REPEAT_NS
-                link.send(stop, now_ns // 1000, node=NODE_ALL if node is None else node)
-                rest = link.data_to_send()
-            rest = rest[handle.write(rest) :]
-            data = handle.wait((due_ns - now_ns) / 1e9)
-            for event in link.receive(data, clock.now() // 1000) if data else ():
-                if isinstance(event, Received) and _confirms(event, stop, node):
-                    return event.frame.node
+        send_until_confirmed(handle, stop, HostNs(clock.now() + round(CONFIRM_S * 1e9)))
     finally:
         handle.close()
-    raise NoDeviceError(
-        f"{port}: nobody confirmed the stop within {CONFIRM_S:g} s; stop the robot by hand"
-    )
+    if stop.confirmed_by is None:
+        raise NoDeviceError(
+            f"{port}: nobody confirmed the stop within {CONFIRM_S:g} s; stop the robot by hand"
+        )
+    return stop.confirmed_by
 
 
-def _confirms(event: Received, stop: Stop, node: int | None) -> bool:
-    message = event.message
-    if not isinstance(message, Ack) or message.command_type != _STOP:
-        return False
-    return message.command_id == stop.command_id and node in {None, event.frame.node}
+def send_until_confirmed(
+    handle: BytePort,
+    stop: StopRequest,
+    end_ns: HostNs,
+    sent: Callable[[bytes, HostNs], None] = lambda _data, _now_ns: None,
+) -> None:
+    """Repeat a stop on an open port until it is confirmed, or until this time.
+
+    ``sent`` gets what was written, and when.
+
+    Raises:
+        PortError: the port has vanished.
+
+    """
+    rest = b""
+    while stop.confirmed_by is None and (now_ns := clock.now()) < end_ns:
+        due = stop.data_to_send(now_ns)
+        if due:
+            rest = due  # what the port did not take of the one before is damaged, and replaced
+        if rest:
+            written = handle.write(rest)
+            sent(rest[:written], now_ns)
+            rest = rest[written:]
+        wake_ns = min(stop.next_deadline(), end_ns)
+        data = handle.wait(max(0.0, (wake_ns - clock.now()) / 1e9))
+        stop.receive(data, clock.now())

@@ -65,9 +65,13 @@ class Emulated:
         """Whether the device itself has latched this."""
         return self.device.firmware.latch.cause is cause
 
-    def end(self) -> None:
+    def mute(self) -> None:
+        """The device goes, its port stays: whoever writes to it gets no answer."""
         self._stopper.stop()
         self._thread.join()
+
+    def end(self) -> None:
+        self.mute()
         self._pty.close()
 
     def __enter__(self) -> Self:
@@ -263,6 +267,14 @@ def test_parameters_by_name(emulated: Emulated) -> None:
             robot.set_parameter("node", 3)
         with pytest.raises(CommandRejectedError, match="unknown_parameter"):
             robot.get_parameter(200)
+        for number in (256, 300, -1, 10**3000):
+            with pytest.raises(ParameterError, match="is not in 0 to 255"):
+                robot.get_parameter(number)
+        with pytest.raises(ParameterError, match="is not in 0 to 1000 Hz"):
+            robot.stream_rate("imu", 10**3000)
+        with pytest.raises(ParameterError, match="max_speed"):
+            robot.set_parameter("max_speed", 10**3000)
+        assert robot.get_parameter("max_speed").number == speed.number, "the session goes on"
 
 
 def test_a_reboot_is_found_again_and_told(emulated: Emulated) -> None:
@@ -337,3 +349,80 @@ def test_another_program_reaches_it(emulated: Emulated) -> None:
         until(lambda: emulated.holds(StopCause.OPERATOR))
     with reach(emulated.port) as alone:
         assert isinstance(alone, Robot), "nobody owns it any more"
+
+
+# ---- when it goes wrong --------------------------------------------------------------------
+
+
+class Fragile:
+    """A sink that can be made to fail; the loop writes to it."""
+
+    def __init__(self) -> None:
+        self.broken = False
+
+    def write(self, record: object) -> None:
+        if self.broken:
+            raise RuntimeError(f"no place for {type(record).__name__}")
+
+    def close(self, summary: object = None) -> None:
+        """Nothing to close."""
+
+
+def test_a_loop_that_fails_stops_the_robot_and_is_seen(emulated: Emulated) -> None:
+    sink = Fragile()
+    with bridge.open(emulated.port, sink=sink) as robot:
+        robot.enable()
+        until(lambda: emulated.device.truth.v_m_s > 0.05, lambda: robot.drive(0.1, 0.0))
+        sink.broken = True
+        until(lambda: not robot.enabled)
+        assert emulated.holds(StopCause.SUPERVISE), "its loop has sent a stop"
+        with pytest.raises(StoppedForSafetyError, match="RuntimeError: no place for"):
+            robot.drive(0.1, 0.0)
+        with pytest.raises(DeviceLostError, match="has ended"):
+            robot.list_parameters()
+        robot.stop()
+        assert emulated.holds(StopCause.OPERATOR), "a stop needs no loop"
+        sink.broken = False
+        robot.enable(clear_stop=True)
+        assert robot.enabled
+
+
+def test_a_stop_that_the_device_does_not_confirm_is_raised() -> None:
+    with Emulated() as emulated:
+        robot = bridge.open(emulated.port)
+        robot.enable()
+        emulated.mute()
+        with pytest.raises(NoDeviceError, match="nobody confirmed the stop"):
+            robot.stop()
+        with pytest.raises(NoDeviceError, match="nobody confirmed the stop"):
+            robot.stop()
+        assert not robot.enabled
+        robot.close()
+
+
+def test_a_stop_of_a_closed_robot_is_sent_all_the_same(emulated: Emulated) -> None:
+    robot = bridge.open(emulated.port)
+    robot.close()
+    assert emulated.holds(StopCause.SESSION_END)
+    robot.stop()
+    assert emulated.holds(StopCause.OPERATOR)
+    with pytest.raises(StoppedForSafetyError, match="closed"):
+        robot.enable(clear_stop=True)
+
+
+def test_a_stop_from_another_program_beside_an_end_in_order(emulated: Emulated) -> None:
+    """Whoever is told that the stop is confirmed finds it latched."""
+    for _ in range(5):
+        robot = bridge.open(emulated.port)
+        closing = threading.Thread(target=robot.close)
+        closing.start()
+        try:
+            with reach(emulated.port) as other:
+                other.stop()
+            latched = emulated.holds(StopCause.OPERATOR)
+        except BridgeError:
+            latched = True  # nobody was told so
+        closing.join()
+        assert latched
+        with bridge.open(emulated.port) as fresh:
+            fresh.clear_stop()

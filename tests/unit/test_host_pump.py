@@ -6,23 +6,28 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.errors import PortBusyError, PortError
+from bridge.errors import DeviceLostError, PortBusyError, PortError
 from bridge.io import clock, pump
 from bridge.io.pump import Pump
 from bridge.mission import Ending
 from bridge.telemetry import EventRecord
 from protocol.clock import HostNs
+from protocol.errors import FieldRangeError
 from protocol.link import Link, Received
 from protocol.message import Direction
-from protocol.messages import Stop, VelocitySetpoint
+from protocol.messages import GetParameter, Stop, VelocitySetpoint
 from protocol.values import StopCause
 from support.ends import Collector, spinning_host, sweeper
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from bridge.host import Host
+    from bridge.telemetry import Record
     from sim_device.device import VirtualSweeper
 
 CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
+OPERATOR = Ending("stopped", "stopped from another shell", 5, StopCause.OPERATOR)
 
 
 class FakeClock:
@@ -75,6 +80,17 @@ class FakePort:
         self.closed += 1
 
 
+class Filling(Collector):
+    """A sink that can run full."""
+
+    full = False
+
+    def write(self, record: Record) -> None:
+        if self.full:
+            raise OSError(28, "No space left on device")
+        super().write(record)
+
+
 class Scene:
     """A pump on a fake port; ``at`` plans what happens when."""
 
@@ -82,7 +98,7 @@ class Scene:
         self.clock = FakeClock()
         monkeypatch.setattr(clock, "now", self.clock.now)
         monkeypatch.setattr(clock, "pause", self.clock.pause)
-        self.sink = Collector()
+        self.sink = Filling()
         self.host: Host = spinning_host(self.sink)
         self.port = FakePort(self.clock, sweeper())
         self.reopened: list[FakePort | PortError] = []
@@ -201,7 +217,10 @@ def test_ctrl_c_while_the_port_is_gone(scene: Scene) -> None:
     scene.at(4.0, lambda: setattr(scene.port, "gone", True))
     scene.at(5.0, lambda: scene.pump.request_end(CTRL_C))
     scene.pump.run()
-    assert scene.host.mission.ending == CTRL_C
+    ending = scene.host.mission.ending
+    assert ending is not None
+    assert ending.reason == "ended by Ctrl-C; the device did not confirm the stop"
+    assert (ending.outcome, ending.exit_status) == ("fault", 3), "the robot was under way"
     assert scene.time_s < 5.3
 
 
@@ -223,11 +242,210 @@ def test_a_full_port_gets_nothing_old(scene: Scene) -> None:
     assert scene.host.mission.ending == CTRL_C
 
 
-def test_a_crash_of_the_host_closes_the_port(scene: Scene) -> None:
-    def crash() -> None:
-        raise ZeroDivisionError
+def crash() -> None:
+    raise ZeroDivisionError("what nobody has foreseen")
 
+
+def stops(port: FakePort) -> list[StopCause]:
+    return [StopCause(m.cause) for _, m in messages(port) if isinstance(m, Stop)]
+
+
+def ended(scene: Scene) -> Ending:
+    assert scene.host.mission.ending is not None
+    return scene.host.mission.ending
+
+
+def test_a_crash_in_the_loop_stops_the_robot_and_ends_as_a_fault(scene: Scene) -> None:
     scene.at(4.0, crash)
-    with pytest.raises(ZeroDivisionError):
-        scene.pump.run()
+    scene.pump.run()
+    assert (ended(scene).outcome, ended(scene).exit_status) == ("fault", 1)
+    assert "ZeroDivisionError: what nobody has foreseen" in ended(scene).reason
+    assert "the device has confirmed the stop" in ended(scene).reason
+    assert "\n" not in ended(scene).reason
+    assert scene.port.device.firmware.latch.cause is StopCause.SUPERVISE
+    assert scene.pump.result == (ended(scene), StopCause.SUPERVISE)
+    assert isinstance(scene.pump.crash, ZeroDivisionError)
     assert scene.port.closed == 1
+    assert scene.time_s < 4.2
+    (event,) = [e for e in scene.sink.of(EventRecord) if e.kind == "crash"]
+    assert "Traceback" in str(event.data["traceback"])
+    assert "Traceback" not in event.text
+
+
+@pytest.mark.parametrize(
+    "part",
+    ["receive", "poll", "next_deadline", "end", "sent"],
+    ids=["messages", "control step", "timers", "the end", "records"],
+)
+def test_a_crash_in_any_part_of_the_host_stops_the_robot(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        crash()
+
+    scene.at(4.0, lambda: monkeypatch.setattr(scene.host, part, broken))
+    scene.at(4.1, lambda: scene.pump.request_end(CTRL_C))
+    scene.pump.run()
+    assert (ended(scene).outcome, ended(scene).exit_status) == ("fault", 1)
+    assert scene.port.device.firmware.latch.cause is StopCause.SUPERVISE
+
+
+def test_a_sink_that_fails_stops_the_robot(scene: Scene) -> None:
+    scene.at(4.0, lambda: setattr(scene.sink, "full", True))
+    scene.pump.run()
+    assert (ended(scene).outcome, ended(scene).exit_status) == ("fault", 1)
+    assert "No space left" in ended(scene).reason
+    assert scene.port.device.firmware.latch.cause is StopCause.SUPERVISE
+
+
+def test_the_interpreters_exit_stops_the_robot_and_goes_on(scene: Scene) -> None:
+    def leave() -> None:
+        raise SystemExit(7)
+
+    scene.at(4.0, leave)
+    with pytest.raises(SystemExit):
+        scene.pump.run()
+    assert scene.port.device.firmware.latch.cause is StopCause.SUPERVISE
+    assert scene.port.closed == 1
+
+
+def test_a_crash_on_a_dead_line_is_not_called_confirmed(scene: Scene) -> None:
+    def cut() -> None:
+        scene.port.silent = True
+        crash()
+
+    scene.at(4.0, cut)
+    scene.pump.run()
+    assert "the device did not confirm the stop" in ended(scene).reason
+    assert scene.pump.result is not None
+    assert scene.pump.result.confirmed is StopCause.NONE
+    assert len(stops(scene.port)) > 10, "it was repeated"
+    assert scene.time_s < 5.3, "and not for ever"
+
+
+def test_a_crash_while_the_port_is_gone_tries_it_again(scene: Scene) -> None:
+    again = FakePort(scene.clock, scene.port.device)
+
+    def gone() -> None:
+        scene.port.gone = True
+        scene.reopened.append(again)
+        crash()
+
+    scene.at(4.0, gone)
+    scene.pump.run()
+    assert scene.port.device.firmware.latch.cause is StopCause.SUPERVISE
+    assert "has confirmed" in ended(scene).reason
+    assert (scene.port.closed, again.closed) == (1, 1)
+
+
+def test_an_operators_stop_beside_a_crash_is_the_one_that_is_latched(scene: Scene) -> None:
+    def both() -> None:
+        scene.pump.request_end(OPERATOR)
+        crash()
+
+    scene.at(4.0, both)
+    scene.pump.run()
+    assert scene.port.device.firmware.latch.cause is StopCause.OPERATOR
+    assert scene.pump.result is not None
+    assert scene.pump.result.confirmed is StopCause.OPERATOR
+
+
+# ---- what others have run in the loop ------------------------------------------------------
+
+
+def test_an_exception_of_a_call_is_its_askers(scene: Scene) -> None:
+    answers: list[Future[None]] = []
+    scene.at(4.0, lambda: answers.append(scene.pump.call(crash)))
+    scene.at(5.0, lambda: scene.pump.request_end(CTRL_C))
+    scene.pump.run()
+    with pytest.raises(ZeroDivisionError):
+        answers[0].result(0)
+    assert ended(scene) == CTRL_C, "the run goes on"
+    assert scene.kinds().count("request_failed") == 1, "and it is not silent"
+
+
+def test_a_call_that_nobody_waits_for_any_more_is_not_made(scene: Scene) -> None:
+    made: list[int] = []
+    scene.at(4.0, lambda: scene.pump.call(lambda: made.append(1)).cancel())
+    scene.at(5.0, lambda: scene.pump.request_end(CTRL_C))
+    scene.pump.run()
+    assert made == []
+
+
+def test_a_call_after_the_end_is_answered(scene: Scene) -> None:
+    scene.at(4.0, lambda: scene.pump.request_end(CTRL_C))
+    scene.pump.run()
+    with pytest.raises(DeviceLostError, match="ended by Ctrl-C"):
+        scene.pump.call(lambda: 1).result(0)
+
+
+@pytest.mark.parametrize("number", [256, 300, -1, 10**3000])
+def test_a_command_that_cannot_be_encoded_leaves_nothing_in_the_loop(
+    scene: Scene, number: int
+) -> None:
+    """As any code in the loop may ask: it is not repeated from a timer, where it would raise."""
+    outcomes: list[object] = []
+
+    def ask() -> None:
+        scene.host.dialogue.ask(GetParameter, (number,), clock.now(), outcomes.append)
+
+    def fetch() -> None:
+        scene.host.dialogue.fetch(number, clock.now(), lambda *said: outcomes.append(said))
+
+    answers: list[Future[None]] = []
+    scene.at(4.0, lambda: answers.extend([scene.pump.call(ask), scene.pump.call(fetch)]))
+    scene.at(6.0, lambda: scene.pump.request_end(CTRL_C))
+    scene.pump.run()
+    for answer in answers:
+        with pytest.raises(FieldRangeError):
+            answer.result(0)
+    assert ended(scene) == CTRL_C
+    assert outcomes == []
+
+
+# ---- two causes at once --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("first", [CTRL_C, OPERATOR], ids=["Ctrl-C first", "operator first"])
+@pytest.mark.parametrize("apart_s", [0.0, 0.001, 0.01, 0.03, 0.1])
+def test_the_graver_of_two_causes_is_latched(scene: Scene, first: Ending, apart_s: float) -> None:
+    second = OPERATOR if first is CTRL_C else CTRL_C
+    scene.at(4.0, lambda: scene.pump.request_end(first))
+    scene.at(4.0 + apart_s, lambda: scene.pump.request_end(second))
+    scene.pump.run()
+    result = scene.pump.result
+    assert result is not None
+    late = scene.port.device.firmware.latch.cause is StopCause.SESSION_END
+    if late:  # the run was over before the second came: nobody is told that it was carried out
+        assert (first, result.confirmed) == (CTRL_C, StopCause.SESSION_END)
+        assert apart_s >= 0.01, "a stop within one turn of the loop is never late"
+    else:
+        assert result == (OPERATOR, StopCause.OPERATOR)
+        assert scene.port.device.firmware.latch.cause is StopCause.OPERATOR
+
+
+def test_a_graver_stop_after_an_unanswered_one_is_sent_and_awaited(scene: Scene) -> None:
+    """The first stop is under way and its answer is late, as over a slow line."""
+
+    def hush() -> None:
+        scene.port.silent = True
+        scene.pump.request_end(CTRL_C)
+
+    scene.at(4.0, hush)
+    scene.at(4.5, lambda: scene.pump.request_end(OPERATOR))
+    scene.at(4.7, lambda: setattr(scene.port, "silent", False))
+    scene.pump.run()
+    assert set(stops(scene.port)) == {StopCause.SESSION_END, StopCause.OPERATOR}
+    assert scene.pump.result == (OPERATOR, StopCause.OPERATOR)
+    assert scene.port.device.firmware.latch.cause is StopCause.OPERATOR
+
+
+def test_the_end_of_a_run_in_motion_without_a_confirmation_is_a_fault(scene: Scene) -> None:
+    def hush() -> None:
+        scene.port.silent = True
+        scene.pump.request_end(CTRL_C)
+
+    scene.at(4.0, hush)
+    scene.pump.run()
+    assert (ended(scene).outcome, ended(scene).exit_status) == ("fault", 3)
+    assert ended(scene).reason == "ended by Ctrl-C; the device did not confirm the stop"

@@ -292,3 +292,70 @@ def test_a_clear_that_was_allowed_is_for_the_cause_that_was_seen() -> None:
     mission.start(PlanRunner(Spinning(MODEL), MODEL), clear_stop=True)
     mission.on_status(status(StopCause.OPERATOR), 0.1)
     assert mission.requests() == [Request("clear", StopCause.OPERATOR)]
+
+
+STOP = Ending("stopped", "stopped from another shell", 5, StopCause.OPERATOR)
+CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
+
+
+def acknowledged(cause: StopCause) -> Outcome:
+    return Outcome(Stop(9, cause), accepted=True, reason=None)
+
+
+def test_a_graver_stop_has_its_own_confirmation_awaited() -> None:
+    mission = driving()
+    mission.request_end(CTRL_C, 4.0)
+    mission.request_end(STOP, 4.5)
+    assert mission.requests() == [
+        Request("stop", StopCause.SESSION_END),
+        Request("stop", StopCause.OPERATOR),
+    ]
+    mission.on_command(acknowledged(StopCause.SESSION_END), 4.6)
+    assert (phase(mission), mission.stop_confirmed) == (Phase.ENDING, False)
+    mission.step(None, None, 4.4 + END_TIMEOUT_S)
+    assert phase(mission) is Phase.ENDING, "its time counts from when it was asked for"
+    mission.on_command(acknowledged(StopCause.OPERATOR), 5.45)
+    assert (phase(mission), mission.stop_confirmed) == (Phase.DONE, True)
+    assert (mission.ending, mission.confirmed) == (STOP, StopCause.OPERATOR)
+    assert mission.drive_ended_s == 4.0, "the drive ended with the first"
+
+
+def test_a_lesser_stop_changes_nothing() -> None:
+    mission = driving()
+    mission.request_end(STOP, 4.0)
+    mission.request_end(CTRL_C, 4.5)
+    assert mission.requests() == [Request("stop", StopCause.OPERATOR)]
+    mission.on_command(acknowledged(StopCause.OPERATOR), 4.6)
+    assert (phase(mission), mission.ending) == (Phase.DONE, STOP)
+
+
+def test_a_graver_stop_right_after_the_end_is_still_sent() -> None:
+    mission = driving()
+    mission.request_end(CTRL_C, 4.0)
+    mission.on_command(acknowledged(StopCause.SESSION_END), 4.1)
+    mission.requests()
+    mission.request_end(STOP, 4.1)
+    assert mission.requests() == [Request("stop", StopCause.OPERATOR)]
+    assert (phase(mission), mission.stop_confirmed) == (Phase.ENDING, False)
+    mission.on_command(acknowledged(StopCause.OPERATOR), 4.2)
+    assert (phase(mission), mission.ending) == (Phase.DONE, STOP)
+
+
+def test_an_operators_stop_is_sent_beside_what_the_device_latched_by_itself() -> None:
+    mission = driving()
+    mission.on_status(status(StopCause.HARDWARE), 4.0)
+    mission.request_end(STOP, 4.1)
+    assert [r.value for r in mission.requests()] == [StopCause.SESSION_END, StopCause.OPERATOR]
+    mission.on_command(acknowledged(StopCause.OPERATOR), 4.2)
+    assert "hardware" in ending(mission).reason, "which is graver"
+    assert mission.confirmed is StopCause.OPERATOR
+
+
+@pytest.mark.parametrize("cause", list(StopCause)[1:])
+def test_gravity_is_the_order_of_the_protocols_causes(cause: StopCause) -> None:
+    one = Ending("stopped", "one", 5, cause)
+    for other in list(StopCause)[1:]:
+        two = Ending("stopped", "two", 5, other)
+        assert one.outranks(two) is (cause > other)
+        latched = Ending("stopped", "three", 5, latched=other)
+        assert one.outranks(latched) is (cause > max(other, StopCause.SESSION_END))

@@ -272,7 +272,7 @@ def test_a_loss_while_it_stops_ends_the_run_unconfirmed() -> None:
     mission.request_end(Ending("stopped", "so", 0), 17.0)
     mission.on_lost(17.5)
     reason = "so; the device did not confirm the stop"
-    assert (mission.done, mission.ending) == (True, Ending("stopped", reason, 0))
+    assert (mission.done, mission.ending) == (True, Ending("fault", reason, 3))
     mission.on_lost(18.0)
     assert phase(mission) is Phase.DONE
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import click
 
 from tools import options
@@ -19,18 +21,30 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     port is opened and the stop sent until the device confirms it. Without --node every robot on
     a bus is stopped. The robot moves again only with --clear-stop, given by a person who looked.
     """
-    from bridge.errors import NoOwnerError
+    from bridge.errors import BridgeError, NoOwnerError, PortError
     from bridge.io.reopening import Opener, PortOptions
     from bridge.io.stopping import stop_device
     from bridge.owner import ask
+
+    def by_wire() -> dict[str, object]:
+        opened = Opener(port, PortOptions(**how))  # type: ignore[arg-type]  # as declared there
+        return {"by": "wire", "confirmed": True, "node": stop_device(port, opened, node)}
 
     found: dict[str, object]
     try:
         found = {"by": "owner", **ask(port, {"do": "stop"})}
         del found["ok"]
     except NoOwnerError:
-        opened = Opener(port, PortOptions(**how))  # type: ignore[arg-type]  # as declared there
-        found = {"by": "wire", "confirmed": True, "node": stop_device(port, opened, node)}
+        found = by_wire()
+    except BridgeError as refused:  # its run may be over by now, and the port free
+        try:
+            found = by_wire()
+        except PortError as error:
+            raise PortError(f"{port}: its owner did not stop it ({refused}); {error}") from None
+    else:
+        if not found["confirmed"]:
+            with contextlib.suppress(PortError):  # what the owner told is told below
+                found = by_wire()
     found = {"port": port, **found}
     if as_json:
         write_json(found)
