@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from bridge.errors import BridgeError, DeviceLostError, ParameterError, shown
 from bridge.io import clock
-from bridge.mission import known_cause
 from bridge.parameters import Parameter, closest
 from bridge.refusals import check_fields, check_known, check_outcome
 from protocol.catalogue import CATALOGUE
@@ -32,6 +31,7 @@ from protocol.values import (
     PlannerAction,
     RebootKind,
     StopCause,
+    latched_cause,
 )
 
 if TYPE_CHECKING:
@@ -268,10 +268,10 @@ class Asker:
         status = self._host.state.status
         if status is None:
             raise BridgeError("the device has not told its status yet")
-        cause = known_cause(status.stop_cause)
-        if cause is not StopCause.NONE:
-            self.command(ClearStop, status.stop_cause)
-        return cause
+        if status.stop_cause == StopCause.NONE:
+            return StopCause.NONE
+        self.command(ClearStop, status.stop_cause)
+        return latched_cause(StopCause.NONE, status.stop_cause)
 
     def planner(
         self, action: PlannerAction, planner: OnboardPlanner = OnboardPlanner.PAPER

@@ -14,7 +14,7 @@ from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.refusals import refusal
 from bridge.runners import hold, release
 from protocol.messages import ClearStop, SetMode, Status, Stop
-from protocol.values import Mode, NackReason, StopCause, label
+from protocol.values import Mode, NackReason, StopCause, label, latched_cause
 
 if TYPE_CHECKING:
     from bridge.round_trip import LinkTrouble
@@ -80,8 +80,8 @@ class Ending:
     def outranks(self, other: Ending | None) -> bool:
         """Whether this end takes the place of another one that it coincides with.
 
-        The order of :class:`StopCause` is the order of gravity, here as on the device. Of two
-        causes of equal gravity the first one stays.
+        The order of gravity is the protocol's (:func:`protocol.values.by_gravity`), here as on
+        the device. Of two causes of equal gravity the first one stays.
         """
         return other is None or self.gravity > other.gravity
 
@@ -239,7 +239,9 @@ class Mission:
         elif self.phase in {Phase.SETTLING, Phase.DRIVING} and cause != StopCause.NONE:
             name = label(StopCause, cause)
             text = f"the device latched a stop (cause: {name})"
-            self._end(now_s, Ending("stopped", text, 5, latched=known_cause(cause)))
+            self._end(
+                now_s, Ending("stopped", text, 5, latched=latched_cause(StopCause.NONE, cause))
+            )
 
     def on_command(self, outcome: Outcome, now_s: float) -> None:
         """A command of ours ended."""
@@ -267,7 +269,7 @@ class Mission:
     def _stopped(self, cause: int, now_s: float, *, accepted: bool) -> None:
         """The device's answer to a stop; that of a lesser cause than the end's ends nothing."""
         if accepted:
-            self.confirmed = max(self.confirmed, known_cause(cause))
+            self.confirmed = latched_cause(self.confirmed, cause)
         if self.phase is Phase.ENDING and cause >= self.stop_cause:
             if not accepted:
                 self._unconfirmed()
@@ -438,7 +440,7 @@ class Mission:
                     f"the robot holds a stop (cause: {name}); "
                     "see that it is safe, then add --clear-stop",
                     5,
-                    latched=known_cause(cause),
+                    latched=latched_cause(StopCause.NONE, cause),
                 ),
             )
 
@@ -475,11 +477,3 @@ class Mission:
         if self.drive_started_s is not None and self.drive_ended_s is None:
             self.drive_ended_s = now_s
         self._go(Phase.DONE, now_s)
-
-
-def known_cause(number: int) -> StopCause:
-    """The cause of this number; of a number that only a newer device has, the gravest."""
-    try:
-        return StopCause(number)
-    except ValueError:
-        return max(StopCause)
