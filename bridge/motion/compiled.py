@@ -12,9 +12,11 @@ needs room for is passed in. Callees stand in the same file or are kernels thems
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import inspect
 import os
+import struct
 import sys
 import tempfile
 import types
@@ -22,14 +24,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TypeVar, cast
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
 _Args = ParamSpec("_Args")
 _Result = TypeVar("_Result")
 
 _SCALARS = {"int": "i", "float": "d", "bool": "b"}
-_FORMAT = 2
+_FORMAT = 3
 """Of the kept files; raised when what ``kernel_build`` makes changes."""
+
+_MAGIC = b"sweepctl"
+_SEAL = struct.Struct("<8sQ32s")
+"""What stands before kept code: magic, the code's length in bytes, SHA-256 of name and code."""
+_FOREIGN_WRITABLE = 0o022
+"""Permission bits of a file that others than its owner may write."""
 
 KERNELS: dict[Any, Kernel] = {}
 """By the function that stands for it."""
@@ -108,13 +116,18 @@ class Kernel:
             numbas: Callable[..., Any] = dispatcher(self)
             return numbas
         name = self._file(kinds)
-        path = next((place / name for place in self._places() if (place / name).is_file()), None)
-        if path is None:
+        paths = [place / name for place in self._places()]
+        owners = {0, Path(self.function.__code__.co_filename).stat().st_uid}
+        machine = next(filter(None, (kept(path, owners) for path in paths)), None)
+        if machine is None:
             from bridge.motion.kernel_build import build  # noqa: PLC0415 - numba takes long
 
-            path = keep(build(self, kinds), [place / name for place in self._places()])
+            machine = build(self, kinds)
             self.was_built = True
-        code, table = _load(path.read_bytes(), self.name)
+            # Where nothing can be written the next run compiles again.
+            with contextlib.suppress(OSError):
+                keep(machine, paths)
+        code, table = _load(machine, self.name)
         return make_function(self.function.__name__, code, table, kinds, self._wrong)
 
     def _wrong(self, *args: object) -> NoReturn:
@@ -153,9 +166,11 @@ class Kernel:
 
     def _places(self) -> list[Path]:
         """Where code may be kept: beside the module, else in the user's cache."""
-        beside = Path(self.function.__code__.co_filename).parent / "__pycache__"
-        cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-        return [beside, Path(cache) / "sweepctl"]
+        places = [Path(self.function.__code__.co_filename).parent / "__pycache__"]
+        with contextlib.suppress(RuntimeError):  # a user without a home
+            cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+            places.append(Path(cache) / "sweepctl")
+        return places
 
 
 def _files(function: Callable[..., Any]) -> set[Path]:
@@ -199,7 +214,9 @@ def keep(code: bytes, paths: list[Path]) -> Path:
             number, made = tempfile.mkstemp(dir=path.parent)
             try:
                 with open(number, "wb") as file:  # noqa: PTH123 - its number, not its name
-                    file.write(code)
+                    file.write(_SEAL.pack(_MAGIC, len(code), _digest(path.name, code)) + code)
+                # Others may use what root installed; nobody but its owner may change it.
+                Path(made).chmod(0o644)
                 Path(made).replace(path)
             except BaseException:
                 Path(made).unlink(missing_ok=True)
@@ -210,6 +227,34 @@ def keep(code: bytes, paths: list[Path]) -> Path:
         else:
             return path
     raise AssertionError  # pragma: no cover - there is a path
+
+
+def kept(path: Path, owners: Collection[int]) -> bytes | None:
+    """Read machine code that ``keep`` wrote; None: it is not there, not whole, or not trusted.
+
+    Damaged code would end the process, and code of others would run as ours: a file counts that
+    this user or one of ``owners`` wrote and that nobody else may write.
+    """
+    try:
+        with path.open("rb") as file:
+            status = os.fstat(file.fileno())
+            whole = file.read()
+    except OSError:
+        return None
+    if sys.platform != "win32":
+        is_ours = status.st_uid in owners or status.st_uid == os.geteuid()
+        if not is_ours or status.st_mode & _FOREIGN_WRITABLE:
+            return None
+    if len(whole) < _SEAL.size:
+        return None
+    magic, length, digest = _SEAL.unpack_from(whole)
+    code = whole[_SEAL.size :]
+    is_whole = magic == _MAGIC and length == len(code) and digest == _digest(path.name, code)
+    return code if is_whole else None
+
+
+def _digest(name: str, code: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\0" + code).digest()
 
 
 def _load(code: bytes, name: str) -> tuple[int, int]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import importlib
 import importlib.util
+import os
+import stat
 import subprocess
 import sys
 import threading
@@ -21,6 +23,7 @@ from bridge.motion.compiled import (
     compiled,
     compiled_unlocked,
     keep,
+    kept,
 )
 from bridge.motion.kernel_call import layout_is_known
 
@@ -204,6 +207,73 @@ def test_code_is_kept_until_its_file_changes(tmp_path: Path) -> None:
     scaled, was_built = fresh()
     assert was_built
     assert scaled(values.copy(), 1.0) == 6.0
+
+
+def test_damaged_code_is_not_taken(tmp_path: Path) -> None:
+    path = tmp_path / "x.kernel"
+    code = bytes(range(64))
+    keep(code, [path])
+    assert kept(path, set()) == code
+    whole = path.read_bytes()
+    for end in range(len(whole)):
+        path.write_bytes(whole[:end])
+        assert kept(path, set()) is None, f"cut after {end} B"
+    for at in range(len(whole)):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        assert kept(path, set()) is None, f"a flip in byte {at}"
+    for content in (whole + b"\0", bytes(len(whole)), whole * 2):
+        path.write_bytes(content)
+        assert kept(path, set()) is None
+    path.write_bytes(whole)
+    assert kept(path.rename(tmp_path / "y.kernel"), set()) is None, "of another kernel"
+    assert kept(tmp_path, set()) is None, "a folder"
+    assert kept(path / "nothing", set()) is None
+
+
+def test_a_kernel_whose_code_was_cut_is_compiled_again(tmp_path: Path) -> None:
+    path = tmp_path / "damaged_kernel.py"
+    path.write_text(SOURCE)
+
+    def built() -> bool:
+        scaled = module_of(path).scaled
+        assert scaled(np.array([1.0, 2.0]), 2.0) == 6.0
+        return KERNELS[scaled].was_built
+
+    assert built()
+    (file,) = (tmp_path / "__pycache__").glob("*.kernel")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert built()
+    assert not built()
+
+
+def test_others_may_read_kept_code_and_code_that_they_may_write_is_not_run(tmp_path: Path) -> None:
+    path = tmp_path / "x.kernel"
+    keep(b"code", [path])
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
+    for mode in (0o666, 0o664, 0o646):
+        path.chmod(mode)
+        assert kept(path, {path.stat().st_uid}) is None, oct(mode)
+
+
+def test_code_of_a_stranger_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "x.kernel"
+    keep(b"code", [path])
+    owner = path.stat().st_uid
+    monkeypatch.setattr(os, "geteuid", lambda: owner + 1)
+    assert kept(path, set()) is None
+    assert kept(path, {owner}) == b"code", "who installed the package"
+
+
+def test_what_cannot_be_read_or_kept_is_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "unkept_kernel.py"
+    path.write_text(SOURCE)
+    (tmp_path / "__pycache__").write_text("a file where the folder belongs")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(path / "below a file"))
+    scaled = module_of(path).scaled
+    assert scaled(np.array([1.0, 2.0]), 2.0) == 6.0
+    assert KERNELS[scaled].was_built
 
 
 def test_code_is_not_kept_beyond_a_number_from_elsewhere(
