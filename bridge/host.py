@@ -113,6 +113,8 @@ class Host(HostSenses):
         self._slow = False
         """The link was last found too slow to drive over."""
         self.mission.link = self.session.round_trip.trouble(HostNs(0))
+        self._jumps = 0
+        """Jumps of the device's clock that the estimate knows of."""
         self._missing: list[str] = []
         """What driving needs and the device does not share."""
         self._partial = True
@@ -304,15 +306,15 @@ class Host(HostSenses):
             self.mission.request_end(Ending("fault", text, 4), now_ns / 1e9)
 
     def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:
-        self.state.take(message, now_ns / 1e9)
-        if self.mission.phase is Phase.DRIVING:
+        fresh = self.state.take(message, device_us, now_ns / 1e9)
+        if fresh and self.mission.phase is Phase.DRIVING:
             self._see_walls(message, device_us)
 
     def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
         self._records.log_text(message, now_ns)
 
-    def _status(self, status: Status, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
-        self.state.take(status, now_ns / 1e9)
+    def _status(self, status: Status, device_us: DeviceUs, now_ns: HostNs) -> None:
+        self.state.take(status, device_us, now_ns / 1e9)
         self._records.status(status, now_ns)
         self._check_needs(now_ns)
         self.mission.on_status(status, now_ns / 1e9)
@@ -331,9 +333,7 @@ class Host(HostSenses):
             estimator.gyro_bias_sigma_rad_s,
             self.heading_doubt_rad,
         )
-        stale = self.state.stale(now_s)
-        if stale is None and not estimator.known:
-            stale = "odometry"
+        stale = self._stale(now_ns)
         if self._in_doubt(now_ns):
             obs = stale = None
         was = mission.phase
@@ -356,6 +356,16 @@ class Host(HostSenses):
             self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
         if mission.pending:
             self._serve(now_ns)
+
+    def _stale(self, now_ns: HostNs) -> str | None:
+        """Name what the run depends on and lacks, if anything."""
+        if self.state.times.jumps != self._jumps:
+            self._jumps = self.state.times.jumps
+            text = "the device's clock was set anew; the estimate begins again where it stood"
+            self.event(now_ns, Severity.WARNING, "clock", "set", text)
+            self._booted()
+        stale = self.state.stale(now_ns / 1e9, self.mission.needs)
+        return "odometry" if stale is None and not self.estimator.known else stale
 
     def _judge_link(self, now_ns: HostNs) -> None:
         """Let the run know whether the link is quick enough to move; report each change."""

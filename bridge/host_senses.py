@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from bridge.motion.estimator import PoseEstimator
 from bridge.motion.relocalise import Relocaliser
 from bridge.robot_state import RobotState
-from protocol.messages import Encoders, Imu
 from protocol.values import Contact
 
 if TYPE_CHECKING:
@@ -15,7 +14,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from protocol.clock import DeviceUs, HostNs
     from protocol.message import Message
-    from protocol.messages import Range
+    from protocol.messages import Encoders, Imu, Range
 
 
 class HostSenses:
@@ -34,12 +33,12 @@ class HostSenses:
         self.estimator = PoseEstimator(self.model, self.estimator.pose)
         self._walls = Relocaliser(self.model, self.estimator)
 
-    def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
-        self.state.take(message, now_ns / 1e9)
+    def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
+        self.state.take(message, device_us, now_ns / 1e9)
 
     def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
-        self.state.imu = message
-        self.state.arrived_s[Imu] = now_ns / 1e9
+        if not self.state.take(message, device_us, now_ns / 1e9):
+            return
         self.estimator.on_imu(
             device_us * 1e-6,
             message.gyro_z_rad_s,
@@ -49,8 +48,8 @@ class HostSenses:
         )
 
     def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
-        self.state.encoders = message
-        self.state.arrived_s[Encoders] = now_ns / 1e9
+        if not self.state.take(message, device_us, now_ns / 1e9):
+            return
         self.encoders_us = device_us
         self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
 

@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING
 
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.refusals import refusal
+from bridge.robot_state import NEEDS
 from bridge.runners import hold, release
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause, label, latched_cause
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bridge.round_trip import LinkTrouble
     from bridge.runners import Runner
     from protocol.commands import Outcome
+    from protocol.message import Message
 
 SETTLE_S = 2.5
 """At rest before the first move: the gyro's bias is averaged over 250 samples."""
@@ -151,6 +155,11 @@ class Mission:
         self._was_ready = False
         self.pending: list[Request] = []
         """What :meth:`requests` would give: asked at every turn of a loop."""
+
+    @property
+    def needs(self) -> Mapping[type[Message], float]:
+        """Streams that the run depends on now, with the age (s) at which a sample is stale."""
+        return NEEDS
 
     @property
     def done(self) -> bool:

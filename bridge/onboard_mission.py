@@ -6,6 +6,7 @@ telemetry as in any run, and ends the run when the device's planner has, or when
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import PlannerEvent
@@ -13,16 +14,25 @@ from bridge.coverage.planner import PlannerState as RunnerState
 from bridge.mission import DATA_TIMEOUT_S, Ending, Mission, Phase, Request
 from bridge.motion.observation import HALT
 from bridge.refusals import refusal
-from protocol.messages import PlannerCommand, PlannerState, SetMode
+from bridge.robot_state import STATUS_STALE_S
+from protocol.messages import PlannerCommand, PlannerState, SetMode, Status
 from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause, label
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from bridge.motion.observation import Observation, VelocityCommand
     from protocol.commands import Outcome
-    from protocol.messages import Status
+    from protocol.message import Message
     from protocol.values import OnboardPlanner
 
 _HALF_COUNT = 128
+PLAN_STALE_S = 2.0
+"""Age at which the device's planner state is stale, s: ten of them. It ends a plan that is not seen
+any more, and outlasts a few lost frames on a bad line."""
+_REPORTS: Mapping[type[Message], float] = MappingProxyType(
+    {Status: STATUS_STALE_S, PlannerState: PLAN_STALE_S}
+)
 LEFT_S = 1.0
 """Ten statuses, five planner states: out of its mode for so long without an end is an abort."""
 
@@ -118,6 +128,11 @@ class OnboardMission(Mission):
             self._left_s = now_s
 
     @property
+    def needs(self) -> Mapping[type[Message], float]:
+        """Under way the device's own word of its plan; the sensors are for supervision to judge."""
+        return _REPORTS if self.phase is Phase.DRIVING else super().needs
+
+    @property
     def _may_start(self) -> bool:
         """Once started, the device moves by itself: the link is measured before."""
         return self.link is None
@@ -136,7 +151,7 @@ class OnboardMission(Mission):
             text = f"no {stale or 'range'} data from the device"
             self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
 
-    def _drive(self, obs: Observation | None, stale: str | None, now_s: float) -> None:  # noqa: ARG002 - of every mission
+    def _drive(self, obs: Observation | None, stale: str | None, now_s: float) -> None:
         phase = self.onboard.state.state
         started_s, left_s = self.drive_started_s, self._left_s
         if phase == "finished":
@@ -146,6 +161,9 @@ class OnboardMission(Mission):
             self._end(now_s, Ending("stopped", "the device's planner was aborted", 5))
         elif left_s is not None and now_s - left_s > LEFT_S:
             text = "the device has left its planner without a word"
+            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+        elif stale is not None and obs is not None:
+            text = f"no {stale} data from the device"
             self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
         elif (
             self._max_time_s is not None

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from bridge.motion.observation import Observation
+from bridge.sample_times import SampleTimes
 from protocol.messages import (
     ClearStop,
     Encoders,
@@ -21,7 +23,7 @@ from protocol.messages import (
 from protocol.values import Contact
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from bridge.motion.geometry import Pose2
     from protocol.agreement import MessageAgreement
@@ -29,6 +31,12 @@ if TYPE_CHECKING:
 
 STALE_S = 0.3
 """Six range readings or fifteen encoder readings: more is not jitter but a fault."""
+STATUS_STALE_S = 1.0
+"""Age at which the device's status is stale, s: ten of them."""
+NEEDS: Mapping[type[Message], float] = MappingProxyType(
+    {Encoders: STALE_S, Imu: STALE_S, Range: STALE_S, Status: STATUS_STALE_S}
+)
+"""Streams that a drive depends on, with the age (s) at which a sample of each is stale."""
 
 _NEEDED: dict[type[Message], int] = {
     Imu: 7,
@@ -71,7 +79,7 @@ def understood(message: Message) -> bool:
 
 @dataclass(slots=True)
 class RobotState:
-    """Latest messages and when they arrived (host seconds)."""
+    """Latest messages and when their samples were taken (host seconds)."""
 
     imu: Imu | None = None
     encoders: Encoders | None = None
@@ -80,27 +88,41 @@ class RobotState:
     status: Status | None = None
     planner: PlannerState | None = None
     """Of the device's own planner."""
-    arrived_s: dict[type[Message], float] = field(default_factory=dict)
+    times: SampleTimes = field(default_factory=SampleTimes)
+    _came_s: dict[type[Message], float] = field(default_factory=dict, init=False, compare=False)
+    """When the newest message of each kind came, whatever its stamp."""
     _seen: Range | None = field(default=None, init=False, compare=False)
     """The reading that ``_sight`` tells in SI units: several control steps see the same."""
     _sight: tuple[float | None, float | None, float | None, bool, bool, bool] = field(
         default=(None, None, None, False, False, False), init=False, compare=False
     )
 
-    def take(self, message: Message, now_s: float) -> None:
-        """Keep a message if it is one of those kept."""
+    @property
+    def arrived_s(self) -> Mapping[type[Message], float]:
+        """Host time at which the newest sample of each kind was taken, by its device stamp."""
+        return self.times.taken_s
+
+    def take(self, message: Message, device_us: int, now_s: float) -> bool:
+        """Keep a message if it is one of those kept; False where its stamp is not a newer one."""
         cls = type(message)
         name = _KEPT.get(cls)
-        if name is not None:
-            setattr(self, name, message)
-            self.arrived_s[cls] = now_s
+        if name is None:
+            return False
+        setattr(self, name, message)
+        self._came_s[cls] = now_s
+        return self.times.take(cls, device_us, now_s)
 
-    def stale(self, now_s: float) -> str | None:
-        """Name of a stream that driving depends on and that has stopped, if any."""
-        get, oldest_s = self.arrived_s.get, now_s - STALE_S
-        for cls in (Encoders, Imu, Range):
-            if get(cls, -1e9) < oldest_s:
-                return cls.__name__.lower()
+    def stale(self, now_s: float, needs: Mapping[type[Message], float] = NEEDS) -> str | None:
+        """Name of a stream of ``needs`` that has stopped, if any.
+
+        "fresh" stands before it where messages come and their stamps are old or stand still.
+        """
+        get = self.times.taken_s.get
+        for cls, limit_s in needs.items():
+            if get(cls, -1e9) < now_s - limit_s:
+                name = _KEPT[cls] if cls is not PlannerState else "planner state"
+                comes = self._came_s.get(cls, -1e9) >= now_s - limit_s
+                return f"fresh {name}" if comes else name
         return None
 
     def observation(  # noqa: PLR0913, PLR0917 - what an observation is made of
@@ -140,4 +162,5 @@ class RobotState:
     def forget(self) -> None:
         """Drop everything: another boot or session."""
         self.imu = self.encoders = self.range = self.power = self.status = self.planner = None
-        self.arrived_s.clear()
+        self.times.forget()
+        self._came_s.clear()

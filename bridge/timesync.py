@@ -103,9 +103,11 @@ class TimeSync:
         self._last = device_us
         quickest_ns = arrived_ns - self._least_down_ns
         known = self._upper.get(device_us // BUCKET_US)
-        if known is None or quickest_ns - device_us * 1000 < known[1] - known[0] * 1000:
-            self.arrival(device_us, arrived_ns)
         fit = self.fit
+        if (
+            known is None or quickest_ns - device_us * 1000 < known[1] - known[0] * 1000
+        ) and not self._is_future(device_us, arrived_ns):
+            self.arrival(device_us, arrived_ns)
         if fit is None or self._contradictions:
             return device_us, None
         elapsed_ns = (device_us - fit.device_us) * 1000.0
@@ -141,6 +143,16 @@ class TimeSync:
         self.arrival(replied_us, arrived_ns)
         self._refit(replied_us)
         return True
+
+    def _is_future(self, device_us: int, arrived_ns: int) -> bool:
+        """Whether a stamp is later than its arrival: one stream's fault, which bends no line.
+
+        A clock that steps is found by the pings.
+        """
+        if self.fit is None:
+            return False
+        mapped = self._at(self.fit, device_us)
+        return mapped.host_ns - mapped.bound_ns - STEP_NS > arrived_ns
 
     def map(self, device_us: DeviceUs) -> Mapped | None:
         """Host time of a device moment, or None while nothing is known, or all is in doubt.

@@ -18,6 +18,7 @@ from bridge.errors import (
     StoppedForSafetyError,
 )
 from bridge.refusals import check_known, check_outcome
+from bridge.sample_times import SampleTimes
 from bridge.session import Session
 from bridge.session_events import Agreed, CommandEnded, Data, Failed, State, StateChanged
 from protocol.clock import DeviceUs, HostNs, extend_us
@@ -46,8 +47,8 @@ CYCLE_NS = 20_000_000
 TTL_MS = 200
 ANSWER_S = 8.0
 """Six tries with the timeout doubling, and a flash that erases."""
-STALE_NS = 300_000_000
-"""Fifteen encoder readings: what moves without them is stopped."""
+STALE_S = 0.3
+"""Age of an encoder reading, by its stamp, at which what moves is stopped, s: fifteen readings."""
 LINK_S = 2.0
 """Time for the link to prove quick enough before the first motion, s; four pings take 0.4 s."""
 SILENT_NS = 100_000_000
@@ -84,7 +85,7 @@ class Desk:
             new_session_id, name="sweepctl bench", node=node, link=wire.link, key=key
         )
         self.newest: dict[type[Message], Message] = {}
-        self._arrived: dict[type[Message], HostNs] = {}
+        self._times = SampleTimes()
         self._taps: list[tuple[tuple[type[Message], ...], list[tuple[float, Message]]]] = []
         self._duty: tuple[float, float] | None = None
         self._steer: Callable[[], tuple[float, float]] | None = None
@@ -184,8 +185,9 @@ class Desk:
             self._failed = Failed("slow", link.text)
             return False
         moving = self._duty is not None or self._steer is not None
-        if moving and now_ns - self._arrived.get(Encoders, now_ns) > STALE_NS:
-            self._failed = Failed("stale", "no encoder readings from the device any more")
+        now_s = now_ns / 1e9
+        if moving and now_s - self._times.taken_s.get(Encoders, now_s) > STALE_S:
+            self._failed = Failed("stale", "no fresh encoder readings from the device any more")
             return False
         return True
 
@@ -220,6 +222,7 @@ class Desk:
                     self._failed = event
                 case StateChanged() if event.old is State.READY and event.new is not State.CLOSED:
                     self._failed = Failed("lost", f"the device was lost: {event.why}")
+                    self._times.forget()
                 case Agreed():
                     self.newest[Hello] = event.hello
                 case _:
@@ -230,7 +233,7 @@ class Desk:
         self._t_us = extend_us(self._t_us, t_us)
         kind = type(message)
         self.newest[kind] = message
-        self._arrived[kind] = now_ns
+        self._times.take(kind, self._t_us, now_ns / 1e9)
         for kinds, kept in self._taps:
             if kind in kinds:
                 kept.append((self._t_us / 1e6, message))

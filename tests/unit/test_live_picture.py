@@ -43,7 +43,7 @@ def host(*, pose: Pose2 = ORIGIN) -> Host:
         Power(15_500, 200, 3, 4),
         Status(1, 4, 1 << 6, 0, 7),
     ):
-        found.state.take(message, 1.0)
+        found.state.take(message, 0, 1.0)
     return found
 
 

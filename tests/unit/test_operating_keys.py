@@ -83,7 +83,7 @@ class Bench:
         ids = itertools.count(1)
         self.sink = Kept()
         self.host = Host(MODEL, self.sink, HostOptions(0), Mission(None), lambda: next(ids))
-        self.host.state.take(Status(Mode.IDLE, cause, 0, 0, 0), 0.0)
+        self.host.state.take(Status(Mode.IDLE, cause, 0, 0, 0), 0, 0.0)
         self.loop = Loop(self.host)
         operator = Operator(
             MODEL, DeadMan(0.3, 0.2), make_plan=lambda: PlanRunner(Straight(), MODEL)
