@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 ANSWER_TIMEOUT_S = 15.0
 MAX_ANSWER = 1 << 20
+CONNECT_S = 1.0
+"""Time for which a connection is tried while the owner's queue of connections is full, s."""
+_RETRY_S = 0.005
 
 
 def ask(
@@ -72,14 +76,26 @@ def _connected(port: str, timeout_s: float) -> Iterator[tuple[socket.socket, Buf
     with socket.socket(socket.AF_UNIX) as client:
         client.settimeout(timeout_s)
         for name in link_names(port):
-            try:
-                client.connect(str(where / name))
-            except OSError:
+            if not _connect(client, str(where / name)):
                 continue
             with client.makefile("rb") as answers:
                 yield client, answers
             return
     raise NoOwnerError(f"no process of yours has {port} open")
+
+
+def _connect(client: socket.socket, path: str) -> bool:
+    """Connect; a listener whose queue is full is tried again, for it accepts all the time."""
+    for _ in range(round(CONNECT_S / _RETRY_S)):
+        try:
+            client.connect(path)
+        except BlockingIOError:
+            time.sleep(_RETRY_S)
+        except OSError:
+            return False
+        else:
+            return True
+    return False
 
 
 def _send(port: str, client: socket.socket, request: dict[str, Any]) -> None:

@@ -7,6 +7,9 @@ import os
 import socket
 import stat
 import tempfile
+import threading
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +19,34 @@ from bridge.errors import BridgeError, NoOwnerError, OwnerRefusedError
 from bridge.io import owner_names
 from bridge.io.owner_client import ask, has_owner, watch
 from bridge.io.owner_names import NoFolderError, folder, link_names
-from bridge.io.owner_socket import MAX_CLIENTS, MAX_LINE, OwnerSocket
+from bridge.io.owner_socket import (
+    MAX_ANSWERS,
+    MAX_CLIENTS,
+    MAX_LINE,
+    MAX_VIEWERS,
+    OwnerSocket,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+
+PATIENCE_S = 60.0
+"""Only a hang is longer."""
+
+
+class Waiting:
+    """Counts those who wait."""
+
+    def __init__(self) -> None:
+        self._count = threading.Semaphore(0)
+
+    def one_more(self) -> None:
+        self._count.release()
+
+    def acquire_all(self, count: int) -> None:
+        for _ in range(count):
+            assert self._count.acquire(timeout=PATIENCE_S)
 
 
 class Robot:
@@ -28,8 +55,24 @@ class Robot:
     def __init__(self) -> None:
         self.over = False
         self.shown = 0
+        self.waiting = Waiting()
+        self.released = threading.Event()
 
     def answer(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
+        match request.get("do"):
+            case "stop":
+                return {"confirmed": True}
+            case "wait":
+                self.waiting.one_more()
+                return {"waited": self.released.wait(PATIENCE_S)}
+            case "break":
+                raise ZeroDivisionError
+            case "flood":
+                return {"flood": "x" * 1_000_000}
+            case _:
+                return self._other(request, asker)
+
+    def _other(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
         if request.get("do") == "refuse":
             raise OwnerRefusedError("not now", 5)
         if request.get("do") != "echo":
@@ -157,17 +200,151 @@ def test_a_line_without_an_end_is_hung_up_on(owner: OwnerSocket) -> None:
         assert client.recv(100) == b""
 
 
-def test_too_many_at_once_are_told_so(owner: OwnerSocket) -> None:
-    clients = [_raw(owner) for _ in range(MAX_CLIENTS)]
+@pytest.mark.parametrize("hz", ["1e-300", "0", "-1", "50.1", "NaN", "Infinity", "true", "9" * 3000])
+def test_a_rate_that_there_is_not_is_told_so(owner: OwnerSocket, hz: str) -> None:
+    with _raw(owner) as client, client.makefile("rb") as answers:
+        client.sendall(b'{"do": "watch", "hz": %s}\n' % hz.encode())
+        assert json.loads(answers.readline()) == {"ok": False, "error": "hz is not in 0.01 to 50"}
+
+
+def test_a_defect_of_ours_is_told_and_ends_nothing(owner: OwnerSocket) -> None:
+    with _raw(owner) as client, client.makefile("rb") as answers:
+        client.sendall(b'{"do": "break"}\n{"do": "echo"}\n')
+        broken = json.loads(answers.readline())
+        assert (broken["error"], broken["exit_status"]) == ("internal error: ZeroDivisionError", 1)
+        assert json.loads(answers.readline())["ok"] is True
+
+
+def test_many_requests_on_one_line_are_answered_in_their_order(owner: OwnerSocket) -> None:
+    asked = [{"do": "echo", "number": number} for number in range(500)]
+    with _raw(owner) as client, client.makefile("rb") as answers:
+        sending = threading.Thread(
+            target=client.sendall, args=(b"".join(json.dumps(a).encode() + b"\n" for a in asked),)
+        )
+        sending.start()
+        assert [json.loads(answers.readline())["request"] for _ in asked] == asked
+        sending.join()
+
+
+def test_lines_that_are_no_requests_are_refused_by_the_thousand(owner: OwnerSocket) -> None:
+    with _raw(owner) as client, client.makefile("rb") as answers:
+        for _ in range(10):
+            client.sendall(b"\n" * 500)
+            assert all(json.loads(answers.readline())["ok"] is False for _ in range(500))
+        client.sendall(b'{"do": "echo"}\n')
+        assert json.loads(answers.readline())["ok"] is True
+
+
+# ---- a stop is always accepted --------------------------------------------------------------
+
+
+def stop(port: str) -> None:
+    """A stop that is not answered within ``PATIENCE_S`` would hang."""
+    assert ask(port, {"do": "stop"}, timeout_s=PATIENCE_S) == {"ok": True, "confirmed": True}
+
+
+def crowd(owner: OwnerSocket, count: int, line: bytes) -> list[socket.socket]:
+    """Connect so many clients, each of which writes this and leaves it at that."""
+    clients = []
+    for _ in range(count):
+        client = _raw(owner)
+        with suppress(OSError):  # it may have been hung up on by now
+            client.sendall(line)
+        clients.append(client)
+    return clients
+
+
+@pytest.mark.parametrize("count", [8, 50, 500])
+@pytest.mark.parametrize(
+    "line",
+    [b"", b'{"do": "st', b"x" * (MAX_LINE + 1), b'{"do": "echo"}\n', b'{"do": "watch"}\n'],
+    ids=["silent", "half a line", "a huge line", "idle after an answer", "watching"],
+)
+def test_a_stop_passes_a_crowd(owner: OwnerSocket, port: str, count: int, line: bytes) -> None:
+    clients = crowd(owner, count, line)
     try:
-        for client in clients:
-            client.sendall(b'{"do": "echo"}\n')
-            assert json.loads(client.recv(4096))["ok"] is True
-        with _raw(owner) as late:
-            assert "connected already" in json.loads(late.recv(4096))["error"]
+        for _ in range(3):
+            stop(port)
     finally:
         for client in clients:
             client.close()
+
+
+def test_a_stop_passes_requests_that_wait_for_the_device(port: str) -> None:
+    robot = Robot()
+    with OwnerSocket(port, robot) as owner:
+        clients = crowd(owner, MAX_ANSWERS, b'{"do": "wait"}\n')
+        robot.waiting.acquire_all(MAX_ANSWERS)
+        with pytest.raises(OwnerRefusedError, match="are being answered already"):
+            ask(port, {"do": "echo"})
+        stop(port)
+        clients[0].sendall(b'{"do": "stop"}\n')  # behind a request that is not answered yet
+        assert json.loads(clients[0].recv(4096)) == {"ok": True, "confirmed": True}
+        robot.released.set()
+        for client in clients:
+            assert json.loads(client.recv(4096))["waited"] is True
+            client.close()
+
+
+def test_a_stop_passes_slow_senders(owner: OwnerSocket, port: str) -> None:
+    clients = crowd(owner, 100, b'{"do": "echo", "text": "')
+    dribbled = 0
+    for letter in b"abcdefgh":
+        for client in clients:
+            with suppress(OSError):
+                dribbled += client.send(bytes([letter]))
+        stop(port)
+    assert dribbled == 800
+    clients[0].sendall(b'"}\n')
+    assert json.loads(clients[0].recv(4096))["request"]["text"] == "abcdefgh"
+    for client in clients:
+        client.close()
+
+
+def test_a_stop_passes_those_who_do_not_read(owner: OwnerSocket, port: str) -> None:
+    clients = crowd(owner, MAX_VIEWERS, b'{"do": "flood"}\n' * 10)
+    stop(port)
+    stop(port)
+    for client in clients:
+        client.close()
+
+
+def test_the_oldest_that_has_asked_for_nothing_gives_way(owner: OwnerSocket, port: str) -> None:
+    with _raw(owner) as asking:
+        asking.sendall(b'{"do": "echo"}\n')
+        assert json.loads(asking.recv(4096))["ok"] is True
+        clients = crowd(owner, MAX_CLIENTS + 2, b"")
+        assert "too many clients" in json.loads(clients[0].recv(4096))["error"]
+        assert clients[0].recv(1) == b""
+        assert has_owner(port)
+        asking.sendall(b'{"do": "echo"}\n')
+        assert json.loads(asking.recv(4096))["ok"] is True, "who has asked stays"
+        clients[-1].sendall(b'{"do": "echo"}\n')
+        assert json.loads(clients[-1].recv(4096))["ok"] is True
+    for client in clients:
+        client.close()
+
+
+def test_viewers_are_counted_apart(port: str) -> None:
+    robot = Robot()
+    robot.shown = 10
+    with OwnerSocket(port, robot) as owner:
+        viewers = crowd(owner, MAX_VIEWERS, b'{"do": "watch", "hz": 0.01}\n')
+        for viewer in viewers:
+            assert json.loads(viewer.recv(4096))["ok"] is True
+        with pytest.raises(OwnerRefusedError, match="viewers are connected already"):
+            next(watch(port))
+        assert ask(port, {"do": "echo"})["ok"] is True
+        viewers.pop().close()  # its place is free though its next line is due in 100 s
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                assert next(watch(port))["shown"] > 10
+                break
+            except OwnerRefusedError:
+                assert time.monotonic() < deadline, "a viewer that has left keeps its place"
+        for viewer in viewers:
+            viewer.close()
 
 
 def test_a_folder_that_others_may_enter_is_not_used(runtime: Path, port: str) -> None:
