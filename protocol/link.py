@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 NODE_ALL = 0
 """Addresses every device; for stop, hello and time requests only."""
 _HALF_SEQ = 128
+_HELLO = "hello"
+"""Name of the message that says which boot a device's sequence numbers are of."""
 _PLAIN = 0xF0 | FLAG_AUTHENTICATED
 """Version and this flag: a frame that claims to be authenticated never goes the short way."""
 _new = tuple.__new__
@@ -203,6 +205,8 @@ class Link(LinkBase):
         self._parser = UartParser()
         self._seq = 0
         self._expected_seq: dict[int, int] = {}
+        self._boots: dict[int, int] = {}
+        """The boot that each device's newest hello names."""
         # A device's frames name it; a host counts all its own together, whatever node they name.
         self._sender_mask = 0xFF if sends is Direction.HOST else 0
         self._plain = {
@@ -282,7 +286,8 @@ class Link(LinkBase):
         except KeyError:
             statistics.by_type[type_id] = 1
         sender = node & self._sender_mask
-        if seq == self._expected_seq.get(sender, seq):
+        booted = spec is not None and spec.name == _HELLO and self._booted(sender, spec, frame)
+        if booted or seq == self._expected_seq.get(sender, seq):
             self._expected_seq[sender] = (seq + 1) & 0xFF
         else:
             self._out_of_sequence(sender, seq)
@@ -304,6 +309,17 @@ class Link(LinkBase):
         frame = frame._replace(payload=payload)
         covered = PACK_BODY[len(payload)](*frame)
         return frame, self.key is not None and self.key.check(covered, trailer)
+
+    def _booted(self, sender: int, spec: MessageSpec, frame: Frame) -> bool:
+        """Whether a hello is of another boot than the one before: its numbers begin anew."""
+        try:
+            boot_id = getattr(self.codec.decode(spec, frame.payload), "boot_id", None)
+        except PayloadError:
+            return False
+        if boot_id is None:
+            return False
+        known, self._boots[sender] = self._boots.get(sender, boot_id), boot_id
+        return bool(known != boot_id)
 
     def _out_of_sequence(self, sender: int, seq: int) -> None:
         gap = (seq - self._expected_seq[sender]) & 0xFF

@@ -21,7 +21,8 @@ from bridge.io import clock
 from bridge.session_events import State
 from bridge.telemetry import EventRecord, LogRecord, Severity
 from tools.console import drop_queued, err, say
-from tools.live_map import swept_picture
+from tools.live_heading import RunFacts, heading
+from tools.live_map import legend, swept_picture
 from tools.live_tables import (
     Rates,
     compact_table,
@@ -54,6 +55,10 @@ _STATUS_NS = 5_000_000_000
 _NARROW, _LOW, _LOWEST, _FOOTER = 110, 22, 15, 2
 """Columns and rows below which one small table tells what matters most."""
 _COLUMN, _TABLE, _LEAST_MAP = 44, 46, 10
+_LEAST_ROWS = 6
+"""Rows of the map below which its legend is left out."""
+_TALL = 24
+"""Rows from which three lines, and not two, may hold port, time, coverage, log and viewer."""
 
 
 class Teller:
@@ -105,9 +110,16 @@ def _ends_run(event: EventRecord) -> bool:
 class LivePicture:
     """Draws a host three times a second, from its own thread."""
 
-    def __init__(self, host: Host, teller: Teller, operating: Operating | None = None) -> None:
+    def __init__(
+        self,
+        host: Host,
+        teller: Teller,
+        operating: Operating | None = None,
+        facts: RunFacts | None = None,
+    ) -> None:
         """Draws nothing before :meth:`start`."""
         self._host = host
+        self._facts = facts or RunFacts()
         self._teller = teller
         self._operating = operating
         self._rates = Rates(host)
@@ -116,6 +128,7 @@ class LivePicture:
 
     def start(self) -> None:
         """Begin to draw."""
+        self._facts.began_ns = clock.now()
         self._live.start()
 
     def stop(self) -> None:
@@ -129,55 +142,68 @@ class LivePicture:
         self._rates.look(clock.now())
         yield self.layout(width, height)
 
-    def layout(self, width: int, height: int) -> Layout:
-        """Everything, in so many columns and rows."""
+    def layout(self, width: int, height: int, now_ns: int | None = None) -> Layout:
+        """Everything, in so many columns and rows, at a time of the host (now)."""
         host = self._host
         pose = host.estimator.pose
         if not self._trail or math.dist(self._trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
             self._trail.append((pose.x_m, pose.y_m))
         # In a low window the robot and the keys stay, and the last line of all is theirs.
+        facts, now_ns = self._facts, clock.now() if now_ns is None else now_ns
+        heads = 0 if height < _LOWEST else 2 if height < _TALL else 3
+        top = heading(facts, host.swept.swept_m2, now_ns, width, heads) if heads else Text()
+        heads = len(top.plain.splitlines()) if heads else 0
         events = max(4, min(10, height // 4)) if height >= _LOWEST else 0
-        body = max(8, height - events - 3) if events else max(1, height - _FOOTER)
+        body = max(8, height - heads - events - 3) if events else max(1, height - _FOOTER)
         wide = width >= _NARROW
         columns = Layout()
         if wide and body >= _LOW:
-            self._three(columns, width, body)
+            self._three(columns, width, body, now_ns / 1e9)
         else:
-            table = Panel(compact_table(host, self._rates), title="robot", title_align="left")
+            table = Panel(
+                compact_table(host, self._rates, now_ns / 1e9), title="robot", title_align="left"
+            )
             map_width = width - _TABLE
             if map_width < _LEAST_MAP:
                 columns.update(table)
             else:
-                picture = swept_picture(host, map_width - 4, max(2, 2 * (body - 2)), self._trail)
-                columns.split_row(
-                    Layout(table, size=_TABLE),
-                    Layout(Panel(picture, title="map", title_align="left")),
-                )
+                columns.split_row(Layout(table, size=_TABLE), Layout(self._map(map_width, body)))
         page = Layout()
         happened = Layout(Panel(self._events(events - 2), title="events", title_align="left"))
         page.split_column(
+            *([Layout(top, size=heads)] if heads else []),
             Layout(columns, size=body),
             *([happened] if events else []),
             Layout(self._footer(width), size=_FOOTER),
         )
         return page
 
-    def _three(self, columns: Layout, width: int, body: int) -> None:
+    def _map(self, width: int, height: int) -> Panel:
+        """The map in a frame that has its legend."""
+        plan, inside = self._facts.plan, width - 4
+        shown = legend(plan, inside - 2)
+        below = shown if len(shown) > 1 else []
+        rows = max(1, height - 2 - len(below))
+        picture = swept_picture(self._host, inside, max(2, 2 * rows), self._trail, plan)
+        subtitle = None if below else shown[0]
+        content = Group(picture, *below) if rows >= _LEAST_ROWS else picture
+        return Panel(content, title="map", title_align="left", subtitle=subtitle)
+
+    def _three(self, columns: Layout, width: int, body: int, now_s: float) -> None:
         """Two columns of tables with the map between them."""
         host = self._host
         map_width = max(20, width - 2 * _COLUMN)
-        picture = swept_picture(host, map_width - 4, 2 * (body - 2), self._trail)
         left = Group(
-            Panel(state_table(host), title="robot", title_align="left"),
-            Panel(sensor_table(host), title="sensors", title_align="left"),
+            Panel(state_table(host, now_s), title="robot", title_align="left"),
+            Panel(sensor_table(host, now_s), title="sensors", title_align="left"),
         )
         right = Group(
-            Panel(planner_table(host), title="planner", title_align="left"),
+            Panel(planner_table(host, self._facts.planner), title="planner", title_align="left"),
             Panel(wire_table(host, self._rates), title="wire", title_align="left"),
         )
         columns.split_row(
             Layout(left, size=_COLUMN),
-            Layout(Panel(picture, title="map, swept", title_align="left")),
+            Layout(self._map(map_width, body)),
             Layout(right, size=_COLUMN),
         )
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from bridge.coverage.floorplan import FloorPlan
     from bridge.host import Host
 
 _MARGIN_M, _FINEST_M = 0.1, 0.02
@@ -26,8 +27,11 @@ def swept_picture(
     columns: int = 56,
     rows: int = 40,
     trail: Iterable[tuple[float, float]] = (),
+    plan: FloorPlan | None = None,
 ) -> Text:
     """The swept map and the way in half blocks, north up, the robot an arrow where it looks.
+
+    With a ``plan`` its walls, obstacles, cliffs, carpets and thresholds are drawn too.
 
     At most ``columns`` wide, ``rows`` half lines high.
     """
@@ -35,6 +39,8 @@ def swept_picture(
     way = np.array([*trail, (pose.x_m, pose.y_m)])
     swept = _swept(host)
     seen = np.vstack([way, swept])
+    if plan is not None:
+        seen = np.vstack([seen, np.array(plan.walls)])
     low, high = seen.min(axis=0) - _MARGIN_M, seen.max(axis=0) + _MARGIN_M
     extent = high - low
     size_m = max(extent[0] / max(8, columns), extent[1] / max(8, rows), _FINEST_M)
@@ -42,7 +48,10 @@ def swept_picture(
     tall = max(1, math.ceil(extent[1] / size_m))
     tall += tall % 2
     cells = np.zeros((tall, wide), dtype=np.int8)
-    for points, ink in ((swept, 1), (way, 2)):
+    lines = [] if plan is None else _outlines(plan, size_m)
+    soft = [(points, ink) for points, ink in lines if ink in {_CARPET, _THRESHOLD}]
+    hard = [(points, ink) for points, ink in lines if ink in {_WALL, _CLIFF}]
+    for points, ink in ((swept, _SWEPT), *soft, (way, _WAY), *hard):
         at = ((points - low) / size_m).astype(int)
         cells[np.clip(at[:, 1], 0, tall - 1), np.clip(at[:, 0], 0, wide - 1)] = ink
     robot = ((way[-1] - low) / size_m).astype(int)
@@ -57,7 +66,53 @@ def _swept(host: Host) -> NDArray[np.float64]:
     return np.asarray((marked + 0.5) * grid.resolution_m + origin, dtype=np.float64)
 
 
-_INK = {1: "green", 2: "cyan"}
+def _outlines(plan: FloorPlan, size_m: float) -> list[tuple[NDArray[np.float64], int]]:
+    """Points along everything that the room file draws, with their ink; closer than a cell."""
+    polygons = [
+        (plan.walls, _WALL),
+        *((obstacle, _WALL) for obstacle in plan.obstacles),
+        *((cliff, _CLIFF) for cliff in plan.cliffs),
+        *((carpet.polygon, _CARPET) for carpet in plan.carpets),
+    ]
+    edges = [
+        (a, b, ink)
+        for polygon, ink in polygons
+        for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True)
+    ]
+    edges += [(bar.begin, bar.end, _THRESHOLD) for bar in plan.thresholds]
+    found = []
+    for a, b, ink in edges:
+        count = math.ceil(math.dist(a, b) / (0.5 * size_m)) + 1
+        found.append((np.linspace(a, b, count, dtype=np.float64), ink))
+    return found
+
+
+_SWEPT, _WAY, _WALL, _CLIFF, _CARPET, _THRESHOLD = range(1, 7)
+_INK = {
+    _SWEPT: "green",
+    _WAY: "cyan",
+    _WALL: "white",
+    _CLIFF: "red",
+    _CARPET: "magenta",
+    _THRESHOLD: "yellow",
+}
+
+
+def legend(plan: FloorPlan | None, width: int) -> list[Text]:
+    """What the colours of the map mean, in lines of at most ``width``; of a room what it has."""
+    shown = [("swept", _SWEPT), ("path", _WAY)]
+    if plan is not None:
+        shown.append(("walls", _WALL))
+        shown += [("cliff", _CLIFF)] if plan.cliffs else []
+        shown += [("carpet", _CARPET)] if plan.carpets else []
+        shown += [("threshold", _THRESHOLD)] if plan.thresholds else []
+    lines = [Text()]
+    for name, ink in shown:
+        part = Text.assemble(("█", _INK[ink]), f" {name}")
+        if lines[-1] and len(lines[-1]) + 2 + len(part) > width:
+            lines.append(Text())
+        lines[-1].append("  " if lines[-1] else "").append_text(part)
+    return lines
 
 
 def _half_blocks(cells: NDArray[np.int8], robot: tuple[int, int], theta_rad: float) -> Text:
@@ -83,5 +138,5 @@ def _glyph(above: int, below: int) -> tuple[str, str]:
     return "▀" if above else "▄", _INK[above or below]
 
 
-_GLYPHS = {(above, below): _glyph(above, below) for above in range(3) for below in range(3)}
+_GLYPHS = {(above, below): _glyph(above, below) for above in range(7) for below in range(7)}
 """By what is above and below; 0: nothing."""

@@ -43,6 +43,7 @@ from tools.comparing import compared, start_checked
 from tools.console import is_drawable, say
 from tools.lan_risk import bus_risk
 from tools.live import LivePicture, Teller
+from tools.live_heading import LiveCoverage, RunFacts
 from tools.live_tables import status_line
 from tools.operating import Operating
 from tools.options import DEFAULT_PLANNER
@@ -181,11 +182,11 @@ def run_live(asked: LiveOptions) -> LiveResult:
     try:
         with _endings(pump, operating, asked.gamepad):  # the summary too is written whole
             with (
-                live_view(asked.log, view=asked.view, serve=asked.serve),
+                live_view(asked.log, view=asked.view, serve=asked.serve) as page,
                 _owner(asked, pump, opened),
                 compared(pump, asked.model, from_file=asked.robot_file),
                 start_checked(pump, asked.model, asked.plan),
-                _picture(host, teller, operating),
+                _picture(host, teller, operating, _facts(asked, page, way)),
             ):
                 gc.freeze()  # what start-up left is not walked through again while driving
                 pump.run()
@@ -371,15 +372,23 @@ def _gamepad(path: str, operating: Operating) -> Gamepad:
     )
 
 
+def _facts(asked: LiveOptions, page: str, way: array[float]) -> RunFacts:
+    """What the picture shows beside the robot."""
+    coverage = None if asked.plan is None else LiveCoverage(asked.plan, asked.model, way)
+    return RunFacts(
+        asked.port, str(asked.log), page, asked.planner_name or "", asked.plan, coverage
+    )
+
+
 @contextlib.contextmanager
-def _picture(host: Host, teller: Teller, operating: Operating) -> Iterator[None]:
+def _picture(host: Host, teller: Teller, operating: Operating, facts: RunFacts) -> Iterator[None]:
     if not is_drawable():
         teller.status = lambda: status_line(host)
         if Keyboard.possible():
             say(operating.help(_ANY_WIDTH))
         yield
         return
-    picture = LivePicture(host, teller, operating if Keyboard.possible() else None)
+    picture = LivePicture(host, teller, operating if Keyboard.possible() else None, facts)
     picture.start()
     try:
         yield

@@ -8,13 +8,23 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 from rich.text import Text
 
+from bridge.io import clock
+from bridge.session_events import State
 from protocol.catalogue import CATALOGUE
+from protocol.messages import Encoders, Imu, Power, Range, Status
 from protocol.values import Contact, Fault, Mode, PlannerPhase, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from bridge.host import Host
+    from protocol.message import Message
 
 _RATE_NS = 1_000_000_000
+_AGED_S = 2.0
+"""Age beyond which a value is drawn dim, seconds: several periods of the slowest stream."""
+_FROZEN_S = 0.5
+"""Silence of the encoders beyond which no speed is shown, seconds: as a lost setpoint."""
+_LANE_VARIABLES = frozenset({"paper"})
+"""Planners whose state has the variables of the paper's Table 1."""
 _RATES_SHOWN = ("imu", "encoders", "range", "status", "power", "planner_state")
 
 
@@ -52,7 +62,10 @@ class Rates:
         self._at_ns, self._counts, self._bytes = now_ns, counts, total
 
 
-def _rows(rows: list[tuple[str, str | Text]]) -> Table:
+_Rows = list[tuple[str, str | Text]]
+
+
+def _rows(rows: _Rows) -> Table:
     table = Table(show_header=False, box=None, pad_edge=False)
     names = max((len(name) for name, _ in rows), default=0)
     table.add_column(style="dim", no_wrap=True, min_width=names)  # a value is cut before its name
@@ -63,40 +76,93 @@ def _rows(rows: list[tuple[str, str | Text]]) -> Table:
     return table
 
 
-def state_table(host: Host) -> Table:
+def _session(host: Host, now_s: float) -> Text:
+    """State of session and run; while the device is lost, the time until the run ends."""
+    state, mission = host.session.state, host.mission
+    left_s = mission.holds_for_s(now_s)
+    if left_s is None:
+        return Text(f"{state.value}, run {mission.phase.value}")
+    if mission.asking:
+        return Text(f"{state.value}, run waits, ends in {left_s:.0f} s", "bold yellow")
+    return Text(f"{state.value}, run ends in {left_s:.0f} s", "bold red")
+
+
+def _speed(host: Host, now_s: float) -> str | None:
+    """Speed and yaw rate while the encoders are heard: the estimate keeps its last speed."""
+    at_s = host.state.arrived_s.get(Encoders)
+    if host.session.state is not State.READY or at_s is None or now_s - at_s > _FROZEN_S:
+        return None
+    degrees_s = math.degrees(host.estimator.yaw_rate_rad_s)
+    return f"{host.estimator.v_m_s:+.2f} m/s {degrees_s:+.0f}°/s"
+
+
+def _aged(host: Host, kind: type[Message], now_s: float) -> bool:
+    """Whether the newest message of a kind is too old to be the present."""
+    at_s = host.state.arrived_s.get(kind)
+    return at_s is None or now_s - at_s > _AGED_S
+
+
+def _shown(rows: list[tuple[str, str | Text | None]], *, dim: bool = False) -> _Rows:
+    """Rows with a dash for what is not known; ``dim``: the values are of the past."""
+    found: _Rows = []
+    for name, value in rows:
+        text = Text("-") if value is None else Text(value) if isinstance(value, str) else value
+        if dim or value is None:
+            text.stylize("dim")
+        found.append((name, text))
+    return found
+
+
+def _pose(host: Host, digits: int) -> Text:
+    """The estimated pose, dimmed where the device is not heard."""
+    pose = host.estimator.pose
+    text = Text(
+        f"{pose.x_m:+.{digits}f} m {pose.y_m:+.{digits}f} m {math.degrees(pose.theta_rad):+.0f}°"
+    )
+    if host.hello is not None and host.session.state is not State.READY:
+        text.stylize("dim")
+    return text
+
+
+def _status_rows(host: Host, now_s: float, *, load: bool = False) -> _Rows:
+    """Mode, stop and faults."""
+    status = host.state.status
+    if status is None:
+        return _shown([("mode", None), ("stop", None), ("faults", None)])
+    cause = label(StopCause, status.stop_cause)
+    stopped = status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}
+    faults = ", ".join(flag_labels(Fault, status.faults))
+    mode = label(Mode, status.mode) + (f", load {status.load} %" if load else "")
+    return _shown(
+        [
+            ("mode", mode),
+            ("stop", Text(cause, style="bold red" if stopped else "")),
+            ("faults", Text(faults or "none", style="yellow" if faults else "")),
+        ],
+        dim=_aged(host, Status, now_s),
+    )
+
+
+def state_table(host: Host, now_s: float) -> Table:
     """Session, run, mode, stop, faults, pose and battery."""
-    state, mission, hello = host.state, host.mission, host.hello
-    pose, status, power = host.estimator.pose, state.status, state.power
-    rows: list[tuple[str, str | Text]] = [
-        ("session", f"{host.session.state.value}, run {mission.phase.value}")
-    ]
+    hello, power = host.hello, host.state.power
+    rows: _Rows = [("session", _session(host, now_s))]
     if hello is not None:
         version = f"{hello.version_major}.{hello.version_minor}.{hello.version_patch}"
-        rows.append(("device", f"{hello.name} {version}, node {host.session.node}"))
-    if status is not None:
-        cause = label(StopCause, status.stop_cause)
-        stopped = status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}
-        rows += [
-            ("mode", label(Mode, status.mode)),
-            ("stop", Text(cause, style="bold red" if stopped else "")),
-        ]
-        faults = ", ".join(flag_labels(Fault, status.faults))
-        rows.append(("faults", Text(faults or "none", style="yellow" if faults else "")))
-    degrees, rate = math.degrees(pose.theta_rad), math.degrees(host.estimator.yaw_rate_rad_s)
-    rows += [
-        ("pose", f"{pose.x_m:+.3f} m {pose.y_m:+.3f} m {degrees:+.0f}°"),
-        ("speed", f"{host.estimator.v_m_s:+.2f} m/s {rate:+.0f}°/s"),
-        ("path", f"{host.path_m:.1f} m"),
-    ]
-    if power is not None:
-        rows.append(("battery", _battery(power.battery_v, host.model.battery_v)))
+        rows.append(("device", Text(f"{hello.name} {version}, node {host.session.node}")))
+    rows += _status_rows(host, now_s)
+    rows += _shown([("pose", _pose(host, 3)), ("speed", _speed(host, now_s))])
+    rows += _shown([("path", f"{host.path_m:.1f} m")])
+    battery = None if power is None else _battery(power.battery_v, host.model.battery_v)
+    rows += _shown([("battery", battery)], dim=_aged(host, Power, now_s))
     return _rows(rows)
 
 
-def status_line(host: Host) -> str:
+def status_line(host: Host, now_s: float | None = None) -> str:
     """What matters most in one line, for a reader without a picture."""
-    state, mission, pose = host.state, host.mission, host.estimator.pose
-    parts = [f"{host.session.state.value}, run {mission.phase.value}"]
+    now_s = clock.now() / 1e9 if now_s is None else now_s
+    state, pose = host.state, host.estimator.pose
+    parts = [_session(host, now_s).plain]
     if state.status is not None:
         parts.append(f"mode {label(Mode, state.status.mode)}")
         if state.status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}:
@@ -105,7 +171,7 @@ def status_line(host: Host) -> str:
         parts += [f"faults {', '.join(faults)}"] if faults else []
     parts += [
         f"pose {pose.x_m:+.2f} m {pose.y_m:+.2f} m {math.degrees(pose.theta_rad):+.0f}°",
-        f"{host.estimator.v_m_s:+.2f} m/s",
+        f"speed {_speed(host, now_s) or '-'}",
         f"path {host.path_m:.1f} m",
     ]
     if state.power is not None:
@@ -115,41 +181,30 @@ def status_line(host: Host) -> str:
     return "; ".join(parts)
 
 
-def compact_table(host: Host, rates: Rates) -> Table:
+def compact_table(host: Host, rates: Rates, now_s: float) -> Table:
     """What matters most, for a small terminal."""
-    state, mission, pose = host.state, host.mission, host.estimator.pose
-    status, power, ranges = state.status, state.power, state.range
-    rows: list[tuple[str, str | Text]] = [
-        ("session", f"{host.session.state.value}, run {mission.phase.value}")
-    ]
-    if status is not None:
-        cause = label(StopCause, status.stop_cause)
-        faults = ", ".join(flag_labels(Fault, status.faults))
-        stopped = status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}
-        rows += [
-            ("mode", f"{label(Mode, status.mode)}, load {status.load} %"),
-            ("stop", Text(cause, style="bold red" if stopped else "")),
-            ("faults", Text(faults or "none", style="yellow" if faults else "")),
-        ]
-    degrees = math.degrees(pose.theta_rad)
-    rows += [
-        ("pose", f"{pose.x_m:+.2f} m {pose.y_m:+.2f} m {degrees:+.0f}°"),
-        ("speed", f"{host.estimator.v_m_s:+.2f} m/s, path {host.path_m:.1f} m"),
-    ]
-    if power is not None:
-        rows.append(("battery", _battery(power.battery_v, host.model.battery_v)))
+    state, mission = host.state, host.mission
+    power, ranges, imu = state.power, state.range, state.imu
+    rows: _Rows = [("session", _session(host, now_s))]
+    rows += _status_rows(host, now_s, load=True)
+    speed = _speed(host, now_s) or "-"
+    rows += _shown([("pose", _pose(host, 2)), ("speed", f"{speed}, path {host.path_m:.1f} m")])
+    battery = None if power is None else _battery(power.battery_v, host.model.battery_v)
+    rows += _shown([("battery", battery)], dim=_aged(host, Power, now_s))
+    front = None
     if ranges is not None:
         seen = (ranges.ultrasonic_m, ranges.infrared_left_m, ranges.infrared_right_m)
-        front, left, right = ("-" if r is None else f"{r:.2f}" for r in seen)
+        ahead, left, right = ("-" if r is None else f"{r:.2f}" for r in seen)
         touched = ", ".join(flag_labels(Contact, ranges.contacts))
-        rows.append(("front", f"{front} m, left {left}, right {right} {touched}"))
-    if state.imu is not None:
-        rows.append(("gyro z", f"{math.degrees(state.imu.gyro_z_rad_s):+.2f} °/s"))
+        front = f"{ahead} m, left {left}, right {right} {touched}"
+    rows += _shown([("front", front)], dim=_aged(host, Range, now_s))
+    rate = None if imu is None else f"{math.degrees(imu.gyro_z_rad_s):+.2f} °/s"
+    rows += _shown([("gyro z", rate)], dim=_aged(host, Imu, now_s))
     if mission.runner is not None:
-        rows.append(("planner", mission.runner.state.state))
+        rows += _shown([("planner", mission.runner.state.state)])
     wire = host.session.link.statistics
     shown = " ".join(f"{n} {rates.hz[n]:.0f}" for n in _RATES_SHOWN[:3] if n in rates.hz)
-    rows += [("Hz", shown or "-"), ("wire", f"{wire.lost} lost, {wire.damaged} damaged")]
+    rows += _shown([("Hz", shown or "-"), ("wire", f"{wire.lost} lost, {wire.damaged} damaged")])
     return _rows(rows)
 
 
@@ -165,37 +220,34 @@ def _bar(share: float, width: int) -> str:
     return "█" * full + "░" * (width - full)
 
 
-def sensor_table(host: Host) -> Table:
+def sensor_table(host: Host, now_s: float) -> Table:
     """Ranges, contacts, inertial sensor, encoders and currents."""
     state, model = host.state, host.model
     ranges, imu, encoders, power = state.range, state.imu, state.encoders, state.power
-    rows: list[tuple[str, str | Text]] = []
+    seen: tuple[Text | None, ...] = (None, None, None, None)
     if ranges is not None:
-        for name, value, mount in (
-            ("front", ranges.ultrasonic_m, model.ultrasonic),
-            ("left", ranges.infrared_left_m, model.infrared_left),
-            ("right", ranges.infrared_right_m, model.infrared_right),
-        ):
-            rows.append((name, _range(value, mount.max_range_m)))
         touched = flag_labels(Contact, ranges.contacts)
-        rows.append(("contact", Text(", ".join(touched) or "none", "red" if touched else "")))
+        seen = (
+            _range(ranges.ultrasonic_m, model.ultrasonic.max_range_m),
+            _range(ranges.infrared_left_m, model.infrared_left.max_range_m),
+            _range(ranges.infrared_right_m, model.infrared_right.max_range_m),
+            Text(", ".join(touched) or "none", "red" if touched else ""),
+        )
+    names = ("front", "left", "right", "contact")
+    rows = _shown(list(zip(names, seen, strict=True)), dim=_aged(host, Range, now_s))
+    rate = accel = None
     if imu is not None:
-        rate = math.degrees(imu.gyro_z_rad_s)
-        rows += [
-            ("gyro z", f"{rate:+7.2f} °/s"),
-            (
-                "accel",
-                f"{imu.accel_x_m_s2:+.2f} {imu.accel_y_m_s2:+.2f} {imu.accel_z_m_s2:+.2f} m/s²",
-            ),
-        ]
-    if encoders is not None:
-        rows.append(("counts", f"{encoders.left} {encoders.right}"))
+        rate = f"{math.degrees(imu.gyro_z_rad_s):+7.2f} °/s"
+        accel = f"{imu.accel_x_m_s2:+.2f} {imu.accel_y_m_s2:+.2f} {imu.accel_z_m_s2:+.2f} m/s²"
+    rows += _shown([("gyro z", rate), ("accel", accel)], dim=_aged(host, Imu, now_s))
+    counts = None if encoders is None else f"{encoders.left} {encoders.right}"
+    rows += _shown([("counts", counts)], dim=_aged(host, Encoders, now_s))
+    motors = logic = None
     if power is not None:
-        rows += [
-            ("motors", f"{power.motor_left_a:.2f} A {power.motor_right_a:.2f} A"),
-            ("logic", f"{power.logic_v:.2f} V"),
-        ]
-    return _rows(rows or [("", "no data yet")])
+        motors = f"{power.motor_left_a:.2f} A {power.motor_right_a:.2f} A"
+        logic = f"{power.logic_v:.2f} V"
+    rows += _shown([("motors", motors), ("logic", logic)], dim=_aged(host, Power, now_s))
+    return _rows(rows)
 
 
 def _range(value: float | None, most_m: float) -> Text:
@@ -204,22 +256,28 @@ def _range(value: float | None, most_m: float) -> Text:
     return Text.assemble(f"{value:.3f} m ", (_bar(value / most_m, 12), "cyan"))
 
 
-def planner_table(host: Host) -> Table:
-    """What drives, and the paper's variables."""
+def planner_table(host: Host, planner: str = "") -> Table:
+    """What drives: the state of the plan, and of the paper's planner the paper's variables."""
     runner, device = host.mission.runner, host.state.planner
     if runner is None and device is None:
         return _rows([("", "no plan")])
-    rows: list[tuple[str, str | Text]] = []
+    rows: _Rows = [("planner", planner)] if planner else []
     if runner is not None:
         state = runner.state
-        rows += [
-            ("state", Text(state.state, style="bold")),
-            ("T", str(state.turn_count)),
-            ("D, Prev-D", f"{state.lane_distance_m:.2f} m {state.previous_lane_distance_m:.2f} m"),
-            ("Length", f"{state.length_m:.2f} m, case {state.case or '-'}"),
-        ]
+        rows.append(("state", Text(state.state, style="bold")))
+        if planner in _LANE_VARIABLES:
+            lanes = f"{state.lane_distance_m:.2f} m {state.previous_lane_distance_m:.2f} m"
+            rows += [
+                ("T", str(state.turn_count)),
+                ("D, Prev-D", lanes),
+                ("Length", f"{state.length_m:.2f} m, case {state.case or '-'}"),
+            ]
+        else:
+            rows += [("turns", str(runner.turns)), ("lanes", f"{runner.lane_length_m:.1f} m")]
         if state.target is not None:
-            rows.append(("target", f"{state.target[0]:+.2f} m {state.target[1]:+.2f} m"))
+            x_m, y_m = state.target
+            away_m = math.dist(state.target, host.estimator.pose[:2])
+            rows.append(("target", f"{x_m:+.2f} m {y_m:+.2f} m, {away_m:.2f} m away"))
     elif device is not None:
         rows.append(("on board", label(PlannerPhase, device.phase)))
     return _rows(rows)
@@ -235,15 +293,16 @@ def wire_table(host: Host, rates: Rates) -> Table:
     ]
     lines = [", ".join(shown[:3]), ", ".join(shown[3:])]
     bad = wire.lost or wire.damaged
-    rows: list[tuple[str, str | Text]] = [
+    rows: _Rows = [
         ("Hz", lines[0] or "-"),
         ("", lines[1]),
         ("frames", f"{wire.frames_in} in, {wire.frames_out} out"),
         ("lost", Text(f"{wire.lost}, {wire.damaged} damaged", style="yellow" if bad else "")),
         ("B/s", f"{rates.bytes_s[0]:.0f} in, {rates.bytes_s[1]:.0f} out"),
     ]
+    lost = host.session.state is not State.READY
     if sync.round_trip_ns:
-        rows.append(("trip", f"{sync.round_trip_ns / 1e6:.2f} ms"))
+        rows += _shown([("trip", f"{sync.round_trip_ns / 1e6:.2f} ms")], dim=lost)
     if sync.fit is not None:
-        rows.append(("clock", f"±{sync.fit.bound_ns / 1e6:.3f} ms"))
+        rows += _shown([("clock", f"±{sync.fit.bound_ns / 1e6:.3f} ms")], dim=lost)
     return _rows(rows)

@@ -72,8 +72,10 @@ def take_record_options(given: dict[str, Any]) -> RecordOptions:
 
 
 @contextlib.contextmanager
-def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[None]:
+def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
     """Rerun beside a run, where it was asked for; it is left alone then.
+
+    Gives the page to open in a browser, where it is served.
 
     Raises:
         ViewerMissingError: Rerun is not installed.
@@ -82,7 +84,7 @@ def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[None]:
 
     """
     if not view and not serve:
-        yield
+        yield ""
         return
     from bridge.view.live import LiveViewer
 
@@ -91,7 +93,7 @@ def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[None]:
         viewer.wait_started()
         if viewer.page:
             say(f"the live picture is at {viewer.page}")
-        yield
+        yield viewer.page
     finally:
         viewer.close()
 

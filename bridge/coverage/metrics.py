@@ -200,6 +200,12 @@ class CoverageTrack:
         self._path_m += step_m
         self._follow(pose)
 
+    def share(self) -> float:
+        """The main figure up to the newest pose, 0 to 1; cheap enough for a live picture."""
+        self._close()
+        sweepable = self._meter.regions.sweepable
+        return _share(np.isfinite(self._times) & sweepable, sweepable)
+
     def report(self, lane_length_m: float | None = None) -> CoverageReport:
         """Everything measured up to the newest pose; more poses may follow.
 

@@ -131,3 +131,13 @@ def test_connect_shows_and_starts_only_when_told_twice(served: Served, tmp_path:
         terminal.press(b"s")
         assert terminal.end() == 5
     assert latched(served) == StopCause.OPERATOR
+
+
+def test_the_viewers_address_is_shown_while_the_run_goes_on(served: Served, tmp_path: Path) -> None:
+    with OnTerminal("connect", served.port, "--serve", cwd=tmp_path) as terminal:
+        terminal.shows("run waiting")
+        _, picture = terminal.drawn.split(b"\x1b[?1049h", 1)  # on the screen of its own
+        for part in ("port", served.port, "elapsed", "viewer", "http://127.0.0.1:", "log", "runs/"):
+            assert part.encode() in picture, part
+        terminal.press(b"s")
+        assert terminal.end() == 5

@@ -290,6 +290,28 @@ def test_after_a_new_boot_any_sequence_number_may_come() -> None:
     assert (ours.statistics.lost, ours.statistics.reordered) == (0, 0)
 
 
+def hello(boot_id: int) -> Hello:
+    return Hello(0, bytes(12), boot_id, 0, 0, 0, 0, 1, 0, "device")
+
+
+@pytest.mark.parametrize("before", [0, 1, 100, 127, 128, 200, 254, 255, 256])
+def test_a_new_boot_that_a_hello_names_is_no_loss(before: int) -> None:
+    ours = host()
+    for frame in frames(device(), hello(1), *(Sync(i) for i in range(before))):
+        ours.receive(frame)
+    for frame in frames(device(), hello(2), *(Sync(i) for i in range(5))):
+        ours.receive(frame)
+    assert (ours.statistics.lost, ours.statistics.reordered) == (0, 0)
+
+
+def test_frames_lost_before_a_hello_of_the_same_boot_are_counted() -> None:
+    sent = frames(device(), hello(1), Sync(0), Sync(1), hello(1), Sync(2))
+    ours = host()
+    for frame in (sent[0], sent[3], sent[4]):
+        ours.receive(frame)
+    assert (ours.statistics.lost, ours.statistics.reordered) == (2, 0)
+
+
 # ---- clock and labels ---------------------------------------------------------------------
 
 
