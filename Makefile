@@ -25,13 +25,17 @@ COMPILE := $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv test demo lint types imports unit coverage bench firmware qemu campaign docs fmt lock clean soak mutants
+.PHONY: help venv check test nightly demo lint types imports fast unit statistics coverage bench firmware qemu campaign docs fmt lock clean soak mutants
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' \
 		| while IFS="$$(printf '\t')" read -r name text; do printf '  make %-8s %s\n' "$$name" "$$text"; done
 
-test: lint types imports unit ## lint, types, import rules, tests
+check: lint types imports fast ## lint, types, import rules, fast tests: two minutes
+
+test: lint types imports unit ## lint, types, import rules, tests: seven minutes
+
+nightly: statistics campaign mutants ## what `test` leaves out: hours
 
 demo: venv ## a simulated clean, then a live one over a pseudo-terminal
 	@$(BIN)/python -m tools.demo
@@ -51,9 +55,15 @@ imports: venv ## who may import whom
 
 # PHASES are two runs of pytest, of which the second begins whatever became of the first.
 PHASES = PYTHONPATH=tests $(BIN)/python -m support.phases
+fast: venv
+	@$(PHASES) check $(TEST_OPTIONS)
+
+statistics: venv
+	@$(PHASES) nightly $(TEST_OPTIONS)
+
 unit: venv ## the tests; ARGS='-k name' chooses
 ifeq ($(strip $(ARGS)),)
-	@$(PHASES) 'not nightly' $(TEST_OPTIONS)
+	@$(PHASES) test $(TEST_OPTIONS)
 else
 	@echo '== tests'
 	@$(BIN)/python -m pytest -q $(ARGS)

@@ -17,6 +17,8 @@ from support.cli import PATIENCE_S, decoded, end, plain_messages, start, sweepct
 if TYPE_CHECKING:
     import subprocess
 
+pytestmark = pytest.mark.slow
+
 
 def ready(process: subprocess.Popen[str]) -> str:
     """The port that the first line names."""

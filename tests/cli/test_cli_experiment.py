@@ -21,6 +21,8 @@ from tools.experiment.trials import Trial
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 SHORT = ("--rooms", "case-1", "--planners", "paper,u-shape", "--max-time", "6", "--seeds", "1")
 
 

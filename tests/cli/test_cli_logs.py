@@ -11,6 +11,8 @@ from support.cli import case_1, plain_messages, sweepctl
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:

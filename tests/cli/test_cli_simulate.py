@@ -14,6 +14,8 @@ from support.cli import Recorded, attachments, case_1, decoded, end, start, swee
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 KEYS = (
     *("room", "planner", "seed", "outcome", "duration_s", "path_m", "turns", "collisions"),
     *("contact_s", "energy_wh", "pose_error_m", "coverage", "t90_s", "t99_s"),

@@ -7,6 +7,7 @@ from itertools import accumulate
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -20,6 +21,8 @@ from support import strategies as wire
 
 if TYPE_CHECKING:
     from protocol.uart import Frame
+
+pytestmark = pytest.mark.slow
 
 Event = tuple[object, ...]
 

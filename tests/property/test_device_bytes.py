@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,6 +10,8 @@ from bridge.mission import Mission
 from protocol.clock import HostNs
 from support.ends import Ends, HostEnd, spinning_host, sweeper
 from support.strategies import cut, damaged, reference_frames, streams
+
+pytestmark = pytest.mark.slow
 
 deliveries = st.lists(
     st.tuples(

@@ -18,6 +18,8 @@ from support import strategies as wire
 if TYPE_CHECKING:
     from protocol.message import MessageSpec
 
+pytestmark = pytest.mark.slow
+
 SPECS = list(CATALOGUE)
 RANGES = {"u8": (0, 255), "u16": (0, 65535), "u32": (0, 2**32 - 1), "i16": (-32768, 32767)}
 

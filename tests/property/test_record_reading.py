@@ -8,6 +8,7 @@ from io import BytesIO
 from itertools import islice
 from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -18,6 +19,8 @@ from bridge.record.reader import LogReader
 from bridge.record.recover import recover
 from bridge.record.writer import RunWriter
 from support.synthetic_run import run_info, summary, synthetic_run
+
+pytestmark = pytest.mark.slow
 
 
 @functools.cache

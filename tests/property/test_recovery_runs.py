@@ -11,6 +11,8 @@ from bridge.coverage.room_generator import generate_room
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -27,6 +28,8 @@ from support.hostile import BitFlips, Burst, CutTail, Delayed, Duplicating, Garb
 
 if TYPE_CHECKING:
     from protocol.clock import HostNs
+
+pytestmark = pytest.mark.slow
 
 LATENCY_US = 2_000
 CALM_S = 1.0

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from protocol.message import Message
     from support.c_build import Adapter
 
+pytestmark = pytest.mark.slow
+
 NODE = 3
 MESSAGES = 4_000
 FROM_DEVICE = [s for s in CATALOGUE if s.direction is Direction.DEVICE]

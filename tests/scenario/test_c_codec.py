@@ -26,11 +26,13 @@ if TYPE_CHECKING:
 
     from support.c_build import Adapter, Generated
 
+pytestmark = pytest.mark.slow
+
 RANDOM_MESSAGES = 100_000
 STREAMS = 600
-FUZZ_RUNS = int(os.environ.get("SWEEPCTL_C_FUZZ_RUNS", "200000"))
-FUZZ_S = int(os.environ.get("SWEEPCTL_C_FUZZ_S", "12"))
-"""Whichever is reached first; a campaign asks for more."""
+FUZZ_RUNS = int(os.environ.get("SWEEPCTL_C_FUZZ_RUNS", "2000000"))
+FUZZ_S = int(os.environ.get("SWEEPCTL_C_FUZZ_S", "30"))
+"""Of the nightly search, whichever is reached first; a campaign asks for more."""
 SPECS = CATALOGUE.specs
 
 
@@ -342,7 +344,12 @@ def test_a_minimal_build_says_what_it_lacks(tmp_path: Path) -> None:
 
 
 @pytest.mark.needs("clang")
-def test_the_fuzzer_finds_nothing(generated: Generated) -> None:
+@pytest.mark.parametrize(
+    ("runs", "seconds"),
+    [(50_000, 20), pytest.param(FUZZ_RUNS, FUZZ_S, marks=pytest.mark.nightly)],
+    ids=["short", "long"],
+)
+def test_the_fuzzer_finds_nothing(generated: Generated, runs: int, seconds: int) -> None:
     sources = [
         generated.source,
         generated.directory / "adapter_table.c",
@@ -352,13 +359,13 @@ def test_the_fuzzer_finds_nothing(generated: Generated) -> None:
     flags = ("-O1", "-g", "-fsanitize=fuzzer,address,undefined", "-Dmain=adapter_main")
     fuzzer = generated.compile("fuzz_wire", sources, compiler=compiler("clang"), flags=flags)
     corpus = generated.directory / "corpus"
-    corpus.mkdir()
+    corpus.mkdir(exist_ok=True)
     for kind in (b"\0", b"\1"):
         for index, vector in enumerate(vectors("messages") + vectors("streams")):
             data = bytes.fromhex(vector["hex"] if kind == b"\0" else vector.get("payload", "00"))
             (corpus / f"{kind[0]}-{index}").write_bytes(kind + data)
-    bounds = (f"-runs={FUZZ_RUNS}", f"-max_total_time={FUZZ_S}", "-max_len=600", "-seed=1")
-    run([fuzzer, *bounds, corpus], timeout_s=FUZZ_S + 90)
+    bounds = (f"-runs={runs}", f"-max_total_time={seconds}", "-max_len=600", "-seed=1")
+    run([fuzzer, *bounds, corpus], timeout_s=seconds + 90)
 
 
 # ---- speed ------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     Dissect = Callable[[int, list[Packet]], list[Seen]]
 
-pytestmark = pytest.mark.needs("tshark")
+pytestmark = [pytest.mark.slow, pytest.mark.needs("tshark")]
 
 Vector = dict[str, Any]
 VECTORS = Path(__file__).parent.parent / "vectors"

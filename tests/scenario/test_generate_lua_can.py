@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Dissect = Callable[[int, list[Packet]], list[Seen]]
 
 
-pytestmark = pytest.mark.needs("tshark")
+pytestmark = [pytest.mark.slow, pytest.mark.needs("tshark")]
 
 
 @pytest.fixture(scope="module")

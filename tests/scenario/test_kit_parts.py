@@ -17,6 +17,8 @@ from support.kit_sessions import Writer
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 PARTS = ("inbox.c", "line.c", "text.c")
 
 

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
     from protocol.message import Message
 
+pytestmark = pytest.mark.slow
+
 ROOM = {
     "name": "a block in the way",
     "walls": [[0, 0], [1.5, 0], [1.5, 1.6], [0, 1.6]],

@@ -11,11 +11,14 @@ from bridge.coverage.floorplan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from sim_device.cliff import wheel_over
+from support.selection import seeds
 from tools.virtual_run import run_virtual
 
 if TYPE_CHECKING:
     from bridge.host import Host
     from tools.virtual_run import VirtualRun
+
+pytestmark = pytest.mark.slow
 
 MODEL = RobotModel()
 PITS = {
@@ -25,7 +28,7 @@ PITS = {
 }
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", seeds(1, 1, first=1))
 @pytest.mark.parametrize("pit", PITS)
 def test_a_pit_is_swept_around_and_not_driven_into(pit: str, seed: int) -> None:
     walls = [[0.0, 0.0], [2.4, 0.0], [2.4, 2.2], [0.0, 2.2]]

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from bridge.host import Host
     from bridge.telemetry import Record
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from shapely.geometry.base import BaseGeometry
 
+pytestmark = pytest.mark.slow
+
 RADIUS_M, HALF_MOUTH_M = 0.16, 0.08
 HALF_A_POINT = 0.005
 ASKED = [

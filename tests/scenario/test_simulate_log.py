@@ -31,6 +31,8 @@ from support.reference_codec import (
     si_values,
 )
 
+pytestmark = pytest.mark.slow
+
 EPOCH_NS = 1_767_225_600_000_000_000
 """2026-01-01, where virtual time begins: the device boots then."""
 

@@ -25,6 +25,8 @@ from support.ends import Collector, Ends, HostEnd
 if TYPE_CHECKING:
     from bridge.supervise import Reaction
 
+pytestmark = pytest.mark.slow
+
 SMALL = parse_floorplan('{"walls": [[0,0],[1.6,0],[1.6,1.2],[0,1.2]], "start": [0.3,0.3,0]}')
 
 

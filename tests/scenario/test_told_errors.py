@@ -14,8 +14,11 @@ import statistics
 import numpy as np
 import pytest
 
+from support.selection import seeds
 from support.sim_body import box, room
 from support.told_errors import Told, anees, average, share_inside, told_errors, yaw_anees
+
+pytestmark = pytest.mark.slow
 
 ROOM = room((0.3, 0.3, 0.0), walls=box(0.0, 0.0, 1.7, 1.4), obstacles=(box(0.85, 0.65, 1.2, 1.0),))
 """About two minutes of outline, lanes and a box to go round."""
@@ -30,13 +33,14 @@ def told(noise: str, seed: int) -> tuple[Told, ...]:
 
 
 @pytest.mark.parametrize("noise", LEVELS)
-@pytest.mark.parametrize("seed", range(RUNS))
+@pytest.mark.parametrize("seed", seeds(2, RUNS - 2))
 def test_no_run_is_far_from_what_it_tells(noise: str, seed: int) -> None:
     run = told(noise, seed)
     assert len(run) > 10
     assert 0.2 < statistics.fmean(t.nees for t in run) < 10.0
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("noise", LEVELS)
 def test_the_covariance_among_walls_is_right_within_a_factor_of_two(noise: str) -> None:
     runs = [told(noise, seed) for seed in range(RUNS)]

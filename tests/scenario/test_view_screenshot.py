@@ -17,6 +17,8 @@ from support.synthetic_run import run_info, summary, synthetic_run
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 
 class Proxy:
     """A proxy that passes nothing on, and keeps who asked for what."""

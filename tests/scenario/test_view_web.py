@@ -20,7 +20,7 @@ from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = [pytest.mark.realtime, pytest.mark.needs("chromium")]
+pytestmark = [pytest.mark.realtime, pytest.mark.nightly, pytest.mark.needs("chromium")]
 
 SIZE = (1000, 640)
 RECORDED_S = 20.0

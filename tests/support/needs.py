@@ -11,7 +11,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,6 +73,8 @@ class _Needs:
         self._setting_up: list[pytest.FixtureDef[object]] = []
         self._started_by: dict[object, set[str]] = {}
         """Tools whose programs a fixture's setup has started, by its FixtureDef."""
+        self._seconds: defaultdict[str, float] = defaultdict(float)
+        """What each file has taken."""
         sys.addaudithook(self._audit)
 
     # ---- marks ----------------------------------------------------------------------------
@@ -140,6 +142,9 @@ class _Needs:
 
     # ---- the end --------------------------------------------------------------------------
 
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._seconds[report.nodeid.partition("::")[0]] += report.duration
+
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         stats = terminalreporter.stats
         skipped = [report.user_properties for report in stats.get("skipped", ())]
@@ -157,6 +162,7 @@ class _Needs:
             "failed": len(stats.get("failed", ())) + len(stats.get("error", ())),
             "skipped": len(skipped),
             "not_run": [[list(names), n] for names, n in not_run.items() if names],
+            "seconds": self._seconds,
         }
         results.write_text(json.dumps(counts), encoding="utf-8")
 

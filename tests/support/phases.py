@@ -1,9 +1,9 @@
 """Runs the tests in two phases and adds their results up: exit 1 where either has failed.
 
-    PYTHONPATH=tests python -m support.phases SELECTION [pytest's options]
+    PYTHONPATH=tests python -m support.phases test|check|nightly [pytest's options]
 
-SELECTION is an expression of marks. First what lives in virtual time, on all cores; then what is
-marked ``realtime``, one by one, even if the first phase failed.
+First what lives in virtual time, on all cores; then what is marked ``realtime``, one by one, even
+if the first phase failed. `make check` has only the first.
 """
 
 from __future__ import annotations
@@ -22,6 +22,11 @@ OK, FAILED, INTERRUPTED, NO_TESTS = 0, 1, 2, 5
 """pytest's exit statuses."""
 
 
+SLOW_S = 3.0
+"""Time of one core, s, beyond which a file has the mark ``slow``; below it `make check` has room
+for two hundred files in a minute and a half."""
+
+
 class Phase(NamedTuple):
     """One run of pytest."""
 
@@ -30,10 +35,16 @@ class Phase(NamedTuple):
     options: tuple[str, ...]
 
 
-PHASES = (
-    Phase("tests in virtual time, on all cores", "not realtime", ("-n", "auto", "--dist=loadfile")),
-    Phase("tests in real time, one by one", "realtime", ()),
+VIRTUAL = Phase(
+    "tests in virtual time, on all cores", "not realtime", ("-n", "auto", "--dist=loadfile")
 )
+REAL = Phase("tests in real time, one by one", "realtime", ())
+SELECTIONS = {
+    "check": ("not slow and not nightly", (VIRTUAL,)),
+    "test": ("not nightly", (VIRTUAL, REAL)),
+    "nightly": ("nightly", (VIRTUAL, REAL)),
+}
+"""Marks and phases of each target of the Makefile."""
 
 
 class Totals:
@@ -44,6 +55,7 @@ class Totals:
         self.not_run: Counter[tuple[str, ...]] = Counter()
         self.broken: list[str] = []
         """Phases that ended without a count of their own, each with its exit status."""
+        self.seconds: dict[str, float] = {}
         self.failed = False
 
     def add(self, title: str, status: int, results: Path) -> None:
@@ -57,6 +69,7 @@ class Totals:
             self.broken.append(f"{title}: ended with status {status}")
         if counted is not None:
             self.not_run += Counter({tuple(names): n for names, n in counted.pop("not_run")})
+            self.seconds |= counted.pop("seconds")
             self.counts += Counter(counted)
 
     def lines(self) -> list[str]:
@@ -65,20 +78,30 @@ class Totals:
         return [*block(self.not_run), "", *self.broken, ", ".join(counts)]
 
 
+def unmarked(seconds: dict[str, float]) -> list[str]:
+    """Advice on files of `make check` that take long; no verdict, for the machine may be busy."""
+    by_time = sorted(seconds.items(), key=lambda item: -item[1])
+    found = [f"  {took:5.1f} s  {name}" for name, took in by_time if took > SLOW_S]
+    return [f"above {SLOW_S:g} s, and without the mark slow:", *found] if found else []
+
+
 def main(arguments: list[str]) -> int:
-    """Run both phases; 1 where either failed."""
-    selection, *options = arguments
+    """Run the phases; 1 where one failed."""
+    name, *options = arguments
+    selection, phases = SELECTIONS[name]
     totals = Totals()
     with tempfile.TemporaryDirectory() as folder:
-        for number, phase in enumerate(PHASES):
+        for number, phase in enumerate(phases):
             print(f"== {phase.title}", flush=True)
             results = Path(folder, f"{number}.json")
-            marks = f"({selection}) and ({phase.marks})" if selection else phase.marks
+            marks = f"{selection} and {phase.marks}"
             pytest = [sys.executable, "-m", "pytest", "-q", "-m", marks, f"--results={results}"]
             status = subprocess.run([*pytest, *phase.options, *options], check=False).returncode
             totals.add(phase.title, status, results)
             if status == INTERRUPTED:
                 break
+    if name == "check":
+        print("\n".join(unmarked(totals.seconds)))
     print("\n".join(totals.lines()))
     return FAILED if totals.failed else OK
 

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
     from sim_device.device import VirtualSweeper
 
+pytestmark = pytest.mark.slow
+
 KEY = bytes(range(1, 17))
 OTHER = bytes(16)[:-1] + b"\x01"
 

@@ -16,6 +16,8 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import IDEAL, TYPICAL, KinematicWorld, Run, WorldNoise, run_plan
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 
 

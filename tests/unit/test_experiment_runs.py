@@ -19,6 +19,8 @@ from tools.experiment.worker import run_trial
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 
 

@@ -12,6 +12,8 @@ import pytest
 from fuzz.targets import TARGETS, held_bytes
 from protocol.uart import UartParser
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 RUNS = {"parser": 15_000, "link": 2_500, "codec": 25_000, "batch": 1_500, "can": 6_000}
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from support.c_build import Generated
 
+pytestmark = pytest.mark.slow
+
 CROSS = "arm-none-eabi-gcc"
 MINIMAL_TEXT_BYTES = 2_800
 STACK_BYTES = 200

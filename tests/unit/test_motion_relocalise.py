@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from bridge.motion.robot_model import RangerMount
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 Point = tuple[float, float]
 ROOM: list[Point] = [(0.0, 0.0), (3.0, 0.0), (3.0, 2.4), (0.0, 2.4)]

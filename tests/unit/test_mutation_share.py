@@ -8,12 +8,16 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+import pytest
+
 from mutation.mutator import mutants
 from mutation.run import Kept
 from mutation.targets import ROOT, TARGETS, equivalents
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+pytestmark = pytest.mark.slow
 
 LATCH = next(target for target in TARGETS if target.name == "latch")
 SOURCE = '''

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+pytestmark = pytest.mark.slow
+
 START_NS = 1_700_000_000_000_000_000
 PLAN = parse_floorplan(
     '{"name": "den", "walls": [[0,0],[2,0],[2,2],[0,2]],'

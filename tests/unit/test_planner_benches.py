@@ -18,6 +18,8 @@ from bridge.motion.robot_model import RobotModel
 from support.cli import ROOT
 from support.fast_world import LEVELS, STEP_S, FastRun, run_fast
 
+pytestmark = pytest.mark.slow
+
 MODEL, NOISE = RobotModel(), LEVELS["typical"]
 ROOM = generate_room(3, np.random.default_rng(3), "turned")
 

@@ -19,6 +19,8 @@ from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
     Found = TypeVar("Found")
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 LEFT = 1
 QUARTER = 0.5 * math.pi

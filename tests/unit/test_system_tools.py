@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     Run = Callable[..., pytest.RunResult]
 
+pytestmark = pytest.mark.slow
+
 CONFTEST = """
     from support import needs, tools
 

@@ -22,6 +22,8 @@ from support.cli import Done, case_1, plain_messages, short_runs, sweepctl
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 
 class Page(HTMLParser):
     """Text of the page, and everything that it would fetch."""
