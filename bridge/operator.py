@@ -7,6 +7,7 @@ orderly end - stays with :class:`bridge.mission.Mission`.
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -42,8 +43,8 @@ _STATES = {hand: PlannerState(hand.value) for hand in Hand}
 class Operator:
     """The runner.
 
-    Its methods may be called from another thread than ``step``: each changes one attribute,
-    which the next step looks at.
+    What a person asks for may be called from another thread than the loop's, which steps it: a
+    lock makes each call and each step whole.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Operator:
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, _LOWPASS)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, _LOWPASS)
         self._events: list[PlannerEvent] = []
+        self._lock = threading.RLock()
         if self._hand is Hand.MANUAL and self._plan is not None:
             self._plan.pause()
 
@@ -82,32 +84,38 @@ class Operator:
 
     def start(self) -> None:
         """Let the plan drive, from its beginning or from where it was held."""
-        if self._plan is None:
-            if self._make_plan is None:
+        made = None
+        if self._plan is None and self._make_plan is not None:
+            made = self._make_plan()  # without the lock: it takes seconds, and the loop goes on
+        with self._lock:
+            if self._plan is None:
+                self._plan = made
+            if self._plan is None:
                 return
-            self._plan = self._make_plan()
-        self.dead_man.let_go()
-        self._plan.resume()
-        self._go(Hand.PLAN, "the plan drives")
+            self.dead_man.let_go()
+            self._plan.resume()
+            self._go(Hand.PLAN, "the plan drives")
 
     def pause(self) -> None:
         """Hold the plan; again: let it go on."""
-        if self._hand is Hand.PLAN and self._plan is not None:
-            self._plan.pause()
-            self._go(Hand.HELD, "the plan is held")
-        elif self._hand is Hand.HELD:
-            self.start()
+        with self._lock:
+            if self._hand is Hand.PLAN and self._plan is not None:
+                self._plan.pause()
+                self._go(Hand.HELD, "the plan is held")
+            elif self._hand is Hand.HELD:
+                self.start()
 
     def take_over(self) -> None:
         """Drive by hand; again: no more."""
-        if self._hand is Hand.MANUAL:
-            self.dead_man.let_go()
-            held = self._plan is not None
-            self._go(Hand.HELD if held else Hand.NOTHING, "no longer driven by hand")
-            return
-        if self._plan is not None:
-            self._plan.pause()
-        self._go(Hand.MANUAL, "driven by hand")
+        with self._lock:
+            if self._hand is Hand.MANUAL:
+                self.dead_man.let_go()
+                held = self._plan is not None
+                self._go(Hand.HELD if held else Hand.NOTHING, "no longer driven by hand")
+                return
+            if self._plan is not None:
+                self._plan.pause()
+            self._go(Hand.MANUAL, "driven by hand")
 
     def _go(self, hand: Hand, text: str) -> None:
         self._hand = hand
@@ -153,6 +161,10 @@ class Operator:
 
     def step(self, obs: Observation) -> VelocityCommand:
         """The velocity for one control step."""
+        with self._lock:
+            return self._step(obs)
+
+    def _step(self, obs: Observation) -> VelocityCommand:
         hand = self._hand
         if hand is Hand.PLAN and self._plan is not None:
             return self._plan.step(obs)
@@ -177,5 +189,6 @@ class Operator:
 
     def drain_events(self) -> list[PlannerEvent]:
         """Decisions since the last call."""
-        events, self._events = self._events, []
+        with self._lock:
+            events, self._events = self._events, []
         return events if self._plan is None else [*events, *self._plan.drain_events()]

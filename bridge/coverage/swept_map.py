@@ -45,6 +45,7 @@ class SweptMap:
     __slots__ = (
         "_cells",
         "_columns",
+        "_grid",
         "_half_m",
         "_last",
         "_offset_m",
@@ -72,6 +73,8 @@ class SweptMap:
         self._cells = bytearray()
         self._x0 = self._y0 = 0
         self._rows = self._columns = 0
+        self._grid = (self._cells, 0, 0, 0, 0)
+        """Cells, rows, columns and origin that belong together; replaced as a whole."""
         self._last: Pose2 | None = None
 
     @property
@@ -104,13 +107,14 @@ class SweptMap:
             )
 
     def to_occupancy(self) -> OccupancyArray:
-        """A copy as an occupancy array: 0 swept, -1 not known."""
-        cells = np.frombuffer(bytes(self._cells), dtype=np.uint8)
+        """A copy as an occupancy array: 0 swept, -1 not known. May be called from any thread."""
+        swept, rows, columns, x0, y0 = self._grid
+        cells = np.frombuffer(bytes(swept), dtype=np.uint8)
         grid = np.where(cells > 0, SWEPT, UNKNOWN).astype(np.int8)
         return OccupancyArray(
-            grid.reshape(self._rows, self._columns),
-            self._x0 * self.resolution_m,
-            self._y0 * self.resolution_m,
+            grid.reshape(rows, columns),
+            x0 * self.resolution_m,
+            y0 * self.resolution_m,
             self.resolution_m,
         )
 
@@ -175,4 +179,5 @@ class SweptMap:
         self._rows, self._columns = rows, columns
         self._x0 -= left
         self._y0 -= down
+        self._grid = (self._cells, rows, columns, self._x0, self._y0)
         return left, down

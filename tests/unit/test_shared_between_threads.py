@@ -1,0 +1,145 @@
+"""What several threads use at once: hammered with the interpreter switching as often as it can.
+
+Each test makes a fixed number of calls; a race shows as an exception or as a state that no single
+call leaves behind.
+"""
+
+from __future__ import annotations
+
+import random
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.coverage.planner import PlannerState
+from bridge.coverage.runner import PlanRunner
+from bridge.coverage.swept_map import SweptMap
+from bridge.dead_man import DIRECTIONS, TURN_RAD_S, DeadMan
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
+from bridge.operator import Operator
+from support.ends import Spinning
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+MODEL = RobotModel()
+PATIENCE_S = 60.0
+"""Only a hang is longer."""
+
+
+@pytest.fixture(autouse=True, name="_often")
+def _switching_often() -> Iterator[None]:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+def together(*works: Callable[[], object]) -> list[BaseException]:
+    """Run each in a thread of its own to its end; what they raised."""
+    raised: list[BaseException] = []
+    begin = threading.Barrier(len(works))
+
+    def run(work: Callable[[], object]) -> None:
+        begin.wait(PATIENCE_S)
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001 - the verdict
+            raised.append(error)
+
+    threads = [threading.Thread(target=run, args=(work,), daemon=True) for work in works]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive(), "it hangs"
+    return raised
+
+
+def test_the_dead_man_switch_between_keyboard_gamepad_and_loop() -> None:
+    switch = DeadMan(0.3, 0.2, releases=True)
+    keys, pad, times = random.Random(1), random.Random(2), random.Random(4)
+    names = list(DIRECTIONS)
+
+    def press() -> None:
+        for _ in range(60_000):
+            key = keys.choice(names)
+            if keys.random() < 0.5:
+                switch.press(key, 0.0)
+            else:
+                switch.release(key, 0.0)
+
+    def steer() -> None:
+        for _ in range(60_000):
+            switch.stick(pad.uniform(-1, 1), pad.uniform(-1, 1), 0.0, held=pad.random() < 0.3)
+            if pad.random() < 0.1:
+                switch.let_go()
+
+    def look() -> None:
+        for _ in range(60_000):
+            wanted = switch.wanted(times.choice((0.1, 5.0)))
+            assert abs(wanted.v_m_s) <= 0.2 + 1e-9
+            assert abs(wanted.yaw_rate_rad_s) <= TURN_RAD_S + 1e-9
+
+    assert together(press, steer, look) == []
+    switch.let_go()
+    assert switch.wanted(0.0) == (0.0, 0.0)
+
+
+def test_the_speed_of_a_drive_by_hand_is_changed_by_one_at_a_time() -> None:
+    switch = DeadMan(1e9, 1.0)
+
+    def faster() -> None:
+        for _ in range(10_000):
+            switch.faster()
+            switch.slower()
+
+    assert together(faster, faster, faster) == []
+    assert switch.speed_m_s == pytest.approx(1.0)
+
+
+def test_the_map_is_copied_whole_while_it_grows() -> None:
+    """As the dashboard draws it while the loop marks: rows, columns and cells belong together."""
+    swept, places = SweptMap(MODEL), random.Random(3)
+    over = threading.Event()
+
+    def drive() -> None:
+        for i in range(1_500):
+            reach_m = 1.0 + 0.006 * i  # it grows again and again
+            pose = Pose2(places.uniform(-reach_m, reach_m), places.uniform(-reach_m, reach_m), 0.0)
+            swept.update(pose)
+        over.set()
+
+    def draw() -> None:
+        most = 0
+        while not over.is_set():
+            grid = swept.to_occupancy()
+            marked = int((grid.cells == 0).sum())
+            assert marked >= most, "what was swept stays swept"
+            most = marked
+
+    assert together(drive, draw, draw) == []
+
+
+def test_the_operators_decisions_reach_the_log_all_of_them() -> None:
+    plan = PlanRunner(Spinning(MODEL), MODEL)
+    operator = Operator(MODEL, DeadMan(0.3, 0.15), plan=plan)
+    events: list[str] = []
+    over = threading.Event()
+
+    def decide() -> None:
+        for _ in range(10_000):
+            operator.pause()
+        over.set()
+
+    def log() -> None:
+        while not over.is_set():
+            events.extend(event.reason for event in operator.drain_events())
+            assert isinstance(operator.state, PlannerState)
+
+    assert together(decide, log) == []
+    events += [event.reason for event in operator.drain_events()]
+    assert len(events) == 10_000
