@@ -279,11 +279,12 @@ class Examination:
             )
             data = {"jumps": [(s.at_s, round(-s.by_ms, 1)) for s in jumps[:50]]}
             yield Finding("clock_step", _WARN, text, data)
-        drift = timing.drift_ppm
-        if drift is not None and abs(drift) > DRIFT_PPM and timing.duration_s > 5.0:  # noqa: PLR2004 - s
+        drift, error = timing.drift_ppm, timing.drift_error_ppm
+        if drift is not None and error is not None and abs(drift) - error > DRIFT_PPM:
             how = "slow" if drift > 0.0 else "fast"
-            text = f"the device's clock is {how} by {abs(drift):.0f} ppm"
-            yield Finding("clock_drift", _WARN, text, {"ppm": round(-drift, 1)})
+            text = f"the device's clock is {how} by {abs(drift):.0f} ppm (± {error:.0f})"
+            figures = {"ppm": round(-drift, 1), "error_ppm": round(error, 1)}
+            yield Finding("clock_drift", _WARN, text, figures)
 
     def _resets(self) -> Iterator[Finding]:
         """Boots during the capture, and what the device says caused them."""
@@ -347,6 +348,9 @@ class Examination:
             "delay_ms": {k: round(v, 3) for k, v in timing.delay_ms.items()},
             "round_trip_ms": {k: round(v, 3) for k, v in timing.round_trip_ms.items()},
             "drift_ppm": None if timing.drift_ppm is None else round(-timing.drift_ppm, 2),
+            "drift_error_ppm": (
+                None if timing.drift_error_ppm is None else round(timing.drift_error_ppm, 2)
+            ),
             "boots": [
                 {
                     "boot_id": f"{boot.boot_id:08x}",

@@ -7,6 +7,7 @@ is the clocks, what lies above it is delay, and where the line jumps, a clock or
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -30,6 +31,12 @@ STALL_S = 0.1
 AFTER_STALL_S = 0.1
 _MS = 0.001
 LEAST_FRAMES = 50
+DRIFT_BUCKETS = 6
+"""Half seconds that a drift is judged by at least: fewer do not show how much they scatter."""
+DRIFT_SIGMAS = 4.0
+"""Standard errors by which a drift may be off: delays are no Gaussian noise."""
+STAMP_S = 5e-6
+"""Least scatter of an offset that is believed: a stamp's microsecond and the time of its taking."""
 _WRAP, _HALF = 1 << 32, 1 << 31
 _AROUND = 3
 """Half seconds before and after a step that are compared."""
@@ -69,6 +76,8 @@ class Timing:
     duration_s: float = 0.0
     drift_ppm: float | None = None
     """Of the device's clock against the host's; positive: the device is slow."""
+    drift_error_ppm: float | None = None
+    """By how much the drift may be off, from how the delays scatter; ``None``: too short a time."""
     delay_ms: dict[str, float] = field(default_factory=dict)
     """Beyond the shortest: ``p50``, ``p95``, ``p99``, ``max``."""
     round_trip_ms: dict[str, float] = field(default_factory=dict)
@@ -103,7 +112,7 @@ def measure(view: WireView) -> Timing:
     _find_holes(timing, at_s, stamp_s, skipped, boots)
     trips_at = [((at - begin_ns) * 1e-9, trip * 1e-6) for at, trip in view.round_trips]
     delays: list[Floats] = []
-    slopes: list[tuple[int, float]] = []
+    slopes: list[tuple[int, float, float | None]] = []
     late = _of_stalls(timing, at_s)
     for first, last in zip(boots, [*boots[1:], len(at_s)], strict=True):
         piece = slice(first, last)
@@ -115,7 +124,9 @@ def measure(view: WireView) -> Timing:
             for name, share in (("p50", 50), ("p95", 95), ("p99", 99), ("max", 100))
         }
     if slopes:
-        timing.drift_ppm = max(slopes)[1] * 1e6
+        _, slope, error = max(slopes, key=lambda each: each[0])
+        timing.drift_ppm = slope * 1e6
+        timing.drift_error_ppm = None if error is None else error * 1e6
     # A line that became slower is no host that was held up: its frames stay late.
     timing.stalls = [
         stall
@@ -177,7 +188,7 @@ def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
     late: NDArray[np.bool_],
     trips: list[tuple[float, float]],
     delays: list[Floats],
-    slopes: list[tuple[int, float]],
+    slopes: list[tuple[int, float, float | None]],
 ) -> None:
     """Steps, drift and delays of one boot."""
     if len(at_s) < LEAST_FRAMES:
@@ -202,7 +213,7 @@ def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
             continue
         x, y = middles[first:last], least[first:last]
         slope = _robust_slope(x, y)
-        slopes.append((last - first, slope))
+        slopes.append((last - first, slope, _slope_error(x, y, slope)))
         begin = firsts[first]
         end = firsts[last] if last < len(firsts) else len(at_s)
         rest = offset[begin:end] - slope * at_s[begin:end]
@@ -243,6 +254,25 @@ def _robust_slope(x: Floats, y: Floats) -> float:
     """Median of the slopes between points half the span apart (Theil and Sen, thinned)."""
     half = len(x) // 2
     return float(np.median((y[half:] - y[: len(y) - half]) / (x[half:] - x[: len(x) - half])))
+
+
+def _slope_error(x: Floats, y: Floats, slope: float) -> float | None:
+    """By how much that slope may be off.
+
+    Each of the n/2 pairs is off by √2·σ over half the span, and their median by 1.25/√(n/2) of
+    that; σ is taken from the median of the residuals. Residuals that follow each other, as where
+    a host that reads every millisecond beats with the device's stamps, add no such certainty: the
+    slope may be off by their range over the span, and half as much again since the fit has made
+    that range small.
+    """
+    count = len(x)
+    if count < DRIFT_BUCKETS:
+        return None
+    rest = y - slope * x
+    sigma = max(1.48 * float(np.median(np.abs(rest - np.median(rest)))), STAMP_S)
+    half_span = float(x[count // 2] - x[0])
+    scattered = DRIFT_SIGMAS * 1.25 * sigma * math.sqrt(2.0 / (count // 2)) / half_span
+    return max(scattered, 1.5 * float(np.ptp(rest)) / float(x[-1] - x[0]))
 
 
 def _timer_ms(chunk_ns: NDArray[np.int64]) -> float | None:

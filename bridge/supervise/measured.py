@@ -19,8 +19,12 @@ if TYPE_CHECKING:
 GAP_S = 0.3
 """Between two steps, or two counts: longer, and what was between them is not known."""
 SMOOTH_S = 0.3
-"""Time constant of the wheels' disagreement with the gyro, no shorter than ``GAP_S``: a sample of
-either comes up to 20 ms late, which a turn that begins would show as slip."""
+"""Time constant of the wheels' disagreement with the gyro, no shorter than ``GAP_S``."""
+WHEELS_LATE_S = 0.030
+"""By which the wheels' turn may be older than the gyro's: counts are up to 20 ms old, and are the
+mean of the 20 ms before."""
+GYRO_LATE_S = 0.010
+"""By which the gyro's may be older: one sample at 100 Hz."""
 
 
 class Measured:
@@ -44,7 +48,8 @@ class Measured:
         self.turn_rad = 0.0
         """By the gyro, counter-clockwise."""
         self.slip_m_s = 0.0
-        """Between the rims, smoothed: by which the right wheel leads, and the gyro knows not of."""
+        """Between the rims, smoothed: by which the right wheel leads the gyro's turn, beyond what a
+        late sample of either explains."""
         self.step_s = 0.0
         """Since the step before; 0: unknown, the first or after a gap."""
         self.left_m = self.right_m = 0.0
@@ -56,6 +61,10 @@ class Measured:
         self._time_s: float | None = None
         self._encoders: Encoders | None = None
         self._range: Range | None = None
+        self._excess_m_s = 0.0
+        """The right wheel's lead over the gyro's turn, smoothed."""
+        self._slow_yaw_rad_s = 0.0
+        """Yaw rate by the gyro, smoothed alike."""
 
     def step(self, watched: Watched) -> None:
         """Take a control step."""
@@ -70,10 +79,25 @@ class Measured:
         turn = watched.yaw_rate_rad_s * self.step_s
         self.turn_rad += turn
         if not whole:
-            self.slip_m_s = 0.0
+            self.slip_m_s = self._excess_m_s = 0.0
+            self._slow_yaw_rad_s = watched.yaw_rate_rad_s
             return
         excess_m_s = (self.right_m - self.left_m - turn * self._base_m) / dt
-        self.slip_m_s += dt / SMOOTH_S * (excess_m_s - self.slip_m_s)
+        share = dt / SMOOTH_S
+        self._excess_m_s += share * (excess_m_s - self._excess_m_s)
+        self._slow_yaw_rad_s += share * (watched.yaw_rate_rad_s - self._slow_yaw_rad_s)
+        self.slip_m_s = self._beyond_lateness(watched.yaw_rate_rad_s)
+
+    def _beyond_lateness(self, yaw_rate_rad_s: float) -> float:
+        """What of the wheels' lead no lateness of their samples explains.
+
+        Wheels that are late by L trail a yaw acceleration α by -αL at their base. Smoothed over τ
+        that is -(L/τ)·(ω - ω smoothed over τ), whatever the turn was.
+        """
+        swing_m_s = self._base_m / SMOOTH_S * (yaw_rate_rad_s - self._slow_yaw_rad_s)
+        one, other = -WHEELS_LATE_S * swing_m_s, GYRO_LATE_S * swing_m_s
+        low, high = min(one, other), max(one, other)
+        return self._excess_m_s - min(max(self._excess_m_s, low), high)
 
     def _roll(self, encoders: Encoders | None, now_s: float, wheel_scale: float) -> None:
         before = self._encoders

@@ -72,7 +72,9 @@ def _patient(  # noqa: PLR0913 - what is wrong, and how it is looked at
 _STOPPED = "stopped"
 PATIENTS: tuple[Patient, ...] = (
     _patient("well, standing", ""),
+    _patient("well, for five seconds", "", seconds=4.8),
     _patient("well, driving", "", moving=True, seconds=60.0),
+    _patient("well, a whole room", "", moving=True, seconds=300.0),
     _patient("bit-flips", "line_noise", "bit-flips@5:10:rate=0.001", beside="device_hears_noise"),
     _patient("byte-loss", "overrun", "byte-loss@5:10:rate=0.001", beside="device_hears_noise"),
     _patient("bursts", "line_noise", "bursts@5:12:rate=0.0007", beside="device_hears_noise"),
@@ -87,6 +89,9 @@ PATIENTS: tuple[Patient, ...] = (
     _patient("hang", "watchdog", "hang@8"),
     _patient("brown-out", "brown_out", "brown-out@8:off=0.5"),
     _patient("clock-drift", "clock_drift", "clock-drift@0:ppm=600"),
+    _patient("clock-drift, five seconds", "clock_drift", "clock-drift@0:ppm=495", seconds=4.8),
+    _patient("clock slow, five seconds", "clock_drift", "clock-drift@0:ppm=-495", seconds=4.8),
+    _patient("clock-drift of a crystal", "", "clock-drift@0:ppm=100"),
     _patient("clock-jump, back", "clock_step", "clock-jump@10:ms=-50"),
     _patient("clock-jump, ahead", "clock_step", "clock-jump@10:ms=100"),
     _patient("adapter at 16 ms", "adapter_latency", line=LineSettings(921_600, 16_000)),

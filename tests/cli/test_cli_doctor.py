@@ -8,6 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.writer import Writer
 
+from protocol.catalogue import CATALOGUE
+from protocol.link import Link
+from protocol.message import Direction
+from protocol.messages import Hello
+from protocol.values import ResetCause
 from support.cli import end, start, sweepctl
 
 if TYPE_CHECKING:
@@ -80,6 +85,22 @@ def test_a_log_of_another_program(folder: Path) -> None:
         "longest_s": pytest.approx(5.1),
     }
     assert report["exit_status"] == 1
+
+
+def test_a_note_alone_is_no_trouble(folder: Path) -> None:
+    link = Link(Direction.DEVICE)
+    capture = folder / "hellos.bin"
+    said = b""
+    for second in range(5):
+        hello = Hello(CATALOGUE.hash, bytes(12), 1, 5, ResetCause.POWER_ON, 0, 1, 2, 3, "hand")
+        link.send(hello, second * 1_000_000, node=1)
+        said += link.data_to_send()
+    capture.write_bytes(said)
+    done = sweepctl("doctor", capture)
+    assert done.status == 0
+    assert "info    waiting: only hellos came" in done.out
+    assert "nothing is wrong" in done.out
+    assert sweepctl("doctor", capture, "--json").json["healthy"]
 
 
 def test_what_is_no_log(folder: Path) -> None:

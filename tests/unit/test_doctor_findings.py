@@ -13,6 +13,7 @@ from protocol.link import Link
 from protocol.message import Direction
 from protocol.messages import Encoders, Hello, LinkCounters, Power, Status
 from protocol.values import ResetCause, StopCause
+from support.clinic import Visit, examine
 
 MS = 1_000_000
 
@@ -241,7 +242,32 @@ def test_every_fault_of_the_emulator_has_its_patient() -> None:
     assert uncovered() == set()
 
 
-SHARE = ("byte-loss", "adapter at 16 ms", "host held up", "another catalogue")
+def test_a_healthy_run_whose_turns_follow_each_other_closely_is_not_accused() -> None:
+    """At 30.9 s a turn of +1.8 rad/s is followed by one of -0.5: the counts are 25 ms late."""
+    (patient,) = [p for p in PATIENTS if p.name == "well, driving"]
+    assert visit(patient, 1).found == []
+
+
+@pytest.mark.parametrize("ppm", [-300, -150, 0, 150, 300, 495])
+def test_the_error_of_a_drift_covers_it(ppm: int) -> None:
+    for seconds in (4.8, 8.0, 20.0):
+        faults = (f"clock-drift@0:ppm={ppm}",) if ppm else ()
+        examination = examine(Visit("drift", faults, seconds=seconds), 1)
+        examination.conclude()
+        figures = examination.figures()
+        assert figures["drift_ppm"] == pytest.approx(ppm, abs=figures["drift_error_ppm"])
+
+
+def test_a_drift_is_not_judged_in_two_seconds() -> None:
+    examination = examine(Visit("short", ("clock-drift@0:ppm=495",), seconds=2.0), 1)
+    assert examination.conclude() == []
+    assert examination.figures()["drift_error_ppm"] is None
+
+
+SHARE = (
+    *("byte-loss", "adapter at 16 ms", "host held up", "another catalogue"),
+    *("well, for five seconds", "clock-drift, five seconds", "clock slow, five seconds"),
+)
 
 
 @pytest.mark.parametrize("patient", [p for p in PATIENTS if p.name in SHARE], ids=lambda p: p.name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 from bridge.motion.geometry import Pose2
@@ -9,6 +11,9 @@ from bridge.supervise.measured import Measured
 from bridge.supervise.watched import Watched
 from protocol.messages import Encoders
 from support.watching import MODEL, PER_COUNT_M, STEP_S, Walk, reading
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def test_ways_are_the_wheels_mean_by_eq_3() -> None:
@@ -92,6 +97,44 @@ def test_slip_is_what_the_wheels_turn_beyond_the_gyro_smoothed_over_0_3_s() -> N
     assert walk.measured.slip_m_s == pytest.approx(0.0, abs=1e-5), "the gyro says so too"
     walk.step(400, left_m=20 * PER_COUNT_M)
     assert walk.measured.slip_m_s == pytest.approx(-rim_m_s, rel=1e-3)
+
+
+@pytest.mark.parametrize("late_s", [-0.020, -0.010, 0.0, 0.010, 0.020])
+def test_samples_that_come_late_are_no_slip(late_s: float) -> None:
+    """A turn of 1.8 rad/s ends in one the other way, at 5.5 rad/s²; counts have this age."""
+    measured, slips = Measured(MODEL), []
+    for seen in swing(late_s, slip_m_s=0.0):
+        measured.step(seen)
+        slips.append(measured.slip_m_s)
+    assert max(map(abs, slips)) < 0.004, "a quarter of the rule's limit; a count is 0.13 mm"
+
+
+@pytest.mark.parametrize("slip_m_s", [0.03, -0.03])
+def test_a_slip_shows_though_samples_come_late(slip_m_s: float) -> None:
+    measured = Measured(MODEL)
+    for seen in swing(0.020, slip_m_s):
+        measured.step(seen)
+    assert measured.slip_m_s == pytest.approx(slip_m_s, abs=0.003)
+
+
+def swing(late_s: float, slip_m_s: float) -> Iterator[Watched]:
+    """Two turns, one after the other, and half a second of steady yaw rate."""
+    fine_s, yaw_rate = 0.001, 0.0
+    rates = [0.0] * 100
+    for wanted, seconds in ((1.8, 0.9), (-0.6, 0.5), (-0.6, 1.5)):
+        for _ in range(round(seconds / fine_s)):
+            yaw_rate += min(max(wanted - yaw_rate, -5.5 * fine_s), 5.5 * fine_s)
+            rates.append(yaw_rate)
+    leads, lead_m = [], 0.0
+    for rate in rates:
+        lead_m += (rate * MODEL.wheel_base_m + slip_m_s) * fine_s
+        leads.append(lead_m)
+    for step in range(3, (len(rates) - 40) // 20):
+        now = 20 * step
+        lead = leads[min(now - round(late_s / fine_s), len(leads) - 1)]
+        counts = round(0.5 * lead / PER_COUNT_M)
+        encoders = Encoders(-counts & 0xFFFF, counts & 0xFFFF)
+        yield _step(now * fine_s, encoders=encoders, yaw_rate_rad_s=rates[now])
 
 
 def test_a_range_is_new_once() -> None:

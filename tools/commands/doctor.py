@@ -159,7 +159,7 @@ def _print(target: str, findings: list[Finding], figures: dict[str, Any], note: 
             )
         )
         console.print(Text.assemble("        ", ("what to do:", "dim"), f" {finding.advice}"))
-    if not findings:
+    if _status(findings) == 0:  # notes are no trouble
         console.print("nothing is wrong", style="green")
     if note:
         console.print(Text.assemble(("note    ", "yellow"), note))
@@ -177,8 +177,10 @@ def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN4
         told.append(f"round trip {trip['p50']:.1f} ms (p99 {trip['p99']:.1f})")
     if delay:
         told.append(f"delay p95 {delay['p95']:.1f} ms")
-    if figures["drift_ppm"] is not None:
-        told.append(f"clock {figures['drift_ppm']:+.0f} ppm")
+    if figures["drift_error_ppm"] is not None:
+        told.append(f"clock {figures['drift_ppm']:+.0f} ppm (± {figures['drift_error_ppm']:.0f})")
+    elif figures["drift_ppm"] is not None:
+        told.append("clock not judged in so short a time")
     console.print(", ".join(told), style="dim")
     for boot in figures["boots"][:1]:
         who = f"{boot['firmware']}, uid {boot['uid']}, booted by {boot['cause']}"
