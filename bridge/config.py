@@ -31,6 +31,9 @@ MAX_FILE_BYTES = 64 * 1024
 MAX_NAME = 64
 ROUNDING_M = 1e-6
 """Length that counts as zero: rounding of the numbers in a robot file."""
+MAX_OVERHANG = 0.5
+"""Largest distance of a sensor from the hull, outside it, as a share of the radius: the longest
+bracket that is plausible. A sensor farther out is a typing error."""
 _SHOWN = 10**30
 _RANGES: dict[str, tuple[float, float]] = {
     "robot_diameter_m": (0.05, 2.0),
@@ -97,8 +100,14 @@ def robot_cautions(model: RobotModel) -> list[str]:
             f"{1000 * outside_m:.0f} mm outside the footprint; they hit walls before the hull does"
         )
     for name, mount in model.rangers.items():
+        overhang_m = mount.center_distance_m - radius_m
         hull_m = mount.hull_distance_m(radius_m)
-        if hull_m < mount.min_range_m - ROUNDING_M:
+        if overhang_m > ROUNDING_M:
+            found.append(
+                f"{name}: the sensor is {1000 * overhang_m:.0f} mm outside the footprint; "
+                f"it hits walls before the hull does"
+            )
+        elif hull_m < mount.min_range_m - ROUNDING_M:
             found.append(
                 f"{name}: a wall that touches the robot is {1000 * hull_m:.0f} mm from the sensor, "
                 f"below its minimum range of {1000 * mount.min_range_m:.0f} mm; it reads wrong "
@@ -183,12 +192,12 @@ def _impossible(model: RobotModel, wrong: AbstractSet[str]) -> list[str]:
     )
     for name, mount in model.rangers.items():
         place = (f"{name}.x_m", f"{name}.y_m", name, diameter)
-        out_m = math.hypot(mount.x_m, mount.y_m)
+        out_m = mount.center_distance_m
         check(
-            out_m <= radius_m + ROUNDING_M,
+            out_m <= (1.0 + MAX_OVERHANG) * radius_m,
             place,
             f"{name}.x_m, {name}.y_m: the sensor at ({mount.x_m:g}, {mount.y_m:g}) is "
-            f"{out_m:.3g} m from the axle's centre, outside the footprint, whose radius is "
+            f"{out_m:.3g} m from the axle's centre, far outside the footprint, whose radius is "
             f"{radius_m:g} m",
         )
         check(

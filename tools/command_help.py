@@ -57,8 +57,8 @@ the key for it, given by a person who looked.
 **Files**: logs go to `runs/<UTC>-<room or port>.mcap` unless `--out` says otherwise, and none is
 replaced without `--force`. A robot file is TOML: the keys of the robot's model, a table for each
 range sensor, `[supervise.RULE]` for rules. One line names every unknown key, wrong value and
-impossible size in it (a sensor outside the footprint, a wheel base wider than the robot), with exit
-status 2. What will not work well (an infrared sensor below its minimum range at the hull) is a
+impossible size in it (a sensor far outside the footprint, a wheel base wider than the robot), with
+exit status 2. What will not work well (an infrared sensor below its minimum range at the hull) is a
 warning as a run begins. A room is a small [JSON file](rooms.md).
 
 **Environment**: with `NO_COLOR` set nothing is coloured. A run that owns its port can be reached by

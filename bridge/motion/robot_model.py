@@ -28,6 +28,11 @@ class RangerMount:
     offset_m: float = 0.0
     """What the device makes of its raw range: scale · raw + offset, by ``calibrate range``."""
 
+    @property
+    def center_distance_m(self) -> float:
+        """Distance of the sensor from the axle's centre."""
+        return math.hypot(self.x_m, self.y_m)
+
     def hull_distance_m(self, radius_m: float) -> float:
         """Distance along the beam from the sensor to the rim of a disc around the axle's centre.
 

@@ -148,7 +148,7 @@ def test_a_file_of_thousands_of_wrong_keys_is_still_told_in_a_short_line() -> No
     [
         ("[ultrasonic]\nx_m = 1.0", "ultrasonic.x_m"),
         ("[ultrasonic]\nyaw_rad = 3.14", "ultrasonic.yaw_rad"),
-        ("[infrared_left]\ny_m = 0.17", "infrared_left.y_m"),
+        ("[infrared_left]\ny_m = 0.26", "infrared_left.y_m"),
         ("[infrared_right]\nyaw_rad = 1.57", "infrared_right.yaw_rad"),
         ("mouth_offset_m = 0.2", "mouth_offset_m"),
         ("wheel_diameter_m = 0.4", "wheel_diameter_m"),
@@ -171,6 +171,11 @@ def test_a_robot_that_cannot_work_is_refused_by_name(text: str, key: str) -> Non
         ("[infrared_left]\nyaw_rad = 0.7854", None),
         ("[ultrasonic]\nx_m = 0.15", "ultrasonic: a wall that touches the robot is 10 mm"),
         ("robot_diameter_m = 0.9", "infrared_left: the hull is 347 mm from the sensor"),
+        # the ultrasonic at 0.12 m, a radius of 0.1 m
+        (
+            "robot_diameter_m = 0.2\nwheel_base_m = 0.15",
+            "ultrasonic: the sensor is 20 mm outside the footprint",
+        ),
         # hypot(0.12, 0.14) − 0.16 = 24 mm
         ("cleaning_width_m = 0.28\nmouth_offset_m = 0.12", "24 mm outside the footprint"),
         ("", None),
