@@ -99,6 +99,19 @@ class CommandRejectedError(BridgeError):
         self.reason = reason
 
 
+class KeyExposedError(BridgeError):
+    """A key would go where others could read it on its way."""
+
+    exit_status = 2
+
+    def __init__(self, port: str) -> None:
+        super().__init__(
+            f"a key goes over the robot's own serial line only, and {port} is a bus or a network; "
+            "nothing was sent"
+        )
+        self.port = port
+
+
 class StoppedForSafetyError(BridgeError):
     """The robot is stopped and must be freed by hand."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bridge.motion.geometry import Pose2
 from protocol.link import Link, LinkBase
@@ -22,7 +22,7 @@ class HostOptions:
     node: int | None = None
     link: type[LinkBase] = Link
     """What the device is connected by."""
-    key: bytes | None = None
+    key: bytes | None = field(default=None, repr=False)
     """Signs what moves the robot, where the device asks for it."""
     least_delay_ns: tuple[int, int] = (0, 0)
     """Declared: no frame to the device, none from it is quicker (:class:`TimeSync`)."""

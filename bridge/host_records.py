@@ -6,6 +6,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from bridge.motion.disturbance import DisturbanceKind
+from bridge.redaction import KeyRedactor, redacted_can
 from bridge.telemetry import (
     ClockRecord,
     CommandRecord,
@@ -72,6 +73,7 @@ class HostRecords:
         self._stop_cause = -1
         self._other_host = False
         self._disturbance: Disturbance | None = None
+        self._keys = KeyRedactor()
 
     def event(
         self,
@@ -101,14 +103,15 @@ class HostRecords:
         self.event(now_ns, Severity.DEBUG, "link", "rejected", text)
 
     def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
-        """What a serial port gave or took."""
+        """What a serial port gave or took, without a key."""
+        data = self._keys.outgoing(data) if outgoing else self._keys.incoming(data)
         self._write(_new(RawBytes, (now_ns + self._unix_offset_ns, outgoing, data)))
 
     def can(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
-        """Frames that a bus gave or took."""
+        """Frames that a bus gave or took, without a key."""
         log_ns = now_ns + self._unix_offset_ns
         for can_id, length, content in RECORD.iter_unpack(data):
-            self._write(RawCan(log_ns, outgoing, can_id, content[:length]))
+            self._write(RawCan(log_ns, outgoing, can_id, redacted_can(can_id, content[:length])))
 
     def message(self, received: Received, mapped: Mapped | None, now_ns: int) -> None:
         """A message of the device, with its moment on our clock where that is known."""

@@ -32,7 +32,7 @@ from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.io import clock
 from bridge.io.owner_socket import OwnerSocket
-from bridge.io.ports import DEFAULT_BAUD, link_of
+from bridge.io.ports import DEFAULT_BAUD, check_local, link_of
 from bridge.io.pump import Pump, Result
 from bridge.io.reopening import Opener, PortOptions
 from bridge.io.stopping import stop_device
@@ -380,10 +380,12 @@ class Robot:
 
         Raises:
             ValueError: not 16 bytes, or 16 zeros.
+            KeyExposedError: the port is a bus or a network.
             CommandRejectedError: the device refused.
             DeviceLostError: it did not answer.
 
         """
+        check_local(self._name)
         if key is not None and (len(key) != KEY_SIZE or not any(key)):
             raise ValueError(f"a key has {KEY_SIZE} bytes that are not all 0")
         self.asker.command(SetKey, *key_words(key or bytes(KEY_SIZE)))

@@ -193,6 +193,10 @@ class SetKey(Message):
     key_2: Annotated[int, number(U32, "raw", "bytes 8 to 11")]
     key_3: Annotated[int, number(U32, "raw", "bytes 12 to 15")]
 
+    def __repr__(self) -> str:
+        """Without the key: a message may be shown in an exception or a test's output."""
+        return f"SetKey(command_id={self.command_id})"
+
 
 # ---- device to host ---------------------------------------------------------------------
 

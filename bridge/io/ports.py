@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 import serial
 
-from bridge.errors import PortBusyError, PortError
+from bridge.errors import KeyExposedError, PortBusyError, PortError
 from bridge.io.device_lock import owner_pid
 from bridge.io.port_names import misspelt, tcp_mistake
 from protocol.can_link import CanLink
@@ -171,6 +171,17 @@ class SerialPort:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+def check_local(port: str) -> None:
+    """Complain of a port on which others could read a key on its way.
+
+    Raises:
+        KeyExposedError: it is a bus or a network.
+
+    """
+    if is_can(port) or "://" in port:
+        raise KeyExposedError(port)
 
 
 def is_can(port: str) -> bool:

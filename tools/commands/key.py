@@ -40,17 +40,16 @@ def command(
     present one with --key-file.
     """
     import bridge
-    from bridge.errors import CommandRejectedError
-    from bridge.io.ports import is_can
+    from bridge.errors import CommandRejectedError, KeyExposedError
+    from bridge.io.ports import check_local
     from tools.keyfile import make_key, read_key
 
     if (new is None) == (not clear):
         raise click.UsageError("give --set FILE or --clear")
-    if is_can(port) or "://" in port:  # where others could read it on its way
-        raise click.UsageError(
-            f"a key goes over the robot's own serial line only, and {port} is a bus or a network; "
-            "nothing was sent"
-        )
+    try:
+        check_local(port)
+    except KeyExposedError as error:
+        raise click.UsageError(str(error)) from None
     present = read_key(key_file)
     with bridge.open(port, key=present, **opening) as robot:
         made = None if new is None else make_key(new)

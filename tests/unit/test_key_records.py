@@ -1,0 +1,108 @@
+"""A motion key is in no record, no message's text and no option's text."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.errors import KeyExposedError
+from bridge.host_options import HostOptions
+from bridge.host_records import HostRecords
+from bridge.io.ports import check_local
+from bridge.session_events import State
+from bridge.telemetry import RawBytes, RawCan
+from protocol.authentication import key_words
+from protocol.can_frames import RECORD
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import SetKey, Stop
+from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
+
+KEYS = [bytes(range(1, 17)), b"a pass\0phrase!\0\x0f", bytes(15) + b"\x01"]
+
+
+def frames(key: bytes) -> bytes:
+    """What a host sends: a stop, the key, a stop."""
+    link = Link(Direction.HOST)
+    link.send(Stop(1, 1), 0, node=1)
+    link.send(SetKey(2, *key_words(key)), 0x00FF_0000, node=1)
+    link.send(Stop(3, 1), 0, node=1)
+    return link.data_to_send()
+
+
+def recorded(pieces: list[tuple[bytes, bool]]) -> list[bytes]:
+    sink = Collector()
+    records = HostRecords(sink, 0, "")
+    for piece, outgoing in pieces:
+        records.uart(piece, 0, outgoing=outgoing)
+    return [record.data for record in sink.records if isinstance(record, RawBytes)]
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_sent_bytes_are_recorded_without_the_key(key: bytes) -> None:
+    data = frames(key)
+    (kept,) = recorded([(data, True)])
+    assert len(kept) == len(data)
+    same = [a == b for a, b in zip(data, kept, strict=True)]
+    first, last = same.index(False), len(same) - 1 - same[::-1].index(False)
+    before, after = data[:first], data[last + 1 :]
+    assert kept.startswith(before)
+    assert kept.endswith(after)
+    assert key not in kept
+    assert last - first <= 22, "the payload and the checksum, and COBS's own byte"
+    device = Link(Direction.DEVICE)
+    received = [e.message for e in device.receive(kept, 0) if isinstance(e, Received)]
+    assert received == [Stop(1, 1), Stop(3, 1)], "no other key is made up, and the rest is exact"
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 7, 11, 1000])
+def test_an_echo_is_recorded_without_the_key(key: bytes, size: int) -> None:
+    data = frames(key)
+    pieces = [(data[i : i + size], False) for i in range(0, len(data), size)]
+    sent, *echo = recorded([(data, True), *pieces])
+    assert b"".join(echo) == sent
+    assert [len(piece) for piece in echo] == [len(piece) for piece, _ in pieces]
+
+
+def test_other_bytes_are_recorded_as_they_are() -> None:
+    data = bytes(range(256)) * 3
+    assert recorded([(frames(KEYS[0]), True), (data, True), (data, False)])[1:] == [data, data]
+
+
+def test_a_bus_frame_of_a_key_is_recorded_without_it() -> None:
+    sink = Collector()
+    frame = RECORD.pack(0x0F << 4 | 1, 8, KEYS[0][:8])
+    HostRecords(sink, 0, "", bus=True).can(frame, 0, outgoing=True)
+    (record,) = sink.records
+    assert isinstance(record, RawCan)
+    assert (record.can_id, record.data) == (0xF1, b"XXXXXXXX")
+
+
+def test_no_record_of_a_session_that_sets_a_key_has_it() -> None:
+    key, sink = KEYS[0], Collector()
+    host = spinning_host(sink)
+    ends = Ends(HostEnd(host), sweeper())
+    assert ends.run(4.0, lambda: host.session.state is State.READY)
+    host.session.command(SetKey, key_words(key), ends.host_ns)
+    ends.run(0.5)
+    sent = [r for r in sink.records if isinstance(r, RawBytes) and r.outgoing]
+    assert sum(len(r.data) for r in sent) > 100
+    told = repr(sink.records).encode()
+    for part in (key, key[:4], key[-4:]):
+        assert not any(part in record.data for record in sent)
+        assert part.hex().encode() not in told
+    for word in key_words(key):
+        assert str(word).encode() not in told
+
+
+def test_no_text_has_a_key() -> None:
+    words = key_words(KEYS[0])
+    assert repr(SetKey(7, *words)) == "SetKey(command_id=7)"
+    assert "key" not in repr(HostOptions(0, key=KEYS[0]))
+
+
+@pytest.mark.parametrize("port", ["can:virtual:keys", "socket://127.0.0.1:1", "rfc2217://h:1"])
+def test_a_bus_and_a_network_are_no_place_for_a_key(port: str) -> None:
+    with pytest.raises(KeyExposedError, match="nothing was sent"):
+        check_local(port)
+    check_local("/dev/ttyUSB0")
