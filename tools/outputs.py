@@ -10,6 +10,32 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+PNG, PAGE, RERUN, LOG = (".png",), (".html", ".htm"), (".rrd",), (".mcap",)
+"""Endings of what the commands write."""
+_FORMATS = frozenset(
+    (
+        *(*PNG, *PAGE, *RERUN, *LOG, ".jpg", ".jpeg", ".gif", ".svg", ".webp", ".bmp", ".tif"),
+        *(".tiff", ".pdf", ".ps", ".eps", ".csv", ".parquet", ".json", ".toml", ".txt", ".md"),
+        *(".bag", ".db3", ".xlsx", ".docx", ".zip", ".gz", ".zst", ".mp4", ".log"),
+    )
+)
+"""Endings that name a format. Another one is taken for a part of the name, as in ``run-1.5``."""
+
+
+def check_format(option: str, path: Path | None, *endings: str) -> None:
+    """Refuse a name that says another format than the one that would be written.
+
+    Raises:
+        click.UsageError: it does.
+
+    """
+    if path is None:
+        return
+    ending = path.suffix.lower()
+    if ending in _FORMATS and ending not in endings:
+        wanted = " or ".join(endings)
+        raise click.UsageError(f"{option} {path}: it writes {wanted}, not {ending}")
+
 
 def check_outputs(
     wanted: Iterable[Path | None], sources: Iterable[Path], *, force: bool = False
@@ -33,5 +59,13 @@ def check_outputs(
     for path in given:
         if path.resolve() in read:
             raise LogWriteError(path, "it is the file to read; give another name")
-        if path.is_file() and not force:
+        if _is_there(path) and not force:
             raise LogExistsError(path)
+
+
+def _is_there(path: Path) -> bool:
+    """Whether a file is there; a folder or a name that cannot be is told when it is written."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False

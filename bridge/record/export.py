@@ -5,10 +5,10 @@ from __future__ import annotations
 import fnmatch
 import json
 import os
-import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
 from mcap.records import Channel
 
@@ -16,15 +16,16 @@ from bridge.errors import BridgeError
 from bridge.record.blocks import BLOCK_BYTES, Declared, blocks
 from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.record.family import parts_of
+from bridge.record.file_summary import read_file_summary, summary_declarations
 from bridge.record.forms import Form, Opaque
 from bridge.record.names import readable_name
 from bridge.record.protobuf_form import ProtobufForm
-from bridge.record.recover import summary_declarations
 from bridge.record.ros_form import RosForm
-from bridge.record.scan import opened
+from bridge.record.scan import first_end, opened
+from bridge.record.table_names import table_names
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from concurrent.futures import Future
     from pathlib import Path
 
@@ -96,11 +97,13 @@ def export(  # noqa: PLR0913 - what can be asked for
     parts = parts_of(path)
     _check_patterns(parts, topics)
     result = Exported()
-    work = _Exporter(path, out, file_format, topics, result)
+    work = _Exporter(path, out, file_format, topics, result, force=force)
     try:
+        work.plan(topic for part in parts for topic in _topics_with_messages(part))
+        work.check_free()
         for part in parts:
             for block in blocks(part, work.begin(), result.problems, block_bytes):
-                work.take(block, force=force)
+                work.take(block)
             work.finish()
     except OSError as error:
         if isinstance(error, BridgeError):
@@ -138,13 +141,35 @@ def _declared_topics(part: Path) -> list[str]:
         return [d.topic for d in summary_declarations(data).values() if isinstance(d, Channel)]
 
 
+def _topics_with_messages(part: Path) -> set[str]:
+    """Topics of a file that have messages, by its summary where that holds."""
+    with opened(part) as data:
+        end, is_whole = first_end(data)
+        summary = read_file_summary(data, 0, end)
+    if is_whole and summary.is_proven and summary.counts is not None:
+        channels = summary.channels
+        return {channels[c].topic for c, n in summary.counts.items() if n and c in channels}
+    declared, found = Declared(), set[int]()
+    for block in blocks(part, declared, []):
+        found.update(block.starts)
+    return {declared.channels[c].topic for c in found if c in declared.channels}
+
+
 class _Exporter:
-    def __init__(
-        self, path: Path, out: Path, file_format: str, topics: Sequence[str], result: Exported
+    def __init__(  # noqa: PLR0913 - what can be asked for, and where the answer goes
+        self,
+        path: Path,
+        out: Path,
+        file_format: str,
+        topics: Sequence[str],
+        result: Exported,
+        *,
+        force: bool,
     ) -> None:
         self.declared = Declared()
         self._path, self._out, self._format = path, out, file_format
-        self._patterns, self._result = topics, result
+        self._patterns, self._result, self._force = topics, result, force
+        self._tables: dict[str, Path] = {}
         self._writers: dict[str, TableWriter] = {}
         self._forms: dict[int, Form] = {}
         self._unknown: set[int] = set()
@@ -152,12 +177,29 @@ class _Exporter:
         # A file each, and Arrow works outside the interpreter's lock.
         self._pool = ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1))
 
+    def plan(self, topics: Iterable[str]) -> None:
+        """Give every topic that will be written its file."""
+        names = table_names({topic for topic in topics if self._wanted(topic)})
+        for topic, name in names.items():
+            self._tables[topic] = self._out / f"{name}.{self._format}"
+
+    def check_free(self, files: Iterable[Path] | None = None) -> None:
+        """Complain of a file that is there and must not be replaced, before any is written.
+
+        Raises:
+            LogExistsError: one is.
+
+        """
+        for file in self._tables.values() if files is None else files:
+            if not self._force and os.path.lexists(file):
+                raise LogExistsError(file)
+
     def begin(self) -> Declared:
         """Begin a file: it has numbers of its own for its channels."""
         self.declared, self._forms, self._unknown = Declared(), {}, set()
         return self.declared
 
-    def take(self, block: Block, *, force: bool) -> None:
+    def take(self, block: Block) -> None:
         """Begin to write a block's messages, several topics at a time, once the last is done."""
         self.finish()
         by_topic: dict[str, list[int]] = {}
@@ -175,7 +217,7 @@ class _Exporter:
         }
         for topic in sorted(sizes, key=lambda topic: -sizes[topic]):  # so that they end together
             channel_ids = by_topic[topic]
-            writer = self._writers.get(topic) or self._open(topic, channel_ids[0], force=force)
+            writer = self._writers.get(topic) or self._open(topic, channel_ids[0])
             parts = [(channel_id, self._form(channel_id)) for channel_id in channel_ids]
             self._started.append((topic, self._pool.submit(writer.write, block, parts)))
             count = sum(len(block.starts[channel_id]) for channel_id in channel_ids)
@@ -203,21 +245,18 @@ class _Exporter:
             form = self._forms[channel_id] = _form(self.declared, channel_id)
         return form
 
-    def _open(self, topic: str, channel_id: int, *, force: bool) -> TableWriter:
+    def _open(self, topic: str, channel_id: int) -> TableWriter:
         from bridge.record.tables import TableWriter  # noqa: PLC0415 - loads pyarrow
 
         try:
             self._out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise LogWriteError(self._out, error.strerror or str(error)) from None
-        name = re.sub(r"[^\w.-]", "_", topic.strip("/").replace("/", ".")).strip(".") or "topic"
-        file = self._out / f"{name}.{self._format}"
-        number = 2
-        while file in self._result.files.values():  # two topics that differ in odd letters only
-            file = self._out / f"{name}-{number}.{self._format}"
-            number += 1
-        if file.exists() and not force:
-            raise LogExistsError(file)
+        file = self._tables.get(topic)
+        if file is None:  # its file's own summary says that it has no messages
+            name = f"{table_names([topic])[topic]}~{crc32(topic.encode()):08x}"
+            file = self._tables[topic] = self._out / f"{name}.{self._format}"
+            self.check_free([file])
         channel = self.declared.channels[channel_id]
         schema = self.declared.schemas.get(channel.schema_id)
         notes = {

@@ -131,7 +131,9 @@ def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str,
     if out.exists() and not force:
         raise LogExistsError(out)
     runs = load_run(a), load_run(b)
-    content = picture(*runs) if out.suffix == ".png" else render(*runs).encode(errors="replace")
+    content = (
+        picture(*runs) if out.suffix.lower() == ".png" else render(*runs).encode(errors="replace")
+    )
     report.write(out, content)
     return compare(*runs)
 

@@ -103,3 +103,33 @@ def test_an_export_that_is_interrupted_says_what_it_left(
     said = capsys.readouterr().err
     assert "interrupted: the tables in" in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "wanted"),
+    [
+        (("view", "--png"), "foo.jpg", ".png"),
+        (("view", "--screenshot"), "foo.svg", ".png"),
+        (("view", "--save"), "foo.png", ".rrd"),
+        (("report", "--png"), "foo.PDF", ".png"),
+        (("report", "--out"), "foo.pdf", ".html or .htm"),
+        (("recover", "--out"), "foo.html", ".mcap"),
+    ],
+)
+def test_a_name_of_another_format_is_refused(
+    log: Path, tmp_path: Path, command: tuple[str, str], name: str, wanted: str
+) -> None:
+    done = sweepctl(command[0], log, command[1], tmp_path / name)
+    assert done.status == 2
+    assert f"it writes {wanted}, not {Path(name).suffix.lower()}" in done.line
+    assert not (tmp_path / name).exists()
+
+
+def test_diff_writes_a_page_or_a_picture_and_says_so(log: Path, tmp_path: Path) -> None:
+    done = sweepctl("diff", log, log, "--out", tmp_path / "foo.pdf")
+    assert done.status == 2
+    assert "it writes .html or .htm or .png, not .pdf" in done.line
+    assert sweepctl("diff", log, log, "--out", tmp_path / "both.PNG").status == 0
+    assert (tmp_path / "both.PNG").read_bytes().startswith(b"\x89PNG")
+    assert sweepctl("diff", log, log, "--out", tmp_path / "run-1.5").status == 0
+    assert (tmp_path / "run-1.5").read_bytes().startswith(b"<!doctype html>")

@@ -29,9 +29,10 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
     from bridge.record.sources import readable
     from bridge.view.comparison import compare, rows, write_page
     from bridge.view.run_data import load_run
-    from tools.outputs import check_outputs
+    from tools.outputs import PAGE, PNG, check_format, check_outputs
 
     check_outputs([out], [a, b], force=force)
+    check_format("--out", out, *PAGE, *PNG)
     with readable(a) as first, readable(b) as second:
         if as_json or out is not None:
             told = (

@@ -27,13 +27,19 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
     """
     from bridge.record.family import parts_of
     from bridge.record.recover import recover
+    from tools.outputs import LOG, check_format
 
+    check_format("--out", out, *LOG)
     result = recover(file, out, force=force)
     others = parts_of(file)[1:]
     if others:
         say(f"the run goes on in {', '.join(part.name for part in others)}: recover each by itself")
     for loss in result.losses:
         say(f"lost: {loss.text()}")
+    if result.files > 1:
+        say(f"{file} is {result.files} files joined: all of them are in {out}")
+    if result.stub_schemas:
+        say(f"{result.stub_schemas} schemas are lost: lost_schema_<number> stands for each")
     if result.undeclared:
         say(f"{result.undeclared} messages have lost their channel's name: /undeclared/<channel>")
     if result.rescued:
@@ -41,6 +47,6 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
     if as_json:
         write_json(result.as_json())
     else:
-        end = "" if result.whole else " (the end was missing)"
+        end = "" if result.whole else " (the end was missing or damaged)"
         say(f"wrote {out}: {result.messages} messages in {result.chunks} chunks{end}")
     return 0

@@ -33,13 +33,15 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     """
     from bridge.record.sources import readable
     from bridge.view.report import default_path, write_report
-    from tools.outputs import check_outputs
+    from tools.outputs import PAGE, PNG, check_format, check_outputs
 
     default = default_path(file)
     # Only the picture was asked for by name, and the page is there from before.
     is_there = out is None and png is not None and default.exists() and not force
     page = None if is_there else out or default
     check_outputs((page, png), [file], force=force)
+    check_format("--out", out, *PAGE)
+    check_format("--png", png, *PNG)
     with readable(file) as log:
         data = write_report(log, page, png=png, force=force)
     if as_json:

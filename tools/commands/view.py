@@ -45,11 +45,14 @@ def command(  # noqa: PLR0913 - one parameter per option
     """
     from bridge.record.reader import LogReader
     from bridge.record.sources import readable
-    from tools.outputs import check_outputs
+    from tools.outputs import PNG, RERUN, check_format, check_outputs
 
     with readable(file) as log:
         LogReader(log)  # a file that is no log is told before a display that is missing
         check_outputs((save, png, screenshot), [file], force=force)
+        check_format("--save", save, *RERUN)
+        check_format("--png", png, *PNG)
+        check_format("--screenshot", screenshot, *PNG)
         _write(log, save, png, screenshot)
         if serve:
             _serve(log)

@@ -1,0 +1,48 @@
+"""File names for topics, which are any text: short, safe on every file system, and each its own."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_LONGEST = 180
+"""Longest name of a table without its ending, bytes: file systems take 255, some encrypted ones
+143 with what they add, and a number and an ending follow."""
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
+"""Names that Windows keeps for devices, whatever their ending."""
+
+
+def table_names(topics: Iterable[str]) -> dict[str, str]:
+    """A name for each topic, without an ending; the same topics always have the same names."""
+    names: dict[str, str] = {}
+    used: set[str] = set()
+    for topic in sorted(topics):
+        stem = name = _name(topic)
+        number = 2
+        while _folded(name) in used:  # topics that differ in odd letters or in case only
+            name = f"{stem}-{number}"
+            number += 1
+        used.add(_folded(name))
+        names[topic] = name
+    return names
+
+
+def _name(topic: str) -> str:
+    text = unicodedata.normalize("NFC", topic).strip("/").replace("/", ".")
+    name = re.sub(r"[^\w.-]", "_", text).strip(".").lstrip("-") or "topic"
+    if _RESERVED.match(name):
+        name = f"_{name}"
+    if len(name.encode()) > _LONGEST:
+        mark = f"~{crc32(topic.encode()):08x}"
+        name = name.encode()[: _LONGEST - len(mark)].decode("utf-8", "ignore") + mark
+    return name
+
+
+def _folded(name: str) -> str:
+    """What file systems that do not tell upper from lower case compare."""
+    return unicodedata.normalize("NFKC", name).casefold()
