@@ -11,10 +11,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from bridge.record.reader import DAMAGE, chunk_content
+from bridge.record.file_summary import summary_declarations
 from bridge.record.records_kernel import find_records
-from bridge.record.recover import summary_declarations
 from bridge.record.scan import Damage, opened, records
+from bridge.record.unpack import DAMAGE, MAX_DECLARED, MAX_SCHEMA_BYTES, chunk_content
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,12 +40,19 @@ class Declared:
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    schema_bytes: int = 0
+    """Of all schemas together."""
 
     def take(self, opcode: int, content: bytes) -> None:
         """Note a schema or a channel."""
         stream = ReadDataStream(BytesIO(content))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
+            before = self.schemas.get(schema.id)
+            size = self.schema_bytes + len(schema.data) - (len(before.data) if before else 0)
+            if size > MAX_SCHEMA_BYTES:
+                raise ValueError(f"its schemas have more than {MAX_SCHEMA_BYTES} bytes")
+            self.schema_bytes = size
             self.schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(stream)
@@ -124,7 +131,10 @@ class _Gatherer:
         channels, places, lengths = self._room
         count = find_records(np.frombuffer(content, np.uint8), places, lengths, channels)
         cut, count = count < 0, count if count >= 0 else -count - 1
-        for index in np.flatnonzero(channels[:count] < 0).tolist():
+        declared = np.flatnonzero(channels[:count] < 0)
+        if len(declared) > MAX_DECLARED:
+            raise ValueError("it holds bytes that are no records")
+        for index in declared.tolist():
             begin = int(places[index]) + _FRONT
             end = begin + int(lengths[index])
             self._declared.take(-int(channels[index]), content[begin:end])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -12,10 +12,10 @@ from mcap.opcode import Opcode
 from mcap.records import (
     AttachmentIndex,
     Channel,
-    Chunk,
     ChunkIndex,
     DataEnd,
     Footer,
+    Header,
     McapRecord,
     MetadataIndex,
     Schema,
@@ -25,7 +25,7 @@ from mcap.records import (
 
 from bridge.record.chunked import MAGIC
 from bridge.record.errors import LogExistsError, LogWriteError
-from bridge.record.scan import HEAD
+from bridge.record.unpack import CHUNK_HEAD, HEAD, MAX_SCHEMA_BYTES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _INDEX = struct.Struct("<BQHI")
 _LOOSE_BYTES = 256 * 1024
+_LAST_ID = (1 << 16) - 1
 
 
 class Places:
@@ -61,7 +62,11 @@ def bytes_of(record: McapRecord) -> bytes:
 
 
 class McapCopy:
-    """Writes whole records as they are given, and at the end the summary that they need."""
+    """Writes whole records as they are given, and at the end the summary that they need.
+
+    Numbers of schemas and channels are its own: the same declaration has one number, whatever it
+    had where it comes from, and keeps the one that it had where that is free.
+    """
 
     def __init__(self, path: Path, *, force: bool = False) -> None:
         """Create the file.
@@ -79,6 +84,10 @@ class McapCopy:
         self._file = _create(path, force=force)
         self._offset = 0
         self._crc = 0
+        self._schema_ids: dict[bytes, int] = {}
+        self._channel_ids: dict[bytes, int] = {}
+        self._schema_bytes = 0
+        self._has_header = False
         self._counts: dict[int, int] = {}
         self._span_ns: tuple[int, int] | None = None
         self._chunk_indexes: list[bytes] = []
@@ -94,19 +103,55 @@ class McapCopy:
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
+    def header(self, profile: str, library: str) -> None:
+        """Write the header, once: before everything else."""
+        if not self._has_header:
+            self._has_header = True
+            self._write(bytes_of(Header(profile, library)))
+
     # ---- declarations
 
-    def note(self, record: Schema | Channel) -> None:
-        """Know a declaration that stands within a chunk."""
-        if isinstance(record, Schema):
-            self.schemas.setdefault(record.id, record)
-        else:
-            self.channels.setdefault(record.id, record)
+    def schema(self, schema: Schema) -> int:
+        """Declare a schema; gives its number here.
 
-    def declare(self, record: Schema | Channel) -> None:
-        """Write a declaration of its own, before the messages that need it."""
+        Raises:
+            ValueError: no number is left, or the schemas are larger than anybody's.
+
+        """
+        key = _key(schema)
+        number = self._schema_ids.get(key)
+        if number is None:
+            if self._schema_bytes + len(schema.data) > MAX_SCHEMA_BYTES:
+                raise ValueError("its schemas are too large")
+            self._schema_bytes += len(schema.data)
+            number = _free(self.schemas, schema.id)
+            schema = Schema(id=number, data=schema.data, encoding=schema.encoding, name=schema.name)
+            self._schema_ids[key] = number
+            self.schemas[number] = schema
+            self._declare(schema)
+        return number
+
+    def channel(self, channel: Channel, schema_id: int) -> int:
+        """Declare a channel with a schema of this file; gives its number here.
+
+        Raises:
+            ValueError: no number is left.
+
+        """
+        topic, encoding, notes = channel.topic, channel.message_encoding, channel.metadata
+        channel = Channel(channel.id, topic, encoding, notes, schema_id)
+        key = _key(channel)
+        number = self._channel_ids.get(key)
+        if number is None:
+            number = _free(self.channels, channel.id)
+            channel = Channel(number, topic, encoding, notes, schema_id)
+            self._channel_ids[key] = number
+            self.channels[number] = channel
+            self._declare(channel)
+        return number
+
+    def _declare(self, record: Schema | Channel) -> None:
         self._flush_loose()
-        self.note(record)
         self._write(bytes_of(record))
 
     # ---- content
@@ -123,10 +168,12 @@ class McapCopy:
             name = content[4 : 4 + size].decode("utf-8", "replace")
             self._metadata.append(bytes_of(MetadataIndex(offset, len(data), name)))
 
-    def chunk(self, content: bytes, places: Places) -> None:
-        """Write a chunk as it is (without opcode and length), and index it."""
+    def chunk(
+        self, compression: str, packed: bytes | memoryview, content: bytes, places: Places
+    ) -> None:
+        """Write a chunk whose content is packed already, and index it."""
         self._flush_loose()
-        self._chunk(content, places)
+        self._chunk(compression, packed, content, places)
 
     def message(self, content: bytes, channel_id: int, log_ns: int) -> None:
         """Write a message that stood outside chunks; it goes into one."""
@@ -177,20 +224,20 @@ class McapCopy:
             return
         content, places = bytes(self._loose), self._loose_places
         self._loose, self._loose_places = bytearray(), Places()
-        chunk = Chunk(
-            compression="zstd",
-            data=zstandard.ZstdCompressor(level=1).compress(content),
-            message_start_time=places.first_ns,
-            message_end_time=places.last_ns,
-            uncompressed_crc=zlib.crc32(content),
-            uncompressed_size=len(content),
-        )
-        self._chunk(bytes_of(chunk)[HEAD.size :], places)
+        packed = zstandard.ZstdCompressor(level=1).compress(content)
+        self._chunk("zstd", packed, content, places)
 
-    def _chunk(self, content: bytes, places: Places) -> None:
-        start, length = self._offset, HEAD.size + len(content)
-        self._write(HEAD.pack(Opcode.CHUNK, len(content)))
-        self._write(content)
+    def _chunk(
+        self, compression: str, packed: bytes | memoryview, content: bytes, places: Places
+    ) -> None:
+        name, packed = compression.encode(), memoryview(packed)
+        size = CHUNK_HEAD.size + 4 + len(name) + 8 + len(packed)
+        start, length = self._offset, HEAD.size + size
+        head = HEAD.pack(Opcode.CHUNK, size)
+        head += CHUNK_HEAD.pack(places.first_ns, places.last_ns, len(content), zlib.crc32(content))
+        head += struct.pack("<I", len(name)) + name + struct.pack("<Q", len(packed))
+        self._write(head)
+        self._write(packed)
         indexes, offsets = bytearray(), dict[int, int]()
         for channel_id, entries in places.by_channel.items():
             offsets[channel_id] = start + length + len(indexes)
@@ -202,22 +249,18 @@ class McapCopy:
             self.messages += count
         self._write(bytes(indexes))
         self.chunks += 1
-        (uncompressed,) = struct.unpack_from("<Q", content, 16)
-        (name_size,) = struct.unpack_from("<I", content, 28)
-        name = content[32 : 32 + name_size].decode("utf-8", "replace")
-        (compressed,) = struct.unpack_from("<Q", content, 32 + name_size)
         self._chunk_indexes.append(
             bytes_of(
                 ChunkIndex(
                     chunk_length=length,
                     chunk_start_offset=start,
-                    compression=name,
-                    compressed_size=compressed,
+                    compression=compression,
+                    compressed_size=len(packed),
                     message_end_time=places.last_ns,
                     message_index_length=len(indexes),
                     message_index_offsets=offsets,
                     message_start_time=places.first_ns,
-                    uncompressed_size=uncompressed,
+                    uncompressed_size=len(content),
                 )
             )
         )
@@ -239,13 +282,36 @@ class McapCopy:
             schema_count=len(self.schemas),
         )
 
-    def _write(self, data: bytes) -> None:
+    def _write(self, data: bytes | memoryview) -> None:
         try:
             self._file.write(data)
         except OSError as error:
             raise LogWriteError(self.path, error.strerror or str(error)) from None
-        self._offset += len(data)
+        self._offset += memoryview(data).nbytes
         self._crc = zlib.crc32(data, self._crc)
+
+
+def _key(record: Schema | Channel) -> bytes:
+    """What makes a declaration the same as another: all but its number."""
+    data = bytes_of(record)
+    return data[: HEAD.size] + data[HEAD.size + 2 :]
+
+
+def _free(used: dict[int, Any], wanted: int) -> int:
+    """A number that is free, the wanted one where possible; 0 is none.
+
+    Raises:
+        ValueError: all of them are taken.
+
+    """
+    if wanted and wanted not in used:
+        return wanted
+    number = next((n for n in range(len(used) + 1, 0, -1) if n not in used), None)
+    if number is None or number > _LAST_ID:
+        number = next((n for n in range(1, _LAST_ID + 1) if n not in used), None)
+    if number is None:
+        raise ValueError("no number is left for another schema or channel")
+    return number
 
 
 def _attachment_index(content: bytes, offset: int, length: int) -> bytes:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from bridge.io import clock
 from bridge.record.errors import LogReadError
 from bridge.record.family import part_after
-from bridge.record.reader import DAMAGE, ChunkReader
+from bridge.record.reader import ChunkReader
 from bridge.record.scan import Damage, opened, records
+from bridge.record.unpack import DAMAGE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator

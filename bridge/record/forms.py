@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 MOST_COLUMNS = 4096
 """Of one topic: a schema that somebody else wrote may nest messages into millions of them."""
+MOST_FIELDS = 4 * MOST_COLUMNS
+"""Most fields that are looked at for a topic's columns: messages without fields make no column, and
+nest as others do."""
 STRUCTURE, VARINT, VALUE = 0xFF, 0x80, 0x00
 """Of a byte: all of it must be as in the template, or whether more follow, or nothing."""
 
@@ -105,6 +108,24 @@ class Opaque(Form):
         (column,) = self.columns
         value = data if column.type == "bytes" else data.decode("utf-8", "replace")
         return {column.name: value}
+
+
+class Budget:
+    """Counts the fields of a schema that are looked at."""
+
+    def __init__(self) -> None:
+        self._left = MOST_FIELDS
+
+    def spend(self) -> None:
+        """Look at one more.
+
+        Raises:
+            ValueError: they are too many.
+
+        """
+        self._left -= 1
+        if self._left < 0:
+            raise ValueError(f"it has more than {MOST_FIELDS} fields")
 
 
 def few(columns: Iterable[_T]) -> tuple[_T, ...]:

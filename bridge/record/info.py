@@ -164,7 +164,7 @@ def describe(path: Path) -> RunDescription:
         not reader.truncated,
         reader.problems,
         {**reader.metadata.get(DEVICE_METADATA, {}), **reader.run},
-        {name: len(data) for name, data in reader.attachments.items()},
+        reader.attachment_bytes,
         summary,
         topics=sorted(topics.values(), key=lambda t: t.topic),
         parts=reader.parts if len(reader.parts) > 1 else [],

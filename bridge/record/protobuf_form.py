@@ -12,7 +12,7 @@ from google.protobuf.json_format import MessageToDict
 from google.protobuf.message import DecodeError
 from google.protobuf.message_factory import GetMessageClass
 
-from bridge.record.forms import VALUE, VARINT, Column, Form, Leaf, Template, few
+from bridge.record.forms import VALUE, VARINT, Budget, Column, Form, Leaf, Template, few
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from google.protobuf.descriptor import Descriptor
 
 _DEEPEST = 8
+_LONGEST_VARINT_BITS = 70
+"""Bits of the ten bytes that 64 bits take, seven in each."""
 _F = FieldDescriptor
 _TYPES: dict[int, tuple[str, str]] = {
     _F.TYPE_DOUBLE: ("<f8", "fixed"),
@@ -61,7 +63,9 @@ class ProtobufForm(Form):
             self._class = GetMessageClass(self._descriptor)
         except (DecodeError, KeyError, TypeError) as error:
             raise ValueError(f"no descriptor of {type_name}: {error}") from None
-        self._by_path: dict[tuple[int, ...], Column] = dict(few(_columns(self._descriptor, (), "")))
+        self._by_path: dict[tuple[int, ...], Column] = dict(
+            few(_columns(self._descriptor, (), "", Budget()))
+        )
         self.columns = tuple(self._by_path.values())
 
     def template(self, data: bytes) -> Template | None:
@@ -130,15 +134,16 @@ class ProtobufForm(Form):
 
 
 def _columns(
-    descriptor: Descriptor | None, path: tuple[int, ...], prefix: str
+    descriptor: Descriptor | None, path: tuple[int, ...], prefix: str, budget: Budget
 ) -> Iterator[tuple[tuple[int, ...], Column]]:
     for field in descriptor.fields if descriptor is not None else ():
+        budget.spend()
         here, name = (*path, field.number), f"{prefix}{field.name}"
         if field.type in _NESTED:
             if field.is_repeated or len(path) >= _DEEPEST:
                 yield here, Column(name, "json")
             else:
-                yield from _columns(field.message_type, here, f"{name}.")
+                yield from _columns(field.message_type, here, f"{name}.", budget)
             continue
         kind = _TYPES[field.type][0]
         # Absent is a null where the schema can tell it from the default, as ours can.
@@ -167,15 +172,21 @@ def _content(data: bytes, position: int, wire: int) -> tuple[int, int]:
 
 
 def _varint(data: bytes, position: int) -> tuple[int, int]:
-    """A value and where the next byte after it stands."""
+    """A value and where the next byte after it stands.
+
+    Raises:
+        IndexError: it is longer than a value of 64 bits can be, or beyond the end.
+
+    """
     value = shift = 0
-    while True:
+    while shift < _LONGEST_VARINT_BITS:
         byte = data[position]
         position += 1
         value |= (byte & 0x7F) << shift
         if byte < VARINT:
             return value, position
         shift += 7
+    raise IndexError(position)
 
 
 def _value(message: Any, path: tuple[int, ...], column: Column) -> Any:  # noqa: ANN401 - decoded

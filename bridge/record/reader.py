@@ -7,55 +7,78 @@ reads like any other, as far as whole chunks go.
 from __future__ import annotations
 
 import contextlib
+import io
 import struct
-import zlib
-from dataclasses import dataclass
+from array import array
+from dataclasses import dataclass, field
+from functools import cached_property
 from io import BytesIO
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import zstandard
+import numpy as np
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as RosDecoderFactory
-from zstandard import ZstdError
 
 from bridge.record.family import parts_of
 from bridge.record.names import METADATA, SUMMARY_ATTACHMENT
-from bridge.record.scan import CHUNK_HEAD, HEAD, Damage, is_whole, opened, records
+from bridge.record.scan import Damage, first_end, opened, records
 from bridge.record.summaries import read_summary
+from bridge.record.unpack import (
+    DAMAGE,
+    HEAD,
+    MAX_SCHEMA_BYTES,
+    attachment_is_damaged,
+    chunk_content,
+    content_records,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator
     from pathlib import Path
 
+    from bridge.record.scan import Bytes
+
 _MESSAGE = struct.Struct("<HIQQ")
-_TEXT, _SIZE = struct.Struct("<I"), struct.Struct("<Q")
 _log_ns = attrgetter("log_ns")
 
-MAX_CHUNK_BYTES = 512 * 1024 * 1024
-"""A chunk that claims more is taken for damage, not for a reason to fill the memory."""
+_LARGE_BYTES = 16 << 20
+"""Size of a chunk's content from which its messages are not all made at once, bytes: they take
+up to nine times the content's memory."""
+_MOST_HELD_BYTES = 64 << 20
+"""Largest attachment whose content is held in memory, bytes; ours have some thousands."""
+_HEAD_BYTES = 4096
+"""Of a larger attachment: as much as its name needs, bytes."""
+_MOST_DECODED_BYTES = 32 << 20
+"""Largest message that is decoded, bytes: decoded messages take up to fifty times the memory."""
 
-DAMAGE = (
-    *(McapError, ZstdError, struct.error, ValueError, KeyError),
-    *(EOFError, OverflowError, RuntimeError, MemoryError),
-)
-"""What the library raises on content that is not what it should be."""
 
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class LogChannel:
     """A topic and how its messages are written."""
 
     topic: str
     schema_name: str
     message_encoding: str
-    decode: Callable[[bytes], Any] | None
-    """To a protobuf message, or an object with the ROS message's fields; None: not known."""
+    schema: Schema | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def decode(self) -> Callable[[bytes], Any] | None:
+        """To a protobuf message, or an object with the ROS message's fields; None: not known.
+
+        It is made when the first message is decoded: a file may declare a channel for each of
+        65 535 numbers.
+        """
+        for factory in (ProtobufDecoderFactory(), RosDecoderFactory()):
+            # The library prints what it cannot parse, whatever stands in it.
+            with contextlib.suppress(Exception), contextlib.redirect_stderr(io.StringIO()):
+                made = factory.decoder_for(self.message_encoding, self.schema)
+                if made is not None:
+                    return made
+        return None
 
 
 class LogMessage(NamedTuple):
@@ -80,10 +103,13 @@ class LogMessage(NamedTuple):
             ValueError: the file has no schema that we can read for it, or the data is damaged.
 
         """
-        if self.channel.decode is None:
+        decode = self.channel.decode
+        if decode is None:
             raise ValueError(f"{self.topic}: no decoder for {self.channel.message_encoding!r}")
+        if len(self.data) > _MOST_DECODED_BYTES:
+            raise ValueError(f"{self.topic}: {len(self.data)} bytes are too many to decode")
         try:
-            return self.channel.decode(self.data)
+            return decode(self.data)
         except Exception as error:
             raise ValueError(f"{self.topic}: damaged message: {error}") from error
 
@@ -109,6 +135,9 @@ class LogReader:
         self.parts = [path] if alone else parts_of(path)
         """The files that are read."""
         self.attachments: dict[str, bytes] = {}
+        """By name; without those that are too large to be held."""
+        self.attachment_bytes: dict[str, int] = {}
+        """Size of each, held or not."""
         self.metadata: dict[str, dict[str, str]] = {}
         self.truncated = False
         """The end (of one of the files) is missing: the program that wrote it was killed, or the
@@ -129,41 +158,59 @@ class LogReader:
 
     def _read_head(self, path: Path, declared: list[tuple[int, bytes]]) -> bool:
         """Take what stands around the messages; whether the file is whole."""
-        whole = False
+        where = f"{path.name}: " if len(self.parts) > 1 else ""
         with opened(path) as data:
             self.bytes += len(data)
+            end, whole = first_end(data)
+            if end < len(data) and whole:
+                rest = f"{len(data) - end} bytes follow the end of the file"
+                self._head_problems.append(f"{where}{rest}, as of files joined; see recover")
             in_summary = False
             for found in records(data):
                 if isinstance(found, Damage):
                     if not found.is_tail and not in_summary:
                         size = found.end - found.offset
-                        where = f"{path.name}: " if len(self.parts) > 1 else ""
-                        told = f"{size} bytes at offset {found.offset} are damaged, stepped over"
-                        self._head_problems.append(where + told)
+                        damage = f"{size} bytes at offset {found.offset} are damaged, stepped over"
+                        self._head_problems.append(where + damage)
                     continue
                 opcode, _, start, end = found
                 if opcode in _SKIP_BULK:
                     continue
                 if opcode == Opcode.DATA_END:
                     in_summary = True
-                    whole = is_whole(data)
                 elif in_summary and opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
                     declared.append((opcode, data[start:end]))
                 elif not in_summary:
                     try:
-                        self._take_head(opcode, data[start:end])
+                        self._take_head(opcode, data, start, end)
                     except DAMAGE as error:
                         self._head_problems.append(f"damaged record stepped over: {_why(error)}")
         return whole
 
-    def _take_head(self, opcode: int, record: bytes) -> None:
+    def _take_head(self, opcode: int, data: Bytes, start: int, end: int) -> None:
         if opcode == Opcode.ATTACHMENT:
+            head = data[start : min(end, start + _HEAD_BYTES)]
+            size = end - start
+            if size > _MOST_HELD_BYTES:
+                name_bytes = int.from_bytes(head[16:20], "little")
+                name = head[20 : 20 + name_bytes].decode("utf-8", "replace")
+                self._head_problems.append(f"attachment {name} has {size} bytes, too many to read")
+                self.attachment_bytes[name] = size
+                return
+            record = data[start:end]
             attachment = Attachment.read(_stream(record))
             if attachment_is_damaged(record):
                 self._head_problems.append(f"attachment {attachment.name} is damaged")
             self.attachments[attachment.name] = attachment.data
+            self.attachment_bytes[attachment.name] = len(attachment.data)
+            held = sum(map(len, self.attachments.values()))
+            if held > _MOST_HELD_BYTES:
+                self.attachments[attachment.name] = b""
+                self._head_problems.append(
+                    f"attachment {attachment.name} is not read: all of them have {held} bytes"
+                )
         elif opcode == Opcode.METADATA:
-            metadata = Metadata.read(_stream(record))
+            metadata = Metadata.read(_stream(data[start:end]))
             self.metadata.setdefault(metadata.name, {}).update(metadata.metadata)
 
     @property
@@ -191,15 +238,43 @@ class LogReader:
     def _of_part(self, path: Path, state: _Channels) -> Iterator[LogMessage]:
         for opcode, record in self._records(path, _SKIP_INDEXES):
             if opcode == Opcode.CHUNK:
-                found: list[LogMessage] = []
                 try:
-                    found.extend(within(chunk_content(record), state))
+                    content = chunk_content(record)
                 except DAMAGE as error:
                     self.problems.append(f"damaged chunk stepped over: {_why(error)}")
+                    continue
                 # A writer may keep a chunk's topics apart, as ours does.
+                if len(content) > _LARGE_BYTES:
+                    yield from self._of_large(content, state)
+                    continue
+                found: list[LogMessage] = []
+                try:
+                    found.extend(within(content, state))
+                except DAMAGE as error:
+                    self.problems.append(f"damaged chunk stepped over: {_why(error)}")
                 yield from sorted(found, key=_log_ns)
             else:
                 yield from self._one(opcode, record, state)
+
+    def _of_large(self, content: bytes, state: _Channels) -> Iterator[LogMessage]:
+        """Messages of a large chunk, one by one: only their times and places are held."""
+        times, places = array("Q"), array("Q")
+        try:
+            for opcode, start, stop in content_records(content):
+                if opcode == Opcode.MESSAGE:
+                    channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content, start)
+                    if channel_id in state.wanted:
+                        times.append(log_ns)
+                        places.extend((start, stop))
+                else:
+                    state.take(opcode, content[start:stop])
+        except DAMAGE as error:
+            self.problems.append(f"damaged chunk stepped over: {_why(error)}")
+        for index in np.argsort(np.frombuffer(times, np.uint64), kind="stable"):
+            start, stop = places[2 * index], places[2 * index + 1]
+            channel_id, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(content, start)
+            data = content[start + _MESSAGE.size : stop]
+            yield LogMessage(state.wanted[channel_id], log_ns, publish_ns, sequence, data)
 
     def _one(self, opcode: int, record: bytes, state: _Channels) -> Iterator[LogMessage]:
         """Read a record that stands outside chunks."""
@@ -269,7 +344,7 @@ class _Channels:
         self._topics = topics
         self._schemas: dict[int, Schema] = {}
         self._preloaded: set[int] = set()
-        self._factories = (ProtobufDecoderFactory(), RosDecoderFactory())
+        self._schema_bytes = 0
 
     def preload(self, declared: list[tuple[int, bytes]]) -> None:
         """Take what the summary declares, until the data declare it themselves."""
@@ -282,6 +357,11 @@ class _Channels:
         """Take a schema or a channel; all other records are left out."""
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(_stream(record))
+            before = self._schemas.get(schema.id)
+            size = self._schema_bytes + len(schema.data) - (len(before.data) if before else 0)
+            if size > MAX_SCHEMA_BYTES:
+                raise ValueError(f"its schemas have more than {MAX_SCHEMA_BYTES} bytes")
+            self._schema_bytes = size
             self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(record))
@@ -295,69 +375,26 @@ class _Channels:
 
     def _describe(self, channel: Channel) -> LogChannel:
         schema = self._schemas.get(channel.schema_id)
-        decode = None
-        for factory in self._factories:
-            try:
-                decode = decode or factory.decoder_for(channel.message_encoding, schema)
-            except Exception:  # noqa: BLE001, S112 - a schema that no parser takes has no decoder
-                continue
         name = schema.name if schema is not None else ""
-        return LogChannel(channel.topic, name, channel.message_encoding, decode)
+        return LogChannel(channel.topic, name, channel.message_encoding, schema)
 
 
 def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
     """The messages of a chunk's content; its declarations go to ``state``."""
-    position, end = 0, len(content)
     wanted, unpack = state.wanted, _MESSAGE.unpack_from
-    while position < end:
-        opcode, length = HEAD.unpack_from(content, position)
-        position += HEAD.size
+    for opcode, start, stop in content_records(content):
         if opcode == Opcode.MESSAGE:
-            channel_id, sequence, log_ns, publish_ns = unpack(content, position)
+            channel_id, sequence, log_ns, publish_ns = unpack(content, start)
             channel = wanted.get(channel_id)
             if channel is not None:
-                data = content[position + _MESSAGE.size : position + length]
+                data = content[start + _MESSAGE.size : stop]
                 yield LogMessage(channel, log_ns, publish_ns, sequence, data)
         else:
-            state.take(opcode, content[position : position + length])
-        position += length
+            state.take(opcode, content[start:stop])
 
 
 def _stream(record: bytes) -> ReadDataStream:
     return ReadDataStream(BytesIO(record))
-
-
-def chunk_content(record: bytes) -> bytes:
-    """Unpack a chunk's records; its CRC is checked.
-
-    Raises:
-        Exception: one of what the library raises on damage.
-
-    """
-    _, _, size, crc = CHUNK_HEAD.unpack_from(record)
-    if size > MAX_CHUNK_BYTES:
-        raise ValueError(f"it claims {size} bytes")
-    begin = CHUNK_HEAD.size + _TEXT.size
-    (length,) = _TEXT.unpack_from(record, CHUNK_HEAD.size)
-    compression, begin = record[begin : begin + length], begin + length + _SIZE.size
-    (length,) = _SIZE.unpack_from(record, begin - _SIZE.size)
-    packed = memoryview(record)[begin : begin + length]
-    if compression not in {b"zstd", b""}:  # the library knows what else there may be
-        stream, length = get_chunk_data_stream(Chunk.read(_stream(record)), validate_crc=True)
-        return stream.read(length)
-    if compression:
-        content: bytes = zstandard.decompress(packed, max_output_size=size)
-    else:
-        content = bytes(packed)
-    if crc and zlib.crc32(content) != crc:
-        raise ValueError("its checksum does not hold")
-    return content
-
-
-def attachment_is_damaged(record: bytes) -> bool:
-    """Whether an attachment's own CRC says so; 0: it has none."""
-    stored = int.from_bytes(record[-4:], "little")
-    return stored != 0 and stored != zlib.crc32(record[:-4])
 
 
 def _why(error: Exception) -> str:

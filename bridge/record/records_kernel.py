@@ -44,8 +44,8 @@ def find_records(content: Bytes, starts: Ints, lengths: Ints, channels: Ints) ->
         length = np.int64(0)
         for k in range(8):
             length |= np.int64(content[position + 1 + k]) << (8 * k)
-        if length < 0 or length > end - position - _FRONT:
-            return -count - 1
+        if content[position] == 0 or length < 0 or length > end - position - _FRONT:
+            return -count - 1  # zeros are no records, and would be walked nine bytes at a time
         starts[count], lengths[count] = position, length
         if content[position] == _MESSAGE:
             if length < _MESSAGE_FIXED:

@@ -1,37 +1,66 @@
 """What can be saved of a damaged log: everything that still proves to be whole.
 
-Chunks are copied as they are, after their content was unpacked and its CRC compared. A damaged
-one is left out, wherever it stands, and what was in it is told from the message indexes that
-follow it. Of a last chunk that was cut, what still unpacks is kept. A schema or a channel that
-was declared in a lost chunk is taken from the file's summary.
+Chunks are copied after their content was unpacked and its CRC compared. A damaged one is left out,
+wherever it stands, and the message indexes that follow it say what it held. Of a last chunk that
+was cut, what still unpacks is kept. A record whose own fields and CRC hold is kept though its
+opcode or its length is damaged. A declaration that is lost is taken from the file's summary, else
+from a later one in the file, else a stub stands for it. Files that were joined are recovered one
+after the other; where their numbers clash, the later file's are changed.
 """
 
 from __future__ import annotations
 
 import contextlib
 import struct
+from collections import Counter
 from dataclasses import dataclass, field
+from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, MessageIndex, Schema
+from mcap.records import Attachment, Channel, Header, MessageIndex, Metadata, Schema
 
-from bridge.record.copied import McapCopy, Places
-from bridge.record.errors import LogReadError, LogWriteError
-from bridge.record.reader import DAMAGE, attachment_is_damaged, chunk_content
-from bridge.record.scan import CHUNK_HEAD, HEAD, Damage, is_whole, opened, records
+from bridge.record.chunked import MAGIC
+from bridge.record.copied import McapCopy, Places, bytes_of
+from bridge.record.errors import LogWriteError
+from bridge.record.file_summary import read_file_summary
+from bridge.record.scan import Damage, has_shape, inner_end, next_file, opened, records
+from bridge.record.unpack import (
+    DAMAGE,
+    HEAD,
+    MAX_CHUNK_BYTES,
+    attachment_is_damaged,
+    check,
+    chunk_parts,
+    content_records,
+    unpacked,
+    unpacked_start,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
-    from bridge.record.scan import Bytes
+    from bridge.record.scan import Bytes, Found
+    from bridge.record.unpack import ChunkParts
 
 _MESSAGE = struct.Struct("<HIQQ")
+_ID = struct.Struct("<H")
 _LONGEST_SHOWN = 4
+_LAST_KNOWN = int(Opcode.DATA_END)
+_COMPRESSIONS = {b"", b"zstd", b"lz4"}
+_OF_SUMMARY = frozenset(
+    int(opcode)
+    for opcode in (
+        *(Opcode.STATISTICS, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX),
+        *(Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET),
+    )
+)
+_OVERSIZE_BYTES = 4 * MAX_CHUNK_BYTES
+"""Bytes of all chunks of a file together that are unpacked beyond what they claim: a claim may be
+damaged while the content is whole, but a file of such claims must not keep anybody waiting."""
 
 
 @dataclass(slots=True)
@@ -46,6 +75,8 @@ class Loss:
     end_ns: int | None = None
     messages: dict[str, int] = field(default_factory=dict)
     """How many of each topic, where the file still says so."""
+    kept: Counter[int] = field(default_factory=Counter)
+    """Messages by channel that were kept of this stretch: an index counts them too."""
 
     def text(self) -> str:
         """In one line."""
@@ -65,8 +96,10 @@ class Recovery:
 
     source: Path
     target: Path
-    whole: bool
-    """The source had its end."""
+    whole: bool = True
+    """The source had its end, and nothing behind it."""
+    files: int = 1
+    """How many files were joined in the source."""
     messages: int = 0
     chunks: int = 0
     rescued: int = 0
@@ -75,6 +108,8 @@ class Recovery:
     metadata: int = 0
     undeclared: int = 0
     """Messages whose channel's declaration is lost: kept, under ``/undeclared/<channel>``."""
+    stub_schemas: int = 0
+    """Schemas that are lost: channels that need one have a stub, ``lost_schema_<number>``."""
     losses: list[Loss] = field(default_factory=list)
 
     @property
@@ -88,12 +123,14 @@ class Recovery:
             "source": str(self.source),
             "out": str(self.target),
             "whole": self.whole,
+            "files": self.files,
             "messages": self.messages,
             "chunks": self.chunks,
             "rescued_from_a_cut_chunk": self.rescued,
             "attachments": self.attachments,
             "metadata": self.metadata,
             "undeclared": self.undeclared,
+            "stub_schemas": self.stub_schemas,
             "lost_messages": self.lost_messages,
             "losses": [
                 {
@@ -121,230 +158,509 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
     with opened(source) as data:
         if target.exists() and target.samefile(source):
             raise LogWriteError(target, "it is the file to recover; give another name")
+        result = Recovery(source, target)
         with McapCopy(target, force=force) as copy:
-            work = _Recoverer(data, copy, Recovery(source, target, is_whole(data)))
-            work.run()
+            begin: int | None = 0
+            while begin is not None:
+                work = _Recoverer(data, begin, copy, result)
+                work.run()
+                begin = next_file(data, work.end, len(data))
+                between = (len(data) if begin is None else begin) - work.end
+                if between:
+                    result.losses.append(Loss(work.end, between, "bytes behind the file's end"))
+                    result.whole = False
+                result.files += begin is not None
             copy.finish()
-            work.result.messages, work.result.chunks = copy.messages, copy.chunks
-            return work.result
+            result.messages, result.chunks = copy.messages, copy.chunks
+        return result
 
 
 class _Recoverer:
-    def __init__(self, data: Bytes, copy: McapCopy, result: Recovery) -> None:
-        self.result = result
-        self._data, self._copy = data, copy
-        self._declared = summary_declarations(data)
+    """Recovers one of the files that were joined; mostly there is one."""
+
+    def __init__(self, data: Bytes, begin: int, copy: McapCopy, result: Recovery) -> None:
+        self.end = begin + len(MAGIC)
+        """Where the file ends, as soon as that is known."""
+        self._begin = self.end
+        self._data, self._copy, self._result = data, copy, result
+        following = next_file(data, self.end, len(data))
+        self._summary = read_file_summary(data, begin, following or len(data))
+        if following is not None and self._summary.start is None:  # it may be within an attachment
+            self._summary = read_file_summary(data, begin, len(data))
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        """Declarations as they were met, by their numbers here."""
+        self._numbers: dict[int, int] = {}
+        """Of each channel: its number in the copy."""
+        self._looked_ahead = False
+        self._kept: Counter[int] = Counter()
+        """Messages by channel."""
+        self._first_loss = len(result.losses)
+        self._oversize = _OVERSIZE_BYTES
+        self._last: dict[int, list[tuple[int, int]]] = {}
+        """Of the last chunk that was kept: what its message indexes say."""
         self._loss: Loss | None = None
         """The last one, as long as message indexes may follow that say what it held."""
-
-    def run(self) -> None:
-        handlers = {
-            int(Opcode.SCHEMA): self._schema,
-            int(Opcode.CHANNEL): self._channel,
+        self._handlers: dict[int, Callable[[int, bytes], None]] = {
+            int(Opcode.SCHEMA): partial(self._declaration, Opcode.SCHEMA),
+            int(Opcode.CHANNEL): partial(self._declaration, Opcode.CHANNEL),
             int(Opcode.MESSAGE): self._message,
             int(Opcode.CHUNK): self._chunk,
             int(Opcode.MESSAGE_INDEX): self._index,
             int(Opcode.ATTACHMENT): self._attachment,
             int(Opcode.METADATA): self._metadata,
         }
-        for found in records(self._data):
+
+    def run(self) -> None:
+        """Copy what is whole of it."""
+        profile, library = self._header()
+        self._copy.header(profile, library)
+        position: int | None = self._begin
+        while position is not None:
+            position = self._from(position)
+        self._account()
+
+    def _header(self) -> tuple[str, str]:
+        with contextlib.suppress(*DAMAGE):
+            _, length = HEAD.unpack_from(self._data, self._begin)
+            start = self._begin + HEAD.size
+            if has_shape(self._data, Opcode.HEADER, start, start + length):
+                header = Header.read(_stream(self._data[start : start + length]))
+                return header.profile, header.library
+        return "", ""
+
+    def _from(self, position: int) -> int | None:
+        """Take the records from here on; where to go on, None at the end."""
+        whole = False
+        for found in records(self._data, position):
             if isinstance(found, Damage):
-                self._damaged(found)
-                continue
-            opcode, offset, start, end = found
-            if opcode == Opcode.DATA_END:
-                return
-            if opcode != Opcode.MESSAGE_INDEX:
-                self._loss = None
-            handler = handlers.get(opcode)
-            if handler is not None:
-                handler(offset, self._data[start:end])
-            elif opcode == Opcode.HEADER or opcode > Opcode.DATA_END:
-                self._copy.record(opcode, self._data[start:end])
+                going_on = self._damaged(found)
+                self.end = max(self.end, found.end)
+            else:
+                self.end = found.end
+                if found.opcode == Opcode.FOOTER:
+                    following = self._data[found.end : found.end + len(MAGIC)]
+                    whole = following == MAGIC
+                    self.end += len(following)
+                    break
+                going_on = self._record(found)
+            if going_on is not None:
+                self.end = going_on
+                return going_on
+        self._result.whole &= whole
+        return None
+
+    def _record(self, found: Found) -> int | None:
+        """Take one record; where to go on, where that is not behind it."""
+        opcode, offset, start, end = found
+        if offset == self._begin and has_shape(self._data, Opcode.HEADER, start, end):
+            return None
+        expected = self._summary.kinds.get(offset, opcode)
+        if opcode != expected or opcode > _LAST_KNOWN or self._is_misplaced(opcode, offset):
+            going_on = self._mislabelled(offset, expected)
+            if going_on is not None:
+                return going_on
+        if opcode != Opcode.MESSAGE_INDEX:
+            self._loss = None
+        handler = self._handlers.get(opcode)
+        if handler is not None:
+            return self._handle(handler, found)
+        if opcode > _LAST_KNOWN:
+            self._copy.record(opcode, self._data[start:end])
+        elif self._is_misplaced(opcode, offset):
+            self._lose(offset, end - offset, "a record that does not belong there")
+        return None
+
+    def _handle(self, handler: Callable[[int, bytes], None], found: Found) -> int | None:
+        """Take one record of the data; where to go on, where that is not behind it."""
+        opcode, offset, start, end = found
+        try:
+            handler(offset, self._data[start:end])
+        except DAMAGE:
+            self._lose(offset, end - offset, f"a damaged {_KINDS.get(opcode, 'record')}")
+        if self._loss is not None and self._loss.offset == offset:
+            following = next_file(self._data, start, end)
+            if following is not None:  # it was cut, and its length reaches into another file
+                self._loss.bytes = following - offset
+                return following
+        own = inner_end(self._data, opcode, start)
+        # A damaged length may reach over records that are whole.
+        is_longer = own is not None and own < end and _stands(self._data, own)
+        return own if is_longer else None
+
+    def _is_misplaced(self, opcode: int, offset: int) -> bool:
+        """Whether a record stands before the summary that belongs into it, or a second header."""
+        if opcode == Opcode.HEADER:
+            return offset != self._begin
+        start = self._summary.start if self._summary.is_proven else None
+        return opcode in _OF_SUMMARY and start is not None and offset < start
 
     # ---- damage
 
     def _lose(self, offset: int, size: int, what: str) -> Loss:
         self._loss = Loss(offset, size, what)
-        self.result.losses.append(self._loss)
+        self._result.losses.append(self._loss)
         return self._loss
 
-    def _damaged(self, damage: Damage) -> None:
+    def _damaged(self, damage: Damage) -> int | None:
+        """Save what can be saved of damaged bytes; where to go on, where that is known better."""
         offset, end, is_tail = damage
+        expected = self._summary.kinds.get(offset)
+        going_on = self._mislabelled(offset, expected)
+        if going_on is not None:
+            return going_on
         if is_tail and self._rescue_tail(offset, end):
-            return
+            return None
         what = "a record that was cut" if is_tail else "damaged bytes"
-        loss = self._lose(offset, end - offset, what)
-        with contextlib.suppress(struct.error):
-            opcode, _ = HEAD.unpack_from(self._data, offset)
-            if opcode == Opcode.CHUNK:
-                loss.what = "a chunk that was cut" if is_tail else "a damaged chunk"
+        opcode = expected or self._data[offset]
+        if opcode == Opcode.CHUNK:
+            what = "a chunk that was cut" if is_tail else "a damaged chunk"
+        self._lose(offset, end - offset, what)
+        return None
+
+    def _mislabelled(self, offset: int, expected: int | None) -> int | None:
+        """Keep a record whose opcode or length is damaged and whose content proves to be whole.
+
+        Gives where it ends; None: it is none.
+        """
+        start = offset + HEAD.size
+        end = inner_end(self._data, Opcode.CHUNK, start)
+        if end is not None:
+            with contextlib.suppress(*DAMAGE):
+                record = self._data[start:end]
+                parts = chunk_parts(record)
+                if parts.crc and parts.compression in _COMPRESSIONS:
+                    content, is_sound = self._content(parts)
+                    self._loss = None
+                    self._keep(offset, record, content, parts if is_sound else None)
+                    return end
+        end = inner_end(self._data, Opcode.ATTACHMENT, start)
+        if end is not None:
+            record = self._data[start:end]
+            if record[-4:] != bytes(4) and not attachment_is_damaged(record):
+                with contextlib.suppress(*DAMAGE):
+                    self._attachment(offset, record)
+                    return end
+        if Opcode.METADATA in {expected, self._data[offset]}:
+            end = inner_end(self._data, Opcode.METADATA, start)
+            if end is not None and _may_follow(self._data, end):
+                with contextlib.suppress(*DAMAGE):
+                    self._metadata(offset, self._data[start:end])
+                    return end
+        return None
 
     def _rescue_tail(self, offset: int, end: int) -> bool:
-        """Keep the messages of a cut chunk that still unpack; True where it is all told."""
-        data = self._data
-        if offset + HEAD.size + CHUNK_HEAD.size + 12 > end or data[offset] != Opcode.CHUNK:
+        """Keep the messages of a cut chunk that still unpack; True where that is all of it."""
+        data, start = self._data, offset + HEAD.size
+        if data[offset] != Opcode.CHUNK or start + 32 > end:
             return False
-        begin = offset + HEAD.size + CHUNK_HEAD.size
-        size = int.from_bytes(data[begin : begin + 4], "little")
-        name, body = bytes(data[begin + 4 : begin + 4 + size]), begin + 4 + size + 8
-        compressed = bytes(data[body:end])
-        content = compressed if name == b"" else b""
-        if name == b"zstd":
-            with contextlib.suppress(zstandard.ZstdError):
-                content = zstandard.ZstdDecompressor().decompressobj().decompress(compressed)
-        kept = 0
-        with contextlib.suppress(*DAMAGE):
-            for opcode, start, stop in _within(content):
-                if opcode == Opcode.MESSAGE:
-                    self._message(offset, content[start:stop])
-                    kept += 1
-                elif opcode == Opcode.SCHEMA:
-                    self._schema(offset, content[start:stop])
-                elif opcode == Opcode.CHANNEL:
-                    self._channel(offset, content[start:stop])
-        self.result.rescued += kept
-        self._lose(
-            offset,
-            end - offset,
-            "the rest of a chunk that was cut" if kept else "a chunk that was cut",
+        record = data[start:end]
+        size = int.from_bytes(record[28:32], "little")
+        name, body = record[32 : 32 + size], 32 + size + 8
+        content = unpacked_start(name, memoryview(record)[body:], MAX_CHUNK_BYTES)
+        taken, _ = self._take_apart(offset, content)
+        for opcode, begin, stop in taken:
+            if opcode == Opcode.MESSAGE:
+                self._message(offset, content[begin:stop])
+        kept = Counter(
+            _ID.unpack_from(content, begin)[0]
+            for opcode, begin, _ in taken
+            if opcode == Opcode.MESSAGE
         )
+        self._result.rescued += kept.total()
+        what = "the rest of a chunk that was cut" if kept else "a chunk that was cut"
+        self._lose(offset, end - offset, what).kept = kept
         return True
 
     # ---- records, each with its content
 
-    def _schema(self, offset: int, content: bytes) -> None:
-        try:
-            self._copy.declare(Schema.read(_stream(content)))
-        except DAMAGE:
-            self._lose(offset, len(content), "a damaged schema")
+    def _declaration(self, opcode: int, offset: int, content: bytes) -> None:
+        """A schema or a channel outside chunks; of a summary that is damaged only what is new."""
+        start = self._summary.start
+        if start is not None and offset >= start and not self._summary.is_proven:
+            self._take_missing(opcode, content, 0, len(content))
+        elif opcode == Opcode.SCHEMA:
+            self._schema(offset, content)
+        else:
+            self._channel(offset, content)
 
-    def _channel(self, offset: int, content: bytes) -> None:
-        try:
-            self._copy.declare(Channel.read(_stream(content)))
-        except DAMAGE:
-            self._lose(offset, len(content), "a damaged channel")
+    def _schema(self, _offset: int, content: bytes) -> None:
+        schema = Schema.read(_stream(content))
+        proven = self._summary.schemas.get(schema.id) if self._summary.is_proven else None
+        schema = proven or schema
+        if schema.id and self._schemas.get(schema.id) != schema:
+            self._schemas[schema.id] = schema
+            self._copy.schema(schema)
 
-    def _message(self, offset: int, content: bytes) -> None:
-        try:
-            channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content)
-        except struct.error:
-            self._lose(offset, len(content), "a damaged message")
+    def _channel(self, _offset: int, content: bytes) -> None:
+        channel = Channel.read(_stream(content))
+        proven = self._summary.channels.get(channel.id) if self._summary.is_proven else None
+        channel = proven or channel
+        if self._channels.get(channel.id) != channel:
+            self._channels[channel.id] = channel
+            self._numbers.pop(channel.id, None)
+        self._number(channel.id)
+
+    def _message(self, _offset: int, content: bytes) -> None:
+        channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content)
+        if self._is_index(content):
             return
-        self._know({channel_id: 1})
-        self._copy.message(content, channel_id, log_ns)
+        number = self._number(channel_id)
+        self._count(Counter({channel_id: 1}))
+        self._copy.message(_ID.pack(number) + content[_ID.size :], number, log_ns)
 
-    def _chunk(self, offset: int, content: bytes) -> None:
-        copy = self._copy
+    def _chunk(self, offset: int, record: bytes) -> None:
         try:
-            unpacked = chunk_content(content)
-            places, declared = Places(), list[Schema | Channel]()
-            for opcode, start, stop in _within(unpacked):
+            parts = chunk_parts(record)
+            content, is_sound = self._content(parts)
+        except DAMAGE:
+            loss = self._lose(offset, HEAD.size + len(record), "a damaged chunk")
+            with contextlib.suppress(struct.error):
+                loss.start_ns, loss.end_ns = struct.unpack_from("<QQ", record)
+            return
+        self._keep(offset, record, content, parts if is_sound else None)
+
+    def _content(self, parts: ChunkParts) -> tuple[bytes, bool]:
+        """Unpack a chunk, whose CRC holds; and whether its packed bytes can stay as they are.
+
+        Raises:
+            Exception: one of what the libraries raise on damage.
+
+        """
+        is_sound = True
+        try:
+            if parts.size > MAX_CHUNK_BYTES:
+                raise ValueError("it claims too much")
+            content = unpacked(parts.compression, parts.packed, parts.size)
+        except DAMAGE:
+            # The claim itself may be what is damaged.
+            if not parts.crc or self._oversize <= 0:
+                raise
+            limit = min(self._oversize, MAX_CHUNK_BYTES)
+            content = unpacked_start(parts.compression, parts.packed, limit)
+            self._oversize -= len(content)
+            is_sound = False
+        check(content, parts.crc)
+        return content, is_sound
+
+    def _take_apart(
+        self, offset: int, content: bytes
+    ) -> tuple[list[tuple[int, int, int]], int | None]:
+        """Records of a chunk's content, and where what is none begins; takes the declarations."""
+        taken, end = [], 0
+        broken = None
+        try:
+            for opcode, start, stop in content_records(content):
+                if opcode == Opcode.MESSAGE and stop - start < _MESSAGE.size:
+                    raise ValueError("a message without a head")
+                taken.append((opcode, start, stop))
+                end = stop
+        except DAMAGE:
+            broken = end
+        for kind, take in ((Opcode.SCHEMA, self._schema), (Opcode.CHANNEL, self._channel)):
+            for opcode, start, stop in taken:
+                if opcode != kind:
+                    continue
+                try:
+                    if not has_shape(content, opcode, start, stop):
+                        raise ValueError("its fields do not fit")
+                    take(offset, content[start:stop])
+                except DAMAGE:
+                    self._lose(offset, stop - start, f"a damaged {_KINDS[opcode]}")
+        return taken, broken
+
+    def _keep(self, offset: int, record: bytes, content: bytes, packed: ChunkParts | None) -> None:
+        """Copy a chunk: as it is packed, where that is given and nothing has to be changed."""
+        taken, broken = self._take_apart(offset, content)
+        places, counts = Places(), Counter[int]()
+        same = broken is None
+        numbers: dict[int, int] = {}
+        for opcode, start, stop in taken:
+            if opcode == Opcode.MESSAGE:
+                channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content, start)
+                number = numbers.get(channel_id)
+                if number is None:
+                    number = numbers[channel_id] = self._number(channel_id)
+                    same = same and number == channel_id
+                counts[channel_id] += 1
+                places.add(number, log_ns, start - HEAD.size)
+            elif opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
+                same = same and self._is_declared(opcode, content[start:stop])
+            else:
+                same = False
+        if same and packed is not None:
+            self._copy.chunk(packed.compression.decode(), packed.packed, content, places)
+        else:
+            for opcode, start, stop in taken:
                 if opcode == Opcode.MESSAGE:
-                    channel_id, _, log_ns, _ = _MESSAGE.unpack_from(unpacked, start)
-                    places.add(channel_id, log_ns, start - HEAD.size)
-                elif opcode == Opcode.SCHEMA:
-                    declared.append(Schema.read(_stream(unpacked[start:stop])))
-                elif opcode == Opcode.CHANNEL:
-                    declared.append(Channel.read(_stream(unpacked[start:stop])))
-        except DAMAGE:
-            loss = self._lose(offset, HEAD.size + len(content), "a damaged chunk")
-            loss.start_ns, loss.end_ns, _, _ = CHUNK_HEAD.unpack_from(content)
-            return
-        for record in declared:
-            copy.note(record)
-        self._know({c: len(entries) // 2 for c, entries in places.by_channel.items()})
-        copy.chunk(content, places)
+                    channel_id, _, log_ns, _ = _MESSAGE.unpack_from(content, start)
+                    number = numbers[channel_id]
+                    message = _ID.pack(number) + content[start + _ID.size : stop]
+                    self._copy.message(message, number, log_ns)
+        self._count(counts)
+        entries = {c: places.by_channel[number] for c, number in numbers.items()}
+        self._last = {c: list(zip(e[::2], e[1::2], strict=True)) for c, e in entries.items()}
+        if broken is not None:
+            rest = len(content) - broken
+            loss = self._lose(offset, HEAD.size + len(record), f"{rest} bytes within a chunk")
+            loss.kept = counts
+
+    def _is_declared(self, opcode: int, content: bytes) -> bool:
+        """Whether a declaration of a chunk is that of the copy, to the byte."""
+        copy = self._copy
+        known: Schema | Channel | None
+        if opcode == Opcode.SCHEMA:
+            schema = self._schemas.get(_ID.unpack_from(content)[0])
+            known = None if schema is None else copy.schemas.get(schema.id)
+        else:
+            known = copy.channels.get(_ID.unpack_from(content)[0])
+        return known is not None and bytes_of(known)[HEAD.size :] == content
 
     def _index(self, _offset: int, content: bytes) -> None:
         """What a lost chunk held, from the index that follows it."""
         if self._loss is None:
             return
-        with contextlib.suppress(*DAMAGE):
-            index = MessageIndex.read(_stream(content))
-            topic = self._topic(index.channel_id)
-            counts, times = self._loss.messages, [entry[0] for entry in index.records]
-            counts[topic] = counts.get(topic, 0) + len(times)
-            if times:
-                self._loss.start_ns = min([*times, self._loss.start_ns or times[0]])
-                self._loss.end_ns = max([*times, self._loss.end_ns or 0])
+        index = MessageIndex.read(_stream(content))
+        if self._last.get(index.channel_id) == index.records:
+            return  # of a chunk that was kept: what was lost behind it is an index
+        topic = self._topic(index.channel_id)
+        counts, times = self._loss.messages, [entry[0] for entry in index.records]
+        lost = len(times) - self._loss.kept[index.channel_id]
+        if lost > 0:
+            counts[topic] = counts.get(topic, 0) + lost
+            self._loss.start_ns = min([*times, self._loss.start_ns or times[0]])
+            self._loss.end_ns = max([*times, self._loss.end_ns or 0])
+
+    def _is_index(self, content: bytes) -> bool:
+        """Whether what is called a message is a message index of the last chunk."""
+        entries = self._last.get(_ID.unpack_from(content)[0])
+        if entries is None or len(content) != 6 + 16 * len(entries):
+            return False
+        return bool(MessageIndex.read(_stream(content)).records == entries)
 
     def _attachment(self, offset: int, content: bytes) -> None:
         if attachment_is_damaged(content):
             self._lose(offset, len(content), "a damaged attachment")
             return
-        self.result.attachments += 1
+        Attachment.read(_stream(content))
+        self._result.attachments += 1
         self._copy.record(Opcode.ATTACHMENT, content)
 
     def _metadata(self, _offset: int, content: bytes) -> None:
-        self.result.metadata += 1
-        self._copy.record(Opcode.METADATA, content)
+        metadata = Metadata.read(_stream(content))
+        self._result.metadata += 1
+        self._copy.record(Opcode.METADATA, bytes_of(metadata)[HEAD.size :])
 
     # ---- channels
 
     def _topic(self, channel_id: int) -> str:
-        known = self._copy.channels.get(channel_id)
-        if known is None:
-            declared = self._declared.get((Channel, channel_id))
-            known = declared if isinstance(declared, Channel) else None
+        known = self._channels.get(channel_id) or self._summary.channels.get(channel_id)
         return known.topic if known is not None else f"channel {channel_id}"
 
-    def _know(self, counts: dict[int, int]) -> None:
-        """See to it that every channel is declared before its messages."""
-        copy = self._copy
-        for channel_id, count in counts.items():
-            if channel_id not in copy.channels:
-                channel = self._declared.get((Channel, channel_id))
-                if not isinstance(channel, Channel):
-                    topic = f"/undeclared/{channel_id}"
-                    channel = Channel(channel_id, topic, "", {}, 0)
-                schema = self._declared.get((Schema, channel.schema_id))
-                if isinstance(schema, Schema) and channel.schema_id not in copy.schemas:
-                    copy.declare(schema)
-                copy.declare(channel)
-            if copy.channels[channel_id].topic == f"/undeclared/{channel_id}":
-                self.result.undeclared += count
+    def _number(self, channel_id: int) -> int:
+        """The channel's number in the copy; it is declared there, with its schema."""
+        number = self._numbers.get(channel_id)
+        if number is None:
+            channel = self._find_channel(channel_id)
+            schema_id = 0
+            if channel.schema_id:
+                schema_id = self._copy.schema(self._find_schema(channel.schema_id))
+            number = self._numbers[channel_id] = self._copy.channel(channel, schema_id)
+        return number
 
+    def _find_channel(self, channel_id: int) -> Channel:
+        found = self._channels.get(channel_id) or self._summary.channels.get(channel_id)
+        if found is None:
+            self._look_ahead()
+            found = self._channels.get(channel_id)
+        return found or Channel(channel_id, f"/undeclared/{channel_id}", "", {}, 0)
 
-def _within(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and end of every record of a chunk's content.
+    def _find_schema(self, schema_id: int) -> Schema:
+        found = self._schemas.get(schema_id) or self._summary.schemas.get(schema_id)
+        if found is None:
+            self._look_ahead()
+            found = self._schemas.get(schema_id)
+        if found is None:
+            self._result.stub_schemas += 1
+            found = Schema(id=schema_id, data=b"", encoding="", name=f"lost_schema_{schema_id}")
+            self._schemas[schema_id] = found
+        return found
 
-    Raises:
-        ValueError: the content ends within one.
-
-    """
-    position, size = 0, len(content)
-    while position < size:
-        opcode, length = HEAD.unpack_from(content, position)
-        start = position + HEAD.size
-        position = start + length
-        if position > size:
-            raise ValueError("a record ends beyond its chunk")
-        yield opcode, start, position
-
-
-def summary_declarations(data: Bytes) -> dict[tuple[type, int], Schema | Channel]:
-    """Schemas and channels of the file's summary, by kind and id; none where it is damaged."""
-    size = len(data)
-    declared: dict[tuple[type, int], Schema | Channel] = {}
-    if not is_whole(data):
-        return declared
-    footer = size - 8 - HEAD.size - 20
-    with contextlib.suppress(*DAMAGE, LogReadError):
-        opcode, _, start, _, _ = struct.unpack_from("<BQQQI", data, footer)
-        if opcode != Opcode.FOOTER or not 0 < start < size:
-            return declared
-        for found in records(data, start):
+    def _look_ahead(self) -> None:
+        """Take the declarations of the whole file: some writers repeat them in every chunk."""
+        if self._looked_ahead:
+            return
+        self._looked_ahead = True
+        for found in records(self._data, self._begin):
             if isinstance(found, Damage):
-                break
-            content = data[found.start : found.end]
-            if found.opcode == Opcode.SCHEMA:
-                schema = Schema.read(_stream(content))
-                declared[Schema, schema.id] = schema
-            elif found.opcode == Opcode.CHANNEL:
-                channel = Channel.read(_stream(content))
-                declared[Channel, channel.id] = channel
-    return declared
+                continue
+            content = self._data[found.start : found.end]
+            with contextlib.suppress(*DAMAGE):
+                if found.opcode == Opcode.CHUNK:
+                    unpacked_, _ = self._content(chunk_parts(content))
+                    for opcode, start, stop in content_records(unpacked_):
+                        self._take_missing(opcode, unpacked_, start, stop)
+                else:
+                    self._take_missing(found.opcode, content, 0, len(content))
+
+    def _take_missing(self, opcode: int, content: bytes, start: int, stop: int) -> None:
+        if opcode not in {Opcode.SCHEMA, Opcode.CHANNEL}:
+            return
+        if not has_shape(content, opcode, start, stop):
+            return
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(content[start:stop]))
+            self._schemas.setdefault(schema.id, schema)
+        else:
+            channel = Channel.read(_stream(content[start:stop]))
+            self._channels.setdefault(channel.id, channel)
+
+    # ---- the account
+
+    def _count(self, counts: Counter[int]) -> None:
+        self._kept.update(counts)
+        for channel_id, count in counts.items():
+            if self._copy.channels[self._numbers[channel_id]].topic.startswith("/undeclared/"):
+                self._result.undeclared += count
+
+    def _account(self) -> None:
+        """What the file's own statistics count, and neither was kept nor is in a loss."""
+        counts = self._summary.counts if self._summary.is_proven else None
+        if counts is None:
+            return
+        named: Counter[str] = Counter()
+        for loss in self._result.losses[self._first_loss :]:
+            named.update(loss.messages)
+        expected: Counter[str] = Counter()
+        for channel_id, count in counts.items():
+            expected[self._topic(channel_id)] += count - self._kept[channel_id]
+        missing = {t: n - named[t] for t, n in expected.items() if n > named[t]}
+        # Outside chunks a damaged number moves a message to another channel.
+        if missing and sum(counts.values()) > self._kept.total() + named.total():
+            self._loss = None
+            loss = self._lose(self._begin, 0, "messages that stood in the damaged bytes")
+            loss.messages = missing
+
+
+_KINDS: dict[int, str] = {
+    Opcode.SCHEMA: "schema",
+    Opcode.CHANNEL: "channel",
+    Opcode.MESSAGE: "message",
+    Opcode.CHUNK: "chunk",
+    Opcode.MESSAGE_INDEX: "message index",
+    Opcode.ATTACHMENT: "attachment",
+    Opcode.METADATA: "metadata record",
+}
+
+
+def _stands(data: Bytes, position: int) -> bool:
+    """Whether a whole record stands here."""
+    return not isinstance(next(records(data, position), Damage(0, 0, is_tail=True)), Damage)
+
+
+def _may_follow(data: Bytes, position: int) -> bool:
+    """Whether a record of a known kind, or the file's end, stands here."""
+    return position >= len(data) or 0 < data[position] <= _LAST_KNOWN
 
 
 def _stream(record: bytes) -> ReadDataStream:

@@ -260,7 +260,7 @@ def parse_occupancy_grid(log_ns: int, data: bytes) -> CoverageRecord:
         origin = _aligned(info + 20, 8)
         x_m, y_m = struct.unpack_from("<2d", body, origin)
         cells = np.frombuffer(body, dtype=np.int8, count=rows * columns, offset=origin + 60)
-    except struct.error as error:
+    except (struct.error, OverflowError) as error:
         raise ValueError(str(error)) from None
     return CoverageRecord(log_ns, cells.reshape(rows, columns), x_m, y_m, resolution_m)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from bridge.record.forms import Column, Form, Leaf, Template, few
+from bridge.record.forms import Budget, Column, Form, Leaf, Template, few
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -61,6 +61,7 @@ class RosForm(Form):
         """
         self._types = _definitions(definition)
         self._fixed = True
+        self._budget = Budget()
         self.columns = few(self._columns("", "", 0))
         self._by_name = {column.name: column for column in self.columns}
         schema = Schema(id=1, name=type_name, encoding="ros2msg", data=definition.encode())
@@ -73,6 +74,7 @@ class RosForm(Form):
         if type_name not in self._types:
             raise ValueError(f"the definition of {type_name} is missing")
         for field in self._types[type_name]:
+            self._budget.spend()
             name, kind = f"{prefix}{field.name}", _PRIMITIVES.get(field.type)
             if kind is not None:
                 yield Column(name, kind, field.array is not None)
@@ -132,9 +134,9 @@ class RosForm(Form):
             raise ValueError("no decoder for it")
         try:
             message = self._decode(data)
+            return {column.name: _value(message, column) for column in self.columns}
         except Exception as error:  # noqa: BLE001 - whatever it finds wrong
             raise ValueError(str(error)) from None
-        return {column.name: _value(message, column) for column in self.columns}
 
 
 def _number(data: bytes, position: int) -> tuple[int, int]:

@@ -1,7 +1,8 @@
 """Walking an MCAP file record by record, past whatever is damaged.
 
 Nothing is believed without a second look: a record must fit the file, its own fields must fit
-the record, and what follows it must begin like a record. Where that fails, the next place that
+the record, and what follows it must begin like a record, or be damage that begins where the record
+ends. Where that fails, the next place that
 passes is searched for, and the stretch between is given as damage. So one flipped bit in a
 length costs one record, not the rest of the file.
 """
@@ -20,6 +21,7 @@ from mcap.opcode import Opcode
 from bridge.record.chunked import MAGIC
 from bridge.record.errors import LogReadError
 from bridge.record.records_kernel import skip_indexes
+from bridge.record.unpack import CHUNK_HEAD, HEAD
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,10 +29,6 @@ if TYPE_CHECKING:
 
 Bytes = bytes | mmap
 
-HEAD = struct.Struct("<BQ")
-"""Opcode and length of what follows."""
-CHUNK_HEAD = struct.Struct("<QQQI")
-"""First and last log time, size and CRC of the content; then the compression's name."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _INDEX_FIXED = 6
 _WINDOW = 1 << 14
@@ -39,6 +37,18 @@ _LONGEST = 1 << 40
 _FIRST_PRIVATE = 0x80
 _LAST_KNOWN = int(Opcode.DATA_END)
 _MESSAGE_FIXED = 22
+_FOOTER_BYTES = 20
+_DATA_END_BYTES = 4
+_IN_SUMMARY = frozenset(
+    int(opcode)
+    for opcode in (
+        *(Opcode.FOOTER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX),
+        *(Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET),
+    )
+)
+"""What may follow the end of the data."""
+_TWICE = frozenset({int(Opcode.CHUNK), int(Opcode.ATTACHMENT)})
+"""Records that have the length of their content twice, in their head and before their data."""
 _CANDIDATE = re.compile(rb"(?=[\x02-\x0f].{5}\x00\x00\x00)", re.DOTALL)
 """An opcode of the specification, and a length below 2⁴⁰."""
 
@@ -84,20 +94,27 @@ def records(
 ) -> Iterator[Found | Damage]:
     """Every record from ``position`` to the end of the file, its summary included.
 
+    The footer ends it, and so does the beginning of another file that was joined to this one.
     Without ``indexes`` those of messages are passed over: they are nine of ten records.
     """
     size = len(data)
-    while position < size:
+    while position < size and not (data[position] == MAGIC[0] and begins_file(data, position)):
         if not indexes and data[position] == Opcode.MESSAGE_INDEX:
             position = _past_indexes(data, position)
-        found = _at(data, position)
+        found, following = _fits(data, position), None
+        if found is None or not _may_begin(data, found.end):
+            following = _next(data, position + 1)
+            # What stands behind it is damaged, or its length is, which then mostly reaches into
+            # or over whole records.
+            if found is not None and following is not None and following < found.end:
+                is_sure = inner_end(data, found.opcode, found.start) == found.end
+                found = found if is_sure and not begins_file(data, following) else None
         if found is not None:
             yield found
             position = found.end
             if found.opcode == Opcode.FOOTER:
                 return
             continue
-        following = _next(data, position + 1)
         if following is None:
             yield Damage(position, size, is_tail=True)
             return
@@ -126,21 +143,62 @@ def _past_index(data: Bytes, position: int) -> int:
     return end if is_index and entries % 16 == 0 and end <= len(data) else position
 
 
-def is_whole(data: Bytes) -> bool:
-    """Whether the file ends as it should."""
+def begins_file(data: Bytes, position: int) -> bool:
+    """Whether a file begins here: the magic bytes, and a header whose two texts fill it."""
+    start = position + len(MAGIC)
+    if data[position:start] != MAGIC or start + HEAD.size > len(data):
+        return False
+    opcode, length = HEAD.unpack_from(data, start)
+    start += HEAD.size
+    end = start + length
+    return opcode == Opcode.HEADER and end <= len(data) and _header(data, start, end)
+
+
+def next_file(data: Bytes, position: int, end: int) -> int | None:
+    """Where the next file begins, from ``position`` on; None where none does before ``end``."""
+    while (position := data.find(MAGIC, position, end)) >= 0:
+        if begins_file(data, position):
+            return position
+        position += 1
+    return None
+
+
+def first_end(data: Bytes) -> tuple[int, bool]:
+    """Where the first of the files that were joined ends, and whether its end is there.
+
+    Mostly the last footer is its own: then nothing is searched.
+    """
     size = len(data)
-    return size >= 2 * len(MAGIC) and data[size - len(MAGIC) : size] == MAGIC
+    footer = size - len(MAGIC) - HEAD.size - _FOOTER_BYTES
+    if footer > len(MAGIC) and _at(data, footer) is not None and data[footer] == Opcode.FOOTER:
+        start = int.from_bytes(data[footer + HEAD.size : footer + HEAD.size + 8], "little")
+        before = (start or footer) - HEAD.size - _DATA_END_BYTES
+        if len(MAGIC) < before < footer and data[before] == Opcode.DATA_END and _at(data, before):
+            return size, True
+    end, whole = len(MAGIC), False
+    for found in records(data):
+        end = found.end
+        if isinstance(found, Found) and found.opcode == Opcode.FOOTER:
+            whole = data[end : end + len(MAGIC)] == MAGIC
+            end += len(MAGIC) * whole
+    return end, whole
 
 
 def _next(data: Bytes, position: int) -> int | None:
-    """The next place from here where a record stands."""
+    """The next place from here where a record stands, or a file begins."""
+    end = len(data)
     for match in _CANDIDATE.finditer(data, position):
-        found = _at(data, match.start())
+        found = _fits(data, match.start())
         # Here chance could have a hand in it: it must be of a known kind, and followed by
-        # another record, not by the file's end.
-        if found is not None and found.opcode in _SHAPES and _is_followed(data, found.end):
-            return match.start()
-    return None
+        # another record, not by the file's end; or have two sizes of 64 bits that agree.
+        if found is None or found.opcode not in _SHAPES:
+            continue
+        is_sure = found.opcode in _TWICE and inner_end(data, found.opcode, found.start) == found.end
+        if is_sure or (_may_begin(data, found.end) and _is_followed(data, found.end)):
+            end = match.start()
+            break
+    file = next_file(data, position, end)
+    return file if file is not None or end == len(data) else end
 
 
 def _is_followed(data: Bytes, position: int) -> bool:
@@ -156,7 +214,13 @@ def _is_followed(data: Bytes, position: int) -> bool:
 
 
 def _at(data: Bytes, position: int) -> Found | None:
-    """The record at a place, if there is one."""
+    """The record at a place, if there is one and another may follow it."""
+    found = _fits(data, position)
+    return found if found is not None and _may_begin(data, found.end) else None
+
+
+def _fits(data: Bytes, position: int) -> Found | None:
+    """The record at a place, if its length fits the file, and its fields fit its length."""
     size = len(data)
     if position + HEAD.size > size:
         return None
@@ -172,8 +236,6 @@ def _at(data: Bytes, position: int) -> Found | None:
                 return None
         except struct.error:
             return None
-    if not _may_begin(data, end):
-        return None
     return Found(opcode, position, start, end)
 
 
@@ -187,6 +249,39 @@ def _may_begin(data: Bytes, position: int) -> bool:
     length: int
     opcode, length = HEAD.unpack_from(data, position)
     return (0 < opcode <= _LAST_KNOWN or opcode >= _FIRST_PRIVATE) and length < _LONGEST
+
+
+def has_shape(data: Bytes, opcode: int, start: int, end: int) -> bool:
+    """Whether a record's own fields fit its content."""
+    shape = _SHAPES.get(opcode)
+    try:
+        return shape is None or shape(data, start, end)
+    except struct.error:
+        return False
+
+
+def inner_end(data: Bytes, opcode: int, start: int) -> int | None:
+    """Where a record ends by its own fields; ``start`` is where its content begins.
+
+    None: it is of a kind that does not say, or the fields reach beyond the file.
+    """
+    size = len(data)
+    match opcode:
+        case Opcode.CHUNK:
+            end = _after(data, _after(data, start + CHUNK_HEAD.size), 8)
+        case Opcode.ATTACHMENT:
+            end = _after(data, _after(data, _after(data, start + 16)), 8) + 4
+        case Opcode.METADATA:
+            end = _after(data, _after(data, start))
+        case Opcode.MESSAGE_INDEX:
+            end = _after(data, start + 2)
+        case Opcode.SCHEMA:
+            end = _after(data, _after(data, _after(data, start + 2)))
+        case Opcode.CHANNEL:
+            end = _after(data, _after(data, _after(data, start + 4)))
+        case _:
+            return None
+    return end if start < end <= size else None
 
 
 # ---- what the content of each kind looks like: newer writers may append fields, never remove
@@ -238,12 +333,30 @@ def _metadata(data: Bytes, start: int, end: int) -> bool:
     return position <= end and _after(data, position) <= end
 
 
+def _header(data: Bytes, start: int, end: int) -> bool:
+    position = _after(data, start)
+    return position <= end and _after(data, position) == end
+
+
+def _footer(data: Bytes, start: int, end: int) -> bool:
+    """Nothing follows it but the file's last bytes, as far as they are there."""
+    return end - start >= _FOOTER_BYTES and MAGIC.startswith(data[end : end + len(MAGIC)])
+
+
+def _data_end(data: Bytes, start: int, end: int) -> bool:
+    """What follows belongs to the summary: an index whose opcode is damaged ends no data."""
+    if end - start < _DATA_END_BYTES:
+        return False
+    return end >= len(data) or data[end] in _IN_SUMMARY or data[end] >= _FIRST_PRIVATE
+
+
 def _at_least(size: int) -> Callable[[Bytes, int, int], bool]:
     return lambda _data, start, end: end - start >= size
 
 
 _SHAPES: dict[int, Callable[[Bytes, int, int], bool]] = {
-    Opcode.FOOTER: _at_least(20),
+    Opcode.HEADER: _header,
+    Opcode.FOOTER: _footer,
     Opcode.SCHEMA: _schema,
     Opcode.CHANNEL: _channel,
     Opcode.MESSAGE: _message,
@@ -256,5 +369,5 @@ _SHAPES: dict[int, Callable[[Bytes, int, int], bool]] = {
     Opcode.METADATA: _metadata,
     Opcode.METADATA_INDEX: _at_least(20),
     Opcode.SUMMARY_OFFSET: _at_least(17),
-    Opcode.DATA_END: _at_least(4),
+    Opcode.DATA_END: _data_end,
 }

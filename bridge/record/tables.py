@@ -124,8 +124,13 @@ def _times(values: NDArray[np.uint8]) -> pa.Array:
 
 
 def _as(kind: pa.DataType, array: pa.Array) -> pa.Array:
-    """Of this type; two schemas of one topic may differ in it."""
-    return array if array.type == kind else array.cast(kind)
+    """Of this type; two schemas of one topic may differ in it, and where none fits it is null."""
+    if array.type == kind:
+        return array
+    try:
+        return array.cast(kind)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+        return pa.nulls(len(array), kind)
 
 
 def _decode(

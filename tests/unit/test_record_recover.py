@@ -151,10 +151,13 @@ def test_a_damaged_head_of_a_chunk_costs_that_chunk_only(
     broken, out = tmp_path / "broken.mcap", tmp_path / "out.mcap"
     broken.write_bytes(data)
     result = recover(broken, out)
-    assert read_all(out) == without(read_all(log), lost)
-    assert result.lost_messages == len(lost), "the indexes after it say what it held"
+    # The content's own sizes and CRC say where it is and that it is whole, unless they are gone.
+    is_gone = not any(data[offset : offset + 64])
+    assert read_all(out) == without(read_all(log), lost if is_gone else [])
+    assert result.lost_messages == (len(lost) if is_gone else 0), "the indexes say what it held"
     reader = LogReader(broken)
-    assert [(m.topic, m.log_ns, m.data) for m in reader.messages()] == read_all(out)
+    left = without(read_all(log), lost)
+    assert [(m.topic, m.log_ns, m.data) for m in reader.messages()] == left
     assert "stepped over" in reader.problems[0]
     assert not reader.truncated
 
