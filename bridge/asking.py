@@ -91,7 +91,7 @@ class Asker:
 
         """
         what = _NAMES.get(kind, kind.__name__)
-        self._check(what, kind, fields)
+        check_fields(what, kind, fields)
         answers: list[Outcome | None] = []
         answered = threading.Event()
 
@@ -99,14 +99,13 @@ class Asker:
             answers.append(outcome)
             answered.set()
 
-        self._in_loop(lambda: self._host.dialogue.ask(kind, fields, clock.now(), ended))
+        def ask() -> None:
+            check_known(what, kind, self._host.session.link)
+            self._host.dialogue.ask(kind, fields, clock.now(), ended)
+
+        self._in_loop(ask)
         self._await(answered, what)
         check_outcome(what, answers[0])
-
-    def _check(self, what: str, kind: type[Message], fields: Sequence[int]) -> None:
-        """Find what is wrong with a command here, in the asking thread."""
-        check_fields(what, kind, fields)
-        check_known(what, kind, self._host.session.link)
 
     def _in_loop(self, action: Callable[[], R]) -> R:
         """Have something run in the loop and wait for what it gives.
@@ -195,7 +194,7 @@ class Asker:
         """Ask for these parameters; what the device answered to this very question."""
         what, missing = _NAMES[GetParameter], list(numbers)
         for number in missing:
-            self._check(what, GetParameter, (number,))
+            check_fields(what, GetParameter, (number,))
         found: dict[int, Parameter] = {}
         for _ in range(_TRIES):
             for start in range(0, len(missing), AT_ONCE):
@@ -215,6 +214,7 @@ class Asker:
                 answered.set()
 
         def ask() -> None:
+            check_known(_NAMES[GetParameter], GetParameter, self._host.session.link)
             for number in numbers:
                 self._host.dialogue.fetch(number, clock.now(), ended)
 
@@ -265,7 +265,7 @@ class Asker:
             DeviceLostError: it did not answer.
 
         """
-        status = self._host.state.status
+        status = self._in_loop(lambda: self._host.state.status)
         if status is None:
             raise BridgeError("the device has not told its status yet")
         if status.stop_cause == StopCause.NONE:

@@ -6,6 +6,7 @@ against the emulated device, over a pseudo-terminal, and on a robot.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.swept_map import SweptMap
@@ -26,6 +27,16 @@ from bridge.session_events import (
     SessionEvent,
     State,
     StateChanged,
+)
+from bridge.snapshot import (
+    EstimatorSnapshot,
+    LinkSnapshot,
+    MissionSnapshot,
+    RunnerSnapshot,
+    SessionSnapshot,
+    Snapshot,
+    StateSnapshot,
+    SyncSnapshot,
 )
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
@@ -66,6 +77,8 @@ SILENT_NS = 100_000_000
 """Ten frames of the quickest stream: the wire is silent, not one of the sensors."""
 MAP_PERIOD_NS = 2_000_000_000
 CLOCK_PERIOD_NS = 1_000_000_000
+COUNT_PERIOD_NS = 100_000_000
+"""Time between two copies of the link's counts for other threads, ns: a person reads no more."""
 _DOUBT_NS = round(STALE_S * 1e9)
 _EXIT = {"disagreement": 4, "version": 4, "several": 2}
 
@@ -110,6 +123,9 @@ class Host(HostSenses):
         self._clock_ns = 0
         self._silent_ns = 0
         """When the wire was last found silent."""
+        self._counts: LinkSnapshot | None = None
+        self._counted_ns = 0
+        """When the link's counts were last copied."""
         self._slow = False
         """The link was last found too slow to drive over."""
         self.mission.link = self.session.round_trip.trouble(HostNs(0))
@@ -195,6 +211,47 @@ class Host(HostSenses):
         if deadline is None or self._control_ns < deadline:
             return self._control_ns
         return deadline
+
+    def snapshot(self, now_ns: int | None = None) -> Snapshot:
+        """What is known now, for other threads; asked in the loop's thread.
+
+        The link's counts are copied every 0.1 s, or at every call without a time.
+        """
+        state, mission, session, estimator = self.state, self.mission, self.session, self.estimator
+        if now_ns is None or now_ns >= self._counted_ns + COUNT_PERIOD_NS or self._counts is None:
+            self._counted_ns = now_ns or 0
+            counts = session.link.statistics
+            self._counts = LinkSnapshot(replace(counts, by_type=dict(counts.by_type)))
+        runner, watch = mission.runner, self.watch
+        return Snapshot(
+            self.model,
+            StateSnapshot(
+                state.imu,
+                state.encoders,
+                state.range,
+                state.power,
+                state.status,
+                state.planner,
+                dict(state.arrived_s),
+            ),
+            MissionSnapshot(
+                mission.phase,
+                mission.ending,
+                None
+                if runner is None
+                else RunnerSnapshot(runner.state, runner.turns, runner.lane_length_m),
+                mission.asking,
+                mission.link,
+                mission.ends_s,
+            ),
+            SessionSnapshot(session.state, session.node, self._counts, session.signs),
+            EstimatorSnapshot(estimator.pose, estimator.v_m_s, estimator.yaw_rate_rad_s),
+            SyncSnapshot(self.sync.round_trip_ns, self.sync.fit),
+            self.hello,
+            self.path_m,
+            watch is not None and watch.supervisor.holding,
+            self.swept,
+        )
 
     def end(self, ending: Ending, now_ns: HostNs) -> None:
         """Ask for an orderly end: the robot stops first."""

@@ -166,11 +166,10 @@ class Mission:
         """True when nothing is left to do."""
         return self.phase is Phase.DONE
 
-    def holds_for_s(self, now_s: float) -> float | None:
-        """Seconds until a run that lost its device ends by itself; None: it does not hold."""
-        if self.phase is not Phase.HOLDING:
-            return None
-        return max(0.0, LOST_TIMEOUT_S - (now_s - self._since_s))
+    @property
+    def ends_s(self) -> float | None:
+        """When a run that lost its device ends by itself; None: it does not hold."""
+        return self._since_s + LOST_TIMEOUT_S if self.phase is Phase.HOLDING else None
 
     def start(self, runner: Runner, *, clear_stop: bool = False) -> None:
         """Give a run that only watched something to do; begins with the next status."""

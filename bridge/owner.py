@@ -166,7 +166,7 @@ class OwnerService:
 
     def snapshot(self) -> dict[str, Any]:
         """What is known of the robot now."""
-        return snapshot(self._host, clock.now() / 1e9)
+        return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
     def answer(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
         """Do what a request asks for.

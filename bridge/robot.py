@@ -45,7 +45,7 @@ from bridge.record.sink import NullSink
 from bridge.refusals import cannot_move
 from bridge.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
 from bridge.session_events import State
-from bridge.snapshot import snapshot
+from bridge.snapshot import MissionSnapshot, StateSnapshot, snapshot
 from protocol.authentication import KEY_SIZE, key_words
 from protocol.messages import Encoders, Imu, Power, Range, SetKey, Status
 from protocol.values import StopCause
@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 
     from bridge.parameters import Parameter
     from bridge.record.sink import Sink
-    from bridge.robot_state import RobotState
     from bridge.telemetry import EventRecord
 
 __all__ = ["LET_GO_S", "Latest", "ManualDrive", "Robot"]
@@ -144,8 +143,10 @@ class Robot:
             self._owner = OwnerSocket(self._name, OwnerService(self.host, self._pump))
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
         self._thread.start()
-        if not self._until(lambda: self.host.session.state is State.READY, self._timeout_s):
-            ending = self._mission.ending
+        if not self._until(
+            lambda: self._pump.snapshot.session.state is State.READY, self._timeout_s
+        ):
+            ending = self._seen.ending
             self._end(Ending("stopped", "no agreement", 0))
             text = ending.reason if ending else f"no agreement within {self._timeout_s:g} s"
             kind = DisagreementError if ending and ending.exit_status == 4 else NoDeviceError  # noqa: PLR2004 - the contract's status
@@ -163,22 +164,27 @@ class Robot:
     @property
     def pose(self) -> Pose2:
         """Estimated pose, from where the robot stood as it was opened."""
-        return self.host.estimator.pose
+        return self._pump.snapshot.estimator.pose
 
     @property
-    def state(self) -> RobotState:
+    def state(self) -> StateSnapshot:
         """The newest of everything that the device told in this session, with its ages."""
-        return self.host.state
+        return self._pump.snapshot.state
 
     @property
     def session(self) -> State:
         """Where the session stands; commands are answered while it is ``READY``."""
-        return self.host.session.state
+        return self._pump.snapshot.session.state
+
+    @property
+    def _seen(self) -> MissionSnapshot:
+        """Where the run stands."""
+        return self._pump.snapshot.mission
 
     @property
     def enabled(self) -> bool:
         """True while :meth:`drive` moves the robot; false once the session's loop has ended."""
-        return self._mission.phase is Phase.DRIVING and self._thread.is_alive()
+        return self._seen.phase is Phase.DRIVING and self._thread.is_alive()
 
     def events(self) -> list[EventRecord]:
         """Fetch and forget what happened since the last call: losses, stops, refusals, faults."""
@@ -186,7 +192,7 @@ class Robot:
 
     def snapshot(self) -> dict[str, Any]:
         """What is known of the robot now, for JSON."""
-        return snapshot(self.host, clock.now() / 1e9)
+        return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
     def wait_for_status(self, timeout_s: float = STATUS_TIMEOUT_S) -> Status:
         """The device's newest status, waited for where none has come yet.
@@ -195,8 +201,8 @@ class Robot:
             DeviceLostError: none came.
 
         """
-        self._until(lambda: self.host.state.status is not None, timeout_s)
-        status = self.host.state.status
+        self._until(lambda: self._pump.snapshot.state.status is not None, timeout_s)
+        status = self._pump.snapshot.state.status
         if status is None:
             raise DeviceLostError("the device does not tell its status")
         return status
@@ -208,8 +214,8 @@ class Robot:
             StoppedForSafetyError: it is too slow, or too few pings are answered.
 
         """
-        if not self._until(lambda: self._mission.link is None, timeout_s):
-            link = self._mission.link
+        if not self._until(lambda: self._seen.link is None, timeout_s):
+            link = self._seen.link
             raise StoppedForSafetyError("the link was lost" if link is None else link.text)
 
     # ---- motion ---------------------------------------------------------------------------
@@ -230,9 +236,9 @@ class Robot:
         """
         self._reopen()
         self._in_loop(lambda: self._mission.start(self._drive, clear_stop=clear_stop))
-        self._until(lambda: self.enabled or self._mission.ending is not None, ENABLE_TIMEOUT_S)
+        self._until(lambda: self.enabled or self._seen.ending is not None, ENABLE_TIMEOUT_S)
         if not self.enabled:
-            raise cannot_move(self._mission.ending)
+            raise cannot_move(self._seen.ending)
 
     def drive(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
         """Set the velocity; repeat it at least twice a second.
@@ -246,7 +252,7 @@ class Robot:
 
         """
         if not self.enabled:
-            raise cannot_move(self._mission.ending)
+            raise cannot_move(self._seen.ending)
         if clock.now() - self._pump.turn_ns > HUNG_NS:
             raise DeviceLostError(f"{self._name}: the session's loop hangs")
         if not (math.isfinite(v_m_s) and math.isfinite(yaw_rate_rad_s)):
@@ -261,7 +267,7 @@ class Robot:
     def _reopen(self) -> None:
         """A stop has ended the session: begin another where the robot stands."""
         if self._closed:
-            raise cannot_move(self._mission.ending)
+            raise cannot_move(self._seen.ending)
         if not self._thread.is_alive():
             self._begin(self.pose)
 
@@ -290,7 +296,7 @@ class Robot:
             self._stop_without_session()
 
     def _stop_without_session(self) -> None:
-        stop_device(self._name, self._open, self.host.session.node)
+        stop_device(self._name, self._open, self._pump.snapshot.session.node)
 
     def clear_stop(self) -> StopCause:
         """Release the latched stop, for a person who looked; gives its cause.
@@ -392,7 +398,8 @@ class Robot:
         self._key = key
         session = self.host.session
         self._in_loop(lambda: session.set_key(key, clock.now()))
-        if key is not None and not self._until(lambda: session.signs, STATUS_TIMEOUT_S):
+        signs = lambda: self._pump.snapshot.session.signs  # noqa: E731 - asked below, again and again
+        if key is not None and not self._until(signs, STATUS_TIMEOUT_S):
             raise DeviceLostError("the device did not answer with its challenge")
 
     # ---- the end --------------------------------------------------------------------------

@@ -113,7 +113,7 @@ class OwnPlanner:
     @property
     def latest(self) -> PlannerState | None:
         """What the planner last told; None before the first of this session."""
-        return self._robot.host.state.planner
+        return self._robot.state.planner
 
     def start(self, planner: str = "recovery") -> None:
         """Start one by name: it rests 2.5 s, and the robot moves.

@@ -40,7 +40,7 @@ def compared(pump: Pump, model: RobotModel, *, from_file: bool) -> Iterator[None
     over = threading.Event()
 
     def look() -> None:
-        while pump.host.session.state is not State.READY:
+        while pump.snapshot.session.state is not State.READY:
             if over.wait(_POLL_S):
                 return
         with contextlib.suppress(BridgeError):
@@ -66,10 +66,10 @@ def start_checked(pump: Pump, model: RobotModel, plan: FloorPlan | None) -> Iter
     def look(plan: FloorPlan) -> None:
         readings: list[tuple[float | None, float | None, float | None]] = []
         while len(readings) < _READINGS:
-            if over.wait(_READING_S) or pump.host.mission.phase is Phase.DRIVING:
+            if over.wait(_READING_S) or pump.snapshot.mission.phase is Phase.DRIVING:
                 return
-            seen = pump.host.state.range
-            if pump.host.session.state is State.READY and seen is not None:
+            seen = pump.snapshot.state.range
+            if pump.snapshot.session.state is State.READY and seen is not None:
                 readings.append((seen.ultrasonic_m, seen.infrared_left_m, seen.infrared_right_m))
         found = contradictions(plan, model, plan.start, readings)
         if found:

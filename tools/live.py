@@ -15,9 +15,11 @@ from rich.console import Group
 from rich.layout import Layout
 from rich.live import Live
 from rich.panel import Panel
+from rich.segment import Segments
 from rich.text import Text
 
 from bridge.io import clock
+from bridge.io.pump import described
 from bridge.session_events import State
 from bridge.telemetry import EventRecord, LogRecord, Severity
 from tools.console import drop_queued, err, say
@@ -38,8 +40,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console, ConsoleOptions, RenderResult
 
-    from bridge.host import Host
     from bridge.record.sink import Sink
+    from bridge.snapshot import Snapshot
     from bridge.telemetry import Record
     from tools.operating import Operating
 
@@ -108,21 +110,21 @@ def _ends_run(event: EventRecord) -> bool:
 
 
 class LivePicture:
-    """Draws a host three times a second, from its own thread."""
+    """Draws a robot and its run three times a second, from its own thread."""
 
     def __init__(
         self,
-        host: Host,
+        look: Callable[[], Snapshot],
         teller: Teller,
         operating: Operating | None = None,
         facts: RunFacts | None = None,
     ) -> None:
-        """Draws nothing before :meth:`start`."""
-        self._host = host
+        """Draws nothing before :meth:`start`; ``look`` gives what is known of the robot now."""
+        self._look = look
         self._facts = facts or RunFacts()
         self._teller = teller
         self._operating = operating
-        self._rates = Rates(host)
+        self._rates = Rates(look)
         self._trail: deque[tuple[float, float]] = deque(maxlen=2000)
         self._live = Live(self, console=err(), refresh_per_second=3, screen=True)
 
@@ -139,12 +141,18 @@ class LivePicture:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """What is drawn now."""
         width, height = options.max_width, options.height or console.height
-        self._rates.look(clock.now())
-        yield self.layout(width, height)
+        try:
+            self._rates.look(clock.now())
+            # Drawn here, not by whom it is given to, whose thread an exception would end.
+            drawn = list(console.render(self.layout(width, height), options))
+        except Exception as error:  # noqa: BLE001 - the thread that draws must go on
+            yield Text(f"this picture cannot be drawn: {one_line(described(error))}", "red")
+        else:
+            yield Segments(drawn)
 
     def layout(self, width: int, height: int, now_ns: int | None = None) -> Layout:
         """Everything, in so many columns and rows, at a time of the host (now)."""
-        host = self._host
+        host = self._look()
         pose = host.estimator.pose
         if not self._trail or math.dist(self._trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
             self._trail.append((pose.x_m, pose.y_m))
@@ -158,7 +166,7 @@ class LivePicture:
         wide = width >= _NARROW
         columns = Layout()
         if wide and body >= _LOW:
-            self._three(columns, width, body, now_ns / 1e9)
+            self._three(host, columns, width, body, now_ns / 1e9)
         else:
             table = Panel(
                 compact_table(host, self._rates, now_ns / 1e9), title="robot", title_align="left"
@@ -167,7 +175,9 @@ class LivePicture:
             if map_width < _LEAST_MAP:
                 columns.update(table)
             else:
-                columns.split_row(Layout(table, size=_TABLE), Layout(self._map(map_width, body)))
+                columns.split_row(
+                    Layout(table, size=_TABLE), Layout(self._map(host, map_width, body))
+                )
         page = Layout()
         happened = Layout(Panel(self._events(events - 2), title="events", title_align="left"))
         page.split_column(
@@ -178,20 +188,19 @@ class LivePicture:
         )
         return page
 
-    def _map(self, width: int, height: int) -> Panel:
+    def _map(self, host: Snapshot, width: int, height: int) -> Panel:
         """The map in a frame that has its legend."""
         plan, inside = self._facts.plan, width - 4
         shown = legend(plan, inside - 2)
         below = shown if len(shown) > 1 else []
         rows = max(1, height - 2 - len(below))
-        picture = swept_picture(self._host, inside, max(2, 2 * rows), self._trail, plan)
+        picture = swept_picture(host, inside, max(2, 2 * rows), self._trail, plan)
         subtitle = None if below else shown[0]
         content = Group(picture, *below) if rows >= _LEAST_ROWS else picture
         return Panel(content, title="map", title_align="left", subtitle=subtitle)
 
-    def _three(self, columns: Layout, width: int, body: int, now_s: float) -> None:
+    def _three(self, host: Snapshot, columns: Layout, width: int, body: int, now_s: float) -> None:
         """Two columns of tables with the map between them."""
-        host = self._host
         map_width = max(20, width - 2 * _COLUMN)
         left = Group(
             Panel(state_table(host, now_s), title="robot", title_align="left"),
@@ -203,7 +212,7 @@ class LivePicture:
         )
         columns.split_row(
             Layout(left, size=_COLUMN),
-            Layout(self._map(map_width, body)),
+            Layout(self._map(host, map_width, body)),
             Layout(right, size=_COLUMN),
         )
 

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.coverage.floorplan import FloorPlan
-    from bridge.host import Host
+    from bridge.snapshot import Snapshot
 
 _MARGIN_M, _FINEST_M = 0.1, 0.02
 _ARROWS = "→↗↑↖←↙↓↘"
 
 
 def swept_picture(
-    host: Host,
+    host: Snapshot,
     columns: int = 56,
     rows: int = 40,
     trail: Iterable[tuple[float, float]] = (),
@@ -58,7 +58,7 @@ def swept_picture(
     return _half_blocks(cells, (int(robot[1]), int(robot[0])), pose.theta_rad)
 
 
-def _swept(host: Host) -> NDArray[np.float64]:
+def _swept(host: Snapshot) -> NDArray[np.float64]:
     """Centres of the swept cells, x and y, metres."""
     grid = host.swept.to_occupancy()
     marked = np.argwhere(grid.cells == 0)[:, ::-1]

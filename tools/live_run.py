@@ -186,7 +186,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
                 _owner(asked, pump, opened),
                 compared(pump, asked.model, from_file=asked.robot_file),
                 start_checked(pump, asked.model, asked.plan),
-                _picture(host, teller, operating, _facts(asked, page, way)),
+                _picture(pump, teller, operating, _facts(asked, page, way)),
             ):
                 gc.freeze()  # what start-up left is not walked through again while driving
                 pump.run()
@@ -194,7 +194,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
             recorder.close(summary)
     finally:
         recorder.close()
-        if host.hello is None:
+        if host.hello is None and pump.crash is None:
             _discard(asked.log)
     return _result(host, asked, recorder, summary)
 
@@ -327,8 +327,7 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
 
     def interrupted(number: int, _frame: object) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
-        if not pump.host.mission.done:  # else its port is closed, and there is nothing to wake
-            pump.request_end(Ending("stopped", f"ended by {name}", 0))
+        pump.request_end(Ending("stopped", f"ended by {name}", 0))
 
     numbers = [signal.SIGINT, signal.SIGTERM]
     if sys.platform != "win32":
@@ -381,14 +380,18 @@ def _facts(asked: LiveOptions, page: str, way: array[float]) -> RunFacts:
 
 
 @contextlib.contextmanager
-def _picture(host: Host, teller: Teller, operating: Operating, facts: RunFacts) -> Iterator[None]:
+def _picture(pump: Pump, teller: Teller, operating: Operating, facts: RunFacts) -> Iterator[None]:
+    host = pump.host
     if not is_drawable():
-        teller.status = lambda: status_line(host)
+        # In the loop's thread, which makes the records.
+        teller.status = lambda: status_line(host.snapshot())
         if Keyboard.possible():
             say(operating.help(_ANY_WIDTH))
         yield
         return
-    picture = LivePicture(host, teller, operating if Keyboard.possible() else None, facts)
+    picture = LivePicture(
+        lambda: pump.snapshot, teller, operating if Keyboard.possible() else None, facts
+    )
     picture.start()
     try:
         yield

@@ -15,7 +15,9 @@ from protocol.messages import Encoders, Imu, Power, Range, Status
 from protocol.values import Contact, Fault, Mode, PlannerPhase, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
-    from bridge.host import Host
+    from collections.abc import Callable
+
+    from bridge.snapshot import Snapshot
     from protocol.message import Message
 
 _RATE_NS = 1_000_000_000
@@ -31,9 +33,9 @@ _RATES_SHOWN = ("imu", "encoders", "range", "status", "power", "planner_state")
 class Rates:
     """Messages a second of each type, from the link's own counts."""
 
-    def __init__(self, host: Host) -> None:
-        """Know none yet."""
-        self._host = host
+    def __init__(self, look: Callable[[], Snapshot]) -> None:
+        """Know none yet; ``look`` gives what is known of the robot now."""
+        self._look = look
         self._at_ns = 0
         self._counts: dict[int, int] = {}
         self._bytes = (0, 0)
@@ -46,7 +48,7 @@ class Rates:
         since_s = (now_ns - self._at_ns) / 1e9
         if since_s * 1e9 < _RATE_NS:
             return
-        statistics = self._host.session.link.statistics
+        statistics = self._look().session.link.statistics
         counts = dict(statistics.by_type)
         total = statistics.bytes_in, statistics.bytes_out
         if self._at_ns:
@@ -76,7 +78,7 @@ def _rows(rows: _Rows) -> Table:
     return table
 
 
-def _session(host: Host, now_s: float) -> Text:
+def _session(host: Snapshot, now_s: float) -> Text:
     """State of session and run; while the device is lost, the time until the run ends."""
     state, mission = host.session.state, host.mission
     left_s = mission.holds_for_s(now_s)
@@ -87,7 +89,7 @@ def _session(host: Host, now_s: float) -> Text:
     return Text(f"{state.value}, run ends in {left_s:.0f} s", "bold red")
 
 
-def _speed(host: Host, now_s: float) -> str | None:
+def _speed(host: Snapshot, now_s: float) -> str | None:
     """Speed and yaw rate while the encoders are heard: the estimate keeps its last speed."""
     at_s = host.state.arrived_s.get(Encoders)
     if host.session.state is not State.READY or at_s is None or now_s - at_s > _FROZEN_S:
@@ -96,7 +98,7 @@ def _speed(host: Host, now_s: float) -> str | None:
     return f"{host.estimator.v_m_s:+.2f} m/s {degrees_s:+.0f}°/s"
 
 
-def _aged(host: Host, kind: type[Message], now_s: float) -> bool:
+def _aged(host: Snapshot, kind: type[Message], now_s: float) -> bool:
     """Whether the newest message of a kind is too old to be the present."""
     at_s = host.state.arrived_s.get(kind)
     return at_s is None or now_s - at_s > _AGED_S
@@ -113,7 +115,7 @@ def _shown(rows: list[tuple[str, str | Text | None]], *, dim: bool = False) -> _
     return found
 
 
-def _pose(host: Host, digits: int) -> Text:
+def _pose(host: Snapshot, digits: int) -> Text:
     """The estimated pose, dimmed where the device is not heard."""
     pose = host.estimator.pose
     text = Text(
@@ -124,7 +126,7 @@ def _pose(host: Host, digits: int) -> Text:
     return text
 
 
-def _status_rows(host: Host, now_s: float, *, load: bool = False) -> _Rows:
+def _status_rows(host: Snapshot, now_s: float, *, load: bool = False) -> _Rows:
     """Mode, stop and faults."""
     status = host.state.status
     if status is None:
@@ -143,7 +145,7 @@ def _status_rows(host: Host, now_s: float, *, load: bool = False) -> _Rows:
     )
 
 
-def state_table(host: Host, now_s: float) -> Table:
+def state_table(host: Snapshot, now_s: float) -> Table:
     """Session, run, mode, stop, faults, pose and battery."""
     hello, power = host.hello, host.state.power
     rows: _Rows = [("session", _session(host, now_s))]
@@ -158,7 +160,7 @@ def state_table(host: Host, now_s: float) -> Table:
     return _rows(rows)
 
 
-def status_line(host: Host, now_s: float | None = None) -> str:
+def status_line(host: Snapshot, now_s: float | None = None) -> str:
     """What matters most in one line, for a reader without a picture."""
     now_s = clock.now() / 1e9 if now_s is None else now_s
     state, pose = host.state, host.estimator.pose
@@ -181,7 +183,7 @@ def status_line(host: Host, now_s: float | None = None) -> str:
     return "; ".join(parts)
 
 
-def compact_table(host: Host, rates: Rates, now_s: float) -> Table:
+def compact_table(host: Snapshot, rates: Rates, now_s: float) -> Table:
     """What matters most, for a small terminal."""
     state, mission = host.state, host.mission
     power, ranges, imu = state.power, state.range, state.imu
@@ -220,7 +222,7 @@ def _bar(share: float, width: int) -> str:
     return "█" * full + "░" * (width - full)
 
 
-def sensor_table(host: Host, now_s: float) -> Table:
+def sensor_table(host: Snapshot, now_s: float) -> Table:
     """Ranges, contacts, inertial sensor, encoders and currents."""
     state, model = host.state, host.model
     ranges, imu, encoders, power = state.range, state.imu, state.encoders, state.power
@@ -256,7 +258,7 @@ def _range(value: float | None, most_m: float) -> Text:
     return Text.assemble(f"{value:.3f} m ", (_bar(value / most_m, 12), "cyan"))
 
 
-def planner_table(host: Host, planner: str = "") -> Table:
+def planner_table(host: Snapshot, planner: str = "") -> Table:
     """What drives: the state of the plan, and of the paper's planner the paper's variables."""
     runner, device = host.mission.runner, host.state.planner
     if runner is None and device is None:
@@ -283,7 +285,7 @@ def planner_table(host: Host, planner: str = "") -> Table:
     return _rows(rows)
 
 
-def wire_table(host: Host, rates: Rates) -> Table:
+def wire_table(host: Snapshot, rates: Rates) -> Table:
     """Rates, losses and the clock."""
     wire, sync = host.session.link.statistics, host.sync
     shown = [

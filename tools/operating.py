@@ -77,8 +77,8 @@ class Operating:
     @property
     def note(self) -> str:
         """What the newest key came to; before that, what the run waits for."""
-        watch = self._host.watch
-        if self._host.mission.asking or (watch is not None and watch.supervisor.holding):
+        seen = self._pump.snapshot
+        if seen.mission.asking or seen.holding:
             return "the run waits for you: look, then r lets it go on"
         return self.message
 
@@ -106,16 +106,14 @@ class Operating:
         """Let go and say so: the gamepad was unplugged. Keys may drive on."""
         self.dead_man.let_go()
         self.message = f"the gamepad {path} is gone: the robot stands; keys still drive"
-        if not self._host.mission.done:
-            self._pump.call(lambda: self._tell_gone(path))
+        self._pump.call(lambda: self._tell_gone(path))
 
     def _tell_gone(self, path: str) -> None:
         text = f"the gamepad {path} is gone: the robot was stopped"
         self._host.event(clock.now(), Severity.WARNING, "operator", "gamepad_gone", text)
 
     def _end(self, ending: Ending) -> None:
-        if not self._host.mission.done:  # else its port is closed, and there is nothing to wake
-            self._pump.request_end(ending)
+        self._pump.request_end(ending)
 
     def _direct(self, name: str, time_s: float) -> None:
         if self.operator.hand is Hand.MANUAL:
@@ -174,7 +172,7 @@ class Operating:
         mission = self._host.mission
         if isinstance(mission, OnboardMission):
             self.message = "the device plans for itself: p holds it, space stops it"
-        elif mission.runner is self.operator:
+        elif self._pump.snapshot.mission.runner is not None:
             if key == "g" and not self.operator.has_plan:
                 self.message = "there is no plan here: sweepctl connect has one"
                 return
@@ -182,7 +180,7 @@ class Operating:
                 return
             then()
             self.message = _SAID[self.operator.hand]
-        elif mission.phase is not Phase.WAITING:
+        elif self._pump.snapshot.mission.phase is not Phase.WAITING:
             self.message = "the run cannot begin now"
         elif self._refused() is None and self._twice(key, f"{key} again lets {what} begin"):
             then()
@@ -193,7 +191,7 @@ class Operating:
 
     def _refused(self) -> str | None:
         """What stands against a start, said; None: nothing."""
-        status = self._host.state.status
+        status = self._pump.snapshot.state.status
         if status is None:
             self.message = "no status from the device yet"
         elif status.stop_cause not in _ORDERLY and not self._clear_stop:
@@ -217,7 +215,7 @@ class Operating:
             self.message = _SAID[self.operator.hand]
 
     def _pause_onboard(self, mission: OnboardMission) -> None:
-        state = self._host.state.planner
+        state = self._pump.snapshot.state.planner
         paused = state is not None and state.phase == PlannerPhase.PAUSED
         action = PlannerAction.RESUME if paused else PlannerAction.PAUSE
         fields = (int(action), int(mission.planner))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from bridge.errors import BridgeError, DeviceLostError, PortError
 from bridge.io import clock
 from bridge.io.stopping import send_until_confirmed
-from bridge.mission import Ending
+from bridge.mission import Ending, Phase
 from bridge.stop_request import StopRequest
 from bridge.telemetry import Severity
 from protocol.clock import HostNs
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from bridge.host import Host
     from bridge.io.ports import BytePort
+    from bridge.snapshot import Snapshot
 
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 _IDLE_S = 0.25
@@ -32,6 +33,9 @@ STUCK_NS = 50_000_000
 CRASH_STOP_NS = 1_000_000_000
 """How long a loop that has failed repeats its stop, nanoseconds: as long as an orderly end
 waits for the device's confirmation."""
+LOOK_PERIOD_NS = 2_000_000
+"""Shortest time between two snapshots for other threads, ns: each takes the loop some 10 µs, and a
+line at 3 Mbaud wakes it a thousand times a second."""
 R = TypeVar("R")
 
 
@@ -63,6 +67,9 @@ class Pump:
         """The exception that has ended the loop; None: it ended in order, or runs."""
         self.result: Result | None = None
         """How the loop ended; None: it has not begun, or runs."""
+        self.snapshot = host.snapshot()
+        """What is known of the robot and its run, made in the loop; for any thread to read."""
+        self._looked_ns = 0
         self.turn_ns = clock.now()
         """When the loop's newest turn began; old where the loop hangs."""
         self._over = threading.Event()
@@ -136,11 +143,19 @@ class Pump:
                 port.close()
         mission = self.host.mission
         ending = mission.ending or Ending("fault", "the run ended without a reason", 1)
+        self.snapshot = self._last_snapshot(ending)
         self.result = Result(ending, mission.confirmed)
         self._over.set()
         self._refuse_calls()
         with suppress(Exception):  # whoever still waits for an answer learns that none comes
             self.host.dialogue.lost()
+
+    def _last_snapshot(self, ending: Ending) -> Snapshot:
+        """The end, beside what was known last where the host can no longer tell it."""
+        seen = self.snapshot
+        with suppress(Exception):  # of a host that has failed, any part may
+            seen = self.host.snapshot()
+        return seen._replace(mission=seen.mission._replace(phase=Phase.DONE, ending=ending))
 
     def _wake(self) -> None:
         port = self._port
@@ -177,6 +192,9 @@ class Pump:
             host.end(Ending("stopped", "the time asked for is over", 0), now_ns)
         host.poll(now_ns)
         self._write(now_ns)
+        if now_ns >= self._looked_ns + LOOK_PERIOD_NS or host.mission.done:
+            self._looked_ns = now_ns
+            self.snapshot = host.snapshot(now_ns)
 
     def _answer(self, action: Callable[[], Any], answer: Future[Any], now_ns: HostNs) -> None:
         if not answer.set_running_or_notify_cancel():

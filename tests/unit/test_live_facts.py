@@ -71,7 +71,7 @@ def test_port_time_coverage_log_and_viewer_are_shown_whole(width: int, height: i
     coverage = LiveCoverage(sweeper.plan, MODEL, poses)
     began_ns = now_ns(sweeper) - 3_723 * 10**9
     facts = RunFacts("/dev/ttyUSB0", LOG, PAGE, "paper", sweeper.plan, coverage, began_ns)
-    picture = LivePicture(sweeper.host, Teller(NullSink(), plain=False), facts=facts)
+    picture = LivePicture(sweeper.host.snapshot, Teller(NullSink(), plain=False), facts=facts)
     text = drawn(picture, width, height, now_ns(sweeper))
     share = 100.0 * coverage.share(now_ns(sweeper) / 1e9)
     assert share > 1.0
@@ -94,7 +94,7 @@ def test_live_coverage_is_the_runs_figure() -> None:
 def test_a_lost_robot_shows_a_countdown_and_no_speed(
     lost: SimulatedSweeper, width: int, height: int
 ) -> None:
-    picture = LivePicture(lost.host, Teller(NullSink(), plain=False))
+    picture = LivePicture(lost.host.snapshot, Teller(NullSink(), plain=False))
     text = drawn(picture, width, height, now_ns(lost))
     assert "lost, run ends in 26 s" in text
     assert "m/s" not in text, "an estimate without encoders is no speed"
@@ -104,15 +104,15 @@ def test_a_lost_robot_shows_a_countdown_and_no_speed(
 
 
 def test_the_plain_line_of_a_lost_robot_has_no_speed_either(lost: SimulatedSweeper) -> None:
-    line = status_line(lost.host, now_ns(lost) / 1e9)
+    line = status_line(lost.host.snapshot(), now_ns(lost) / 1e9)
     assert "run ends in 26 s" in line
     assert "m/s" not in line
 
 
 def test_a_silent_encoder_leaves_no_frozen_speed() -> None:
     sweeper = SimulatedSweeper(Settings(noise="none"))
-    assert "speed +0.00 m/s" in status_line(sweeper.host, now_ns(sweeper) / 1e9)
-    assert "speed -" in status_line(sweeper.host, now_ns(sweeper) / 1e9 + 0.7)
+    assert "speed +0.00 m/s" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9)
+    assert "speed -" in status_line(sweeper.host.snapshot(), now_ns(sweeper) / 1e9 + 0.7)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_the_papers_variables_are_for_its_planner_alone(
     sweeper = SimulatedSweeper(Settings(noise="none"))
     made = make_planner(planner, MODEL, random.Random(0))
     sweeper.host.mission.start(PlanRunner(made, MODEL))
-    table = planner_table(sweeper.host, planner)
+    table = planner_table(sweeper.host.snapshot(), planner)
     text = " ".join(str(cell) for column in table.columns for cell in column.cells)
     assert planner in text
     assert shown in text
@@ -134,11 +134,11 @@ def test_the_papers_variables_are_for_its_planner_alone(
 
 def test_the_map_has_the_outline_of_the_room() -> None:
     sweeper = SimulatedSweeper(Settings(noise="none"))
-    picture = swept_picture(sweeper.host, 60, 60, (), ROOM)
+    picture = swept_picture(sweeper.host.snapshot(), 60, 60, (), ROOM)
     styles = {str(span.style) for span in picture.spans}
     for colour in ("white", "red", "magenta", "yellow"):
         assert any(colour in style for style in styles), colour
-    bare = swept_picture(sweeper.host, 60, 60)
+    bare = swept_picture(sweeper.host.snapshot(), 60, 60)
     assert not any("white" in str(span.style) for span in bare.spans)
 
 

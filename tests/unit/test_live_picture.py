@@ -58,7 +58,7 @@ def drawn(picture: LivePicture, width: int, height: int) -> list[str]:
 def test_what_matters_is_there_at_every_size(width: int, height: int) -> None:
     teller = Teller(NullSink(), plain=False)
     teller.write(EventRecord(0, Severity.WARNING, "device", "fault", "battery_low", {}))
-    lines = drawn(LivePicture(host(), teller), width, height)
+    lines = drawn(LivePicture(host().snapshot, teller), width, height)
     assert len(lines) <= height
     assert max(map(len, lines)) <= width
     text = "\n".join(lines)
@@ -77,11 +77,14 @@ def test_the_keys_stay_in_the_lowest_window(width: int, height: int) -> None:
 
     class Loop:
         host = found
+        snapshot = found.snapshot()
 
     operator = Operator(MODEL, DeadMan(0.3, 0.15))
     operating = Operating(Loop(), operator, go_on=lambda: None)  # type: ignore[arg-type]  # all of a pump that it asks
     operating.message = "mark 1 is on record"
-    lines = drawn(LivePicture(found, Teller(NullSink(), plain=False), operating), width, height)
+    lines = drawn(
+        LivePicture(found.snapshot, Teller(NullSink(), plain=False), operating), width, height
+    )
     assert len(lines) == height
     assert max(map(len, lines)) <= width
     assert "session  closed" in lines[1]
@@ -93,7 +96,7 @@ def test_the_map_shows_where_it_swept_and_where_it_looks() -> None:
     facing_up.swept = SweptMap(MODEL)
     for i in range(100):
         facing_up.swept.update(Pose2(0.01 * i, 0.0, 0.0))
-    picture = swept_picture(facing_up, 40, 20).plain
+    picture = swept_picture(facing_up.snapshot(), 40, 20).plain
     rows = picture.splitlines()
     assert sum(row.count("↑") for row in rows) == 1
     assert sum(row.count("█") + row.count("▀") + row.count("▄") for row in rows) > 20
@@ -104,14 +107,14 @@ def test_the_map_shows_where_it_swept_and_where_it_looks() -> None:
 
 def test_a_trail_is_drawn_where_nothing_is_swept() -> None:
     way = [(0.0, 0.05 * i) for i in range(40)]
-    rows = swept_picture(host(pose=Pose2(0.0, 2.0, 0.0)), 30, 20, way).plain.splitlines()
+    rows = swept_picture(host(pose=Pose2(0.0, 2.0, 0.0)).snapshot(), 30, 20, way).plain.splitlines()
     assert "→" in rows[0] + rows[1], "north is up, and there it ended"
     assert sum(any(c in r for c in "█▀▄") for r in rows) >= 8
 
 
 def test_rates_are_differences_of_counts() -> None:
     someone = host()
-    rates, statistics = Rates(someone), someone.session.link.statistics
+    rates, statistics = Rates(someone.snapshot), someone.session.link.statistics
     rates.look(10_000_000_000)
     statistics.by_type.update({0x12: 200, 0x14: 40})
     statistics.bytes_in = 5000
@@ -139,7 +142,7 @@ def test_plain_lines_tell_the_state_of_the_run_every_few_seconds(
 ) -> None:
     err.cache_clear()
     teller = Teller(NullSink(), plain=True)
-    teller.status = lambda: status_line(host())
+    teller.status = lambda: status_line(host().snapshot())
     record = EventRecord(0, Severity.DEBUG, "link", "nothing", "nobody reads this", {})
     for tenth in range(121):
         teller.write(record._replace(log_ns=tenth * 100_000_000))
@@ -157,7 +160,7 @@ def test_what_a_device_says_cannot_act_on_the_terminal() -> None:
     out = io.StringIO()
     console = VisibleConsole()
     console.file = out
-    console.print(LivePicture(host(), teller).layout(140, 42), height=42)
+    console.print(LivePicture(host().snapshot, teller).layout(140, 42), height=42)
     assert all(c == "\n" or is_visible(c) for c in out.getvalue())
     assert "\\x1b]52;c;aGk=\\x07\\x9b2J\\u202e\\u200b\\n[bold]end" in out.getvalue()
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from bridge.motion.legs import LegResult
     from bridge.motion.observation import Observation
+    from bridge.snapshot import Snapshot
     from bridge.telemetry import Record
 
 MODEL = RobotModel()
@@ -68,6 +69,10 @@ class Loop:
     def __init__(self, host: Host) -> None:
         self.host = host
         self.endings: list[Ending] = []
+
+    @property
+    def snapshot(self) -> Snapshot:
+        return self.host.snapshot()
 
     def call(self, action: Callable[[], None]) -> None:
         action()
