@@ -24,6 +24,7 @@ from bridge.session_events import (
     Data,
     Failed,
     Ping,
+    Restless,
     SessionEvent,
     State,
     StateChanged,
@@ -301,6 +302,8 @@ class Host(HostSenses):
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
                 self.mission.on_failed(event.text, status, now_ns / 1e9)
+            case Restless():
+                self.event(now_ns, Severity.WARNING, "session", "restless", event.text)
             case DamagedFrame():
                 self._records.damaged(event, now_ns)
             case Rejected():

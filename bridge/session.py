@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.round_trip import RoundTrip
 from bridge.session_bus import LISTEN_NS
 from bridge.session_events import (
+    RESTLESS,
     CommandEnded,
     Data,
     Ping,
@@ -115,6 +116,7 @@ class Session(SessionHandshake):
         self.hello = self._boot_known = self._schema_known = self._open_stop = None
         self._outbox.node = self._wanted_node
         self._evidence = Evidence()
+        self._restless = self._renew = False
         self._answers.clear()
         self._move("open", "opened")
         self.session_id = self._new_session_id()
@@ -191,12 +193,15 @@ class Session(SessionHandshake):
             and self._boot_known is None
             and now_ns - self._opened_ns > AGREE_TIMEOUT_NS
         ):
-            self._fail(
-                "give_up",
-                "deaf",
-                "the device is heard but does not answer; check the wire from this host's TX "
-                "to its RX",
-            )
+            if self._restless:
+                self._fail("give_up", "restless", RESTLESS)
+            else:
+                self._fail(
+                    "give_up",
+                    "deaf",
+                    "the device is heard but does not answer; check the wire from this host's TX "
+                    "to its RX",
+                )
 
     def data_to_send(self) -> bytes:
         """Bytes for the port."""
@@ -237,8 +242,11 @@ class Session(SessionHandshake):
                 self._send_hello(now_ns, agreed=0)
                 self._next_ns = now_ns + HELLO_PERIOD_NS
             case State.AGREEING:
-                self._ask(now_ns)
-                self._next_ns = now_ns + ANSWER_PERIOD_NS
+                if self._greeted:
+                    self._ask(now_ns)
+                    self._next_ns = now_ns + ANSWER_PERIOD_NS
+                else:
+                    self._greet(now_ns)
             case State.READY:
                 self._outbox.ping(now_ns)
                 fast = self._tries < FAST_PINGS

@@ -79,8 +79,21 @@ class Failed:
     """The session cannot go on."""
 
     kind: str
-    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``disagreement``,
-    ``other_device``, ``other_host`` or ``several``."""
+    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``restless``,
+    ``disagreement``, ``other_device``, ``other_host`` or ``several``."""
+    text: str
+
+
+RESTLESS = (
+    "the device begins anew again and again: each hello has another boot id or session; it is "
+    "answered once a second; check its supply and its reset line"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Restless:
+    """The device begins anew so often that it is not answered each time; said once."""
+
     text: str
 
 
@@ -107,4 +120,6 @@ class CommandEnded(NamedTuple):
     outcome: Outcome
 
 
-SessionEvent = StateChanged | Agreed | Failed | Data | Ping | CommandEnded | DamagedFrame | Rejected
+SessionEvent = (
+    StateChanged | Agreed | Failed | Restless | Data | Ping | CommandEnded | DamagedFrame | Rejected
+)

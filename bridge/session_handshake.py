@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING
 
 from bridge.session_agreement import QUESTIONS_AT_ONCE, Agreement
 from bridge.session_bus import Answers
-from bridge.session_events import TRANSITIONS, Agreed, Failed, SessionEvent, State, StateChanged
+from bridge.session_events import (
+    RESTLESS,
+    TRANSITIONS,
+    Agreed,
+    Failed,
+    Restless,
+    SessionEvent,
+    State,
+    StateChanged,
+)
 from bridge.session_key import SessionKey
 from bridge.session_requests import SessionRequests
 from protocol.link import Medium
@@ -25,6 +34,34 @@ if TYPE_CHECKING:
     from protocol.messages import Challenge, DescribeReply, Hello
 
 ANSWER_PERIOD_NS = 100_000_000
+HANDSHAKES_AT_ONCE = 3
+"""Handshakes that may follow each other at once: a device that boots twice as it is plugged in."""
+HANDSHAKE_PERIOD_NS = 1_000_000_000
+"""Period of further handshakes, ns: that of a device's own hellos. A device that answers each of
+our hellos with another boot id would else be answered as often as the link carries it."""
+
+
+class Pace:
+    """Bounds how often something is done: a few times at once, then once a period."""
+
+    def __init__(self, at_once: int, period_ns: int) -> None:
+        """All of ``at_once`` are free."""
+        self._burst_ns = (at_once - 1) * period_ns
+        self._period_ns = period_ns
+        self._used_ns = 0
+        """Until when all of them are free again."""
+
+    def due_ns(self) -> int:
+        """When the next may be done."""
+        return self._used_ns - self._burst_ns
+
+    def rested(self, now_ns: int) -> bool:
+        """Whether all of them are free."""
+        return now_ns >= self._used_ns
+
+    def take(self, now_ns: int) -> None:
+        """Do one."""
+        self._used_ns = max(self._used_ns, now_ns) + self._period_ns
 
 
 class SessionHandshake(SessionRequests):
@@ -51,6 +88,13 @@ class SessionHandshake(SessionRequests):
         self._agreement = Agreement(catalogue, link)
         self._joined = False
         """The device has said that it is in our session."""
+        self._pace = Pace(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
+        self._greeted = False
+        """The device has our hello for this handshake; else that waits for its turn."""
+        self._renew = False
+        """The next handshake begins another session."""
+        self._restless = False
+        """The device begins anew so often that it is not answered each time."""
         self._answers = Answers()
         self._opened_ns = 0
         self._next_ns = 0
@@ -132,12 +176,15 @@ class SessionHandshake(SessionRequests):
                 self._agree(hello, now_ns)
                 return
             self.hello = hello
-            self._joined = self._joined or hello.session_id == self.session_id
+            if self._greeted and hello.session_id == self.session_id:
+                self._joined = True
 
     def _agree(self, hello: Hello, now_ns: HostNs) -> None:
-        """Start agreement with the device that says ``hello``, always in a new session."""
-        if self.hello is not None:
-            self.session_id = self._new_session_id()
+        """Start agreement with the device that says ``hello``, always in a new session.
+
+        Where it begins anew too often, it is answered once a second.
+        """
+        self._renew = self._renew or self.hello is not None
         if self._boot_known is not None and self._boot_known != hello.boot_id:
             self.link.forget_sequence()
         self.hello = hello
@@ -145,13 +192,31 @@ class SessionHandshake(SessionRequests):
         self._key.end()
         self._outbox.forget()
         self._agreement.begin(hello)
+        self._greeted = False
+        self._restless = self._restless and not self._pace.rested(now_ns)
+        due_ns = self._pace.due_ns()
+        if now_ns >= due_ns:
+            self._greet(now_ns)
+            return
+        self._next_ns = due_ns
+        if not self._restless:
+            self._restless = True
+            self._events.append(Restless(RESTLESS))
+
+    def _greet(self, now_ns: HostNs) -> None:
+        """Say hello in a session of its own, and ask the first questions."""
+        self._pace.take(now_ns)
+        self._greeted = True
+        if self._renew:
+            self._renew = False
+            self.session_id = self._new_session_id()
         self._send_hello(now_ns, agreed=0)
         self._ask(now_ns)
         self._next_ns = now_ns + ANSWER_PERIOD_NS
 
     def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
         agreement = self._agreement
-        if self.state is not State.AGREEING or not agreement.answer(reply):
+        if self.state is not State.AGREEING or not self._greeted or not agreement.answer(reply):
             return
         if not agreement.settled:
             # One answer, one new question; what is lost is asked again by the clock.

@@ -216,6 +216,13 @@ def _host_rules() -> Iterator[Rule]:
     )
     yield Rule(
         "host",
+        f"handshakes with a device that begins anew: {session_handshake.HANDSHAKES_AT_ONCE} at "
+        "once, then one every",
+        _ms(session_handshake.HANDSHAKE_PERIOD_NS),
+        "bridge.session_handshake.HANDSHAKE_PERIOD_NS",
+    )
+    yield Rule(
+        "host",
         "questions asked again after",
         _ms(session_handshake.ANSWER_PERIOD_NS),
         "bridge.session_handshake.ANSWER_PERIOD_NS",

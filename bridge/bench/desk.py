@@ -54,7 +54,7 @@ LINK_S = 2.0
 SILENT_NS = 100_000_000
 """Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
 judges a silence, within a second."""
-_DAMAGE_IS_NOISE = frozenset({"silence", "garbage", "echo", "deaf"})
+_DAMAGE_IS_NOISE = frozenset({"silence", "garbage", "echo", "deaf", "restless"})
 M = TypeVar("M", bound="Message")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.host_records import HostRecords
-from bridge.session_events import Agreed, Data, Failed, Ping, StateChanged
+from bridge.session_events import Agreed, Data, Failed, Ping, Restless, StateChanged
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
 from protocol.can_link import CanLink
@@ -79,6 +79,8 @@ class BenchRecords:
                 self._records.damaged(event, now_ns)
             case StateChanged():
                 self._records.event(now_ns, Severity.INFO, "session", event.new.value, event.why)
+            case Restless():
+                self._records.event(now_ns, Severity.WARNING, "session", "restless", event.text)
             case Failed():
                 self._records.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
             case _:
