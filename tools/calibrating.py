@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from tools.paths import is_there
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
@@ -86,7 +88,7 @@ def write_results(
         person.tell("nothing was written")
         return NOWHERE
     if robot is not None:  # what can fail without the device, first
-        text = robot_toml if robot.exists() else ""
+        text = robot_toml if is_there(robot) else ""
         replace_file(robot, edited(text, {c.key: c.new for c in changes}))
         person.tell(f"{robot}: written")
     applied = set_on_device(desk, changes)
@@ -126,7 +128,7 @@ def load_existing(robot: Path | None) -> tuple[Any, str]:
     """
     from bridge.config import load_robot
 
-    if robot is not None and not robot.exists():
+    if robot is not None and not is_there(robot):
         return load_robot(None)[0], ""
     return load_robot(robot)
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tools.paths import is_there
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
@@ -231,6 +233,10 @@ def seed_option(f: Callable[..., object]) -> Callable[..., object]:
     )(f)
 
 
+_NAME_BYTES = 100
+"""Bytes of a room's or port's name in a log's name. With stamp and ending 255 may not be passed."""
+
+
 def log_path(out: Path | None, name: str) -> Path:
     """The log to write; a default one gets its folder.
 
@@ -242,6 +248,7 @@ def log_path(out: Path | None, name: str) -> Path:
         return out
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")  # noqa: TID251 - names a file
     clean = "".join(c if c.isalnum() or c in "-_." else "-" for c in name).strip("-.") or "run"
+    clean = clean.encode()[:_NAME_BYTES].decode(errors="ignore")
     path = Path("runs") / f"{stamp}-{clean}.mcap"
     try:
         path.parent.mkdir(exist_ok=True)
@@ -249,6 +256,6 @@ def log_path(out: Path | None, name: str) -> Path:
         from bridge.record.errors import LogWriteError
 
         raise LogWriteError(path, error.strerror or str(error)) from None
-    while path.exists():  # two runs in one second
+    while is_there(path):  # two runs in one second
         path = path.with_name(f"{stamp}-{clean}-{secrets.token_hex(2)}.mcap")
     return path

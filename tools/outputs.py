@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from typing import TYPE_CHECKING
 
 import click
@@ -47,25 +48,33 @@ def check_outputs(
     Raises:
         click.UsageError: two outputs have one name.
         LogWriteError: an output is one of ``sources``, whatever ``force`` is.
+        LogWriteError: its folder may not be entered, or the path is none.
         LogExistsError: it exists and ``force`` is not set.
 
     """
     from bridge.record.errors import LogExistsError, LogWriteError
 
     given = [path for path in wanted if path is not None]
-    if len({path.resolve() for path in given}) < len(given):
+    whole = [_resolved(path) for path in given]
+    if len(set(whole)) < len(whole):
         raise click.UsageError("give each file to write a name of its own")
-    read = {path.resolve() for path in sources}
-    for path in given:
-        if path.resolve() in read:
+    read = {_resolved(path) for path in sources}
+    for path, resolved in zip(given, whole, strict=True):
+        if resolved in read:
             raise LogWriteError(path, "it is the file to read; give another name")
-        if _is_there(path) and not force:
+        try:
+            is_file = stat.S_ISREG(path.stat().st_mode)
+        except (FileNotFoundError, NotADirectoryError):
+            is_file = False
+        except OSError as error:  # a name too long, a folder that may not be entered
+            raise LogWriteError(path, error.strerror or str(error)) from None
+        if is_file and not force:
             raise LogExistsError(path)
 
 
-def _is_there(path: Path) -> bool:
-    """Whether a file is there; a folder or a name that cannot be is told when it is written."""
+def _resolved(path: Path) -> Path:
+    """Give the whole path; where it cannot be found out, what was given."""
     try:
-        return path.is_file()
-    except OSError:
-        return False
+        return path.resolve()
+    except (OSError, RuntimeError):  # the working directory is gone; links in a circle
+        return path

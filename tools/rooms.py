@@ -6,6 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from bridge.coverage.floorplan import MAX_FILE_BYTES, FloorPlan, FloorPlanError, parse_floorplan
+from tools.paths import is_there
 
 
 def shipped_rooms() -> list[str]:
@@ -24,7 +25,7 @@ def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
 
     """
     path = Path(room)
-    if not path.exists() and room in shipped_rooms():
+    if room in shipped_rooms() and not is_there(path):
         text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
         return parse_floorplan(text, default_name=room, radius_m=radius_m)
     try:
@@ -40,6 +41,8 @@ def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
         raise FloorPlanError(f"cannot read room {room}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise FloorPlanError(f"room {room} is not UTF-8 text") from None
+    except ValueError as error:  # a zero byte in its name
+        raise FloorPlanError(f"cannot read room {room!r}: {error}") from None
     try:
         return parse_floorplan(text, default_name=path.stem, radius_m=radius_m)
     except (ValueError, OverflowError) as error:  # also a number of hundreds of digits

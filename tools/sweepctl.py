@@ -9,6 +9,7 @@ import io
 import os
 import signal
 import sys
+from pathlib import Path
 from typing import Any, TextIO
 
 import click
@@ -113,20 +114,17 @@ def _invoke(arguments: list[str]) -> int:
         if text is None:
             error.show()
             return error.exit_code
-        complain(text)
-        if "--json" in arguments:
-            _print_failure(text, error.exit_code)
-        return error.exit_code
+        return _failed(arguments, text, error.exit_code)
     except (FloorPlanError, BridgeError) as error:
         status = error.exit_status if isinstance(error, BridgeError) else 2
-        complain(str(error))
-        if "--json" in arguments:
-            _print_failure(str(error), status)
-        return status
+        return _failed(arguments, str(error), status)
     except OSError as error:
         if error.filename is None and error.errno in _UNWRITTEN:
             return _unwritten(error)
-        raise
+        text = _unusable(error)
+        if text is None:
+            raise
+        return _failed(arguments, text, 2 if error.errno == errno.ENAMETOOLONG else 1)
     return result if isinstance(result, int) else 0
 
 
@@ -151,9 +149,23 @@ def _usage_text(error: click.ClickException) -> str | None:
     return f"{text} (see {context.command_path} --help)" if context else text
 
 
-def _print_failure(text: str, status: int) -> None:
-    """The one JSON object of a command that could not begin."""
-    write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
+def _unusable(error: OSError) -> str | None:
+    """Say which path cannot be used, or that there is no working directory; None: it is neither."""
+    if isinstance(error.filename, str | bytes):
+        return f"cannot use {os.fsdecode(error.filename)}: {error.strerror}"
+    try:
+        Path.cwd()
+    except OSError as gone:
+        return f"the working directory cannot be used: {gone.strerror}"
+    return None
+
+
+def _failed(arguments: list[str], text: str, status: int) -> int:
+    """Say why a command did not do its work, with --json as its one object too."""
+    complain(text)
+    if "--json" in arguments:
+        write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
+    return status
 
 
 def _nowhere() -> TextIO:

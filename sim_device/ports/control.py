@@ -57,8 +57,8 @@ class ControlServer:
             raise PortUnavailableError("a control socket needs Linux or macOS")
         self.path = path
         self._clients: dict[socket.socket, bytes] = {}
-        self._listener = socket.socket(socket.AF_UNIX)
         with folder_locked(path):
+            self._listener = socket.socket(socket.AF_UNIX)
             try:
                 self._bind()
             except OSError as error:

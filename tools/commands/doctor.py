@@ -9,6 +9,7 @@ import click
 
 from tools import options
 from tools.console import plain_console, say, write_json
+from tools.paths import is_file, is_folder, is_there
 
 if TYPE_CHECKING:
     from bridge.doctor import Examination, Finding
@@ -59,7 +60,7 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     """
     path = Path(target)
     _check(target, path, listen=listen, find_baud=find_baud)
-    if path.is_file():
+    if is_file(path):
         from bridge.doctor.log_visit import examine_log
 
         return _report(target, "log", examine_log(path), as_json=as_json)
@@ -93,16 +94,16 @@ def command(  # noqa: PLR0913 - what a port can be asked for
 
 def _check(target: str, path: Path, *, listen: bool, find_baud: bool) -> None:
     """See that what was asked for goes together."""
-    if path.is_dir():
+    if is_folder(path):
         raise click.UsageError(f"{target} is a folder; give a log, or a port.")
-    if path.is_file() and (listen or find_baud):
+    if is_file(path) and (listen or find_baud):
         option = "--find-baud" if find_baud else "--listen"
         raise click.UsageError(f"{option} is for a port, and {target} is a file.")
     if find_baud and target.startswith("can:"):
         raise click.UsageError(f"--find-baud is for a serial port; for {target} give --bitrate.")
     if find_baud and "://" in target and not target.startswith("rfc2217://"):
         raise click.UsageError(f"--find-baud is for a serial port; {target} has no baud rate.")
-    if path.suffix and not path.exists() and "://" not in target and not target.startswith("can:"):
+    if path.suffix and not is_there(path) and "://" not in target and not target.startswith("can:"):
         from bridge.record.errors import LogReadError
 
         raise LogReadError(path, "there is no such file, and no such port")

@@ -83,4 +83,6 @@ def _one_line(text: str) -> str:
     """The text, which must not smuggle in a second request."""
     if "\n" in text or "\r" in text:
         raise click.UsageError("a fault's text is one line")
+    if any("\ud800" <= c <= "\udfff" for c in text):
+        raise click.UsageError(f"a fault's text is UTF-8: {text!r} is not")
     return text

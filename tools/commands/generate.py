@@ -9,6 +9,7 @@ import click
 
 from protocol.generate import GENERATORS, PER_NODE
 from tools.console import complain, write_line
+from tools.paths import is_there
 
 
 @click.command("generate", epilog="Example:  sweepctl generate c --out firmware/wire")
@@ -45,7 +46,7 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
 
         options["behaviour"] = wire_behaviour()
     files = render(what, node=node or 1, **options)
-    taken = [name for name in files if (out / name).exists()]
+    taken = [name for name in files if is_there(out / name)]
     if taken and not force:
         complain(f"{out / taken[0]} exists; --force replaces it")
         return 2

@@ -8,6 +8,7 @@ import click
 
 from tools import options
 from tools.console import say, write_json
+from tools.paths import is_there
 
 
 @click.command(
@@ -35,10 +36,12 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     from bridge.view.report import default_path, write_report
     from tools.outputs import PAGE, PNG, check_format, check_outputs
 
+    if not file.name:
+        raise click.UsageError("FILE is empty")
     default = default_path(file)
     # Only the picture was asked for by name, and the page is there from before.
-    is_there = out is None and png is not None and default.exists() and not force
-    page = None if is_there else out or default
+    keeps = out is None and png is not None and is_there(default) and not force
+    page = None if keeps else out or default
     check_outputs((page, png), [file], force=force)
     check_format("--out", out, *PAGE)
     check_format("--png", png, *PNG)
@@ -54,6 +57,6 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
         write_json(told)
     else:
         say("wrote " + " and ".join(str(path) for path in (page, png) if path is not None))
-        if is_there:
+        if keeps:
             say(f"{default} was there and is left as it is; --force writes it anew")
     return 0

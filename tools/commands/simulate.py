@@ -116,6 +116,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         extra["faults"] = " ".join(spec.text for spec in fault)
     if planner_options:
         extra["planner_options"] = " ".join(planner_options)
+    settings = supervise_rules(robot, rules) if supervise or rules else None
     path = options.log_path(out, plan.name)
     info = RunInfo(
         "virtual",
@@ -149,7 +150,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                     faults=fault,
                     line=_line(baud, latency_ms),
                     mission=mission,
-                    supervise=supervise_rules(robot, rules) if supervise or rules else None,
+                    supervise=settings,
                 )
             summary = summarise(run, plan, planner, seed, str(path))
             writer.close(summary)
