@@ -7,11 +7,24 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from bridge.remedies import Remedy
+
 
 class BridgeError(Exception):
     """Base of everything that the host raises on purpose."""
 
     exit_status = 1
+    remedy: Remedy | None = None
+    """What the caller can do, where something can be done."""
+
+    @property
+    def bare(self) -> str:
+        """What is wrong, without the remedy: the command line has words of its own for that."""
+        return super().__str__()
+
+    def __str__(self) -> str:
+        """What is wrong, and what a program can do about it."""
+        return self.bare if self.remedy is None else self.bare + self.remedy.value
 
 
 class ConfigError(BridgeError):

@@ -16,6 +16,7 @@ from bridge.host_records import HostRecords
 from bridge.host_senses import HostSenses
 from bridge.mission import Ending, Mission, Phase, Request
 from bridge.motion.observation import HALT
+from bridge.remedies import Remedy
 from bridge.robot_state import STALE_S, missing_needs, understood
 from bridge.session import Session
 from bridge.session_events import (
@@ -301,7 +302,8 @@ class Host(HostSenses):
             case Failed():
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
-                self.mission.on_failed(event.text, status, now_ns / 1e9)
+                remedy = Remedy.NODE if event.kind == "several" else None
+                self.mission.on_failed(event.text, status, now_ns / 1e9, remedy)
             case Restless():
                 self.event(now_ns, Severity.WARNING, "session", "restless", event.text)
             case DamagedFrame():

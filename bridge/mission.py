@@ -11,7 +11,8 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.refusals import refusal
+from bridge.refusals import refusal, refusal_remedy
+from bridge.remedies import Remedy
 from bridge.robot_state import NEEDS
 from bridge.runners import hold, release
 from protocol.messages import ClearStop, SetMode, Status, Stop
@@ -75,6 +76,8 @@ class Ending:
     """What is latched on the device for it."""
     latched: StopCause = StopCause.NONE
     """What the device has latched by itself, where that ended the run."""
+    remedy: Remedy | None = None
+    """What the caller can do, where something can be done."""
 
     @property
     def gravity(self) -> StopCause:
@@ -236,10 +239,12 @@ class Mission:
                 hold(self.runner)
             self._go(Phase.HOLDING, now_s)
 
-    def on_failed(self, text: str, exit_status: int, now_s: float) -> None:
+    def on_failed(
+        self, text: str, exit_status: int, now_s: float, remedy: Remedy | None = None
+    ) -> None:
         """The session cannot go on."""
         if self.ending is None:
-            self.ending = Ending("fault", text, exit_status)
+            self.ending = Ending("fault", text, exit_status, remedy=remedy)
         self._finish(now_s)
 
     def on_status(self, status: Status, now_s: float) -> None:
@@ -274,6 +279,7 @@ class Mission:
                 text = f"the device refused {what}: {refusal(outcome.reason)}"
                 stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}
                 ending = Ending("stopped", text, 5) if stopped else Ending("fault", text, 4)
+                ending = replace(ending, remedy=refusal_remedy(outcome.reason))
             self._end(now_s, ending)
         elif isinstance(message, ClearStop):
             self._enable(now_s)
@@ -451,10 +457,10 @@ class Mission:
                 now_s,
                 Ending(
                     "stopped",
-                    f"the robot holds a stop (cause: {name}); "
-                    "see that it is safe, then add --clear-stop",
+                    f"the robot holds a stop (cause: {name}); see that it is safe",
                     5,
                     latched=latched_cause(StopCause.NONE, cause),
+                    remedy=Remedy.CLEAR_STOP,
                 ),
             )
 

@@ -13,7 +13,7 @@ from bridge.coverage.planner import PlannerEvent
 from bridge.coverage.planner import PlannerState as RunnerState
 from bridge.mission import DATA_TIMEOUT_S, Ending, Mission, Phase, Request
 from bridge.motion.observation import HALT
-from bridge.refusals import refusal
+from bridge.refusals import refusal, refusal_remedy
 from bridge.robot_state import STATUS_STALE_S
 from protocol.messages import PlannerCommand, PlannerState, SetMode, Status
 from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause, label
@@ -115,7 +115,7 @@ class OnboardMission(Mission):
                 reason = outcome.reason
                 why = "no answer" if reason is None else refusal(reason)
                 text = f"the device did not start its planner: {why}"
-                self._end(now_s, Ending("fault", text, 4))
+                self._end(now_s, Ending("fault", text, 4, remedy=refusal_remedy(reason)))
         else:
             super().on_command(outcome, now_s)
 

@@ -11,6 +11,7 @@ from bridge.errors import (
     StoppedForSafetyError,
     shown,
 )
+from bridge.remedies import Remedy
 from protocol.catalogue import CATALOGUE
 from protocol.values import NackReason, label
 
@@ -25,11 +26,16 @@ if TYPE_CHECKING:
 
 
 def refusal(reason: int) -> str:
-    """The reason by its name, and what to do where a user can do something."""
+    """The reason by its name, with its cause where the name alone does not give it."""
     name = label(NackReason, reason)
     if reason == NackReason.NOT_AUTHENTICATED:
-        return f"{name}; the robot has a key: give it with --key-file"
+        return f"{name}; the robot has a key"
     return name
+
+
+def refusal_remedy(reason: int | None) -> Remedy | None:
+    """What a caller can do about a refusal."""
+    return Remedy.KEY if reason == NackReason.NOT_AUTHENTICATED else None
 
 
 def check_known(what: str, kind: type[Message], link: LinkBase) -> None:
@@ -71,15 +77,19 @@ def check_outcome(what: str, outcome: Outcome | None) -> None:
         return
     if outcome.reason is None:
         raise DeviceLostError(f"the device did not answer {what}")
-    raise CommandRejectedError(what, refusal(outcome.reason))
+    error = CommandRejectedError(what, refusal(outcome.reason))
+    error.remedy = refusal_remedy(outcome.reason)
+    raise error
 
 
 def cannot_move(ending: Ending | None) -> BridgeError:
     """Why a robot does not obey a velocity: how its run has ended; None: none was begun."""
     if ending is None:
         return StoppedForSafetyError("the robot is not enabled: call enable() first")
+    error: BridgeError = StoppedForSafetyError(ending.reason)
     if ending.exit_status == 3:  # noqa: PLR2004 - the contract's status for a lost device
-        return DeviceLostError(ending.reason)
-    if ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
-        return CommandRejectedError("to move", ending.reason)
-    return StoppedForSafetyError(ending.reason)
+        error = DeviceLostError(ending.reason)
+    elif ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
+        error = CommandRejectedError("to move", ending.reason)
+    error.remedy = ending.remedy
+    return error

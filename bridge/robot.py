@@ -18,9 +18,12 @@ import math
 import secrets
 import threading
 from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from bridge.asking import Asker
+from bridge.config import to_toml
 from bridge.errors import (
     BridgeError,
     DeviceLostError,
@@ -41,11 +44,15 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.observation import VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.owner import OwnerService
+from bridge.record.errors import LogError
 from bridge.record.sink import NullSink
 from bridge.refusals import cannot_move
 from bridge.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
+from bridge.robot_recording import Recording
 from bridge.session_events import State
 from bridge.snapshot import MissionSnapshot, StateSnapshot, snapshot
+from bridge.summary import run_summary
+from bridge.telemetry import RunInfo
 from protocol.authentication import KEY_SIZE, key_words
 from protocol.messages import Encoders, Imu, Power, Range, SetKey, Status
 from protocol.values import StopCause
@@ -54,6 +61,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
+    from bridge.coverage.floorplan import FloorPlan
     from bridge.parameters import Parameter
     from bridge.record.sink import Sink
     from bridge.telemetry import EventRecord
@@ -110,12 +118,11 @@ class Robot:
             port, PortOptions(baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
         )
         self._closed = False
-        self.imu = Latest(self, Imu)
-        self.encoders = Latest(self, Encoders)
-        self.range = Latest(self, Range)
-        self.power = Latest(self, Power)
-        self.status = Latest(self, Status)
-        self.planner = OwnPlanner(self)
+        self._offset_ns = clock.unix_offset_ns()
+        self._imu, self._encoders = Latest(self, Imu), Latest(self, Encoders)
+        self._range, self._power = Latest(self, Range), Latest(self, Power)
+        self._status, self._planner = Latest(self, Status), OwnPlanner(self)
+        self._recordings: list[Recording] = []
         self._begin(Pose2(0.0, 0.0, 0.0))
 
     def _begin(self, start: Pose2) -> None:
@@ -126,7 +133,7 @@ class Robot:
             self.model,
             self._events,
             HostOptions(
-                clock.unix_offset_ns(),
+                self._offset_ns,
                 "manual",
                 start,
                 self._node,
@@ -150,7 +157,9 @@ class Robot:
             self._end(Ending("stopped", "no agreement", 0))
             text = ending.reason if ending else f"no agreement within {self._timeout_s:g} s"
             kind = DisagreementError if ending and ending.exit_status == 4 else NoDeviceError  # noqa: PLR2004 - the contract's status
-            raise kind(f"{self._name}: {text}")
+            error = kind(f"{self._name}: {text}")
+            error.remedy = ending.remedy if ending else None
+            raise error
 
     def _run(self) -> None:
         try:
@@ -160,6 +169,44 @@ class Robot:
                 self._owner.close()
 
     # ---- what is so -----------------------------------------------------------------------
+
+    @property
+    def imu(self) -> Latest[Imu]:
+        """Newest reading of the inertial sensor, 100 a second.
+
+        ``robot.imu.latest`` has ``accel_x_m_s2`` (y, z), ``gyro_x_rad_s`` (y, z) and
+        ``temperature_deg_c``; it is None before the first.
+        """
+        return self._imu
+
+    @property
+    def encoders(self) -> Latest[Encoders]:
+        """Newest wheel counts, 50 a second: ``left`` and ``right``, 0 to 65535, which wrap."""
+        return self._encoders
+
+    @property
+    def range(self) -> Latest[Range]:
+        """Newest ranges and contacts, 20 a second.
+
+        ``robot.range.latest`` has ``ultrasonic_m``, ``infrared_left_m`` and ``infrared_right_m``
+        (None: nothing in range) and ``contacts``, the bits of ``protocol.values.Contact``.
+        """
+        return self._range
+
+    @property
+    def power(self) -> Latest[Power]:
+        """Newest ``battery_v``, ``logic_v``, ``motor_left_a`` and ``motor_right_a``, 5 a second."""
+        return self._power
+
+    @property
+    def status(self) -> Latest[Status]:
+        """Newest ``mode``, ``stop_cause``, ``faults`` and ``load``, 10 a second."""
+        return self._status
+
+    @property
+    def planner(self) -> OwnPlanner:
+        """The device's own planner: start, pause, resume, abort, and what it reports."""
+        return self._planner
 
     @property
     def pose(self) -> Pose2:
@@ -189,6 +236,55 @@ class Robot:
     def events(self) -> list[EventRecord]:
         """Fetch and forget what happened since the last call: losses, stops, refusals, faults."""
         return self._events.take()
+
+    def record(
+        self,
+        path: str | Path,
+        *,
+        room: FloorPlan | None = None,
+        robot_toml: str | None = None,
+        force: bool = False,
+    ) -> Recording:
+        """Record everything from now on, as ``sweepctl connect`` does, into an MCAP file.
+
+        Use it as a context manager, or let :meth:`close` end it: the log is then whole, with its
+        summary. A full disk does not stop the robot: ``error`` and ``dropped`` of the recording
+        report it, and its ``close`` raises. ``room`` and ``robot_toml`` (a robot file's text; the
+        model otherwise) are attached::
+
+            with bridge.open("/dev/ttyUSB0") as robot, robot.record("drive.mcap"):
+                robot.enable()
+
+        Raises:
+            LogExistsError: the file exists and ``force`` is not set.
+            LogWriteError: it cannot be opened or written.
+            ConfigError: ``robot_toml`` is no robot file.
+
+        """
+        offset_ns = self._offset_ns
+        toml = to_toml(self.model) if robot_toml is None else robot_toml
+        opened_ns = clock.now() + offset_ns
+        info = RunInfo(self._name, "manual", None, _version(), opened_ns, offset_ns, toml, room)
+
+        def summarise(room_name: str | None, log: str) -> dict[str, Any]:
+            found: dict[str, Any] = {}
+
+            def summed() -> None:
+                host = self.host
+                found.update(
+                    run_summary(host, room=room_name, planner="manual", seed=None, log=log)
+                )
+
+            try:
+                self._in_loop(summed)  # it counts what the loop counts
+            except DeviceLostError:
+                if not self._thread.is_alive():
+                    summed()
+            return found
+
+        recording = Recording(Path(path), info, self._events, summarise, force=force)
+        self._recordings.append(recording)
+        return recording
 
     def snapshot(self) -> dict[str, Any]:
         """What is known of the robot now, for JSON."""
@@ -409,10 +505,23 @@ class Robot:
 
         Waits for the device's confirmation, a second at most, and raises nothing where none
         comes: the device then stops by itself, when the last velocity expires. Call :meth:`stop`
-        where you must know. Leaving the ``with`` block is this call.
+        where you must know. Leaving the ``with`` block is this call. Recordings are closed too.
+
+        Raises:
+            LogError: a recording could not be written to its end.
+
         """
         self._closed = True
         self._end(Ending("stopped", "closed by the program", 0))
+        failed = None
+        for recording in self._recordings:
+            try:
+                recording.close()
+            except LogError as error:
+                failed = failed or error
+        self._recordings.clear()
+        if failed is not None:
+            raise failed
 
     def _end(self, ending: Ending) -> Result | None:
         """End the session and wait for it; None: its loop hangs."""
@@ -444,13 +553,25 @@ class Robot:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except LogError:
+            if kind is None:  # an error of the block comes before one of a log
+                raise
 
     def _until(self, true: Callable[[], bool], timeout_s: float) -> bool:
         deadline_ns = clock.now() + round(timeout_s * 1e9)
         while not true() and self._thread.is_alive() and clock.now() < deadline_ns:
             clock.pause(_POLL_S)
         return true()
+
+
+def _version() -> str:
+    """The distribution's version; of a checkout that is not installed none is known."""
+    try:
+        return version("sweepctl")
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def _limited(value: float, limit: float) -> float:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from bridge.coverage.planner import PlannerEvent
 from bridge.coverage.planner import PlannerState as RunnerState
 from bridge.errors import BridgeError, StoppedForSafetyError
+from bridge.io import clock
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.telemetry import EventRecord
+from bridge.telemetry import EventRecord, IdentityRecord
 from protocol.messages import PlannerState, SetMode
 from protocol.values import Mode, OnboardPlanner, PlannerAction, StopCause, label
 
@@ -36,6 +37,18 @@ class Latest(Generic[T]):
         """The message, or None before the first of this session."""
         value = getattr(self._robot.state, self._kind.__name__.lower())
         return value if isinstance(value, self._kind) else None
+
+    @property
+    def age_s(self) -> float | None:
+        """Seconds since it arrived; None before the first of this session."""
+        at_s = self._robot.state.arrived_s.get(self._kind)
+        return None if at_s is None else clock.now() / 1e9 - at_s
+
+    def __repr__(self) -> str:
+        """The message in SI units, and its age."""
+        age_s = self.age_s
+        name = self._kind.__name__.lower()
+        return f"<{name}: nothing yet>" if age_s is None else f"<{self.latest}, {age_s:.2f} s old>"
 
 
 class ManualDrive:
@@ -80,14 +93,28 @@ class EventTap:
     """Passes every record on, and keeps the newest events for whoever asks."""
 
     def __init__(self, sink: Sink) -> None:
-        self._write = sink.write
+        self._sinks: tuple[Sink, ...] = (sink,)
+        """Replaced as a whole: the loop's thread goes through them."""
         self._events: deque[EventRecord] = deque(maxlen=EVENTS_KEPT)
+        self.newest_identity: IdentityRecord | None = None
+        """The device of the session, for a log that begins later."""
+
+    def attach(self, sink: Sink) -> None:
+        """Pass every record on to this one too."""
+        self._sinks = (*self._sinks, sink)
+
+    def detach(self, sink: Sink) -> None:
+        """Pass no more records on to it."""
+        self._sinks = tuple(each for each in self._sinks if each is not sink)
 
     def write(self, record: Record) -> None:
         """Take one record."""
-        self._write(record)
+        for sink in self._sinks:
+            sink.write(record)
         if isinstance(record, EventRecord):
             self._events.append(record)
+        elif isinstance(record, IdentityRecord):
+            self.newest_identity = record
 
     def close(self, summary: object = None) -> None:
         """The sink is closed by whoever opened it."""
@@ -131,7 +158,10 @@ class OwnPlanner:
         status = robot.wait_for_status()
         if status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}:
             name = label(StopCause, status.stop_cause)
-            raise StoppedForSafetyError(f"the robot holds a stop (cause: {name})")
+            raise StoppedForSafetyError(
+                f"the robot holds a stop (cause: {name}); see that it is safe, then call "
+                "clear_stop()"
+            )
         if status.stop_cause == StopCause.SESSION_END:
             robot.asker.clear_stop()
         robot.asker.command(SetMode, Mode.ONBOARD)

@@ -50,7 +50,6 @@ class Answers:
             f"{hello.version_patch}, uid {uid.hex()}"
             for (node, uid), hello in answers.items()
         )
-        advice = "choose one with --node N"
         if len({node for node, _ in answers}) < len(answers):
-            advice = "two devices may not share a node"
-        return f"several devices answer; {advice} ({named})"
+            return f"several devices answer; two of them may not share a node ({named})"
+        return f"several devices answer ({named})"

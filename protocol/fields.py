@@ -181,6 +181,11 @@ class _Si:
         self._index = -1
         self._gain = self._offset = 0.0
 
+    @property
+    def bound_to(self) -> str | None:
+        """Name of its field; None before :meth:`bind`."""
+        return self._field if self._index >= 0 else None
+
     def bind(self, fields: tuple[Field, ...]) -> Field:
         """Find the field of this name among the message's declarations."""
         for index, field in enumerate(fields):

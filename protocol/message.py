@@ -57,6 +57,19 @@ class Message:
         """Hash of type and values."""
         return hash((type(self).__name__, tuple(self)))
 
+    def __repr__(self) -> str:
+        """For people: values in SI units where the message gives them, else as on the wire."""
+        cls = type(self)
+        in_si = {
+            value.bound_to: name
+            for name, value in vars(cls).items()
+            if isinstance(value, SiValue | SiValueOrNone)
+        }
+        names = [in_si.get(field.name, field.name) for field in _DECLARATIONS[cls].fields]
+        values = (getattr(self, name) for name in names)
+        shown = (f"{v:.6g}" if isinstance(v, float) else repr(v) for v in values)
+        return f"{cls.__name__}({', '.join(map('='.join, zip(names, shown, strict=True)))})"
+
 
 MAX_TYPE = 0x7E
 _ANY_CASE = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")

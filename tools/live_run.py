@@ -48,6 +48,7 @@ from tools.live_tables import status_line
 from tools.operating import Operating
 from tools.options import DEFAULT_PLANNER
 from tools.recording import check_view, live_view
+from tools.remedies import with_remedy
 from tools.terminal_keys import Keyboard
 from tools.version import VERSION
 
@@ -310,7 +311,7 @@ def _result(
     ending = host.mission.ending
     complaints = []
     if ending is not None and ending.exit_status:
-        complaints.append(f"{asked.port}: {ending.reason}")
+        complaints.append(f"{asked.port}: {with_remedy(ending.reason, ending.remedy)}")
     if recorder.error is not None:
         complaints.append(str(recorder.error))
     if recorder.dropped:

@@ -105,6 +105,7 @@ def _run(arguments: list[str]) -> int:
 def _invoke(arguments: list[str]) -> int:
     from bridge.coverage.floorplan import FloorPlanError
     from bridge.errors import BridgeError
+    from tools.remedies import error_line
 
     try:
         result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)
@@ -117,7 +118,7 @@ def _invoke(arguments: list[str]) -> int:
         return _failed(arguments, text, error.exit_code)
     except (FloorPlanError, BridgeError) as error:
         status = error.exit_status if isinstance(error, BridgeError) else 2
-        return _failed(arguments, str(error), status)
+        return _failed(arguments, error_line(error), status)
     except OSError as error:
         if error.filename is None and error.errno in _UNWRITTEN:
             return _unwritten(error)

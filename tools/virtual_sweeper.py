@@ -22,6 +22,7 @@ from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission, Phase
 from bridge.motion.observation import VelocityCommand
 from bridge.record.sink import NullSink
+from bridge.refusals import cannot_move
 from bridge.robot import ManualDrive
 from bridge.session_events import State
 from bridge.summary import run_summary
@@ -252,8 +253,7 @@ class SimulatedSweeper:
 
     def _check(self) -> None:
         if not self.enabled:
-            ending = self.ending
-            raise StoppedForSafetyError(ending.reason if ending else "call enable() first")
+            raise cannot_move(self.ending)
 
     def drive(self, v_m_s: float, yaw_rate_rad_s: float, for_s: float | None = None) -> None:
         """Set the velocity; the host lets go of it after half a second, unless it is repeated.
@@ -330,15 +330,17 @@ class SimulatedSweeper:
 
         Raises:
             UnknownPlannerError: no planner of this name.
+            PlannerError: your own lacks a method; nothing has moved.
 
         """
         name = planner if isinstance(planner, str) else type(planner).__name__
         if isinstance(planner, str):
             planner = make_planner(planner, self.model, random.Random(self.settings.seed))
+        runner = PlanRunner(planner, self.model)
         self._begin()
         began, self._errors_m = len(self.path), []
         mission = self.host.mission
-        mission.start(PlanRunner(planner, self.model), clear_stop=clear_stop)
+        mission.start(runner, clear_stop=clear_stop)
         if not self.run(max_time_s, until=lambda: mission.done):
             self._end(Ending("timeout", f"not done after {max_time_s:g} s", 1))
         return self._summary(name, began)

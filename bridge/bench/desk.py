@@ -18,6 +18,7 @@ from bridge.errors import (
     StoppedForSafetyError,
 )
 from bridge.refusals import check_known, check_outcome
+from bridge.remedies import Remedy
 from bridge.sample_times import SampleTimes
 from bridge.session import Session
 from bridge.session_events import Agreed, CommandEnded, Data, Failed, State, StateChanged
@@ -317,10 +318,11 @@ class Desk:
         status = self.await_newest(Status)
         if status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END} and not clear_stop:
             cause = label(StopCause, status.stop_cause)
-            raise StoppedForSafetyError(
-                f"the robot holds a stop (cause: {cause}); see that it is safe, "
-                "then add --clear-stop"
+            held = StoppedForSafetyError(
+                f"the robot holds a stop (cause: {cause}); see that it is safe"
             )
+            held.remedy = Remedy.CLEAR_STOP
+            raise held
         self._moved = True
         if status.stop_cause != StopCause.NONE:
             self.ask("clear stop", ClearStop, status.stop_cause)

@@ -86,6 +86,36 @@ class Watcher(Protocol):
         ...
 
 
+class PlannerError(TypeError):
+    """An object that is no planner; the text names what it lacks."""
+
+
+def check_planner(planner: object) -> None:
+    """See that an object has everything that a run asks a planner for.
+
+    Raises:
+        PlannerError: it lacks a method or an attribute, or has only half of a watcher's.
+
+    """
+    kind = type(planner).__name__
+    if isinstance(planner, type):
+        raise PlannerError(f"{planner.__name__} is a class; give a planner made from it")
+    lacks = [f"{name}()" for name in _METHODS if not callable(getattr(planner, name, None))]
+    if not hasattr(planner, "state"):
+        lacks.append("state")
+    if lacks:
+        raise PlannerError(f"{kind} is no planner: it lacks {', '.join(lacks)}")
+    if callable(getattr(planner, "watch", None)) != hasattr(planner, "most_m_s"):
+        has, other = (
+            ("watch()", "most_m_s") if hasattr(planner, "watch") else ("most_m_s", "watch()")
+        )
+        raise PlannerError(f"{kind} has {has} and lacks {other}: a watcher needs both")
+
+
+_METHODS = ("start", "next", "drain_events")
+"""What :class:`Planner` asks for, besides ``state``."""
+
+
 class Step(NamedTuple):
     """What a script is sent when its leg has ended."""
 

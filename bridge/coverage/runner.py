@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.planner import Finish, Planner, PlannerEvent, PlannerState, Watcher
+from bridge.coverage.planner import (
+    Finish,
+    Planner,
+    PlannerEvent,
+    PlannerState,
+    Watcher,
+    check_planner,
+)
 from bridge.coverage.resting import GyroRest
 from bridge.motion.executor import LegExecutor
 from bridge.motion.legs import Drive, Turn
@@ -32,7 +39,13 @@ class PlanRunner:
         model: RobotModel,
         tuning: MotionTuning | None = None,
     ) -> None:
-        """The planner must not have been started."""
+        """The planner must not have been started.
+
+        Raises:
+            PlannerError: the planner lacks a method; before anything moves.
+
+        """
+        check_planner(planner)
         self._planner = planner
         self._watcher = planner if isinstance(planner, Watcher) else None
         self._executor = LegExecutor(model, tuning)

@@ -404,7 +404,7 @@ class OwnerSocket:
         try:
             answer = {"ok": True, **self._service.answer(request, client.who)}
         except BridgeError as error:
-            answer = {"ok": False, "error": str(error), "exit_status": error.exit_status}
+            answer = {"ok": False, "error": error.bare, "exit_status": error.exit_status}
         except Exception as error:  # noqa: BLE001 - a defect of ours: the asker learns of it
             text = f"internal error: {type(error).__name__}"
             answer = {"ok": False, "error": text, "exit_status": 1}

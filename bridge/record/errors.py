@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.errors import BridgeError
+from bridge.remedies import Remedy
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,8 +22,10 @@ class LogError(BridgeError):
 class LogExistsError(LogError):
     """The log would replace a file, and that was not asked for."""
 
+    remedy = Remedy.FORCE
+
     def __init__(self, path: Path) -> None:
-        super().__init__(path, f"{path} exists; give another name, or --force to replace it")
+        super().__init__(path, f"{path} exists; give another name")
 
 
 class LogWriteError(LogError):

@@ -284,7 +284,7 @@ def test_a_device_that_stops_by_itself_ends_the_procedure() -> None:
         with pytest.raises(StoppedForSafetyError, match="cause: hardware"):
             desk.run(5.0)
         desk.stop()
-        with pytest.raises(StoppedForSafetyError, match="add --clear-stop"):
+        with pytest.raises(StoppedForSafetyError, match="clear_stop=True"):
             desk.enable(Mode.VELOCITY)
 
 

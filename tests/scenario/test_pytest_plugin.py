@@ -65,7 +65,7 @@ def test_a_velocity_is_let_go(sweeper):
     assert sweeper.stop_cause.name == "OPERATOR"
     with pytest.raises(Exception, match="stopped by the test"):
         sweeper.drive(0.1, 0.0)
-    with pytest.raises(Exception, match="clear-stop"):
+    with pytest.raises(Exception, match="clear_stop=True"):
         sweeper.enable()
     sweeper.enable(clear_stop=True)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import pytest
@@ -22,6 +24,8 @@ from bridge.errors import (
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.owner import RemoteRobot, reach
+from bridge.record.errors import LogError, LogExistsError
+from bridge.record.reader import LogReader
 from bridge.robot import LET_GO_S, ManualDrive, Robot
 from bridge.session_events import State
 from protocol.messages import Encoders, Imu, Range, Status
@@ -33,7 +37,6 @@ from sim_device.rig import Rig
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
     from types import TracebackType
 
 pytestmark = pytest.mark.realtime
@@ -426,3 +429,38 @@ def test_a_stop_from_another_program_beside_an_end_in_order(emulated: Emulated) 
         assert latched
         with bridge.open(emulated.port) as fresh:
             fresh.clear_stop()
+
+
+def test_a_program_records_and_the_log_is_whole(emulated: Emulated, tmp_path: Path) -> None:
+    log = tmp_path / "drive.mcap"
+    with bridge.open(emulated.port) as robot:
+        with robot.record(log, room=PLAN) as recording:
+            robot.enable()
+            until(lambda: robot.pose.x_m > 0.03, lambda: robot.drive(0.1, 0.0))
+            assert recording.error is None
+            assert "accel_z_m_s2=" in repr(robot.imu)
+        assert recording.dropped == 0
+        after = log.stat().st_size
+        with pytest.raises(LogExistsError, match="force=True"):
+            robot.record(log)
+        assert log.stat().st_size == after
+        again = robot.record(tmp_path / "again.mcap")
+        robot.stop()
+        robot.enable(clear_stop=True)  # another session, into the same log
+    again.close()  # the robot has closed it
+    reader = LogReader(log)
+    assert not reader.truncated
+    assert {"room.json", "robot.toml", "summary.json"} <= set(reader.attachments)
+    topics = {message.topic for message in reader.messages()}
+    assert {"/device/imu", "/raw/uart/rx", "/cmd", "/pose", "/map/room"} <= topics
+    second = LogReader(tmp_path / "again.mcap")
+    assert not second.truncated
+    assert json.loads(second.attachments["summary.json"])["log"].endswith("again.mcap")
+
+
+def test_a_log_that_fails_is_an_error_at_the_end_and_no_stop(emulated: Emulated) -> None:
+    full = Path("/dev/full")
+    with bridge.open(emulated.port) as robot:
+        with pytest.raises(LogError):
+            robot.record(full / "x.mcap")
+        until(lambda: robot.imu.latest is not None)

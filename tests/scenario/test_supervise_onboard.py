@@ -12,6 +12,7 @@ from bridge.host_options import HostOptions
 from bridge.mission import Ending, Phase
 from bridge.motion.robot_model import RobotModel
 from bridge.onboard_mission import OnboardMission
+from bridge.remedies import Remedy
 from bridge.session_events import State
 from bridge.supervise import SuperviseSettings, Supervisor, parse_rule
 from bridge.telemetry import CommandRecord, EventRecord, PlannerRecord
@@ -84,7 +85,7 @@ def test_a_latched_stop_needs_a_person() -> None:
     ends.device.firmware.stop(StopCause.OPERATOR)
     assert ends.run(3.0, lambda: host.mission.done)
     assert ending(host).exit_status == 5
-    assert "--clear-stop" in ending(host).reason
+    assert ending(host).remedy is Remedy.CLEAR_STOP
     ends, host, _ = started(clear_stop=True)
     ends.device.firmware.stop(StopCause.OPERATOR)
     assert ends.run(8.0, lambda: ends.moving)

@@ -18,6 +18,7 @@ from bridge.mission import (
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
+from bridge.remedies import Remedy
 from protocol.commands import Outcome
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause
@@ -110,7 +111,8 @@ def test_a_latched_stop_is_not_cleared_unasked(cause: StopCause) -> None:
     mission.on_status(status(cause), 0.1)
     assert (ending(mission).outcome, ending(mission).exit_status) == ("stopped", 5)
     assert f"cause: {cause.name.lower()}" in ending(mission).reason
-    assert "--clear-stop" in ending(mission).reason
+    assert ending(mission).remedy is Remedy.CLEAR_STOP
+    assert "--" not in ending(mission).reason
     assert [r.kind for r in mission.requests()] == ["stop"]
     free = planned(clear_stop=True)
     free.on_ready(0.0)

@@ -1,0 +1,72 @@
+"""What a program sees of the library: help, values in SI units, words of its own in errors."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import pytest
+
+from bridge.errors import CommandRejectedError, StoppedForSafetyError
+from bridge.mission import Ending
+from bridge.record.errors import LogExistsError
+from bridge.refusals import cannot_move
+from bridge.remedies import Remedy
+from bridge.robot import Robot
+from protocol.messages import Imu, Range, Status
+from tools.remedies import error_line
+
+
+@pytest.mark.parametrize("name", ["imu", "encoders", "range", "power", "status", "planner"])
+def test_help_names_what_a_robot_measures(name: str) -> None:
+    found = getattr(Robot, name)
+    assert isinstance(found, property)
+    assert found.__doc__
+    assert inspect.getdoc(found)
+
+
+def test_help_names_attributes_that_messages_have() -> None:
+    text = " ".join(inspect.getdoc(value) or "" for value in vars(Robot).values())
+    for kind, names in (
+        (Imu, ("accel_x_m_s2", "gyro_x_rad_s", "temperature_deg_c")),
+        (Range, ("ultrasonic_m", "infrared_left_m", "contacts")),
+        (Status, ("mode", "stop_cause", "faults", "load")),
+    ):
+        for name in names:
+            assert name in text
+            assert hasattr(kind, name)
+
+
+def test_a_message_shows_itself_in_si_units() -> None:
+    assert repr(Range(1234, 80, 255, 1)) == (
+        "Range(ultrasonic_m=1.234, infrared_left_m=0.1, infrared_right_m=None, contacts=1)"
+    )
+    shown = repr(Imu(0, 0, 16384, 0, 0, 0, 131))
+    assert "accel_z_m_s2=9.80665" in shown
+    assert "gyro_z_rad_s=0.0174533" in shown
+    assert "16384" not in shown
+
+
+def test_an_error_has_the_callers_own_words() -> None:
+    ending = Ending("stopped", "the robot holds a stop", 5, remedy=Remedy.CLEAR_STOP)
+    error = cannot_move(ending)
+    assert isinstance(error, StoppedForSafetyError)
+    assert str(error) == "the robot holds a stop, then call enable(clear_stop=True)"
+    assert error_line(error) == "the robot holds a stop, then add --clear-stop"
+    exists = LogExistsError(Path("a.mcap"))
+    assert "force=True" in str(exists)
+    assert "--" not in str(exists)
+    assert error_line(exists) == "a.mcap exists; give another name, or --force to replace it"
+
+
+def test_an_error_without_a_remedy_is_the_same_for_all() -> None:
+    error = CommandRejectedError("reboot", "moving")
+    assert str(error) == error_line(error) == "the device refused reboot: moving"
+
+
+def test_every_remedy_has_words_for_both() -> None:
+    for remedy in Remedy:
+        error = StoppedForSafetyError("it stands")
+        error.remedy = remedy
+        assert "--" not in str(error)
+        assert "--" in error_line(error)
