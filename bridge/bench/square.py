@@ -16,6 +16,8 @@ from bridge.bench.umbmark import (
     benchmark,
     borenstein,
     refine,
+    refutation,
+    scatter_m,
     straight_scale,
 )
 from bridge.errors import BridgeError, StoppedForSafetyError
@@ -83,6 +85,8 @@ class Result(NamedTuple):
     model: RobotModel
     verified: Benchmark | None = None
     """New runs, driven and read with ``model``."""
+    refuted: str | None = None
+    """Why the new runs contradict ``model``; such a result is not to be written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,7 +200,11 @@ class Squares:
         if asked.verify:
             self._person.tell("The same again with the corrected model.")
             again = self._squares(corrected, asked)
-            result = result._replace(verified=benchmark(corrected, again))
+            verified = benchmark(corrected, again)
+            scattered = [scatter_m(corrected, each) for each in (runs, again)]
+            centre_m = math.hypot(*scattered) / math.sqrt(asked.runs)
+            refuted = refutation(before, result.after, verified, centre_m)
+            result = result._replace(verified=verified, refuted=refuted)
         return result
 
     def _agree(self, text: str) -> None:

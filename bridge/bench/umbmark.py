@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
 _DONE = 1e-9
 """Of least squares: far below what a count is worth."""
+MEASURED_M = 0.005
+"""By which a person with a tape may be off."""
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 
 
@@ -129,6 +131,43 @@ def benchmark(model: RobotModel, runs: Sequence[Run]) -> Benchmark:
         found = errors(model, own)
         centres.append((sum(x for x, _ in found) / len(own), sum(y for _, y in found) / len(own)))
     return Benchmark(*centres)
+
+
+def scatter_m(model: RobotModel, runs: Sequence[Run]) -> float:
+    """Standard deviation of the return errors about their direction's centre; 0: none is known."""
+    square, freedom = 0.0, 0
+    for clockwise in (True, False):
+        found = errors(model, [r for r in runs if r.clockwise is clockwise])
+        if len(found) > 1:
+            centre = [sum(values) / len(found) for values in zip(*found, strict=True)]
+            square += sum(math.dist(each, centre) ** 2 for each in found)
+            freedom += len(found) - 1
+    return math.sqrt(square / freedom) if freedom else 0.0
+
+
+def refutation(
+    before: Benchmark, after: Benchmark, verified: Benchmark, scatter_of_centre_m: float = 0.0
+) -> str | None:
+    """Why squares that were driven again contradict a correction; ``None``: they bear it out.
+
+    Args:
+        before: the figures that the correction was made from.
+        after: the same runs, read with it: what it predicts. What is left there is scatter, of
+            which the fit has hidden half (it has two of four degrees of freedom).
+        verified: new runs, driven and read with it.
+        scatter_of_centre_m: standard error of a centre, where each direction was driven again.
+
+    """
+    limit_m = MEASURED_M + max(2.0 * after.worst_m, after.worst_m + 3.0 * scatter_of_centre_m)
+    found = f"driven again it misses by {1000 * verified.worst_m:.1f} mm"
+    if verified.worst_m > max(before.worst_m, MEASURED_M):
+        return f"{found}, with the old values by {1000 * before.worst_m:.1f} mm"
+    if verified.worst_m > limit_m:
+        return (
+            f"{found}, where {1000 * after.worst_m:.1f} mm were predicted and "
+            f"{1000 * limit_m:.1f} mm would bear that out"
+        )
+    return None
 
 
 def borenstein(model: RobotModel, runs: Sequence[Run], side_m: float) -> Correction:

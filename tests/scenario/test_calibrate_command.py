@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.bench.device_values import save_parameters, set_parameter
+from bridge.bench.square import Result, Squares
+from bridge.bench.umbmark import Benchmark, Correction
 from bridge.config import parse_robot
+from bridge.motion.robot_model import RobotModel
 from protocol.messages import Range
 from protocol.values import ResetCause
 from sim_device.device import VirtualSweeper
@@ -108,6 +111,34 @@ def test_no_square_is_driven_without_a_yes(served: Served, monkeypatch: pytest.M
     assert done.status == 1
     assert "nothing was driven" in done.err
     assert served.device.truth.path_m == 0.0
+
+
+@pytest.mark.parametrize("refuted", [None, "driven again it misses by 122.8 mm"])
+def test_a_refuted_result_is_never_written(
+    served: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuted: str | None
+) -> None:
+    """The driving itself, in virtual time: ``test_calibrate_squares``."""
+    still = Benchmark((0.0, 0.0), (0.0, 0.0))
+    correction = Correction(1.01, 1.02, 0.0, 0.0)
+    model = correction.applied_to(RobotModel())
+    found = Result(None, (), still, correction, correction, still, model, still, refuted)
+    monkeypatch.setattr(Squares, "run", lambda _squares, _asked: found)
+    file = tmp_path / "robot.toml"
+    asked = ("odometry", served.port, "--robot", file, "--verify", "--yes", "--json")
+    done = calibrate(monkeypatch, "", *asked)
+    served.device.reset(ResetCause.SOFTWARE)  # what was saved counts from then on
+    device = served.device.firmware.parameters.value("wheel_base")
+    assert done.json["odometry"]["refuted"] == refuted
+    if refuted is None:
+        assert done.status == 0
+        assert parse_robot(file.read_text()).wheel_base_m == pytest.approx(0.23 * 1.02)
+        assert device == pytest.approx(0.23 * 1.02, rel=1e-6)
+    else:
+        assert done.status == 1
+        assert f"refuted: {refuted}; nothing was written" in done.err
+        assert not file.exists()
+        assert device == pytest.approx(0.23)
+        assert done.json["written"]["device"] == []
 
 
 def test_a_file_that_cannot_be_written_changes_nothing(

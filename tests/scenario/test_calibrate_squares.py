@@ -72,7 +72,30 @@ def test_ratio_base_and_diameter_are_recovered(monkeypatch: pytest.MonkeyPatch) 
     assert found.after.worst_m < 0.1 * found.before.worst_m
     assert found.verified is not None  # driven anew, and measured anew
     assert found.verified.worst_m < 0.1 * found.before.worst_m
+    assert found.refuted is None
     assert device.firmware.latch.cause is StopCause.SESSION_END
+
+
+def test_a_wheel_that_slips_in_the_second_squares_refutes_the_result(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    device = wrong_wheels(monkeypatch, 1, NoiseLevel(name="none"))
+    squares = 0
+
+    def confirm(text: str) -> bool:
+        nonlocal squares
+        squares += text.startswith("Square")
+        if squares > 2:  # one to the right, one to the left
+            device.plant.faults.slip_left = 0.04
+        return True
+
+    asked = Asked(side_m=0.8, runs=1, straight=False, verify=True)
+    found = calibrated(device, asked, Scripted(confirm=confirm))
+    assert found.after.worst_m < 0.002
+    assert found.verified is not None
+    assert found.verified.worst_m > 0.01
+    assert found.refuted is not None
+    assert f"misses by {1000 * found.verified.worst_m:.1f} mm" in found.refuted
 
 
 def test_a_good_robot_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

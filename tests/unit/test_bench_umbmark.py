@@ -8,11 +8,14 @@ from dataclasses import replace
 import pytest
 
 from bridge.bench.umbmark import (
+    Benchmark,
     Correction,
     Run,
     benchmark,
     borenstein,
     refine,
+    refutation,
+    scatter_m,
     straight_scale,
 )
 from bridge.motion.robot_model import RobotModel
@@ -136,3 +139,38 @@ def test_the_scale_of_a_straight_way() -> None:
     assert straight_scale(MODEL, counts, 1.01 * told_m) == pytest.approx(1.01)
     with pytest.raises(ValueError, match="did not move"):
         straight_scale(MODEL, [(0, 0)], 1.0)
+
+
+def missing(worst_mm: float) -> Benchmark:
+    return Benchmark((0.001 * worst_mm, 0.0), (0.0, 0.0005 * worst_mm))
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "verified", "scatter", "said"),
+    [
+        (300.0, 39.9, 122.8, 0.0, "misses by 122.8 mm, where 39.9 mm were predicted"),
+        (300.0, 39.9, 84.0, 0.0, None),
+        (300.0, 39.9, 122.8, 30.0, None),  # three standard errors are 90 mm
+        (300.0, 2.0, 50.0, 15.0, None),
+        (300.0, 2.0, 53.0, 15.0, "52.0 mm would bear that out"),
+        (20.0, 15.0, 26.0, 0.0, "misses by 26.0 mm, with the old values by 20.0 mm"),
+        (3.0, 1.0, 4.5, 0.0, None),  # a tape does not tell these apart
+        (0.0, 0.0, 0.0, 0.0, None),
+    ],
+)
+def test_a_result_is_refuted_by_squares_that_miss_by_more_than_scatter(
+    before: float, after: float, verified: float, scatter: float, said: str | None
+) -> None:
+    found = refutation(missing(before), missing(after), missing(verified), 0.001 * scatter)
+    assert (found is None) is (said is None)
+    assert said is None or said in (found or "")
+
+
+def test_the_scatter_is_that_about_the_centre_of_each_direction() -> None:
+    def ended(x_m: float, *, clockwise: bool) -> Run:
+        return Run(clockwise, (), x_m, 0.0)
+
+    one_each = [ended(0.5, clockwise=True), ended(-0.5, clockwise=False)]
+    assert scatter_m(MODEL, one_each) == 0.0, "not known"
+    runs = [*one_each, ended(0.52, clockwise=True), ended(-0.46, clockwise=False)]
+    assert scatter_m(MODEL, runs) == pytest.approx(math.sqrt((0.0002 + 0.0008) / 2))

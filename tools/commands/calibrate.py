@@ -142,7 +142,11 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     show_default=True,
     help="First measure a straight way too: no square shows the mean wheel diameter.",
 )
-@click.option("--verify", is_flag=True, help="Then drive the squares again with the new values.")
+@click.option(
+    "--verify",
+    is_flag=True,
+    help="Then drive the squares again with the new values, and write nothing that they refute.",
+)
 @click.option(
     "--truth",
     type=click.Path(path_type=Path),
@@ -173,10 +177,12 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     Before each way you put the robot on its mark, after it you measure where it stands. The
     method is Borenstein and Feng's (1996); its closed form is then refined on the counts that were
     recorded. Shown are the worst systematic error before, and after with the values found.
+
+    Status 0: done; 1: the squares driven again refute the values, and nothing was written.
     """
     from bridge.bench.square import Asked, ByTape, Squares
     from tools.bench import Terminal, desk_on
-    from tools.calibrating import ByTruth, load_existing, write_results
+    from tools.calibrating import NOWHERE, ByTruth, load_existing, write_results
 
     model, text = load_existing(robot)
     with desk_on(port, log, text) as desk:
@@ -189,9 +195,15 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
         found = squares.run(asked)
         for line in _told(found):
             person.tell(line)
-        written = write_results(desk, person, _odometry_changes(model, found.model), robot, text)
+        if found.refuted is None:
+            changes = _odometry_changes(model, found.model)
+            written = write_results(desk, person, changes, robot, text)
+        else:
+            person.tell(f"refuted: {found.refuted}; nothing was written")
+            person.tell("drive more squares (--runs), slower, on a floor where no wheel slips")
+            written = NOWHERE
     _report(as_json, {"odometry": _figures(found), "written": written.to_dict()})
-    return 0
+    return 0 if found.refuted is None else 1
 
 
 def _odometry_changes(old: RobotModel, new: RobotModel) -> list[Change]:
@@ -250,6 +262,7 @@ def _figures(found: Result) -> dict[str, Any]:
         "before": figures(found.before),
         "after": figures(found.after),
         "driven_again": figures(found.verified),
+        "refuted": found.refuted,
         "wheel_ratio": found.model.wheel_ratio,
         "wheel_base_m": found.model.wheel_base_m,
         "wheel_diameter_m": found.model.wheel_diameter_m,
