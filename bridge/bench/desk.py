@@ -15,6 +15,7 @@ from bridge.errors import (
     DeviceLostError,
     DisagreementError,
     NoDeviceError,
+    PortError,
     StoppedForSafetyError,
 )
 from bridge.refusals import check_known, check_outcome
@@ -22,6 +23,7 @@ from bridge.remedies import Remedy
 from bridge.sample_times import SampleTimes
 from bridge.session import Session
 from bridge.session_events import Agreed, CommandEnded, Data, Failed, State, StateChanged
+from bridge.stop_request import StopRequest
 from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.messages import (
     ClearStop,
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
 CYCLE_NS = 20_000_000
 """Velocities and duties are repeated at 50 Hz, as the catalogue's default has it."""
 TTL_MS = 200
+CONFIRM_S = 1.0
+"""Time that a device has to confirm a stop, s: as long as a run waits at its end."""
 ANSWER_S = 8.0
 """Six tries with the timeout doubling, and a flash that erases."""
 STALE_S = 0.3
@@ -82,6 +86,7 @@ class Desk:
 
         """
         self._wire, self._records = wire, records
+        self._new_session_id = new_session_id
         self.session = Session(
             new_session_id, name="sweepctl bench", node=node, link=wire.link, key=key
         )
@@ -348,22 +353,59 @@ class Desk:
         """Send neither duties nor velocities any more: the device ramps to rest."""
         self._duty = self._steer = None
 
-    def stop(self, cause: StopCause = StopCause.SESSION_END) -> bool:
-        """Latch a stop; True once the device has said yes."""
+    def stop(self, cause: StopCause = StopCause.SESSION_END) -> None:
+        """Latch a stop; returns once the device has confirmed it.
+
+        Where the session gets no confirmation, or is lost, the stop is sent without it.
+
+        Raises:
+            DeviceLostError: the device has not confirmed it.
+            PortError: the port is gone.
+
+        """
         self.let_go()
         self._free = False
         self._interrupted = False
         self._failed = None
-        command_id = self.session.stop(max(cause, self._cause), self._wire.now())
+        cause = max(cause, self._cause)
+        if not (self.ready and self._stop_in_session(cause)) and not self._stop_without(cause):
+            raise DeviceLostError("the device did not confirm the stop; see that the robot stands")
+
+    def _stop_in_session(self, cause: StopCause) -> bool:
         self.newest.pop(Status, None)  # what it said before counts no more
-        return self._spin(1.0, lambda: command_id in self._outcomes)
+        try:
+            command_id = self.session.stop(cause, self._wire.now())
+            self._spin(CONFIRM_S, lambda: command_id in self._outcomes)
+        except PortError:
+            raise
+        except Exception:  # noqa: BLE001 - whatever fails in the session, the robot must stop
+            return False
+        outcome = self._outcomes.get(command_id)
+        return outcome is not None and outcome.accepted
+
+    def _stop_without(self, cause: StopCause) -> bool:
+        """Repeat a stop that needs no session; True once it is confirmed."""
+        wire = self._wire
+        stop = StopRequest(wire.link, cause, self._new_session_id(), self.session.node)
+        end_ns = wire.now() + round(CONFIRM_S * 1e9)
+        while stop.confirmed_by is None and wire.now() < end_ns:
+            going = stop.data_to_send(wire.now())
+            came = wire.turn(going, HostNs(min(end_ns, stop.next_deadline())))
+            stop.receive(came, wire.now())
+        return stop.confirmed_by is not None
 
     # ---- its end --------------------------------------------------------------------------
 
     def close(self) -> None:
-        """Stop where anything was enabled, and give the wire back."""
+        """Stop where anything was enabled, and give the wire back.
+
+        Raises:
+            DeviceLostError: the device has not confirmed the stop.
+            PortError: the port is gone.
+
+        """
         try:
-            if self._moved and self.ready:
+            if self._moved:
                 self._moved = False
                 self.stop()
         finally:
@@ -379,4 +421,9 @@ class Desk:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        try:
+            self.close()
+        except PortError as failed:
+            if isinstance(error, BridgeError) and str(error) != str(failed):
+                raise DeviceLostError(f"{error}; {failed}") from error
+            raise

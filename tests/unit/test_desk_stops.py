@@ -1,0 +1,66 @@
+"""A desk leaves the robot stopped, and says so only where the device has confirmed it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from bridge.bench.wire import InterruptedByPersonError
+from bridge.errors import DeviceLostError
+from protocol.values import Mode, StopCause
+from support.bench_wire import RigWire, desk_on
+from support.ends import sweeper
+
+if TYPE_CHECKING:
+    from bridge.bench.desk import Desk
+    from protocol.clock import HostNs
+
+
+@pytest.fixture(name="moving")
+def _moving() -> tuple[Desk, RigWire]:
+    desk, wire = desk_on(sweeper())
+    desk.enable(Mode.VELOCITY)
+    desk.steer(lambda: (0.1, 0.0))
+    desk.run(1.0)
+    assert latched(wire) is StopCause.NONE
+    return desk, wire
+
+
+def latched(wire: RigWire) -> StopCause:
+    return wire.device.firmware.latch.cause
+
+
+def test_a_defect_in_the_session_does_not_keep_the_stop_from_the_device(
+    moving: tuple[Desk, RigWire], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk, wire = moving
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(desk.session, "data_to_send", broken)
+    with pytest.raises(ZeroDivisionError), desk:
+        desk.run(1.0)
+    assert latched(wire) is StopCause.SESSION_END
+    assert wire.closed
+
+
+def test_a_stop_that_is_not_confirmed_is_an_error(
+    moving: tuple[Desk, RigWire], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk, wire = moving
+    turn = wire.turn
+
+    def deaf(_data: bytes, until_ns: HostNs) -> bytes:
+        return turn(b"", until_ns)
+
+    monkeypatch.setattr(wire, "turn", deaf)
+    before_s = desk.now_s
+    with pytest.raises(DeviceLostError, match="did not confirm the stop"):
+        desk.stop()
+    assert desk.now_s - before_s < 3.0
+    with pytest.raises(DeviceLostError, match=r"ended by Ctrl-C.*did not confirm") as raised, desk:
+        raise InterruptedByPersonError("ended by Ctrl-C")
+    assert raised.value.exit_status == 3
+    assert wire.closed
