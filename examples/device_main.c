@@ -266,19 +266,19 @@ static void handle(const sp_frame_t *frame, uint32_t now_us)
             greet(&hello, now_us);
         }
     }
-    const int32_t extra_us = extra_delay_us(frame->t_us, now_us);
-    switch (frame->type) {
-    case SP_TYPE_HOST_HELLO:
-        break;
-    case SP_TYPE_STOP: { /* obeyed before any question of session or repetition */
+    if (frame->type == SP_TYPE_STOP) { /* before any question of session or repetition */
         sp_stop_t stop;
         if (sp_stop_decode(&stop, frame->payload, frame->length)) {
             const sp_ack_t ack = {stop.command_id, SP_TYPE_STOP};
             latch(stop.cause);
             SEND(ack, now_us, &ack);
         }
-        break;
+        return; /* anyone may have sent it: its delay is not the session's */
     }
+    const int32_t extra_us = extra_delay_us(frame->t_us, now_us);
+    switch (frame->type) {
+    case SP_TYPE_HOST_HELLO:
+        break;
     case SP_TYPE_VELOCITY_SETPOINT: {
         sp_velocity_setpoint_t setpoint;
         if (sp_velocity_setpoint_decode(&setpoint, frame->payload, frame->length)) {

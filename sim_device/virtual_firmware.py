@@ -186,14 +186,16 @@ class Firmware:
             self._open(message, now_us)
             self._freshness.extra_delay_us(frame.t_us, now_us)
             return
+        if isinstance(message, Stop):
+            # Obeyed before any question of session or repetition; nor is it the session's frame,
+            # by whose delays setpoints are judged, for anyone may have sent it.
+            self.stop(message.cause)
+            self._send(Ack(message.command_id, frame.type_id), now_us)
+            return
         extra_us = self._freshness.extra_delay_us(frame.t_us, now_us)
         handler = self._handlers.get(message.__class__)
         if handler is not None:
             handler(message, extra_us, now_us)
-        elif isinstance(message, Stop):
-            # Obeyed before any question of session or repetition.
-            self.stop(message.cause)
-            self._send(Ack(message.command_id, frame.type_id), now_us)
         elif isinstance(message, COMMANDS):
             self._command(message, frame.type_id, now_us)
 

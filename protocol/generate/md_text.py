@@ -120,6 +120,7 @@ RELIABILITY = """\
   the device clamps, and a counter that must advance (by 1 to 127, modulo 256). The device keeps the
   smallest (arrival − host stamp) of the session; what a frame is later than that is taken off its
   time to live, and at nothing left it is refused. So a backlog that comes at once moves nothing.
+  Stops do not count for the smallest: anyone may send one.
 - **Commands** carry an id, are answered with `ack` or `nack`, and are repeated until then. The
   device keeps its last replies by (session, id, type): a repeated command is answered again and not
   carried out again. `get_parameter` and `set_parameter` send the `parameter_value` before the

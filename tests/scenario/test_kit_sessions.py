@@ -122,6 +122,19 @@ def test_the_graver_of_two_stops_that_coincide_is_latched() -> None:
         assert told[steps.index(acts)].stop_cause == max(named), (first, second)
 
 
+def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
+    """It is stamped by another clock; the host that clears it drives on in its session."""
+    writer = Writer()
+    writer.begin()
+    writer.drive(900, 0, 3)
+    for first_id, age_us in ((1010, 3_000_000), (1020, -3_000_000)):
+        writer.say(Stop(1, StopCause.OPERATOR), age_us=age_us)
+        writer.say(ClearStop(first_id, StopCause.OPERATOR), SetMode(first_id + 1, Mode.VELOCITY))
+        writer.drive(900, 0, 3)
+    told = compare(writer.acts)
+    assert (told[-1].state, told[-1].stale, told[-1].setpoint.first) == (VELOCITY, 0, 900)
+
+
 @pytest.mark.parametrize("state", sorted(WAYS))
 def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int) -> None:
     """Only a stop and a hello are not, and they need not be: one device is meant by node 0."""

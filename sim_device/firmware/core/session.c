@@ -158,14 +158,17 @@ void session_receive(firmware_t *firmware, sp_frame_t *frame, int64_t arrived_us
             greet(firmware, &message.hello, frame, arrived_us);
         }
     }
-    const int64_t extra = freshness_extra(&firmware->freshness, frame->t_us, arrived_us);
-    switch (frame->type) {
-    case SP_TYPE_HOST_HELLO:
-        break;
-    case SP_TYPE_STOP:
+    if (frame->type == SP_TYPE_STOP) {
+        /* Anyone may have sent it: it is not the session's frame, by whose delays setpoints are
+         * judged. */
         if (sp_stop_decode(&message.stop, payload, length)) {
             stop(firmware, &message.stop, arrived_us);
         }
+        return;
+    }
+    const int64_t extra = freshness_extra(&firmware->freshness, frame->t_us, arrived_us);
+    switch (frame->type) {
+    case SP_TYPE_HOST_HELLO:
         break;
     case SP_TYPE_VELOCITY_SETPOINT:
         if (sp_velocity_setpoint_decode(&message.setpoint, payload, length)) {
