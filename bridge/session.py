@@ -132,6 +132,8 @@ class Session(SessionHandshake):
         """The port has vanished: the device is lost without a second's wait."""
         if self.state in {State.READY, State.AGREEING}:
             self._lose(now_ns, "unplugged", "its port is gone")
+        elif self.state is State.OPENING and self._evidence.words is not None:
+            self._no_device()  # what is behind the port gave its reason, and would again
 
     def replugged(self, now_ns: HostNs) -> None:
         """A port is there again: ask at once who is on it."""

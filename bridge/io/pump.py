@@ -14,6 +14,7 @@ from bridge.errors import BridgeError, DeviceLostError, PortError
 from bridge.io import clock
 from bridge.io.stopping import send_until_confirmed
 from bridge.mission import Ending, Phase
+from bridge.session_events import State
 from bridge.stop_request import StopRequest
 from bridge.telemetry import Severity
 from protocol.clock import HostNs
@@ -314,8 +315,9 @@ class Pump:
                 return
 
     def _gone(self, error: PortError, now_ns: HostNs) -> None:
-        self.host.event(now_ns, Severity.ERROR, "link", "port_lost", str(error))
         self.host.session.unplugged(now_ns)
+        if self.host.session.state is not State.FAILED:  # else the reason is known, and given
+            self.host.event(now_ns, Severity.ERROR, "link", "port_lost", str(error))
         if self._port is not None:
             self._port.close()
         self._port = None

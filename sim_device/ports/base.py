@@ -35,6 +35,9 @@ class DevicePort(ABC):
     def write(self, data: bytes) -> int:
         """Write what fits; how many bytes that was. What nobody wants counts as written."""
 
+    def tend(self) -> None:  # noqa: B027 - most ports have nothing to do
+        """Do what the passing of time asks for; called at every turn of the loop."""
+
     @abstractmethod
     def unplug(self) -> None:
         """Disappear, as if the plug were pulled."""

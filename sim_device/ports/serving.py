@@ -137,6 +137,7 @@ class _Served:
         if self._waker is not None and not set(awake).isdisjoint(ready):
             self._waker.poll(self._now_us())
         data = port.read(room) if not set(listened).isdisjoint(ready) else b""
+        port.tend()
         now_us = self._now_us()
         late_us = now_us - rig.device.next_deadline_us()
         if late_us >= 0:

@@ -1,4 +1,4 @@
-"""The device's serial port on a TCP socket, for one host at a time."""
+"""The device's serial port on a TCP socket: one host at a time, and a stop from anyone."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ import ipaddress
 import socket
 import time
 from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.messages import Stop
+from protocol.uart import Frame, UartParser, encode_frame
 from sim_device.line import FIFO_BYTES
 from sim_device.ports.base import DevicePort, PortUnavailableError
 
@@ -17,6 +21,18 @@ if TYPE_CHECKING:
 LOOPBACK = "127.0.0.1"
 QUIET_S = 10.0
 """Between two lines about clients that were refused."""
+SILENT_S = 3.0
+"""How long a host may send no intact frame before another client takes its place: three times what
+ends a session on the device. A host that is connected sends at least one ping a second."""
+GRACE_S = 1.0
+"""How long a second client may take to send its first frame, which may be a stop."""
+STOPPING_S = 5.0
+"""How long a client that has sent a stop hears the device: ``sweepctl stop`` waits for 3 s."""
+WAITING_MAX = 4
+"""Clients beside the host; one more ends the wait of the first of them."""
+_STOP = CATALOGUE.by_class[Stop].type_id
+_READ_MAX = 4096
+"""Bytes of a waiting client that are looked at: some 20 frames of the longest kind."""
 
 
 def is_loopback(host: str) -> bool:
@@ -29,10 +45,59 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-class TcpPort(DevicePort):
-    """A listening socket; a second client is told who has the device, and closed.
+@dataclass(eq=False, slots=True)
+class _Client:
+    """A connection, and what has come from it."""
 
-    While nobody is there, what the device says goes nowhere, as on a serial line.
+    socket: socket.socket
+    who: str
+    heard_s: float
+    """When its last intact frame came; before the first, when it connected."""
+    parser: UartParser = field(default_factory=UartParser)
+    data: bytes = b""
+    """What it wrote while it waited."""
+    stopped_s: float | None = None
+    """When it last sent a stop while it waited."""
+
+    def receive(self, limit: int, now_s: float) -> tuple[bytes, list[Frame]] | None:
+        """What it has written, and the intact frames that ends; None where it has hung up."""
+        try:
+            data = self.socket.recv(limit)
+        except (BlockingIOError, InterruptedError):
+            return b"", []
+        except OSError:
+            return None
+        if not data:
+            return None
+        frames = [f for f in self.parser.feed(data) if isinstance(f, Frame)]
+        if frames:
+            self.heard_s = now_s
+        return data, frames
+
+    def send(self, data: bytes) -> int | None:
+        """How many bytes its socket takes; None where it has hung up."""
+        try:
+            return self.socket.send(data)
+        except (BlockingIOError, InterruptedError):
+            return 0
+        except OSError:
+            return None
+
+    def dismiss(self, reason: str) -> None:
+        """Hang up, with a line that says why."""
+        with suppress(OSError):
+            self.socket.send(f"{reason}\r\n".encode())
+            self.socket.shutdown(socket.SHUT_WR)
+        self.socket.close()
+
+
+class TcpPort(DevicePort):
+    """A listening socket: its first client is the host, another one may only stop the robot.
+
+    A second client is listened to for :data:`GRACE_S`. Its stop goes to the device, and it hears
+    what the device says. Where it sends something else, or nothing, it is told who has the device
+    and closed; but where the host has sent no intact frame for :data:`SILENT_S`, it is the host
+    from then on. While nobody is there, what the device says goes nowhere, as on a serial line.
     """
 
     def __init__(
@@ -46,8 +111,10 @@ class TcpPort(DevicePort):
         """
         self._host, self._port, self._tell = host, port, tell
         self._listener: socket.socket | None = None
-        self._client: socket.socket | None = None
-        self._who = ""
+        self._client: _Client | None = None
+        self._waiting: list[_Client] = []
+        self._stops = b""
+        """Frames of waiting clients that the device has yet to get."""
         self._refused = 0
         """Since it was last told of."""
         self._refusal_s = -QUIET_S
@@ -79,10 +146,14 @@ class TcpPort(DevicePort):
 
     def unplug(self) -> None:
         """Stop listening and hang up."""
-        for end in (self._client, self._listener):
-            if end is not None:
-                end.close()
+        for client in (self._client, *self._waiting):
+            if client is not None:
+                client.socket.close()
+        if self._listener is not None:
+            self._listener.close()
         self._client = self._listener = None
+        self._waiting.clear()
+        self._stops = b""
 
     def close(self) -> None:
         """Stop listening and hang up."""
@@ -90,74 +161,147 @@ class TcpPort(DevicePort):
 
     def filenos(self) -> list[int]:
         """Those on which somebody may knock or talk."""
-        return [end.fileno() for end in (self._listener, self._client) if end is not None]
+        clients = [c.socket for c in (self._client, *self._waiting) if c is not None]
+        return [end.fileno() for end in (self._listener, *clients) if end is not None]
 
     def read(self, limit: int = FIFO_BYTES) -> bytes:
-        """Open the door, and take what the client has written."""
+        """Open the door, and take what the host has written and the stops of others."""
         self._answer_the_door()
-        if self._client is None:
-            return b""
-        try:
-            data = self._client.recv(min(limit, FIFO_BYTES))
-        except (BlockingIOError, InterruptedError):
-            return b""
-        except OSError:
-            data = b""
-        if not data:
+        if len(self._stops) < _READ_MAX:
+            for waiting in list(self._waiting):
+                self._stops += self._hear(waiting)
+        stops, self._stops = self._stops[:limit], self._stops[limit:]
+        client, room = self._client, min(limit - len(stops), FIFO_BYTES)
+        if client is None or not room:
+            return stops
+        if client.data:  # from before it was the host
+            data, client.data = client.data[:room], client.data[room:]
+            return stops + data
+        received = client.receive(room, time.monotonic())
+        if received is None:
             self._hang_up()
-        return data
+            return stops
+        # A stop may cut a frame of the host's short: that frame is damaged, and no other.
+        return stops + received[0]
 
     def write(self, data: bytes) -> int:
-        """Send what the client's socket takes."""
-        if self._client is None:
-            return len(data)
-        try:
-            written = self._client.send(data)
-        except (BlockingIOError, InterruptedError):
-            written = 0
-        except OSError:
-            self._hang_up()
-            return len(data)
-        return written
+        """Send what the host's socket takes; to one that stops the robot, all of it."""
+        written = len(data)
+        if self._client is not None:
+            taken = self._client.send(data)
+            if taken is None:
+                self._hang_up()
+            else:
+                written = taken
+        stopping = [client for client in self._waiting if client.stopped_s is not None]
+        for client in stopping:
+            if client.send(data) is None:
+                self._drop(client)
+        # A host that does not read loses it then: the answer to the stop does not wait for it.
+        return len(data) if stopping else written
+
+    def tend(self) -> None:
+        """End the waits that are over; a client that waits is the host once there is none."""
+        now_s = time.monotonic()
+        for client in list(self._waiting):
+            if client.stopped_s is None:
+                if now_s - client.heard_s >= GRACE_S:
+                    self._decide(client)
+            elif now_s - client.stopped_s >= STOPPING_S:
+                self._drop(client)
+        if self._client is None and self._waiting:
+            self._welcome(self._waiting.pop(0))
+
+    # ---- clients --------------------------------------------------------------------------
 
     def _answer_the_door(self) -> None:
-        if self._listener is None:
-            return
-        try:
-            client, address = self._listener.accept()
-        except OSError:  # nobody, or gone again
-            return
-        who = f"{address[0]}:{address[1]}"
-        client.setblocking(False)  # noqa: FBT003 - positional in C
-        if self._client is not None and not self._has_left():
-            self._tell_of_refusal(who)
-            reason = f"refused: this sweeper has a host already, {self._who}; end it first\r\n"
+        for _ in range(WAITING_MAX):
+            if self._listener is None:
+                return
+            try:
+                accepted, address = self._listener.accept()
+            except OSError:  # nobody, or gone again
+                return
+            accepted.setblocking(False)  # noqa: FBT003 - positional in C
             with suppress(OSError):
-                client.send(reason.encode())
-                client.shutdown(socket.SHUT_WR)
-            client.close()
-            return
-        with suppress(OSError):
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._client, self._who = client, who
-        self._tell(f"{who} is connected")
+                accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                accepted.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+            client = _Client(accepted, f"{address[0]}:{address[1]}", time.monotonic())
+            if self._client is None or self._has_left():
+                self._welcome(client)
+                continue
+            if len(self._waiting) >= WAITING_MAX:
+                self._refuse(min(self._waiting, key=lambda c: c.stopped_s or 0.0))
+            self._waiting.append(client)
 
-    def _tell_of_refusal(self, who: str) -> None:
-        """Say it, but not each time: whoever is refused may knock again four times a second."""
+    def _hear(self, client: _Client) -> bytes:
+        """Take what a waiting client writes: the last stop in it, as a frame."""
+        now_s = time.monotonic()
+        received = client.receive(_READ_MAX, now_s)
+        if received is None:
+            self._drop(client)
+            return b""
+        data, frames = received
+        client.data = (client.data + data)[:_READ_MAX]
+        stops = [f for f in frames if f.type_id == _STOP and f.version == PROTOCOL_VERSION]
+        if stops and client.stopped_s is None:
+            self._tell(f"{client.who} stops the robot")
+        if stops:
+            client.stopped_s, client.data = now_s, b""
+        if len(stops) < len(frames) or len(client.data) >= _READ_MAX:
+            self._decide(client)
+        if not stops:
+            return b""
+        newest = stops[-1]
+        node, seq, t_us, flags = newest.node, newest.seq, newest.t_us, newest.flags
+        return b"\0" + encode_frame(node, _STOP, seq, t_us, newest.payload, flags)
+
+    def _decide(self, client: _Client) -> None:
+        """Make a client that wants more than a stop the host, or refuse it."""
+        host = self._client
+        if host is not None:
+            if time.monotonic() - host.heard_s < SILENT_S:
+                self._refuse(client)
+                return
+            host.dismiss(
+                f"ended: this sweeper had no frame from here for {SILENT_S:g} s, "
+                f"and {client.who} wants it"
+            )
+            self._tell(f"{host.who} sent no frame for {SILENT_S:g} s: it gives way to {client.who}")
+            self._client = None
+        self._waiting.remove(client)
+        self._welcome(client)
+
+    def _welcome(self, client: _Client) -> None:
+        self._client = client
+        client.heard_s = time.monotonic()
+        self._tell(f"{client.who} is connected")
+
+    def _refuse(self, client: _Client) -> None:
+        """Hang up; say it, but not each time: a client may knock again four times a second."""
+        host = "" if self._client is None else self._client.who
+        client.dismiss(f"refused: this sweeper has a host already, {host}; end it first")
+        self._waiting.remove(client)
         now_s = time.monotonic()
         self._refused += 1
         if now_s - self._refusal_s < QUIET_S:
             return
         more = f" ({self._refused} times)" if self._refused > 1 else ""
-        self._tell(f"{who} was refused{more}: {self._who} is connected, and a sweeper has one host")
+        self._tell(
+            f"{client.who} was refused{more}: {host} is connected, and a sweeper has one host"
+        )
         self._refused, self._refusal_s = 0, now_s
 
+    def _drop(self, client: _Client) -> None:
+        client.socket.close()
+        self._waiting.remove(client)
+
     def _has_left(self) -> bool:
-        """Whether the client hung up while its successor knocked: both come in one turn."""
+        """Whether the host hung up while its successor knocked: both come in one turn."""
         if self._client is None:
             return True
         try:
-            gone = self._client.recv(1, socket.MSG_PEEK) == b""
+            gone = self._client.socket.recv(1, socket.MSG_PEEK) == b""
         except (BlockingIOError, InterruptedError):
             gone = False
         except OSError:
@@ -168,6 +312,6 @@ class TcpPort(DevicePort):
 
     def _hang_up(self) -> None:
         if self._client is not None:
-            self._client.close()
+            self._client.socket.close()
+            self._tell(f"{self._client.who} has left")
             self._client = None
-            self._tell(f"{self._who} has left")

@@ -8,13 +8,22 @@ import secrets
 import signal
 import socket
 import subprocess
+import threading
 import time
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 import can
 import pytest
 
+from bridge.io.ports import open_port
+from bridge.io.stopping import stop_device
+from protocol.link import Link
+from protocol.message import Direction
+from protocol.messages import TimeRequest
 from sim_device.ports import PortUnavailableError, PtyPort, ask_control
+from sim_device.ports.tcp import SILENT_S
 from support.two_processes import COMMAND, PATIENCE_S, ROOT, Command, Emulator, Together, connect
 
 if TYPE_CHECKING:
@@ -40,6 +49,25 @@ def read_all(client: socket.socket) -> bytes:
     return data
 
 
+@contextmanager
+def talking(client: socket.socket) -> Iterator[None]:
+    """Ask for the device's time four times a second, as a host does at least once."""
+    over, link = threading.Event(), Link(Direction.HOST)
+
+    def talk() -> None:
+        while not over.wait(0.25):
+            link.send(TimeRequest(1), 0, node=1)
+            client.sendall(link.data_to_send())
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
 def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--link", "tcp") as device:
         found = re.fullmatch(r"socket://127\.0\.0\.1:(\d+)", device.port)
@@ -52,9 +80,12 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
             assert said.count("\n") == 1
             assert "refused: this sweeper has a host already, 127.0.0.1:" in said
             device.says("was refused")
-            ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
+            with talking(first):
+                ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
             assert ended.status == 3
             assert "the other end says: refused: this sweeper has a host already" in ended.complaint
+            told = [line for line in ended.err.splitlines() if "session: opened" not in line]
+            assert told == [ended.complaint], "one line, and no tries to open it again"
             assert first.recv(100), "the first hears the device all the same"
         device.says("has left")
         how = ("--json", "--out", "run.mcap", "--adapter-delay", "500,500")
@@ -67,6 +98,34 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
     assert (ended.status, ended.out) == (0, "")
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(address)
+
+
+def tcp_a_stop_beside_the_host(tmp_path: Path) -> None:
+    with Emulator(tmp_path, "--link", "tcp") as device:
+        how = ("--plan", "paper", "--json", "--out", "run.mcap")
+        with Command("connect", device.port, *how, cwd=tmp_path) as host:
+            host.says("run is driving")
+            # As from another machine: here `stop` would ask the process that has the port.
+            assert stop_device(device.port, partial(open_port, device.port)) == 1
+            ended = host.end()
+        device.says("stops the robot")
+        assert ended.status == 5, ended.err
+        assert "cause: operator" in ended.complaint
+        assert device.stop().status == 0
+
+
+def tcp_a_silent_client_gives_way(tmp_path: Path) -> None:
+    with Emulator(tmp_path, "--link", "tcp") as device:
+        host, _, number = device.port.removeprefix("socket://").partition(":")
+        with socket.create_connection((host, int(number))) as silent:
+            device.says(f"127.0.0.1:{silent.getsockname()[1]} is connected")
+            time.sleep(SILENT_S)
+            assert stop_device(device.port, partial(open_port, device.port)) == 1
+            ended = connect(tmp_path, device.port, "--duration", "1", "--json", "--out", "r.mcap")
+            assert ended.status == 0, ended.err
+            assert b"\0ended: this sweeper had no frame from here for 3 s" in read_all(silent)
+        device.says("it gives way to")
+        assert device.stop().status == 0
 
 
 def tcp_with_a_shared_key(tmp_path: Path) -> None:
@@ -183,6 +242,8 @@ def nothing_is_left_however_it_ends(tmp_path: Path) -> None:
 
 SCENARIOS = (
     tcp_one_client_and_a_reason_for_the_second,
+    tcp_a_stop_beside_the_host,
+    tcp_a_silent_client_gives_way,
     tcp_with_a_shared_key,
     two_that_want_one_link,
     a_port_pulled_and_put_back,

@@ -1,0 +1,141 @@
+"""The emulator's TCP port: one host, and a stop from whoever else connects."""
+
+from __future__ import annotations
+
+import select
+import socket
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import pytest
+
+from protocol.catalogue import CATALOGUE
+from protocol.link import Link, Received
+from protocol.message import Direction
+from protocol.messages import HostHello, SetMode, Stop, TimeRequest, VelocitySetpoint
+from protocol.values import Mode, StopCause
+from sim_device.ports import TcpPort
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from protocol.message import Message
+
+PATIENCE_S = 30.0
+STOP = Stop(7, StopCause.OPERATOR)
+HELLO = HostHello(CATALOGUE.hash, 9, 0, "test")
+
+
+class Served:
+    """The port, and what came through it."""
+
+    def __init__(self, port: TcpPort) -> None:
+        self.port = port
+        self.link = Link(Direction.DEVICE)
+        self.heard: list[Message] = []
+
+    def turn(self, limit: int = 4096) -> None:
+        """Wait for a client's bytes, and take them."""
+        ready, _, _ = select.select(self.port.filenos(), [], [], PATIENCE_S)
+        assert ready, "nothing came"
+        data = self.port.read(limit)
+        assert len(data) <= limit
+        self.heard += [e.message for e in self.link.receive(data) if isinstance(e, Received)]
+
+    def until(self, message: Message) -> None:
+        while message not in self.heard:
+            self.turn()
+
+    def connect(self, stack: ExitStack) -> socket.socket:
+        host, _, number = self.port.path.removeprefix("socket://").partition(":")
+        client = stack.enter_context(socket.create_connection((host, int(number)), PATIENCE_S))
+        self.turn()
+        return client
+
+
+@pytest.fixture(name="served")
+def _served() -> Iterator[Served]:
+    with TcpPort() as port:
+        yield Served(port)
+
+
+@pytest.fixture(name="stack")
+def _stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def wire(*messages: Message) -> bytes:
+    """As a host of its own writes them."""
+    link = Link(Direction.HOST)
+    for message in messages:
+        link.send(message, 5_000_000, node=1)
+    return link.data_to_send()
+
+
+def rest(client: socket.socket) -> bytes:
+    """All that came until the other side hung up."""
+    data = b""
+    while more := client.recv(4096):
+        data += more
+    return data
+
+
+def test_a_second_client_may_stop_the_robot_and_hears_the_answer(
+    served: Served, stack: ExitStack
+) -> None:
+    host, other = served.connect(stack), served.connect(stack)
+    host.sendall(wire(HELLO))
+    served.until(HELLO)
+    other.sendall(wire(STOP))
+    served.until(STOP)
+    assert served.port.write(b"the answer") == len(b"the answer")
+    assert other.recv(100) == b"the answer"
+    assert host.recv(100) == b"the answer"
+    host.sendall(wire(TimeRequest(3)))
+    served.until(TimeRequest(3))  # the host is still the host
+
+
+def test_nothing_but_its_stop_comes_from_a_second_client(served: Served, stack: ExitStack) -> None:
+    host, other = served.connect(stack), served.connect(stack)
+    host.sendall(wire(HELLO))
+    served.until(HELLO)
+    other.sendall(wire(STOP, SetMode(8, Mode.VELOCITY), VelocitySetpoint(1000, 0, 200, 1)))
+    served.until(STOP)
+    host.sendall(wire(TimeRequest(3)))
+    served.until(TimeRequest(3))
+    assert served.heard == [HELLO, STOP, TimeRequest(3)]
+    assert rest(other).startswith(b"refused: this sweeper has a host already, 127.0.0.1:")
+
+
+def test_a_stop_needs_no_place_that_idle_clients_have_taken(
+    served: Served, stack: ExitStack
+) -> None:
+    host = served.connect(stack)
+    for _ in range(20):
+        served.connect(stack)
+    served.connect(stack).sendall(wire(STOP))
+    served.until(STOP)
+    host.sendall(wire(HELLO))
+    served.until(HELLO)
+
+
+def test_a_host_that_reads_nothing_does_not_hold_up_the_answer_to_a_stop(
+    served: Served, stack: ExitStack
+) -> None:
+    served.connect(stack)
+    other = served.connect(stack)
+    while served.port.write(bytes(65_536)):
+        pass  # until its socket is full
+    other.sendall(wire(STOP))
+    served.until(STOP)
+    assert served.port.write(b"the answer") == len(b"the answer")
+    assert other.recv(100) == b"the answer"
+
+
+def test_a_stop_goes_into_what_room_the_line_has(served: Served, stack: ExitStack) -> None:
+    host, other = served.connect(stack), served.connect(stack)
+    host.sendall(bytes(20_000))  # a line that is full of the host's own bytes
+    other.sendall(wire(STOP))
+    while STOP not in served.heard:
+        served.turn(limit=3)
