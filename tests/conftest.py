@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hypothesis import HealthCheck, settings
 
-from support import conformance, needs
+from support import conformance, fairly, needs
 
 if TYPE_CHECKING:
     import pytest
@@ -41,3 +41,5 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     conformance.configure(config)
     needs.configure(config)
+    if config.getoption("--port") is None:
+        config.pluginmanager.register(fairly.Fairly(), "sweepctl-fairly")

@@ -106,7 +106,7 @@ def test_a_program_for_another_chip(tmp_path: Path) -> None:
     assert f"{wrong} does not run: QEMU has ended by itself" in done.line
 
 
-@CROSS
+@CHIP
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [

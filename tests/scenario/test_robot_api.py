@@ -26,7 +26,7 @@ from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.owner import RemoteRobot, reach
 from bridge.record.errors import LogError, LogExistsError
 from bridge.record.reader import LogReader
-from bridge.robot import LET_GO_S, ManualDrive, Robot
+from bridge.robot import LET_GO_S, Latest, ManualDrive, Robot
 from bridge.session_events import State
 from protocol.messages import Encoders, Imu, Range, Status
 from protocol.values import Mode, StopCause
@@ -102,6 +102,12 @@ def until(true: Callable[[], bool], meanwhile: Callable[[], None] = lambda: None
         assert time.monotonic() < deadline, "it never came"
         meanwhile()
         time.sleep(0.02)
+
+
+def another(stream: Latest[Encoders]) -> None:
+    """Wait for the stream's next sample."""
+    before = stream.latest
+    until(lambda: stream.latest is not before)
 
 
 def test_data_comes_by_itself_and_nothing_moves(emulated: Emulated) -> None:
@@ -296,9 +302,10 @@ def test_a_reboot_is_found_again_and_told(emulated: Emulated) -> None:
 def test_stream_rates(emulated: Emulated) -> None:
     with bridge.open(emulated.port) as robot:
         robot.stream_rate("imu", 0.0)
-        time.sleep(0.1)
+        another(robot.encoders)  # what was sent before the acknowledgement has come by now
         still = robot.imu.latest
-        time.sleep(0.3)
+        for _ in range(30):  # at 100 Hz, as the IMU was: in 0.3 s of the device's time
+            another(robot.encoders)
         assert robot.imu.latest is still
         robot.stream_rate("imu", 50.0)
         until(lambda: robot.imu.latest is not still)

@@ -11,12 +11,15 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import tty
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from bridge.record.reader import LogReader
+from support.fairly import AGAIN_S
+from support.hold_up import Busy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -26,6 +29,10 @@ ROOT = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-m", "tools.sweepctl"]
 PATIENCE_S = 60.0
 """For what takes seconds; only a hang is longer."""
+
+
+TURN_S = 0.05
+"""A gap in the emulator's poses, s, that its own turns do not leave: 20 ms and a control period."""
 
 
 class Ended(NamedTuple):
@@ -94,6 +101,14 @@ class Command:
     def send(self, number: int) -> None:
         self.process.send_signal(number)
 
+    def is_stopped(self) -> None:
+        """Wait until a SIGSTOP has arrived at every thread."""
+        tasks = Path(f"/proc/{self.process.pid}/task")
+        until_s = time.monotonic() + PATIENCE_S
+        while any(_state(task) not in "TZX" for task in tasks.iterdir()):
+            assert time.monotonic() < until_s, "it runs on"
+            time.sleep(0.001)
+
     def end(self) -> Ended:
         """Wait for its end."""
         assert self.process.stdout is not None
@@ -124,6 +139,14 @@ class Command:
             self.process.send_signal(signal.SIGCONT)
         if self.process.stdout is not None and not self.process.stdout.closed:
             self.end()
+
+
+def _state(task: Path) -> str:
+    """Letter of a thread's state; X where it has gone."""
+    try:
+        return (task / "stat").read_text(encoding="ascii").rpartition(")")[2].split()[0]
+    except OSError:
+        return "X"
 
 
 class Emulator(Command):
@@ -177,6 +200,20 @@ def last_motion_s(poses: list[Pose]) -> float:
     return last
 
 
+def held_up_s(poses: list[Pose], from_s: float, to_s: float) -> float:
+    """For how long in all the emulator was not let run between two moments.
+
+    It notes its pose in every turn, 20 ms apart or a little more: a longer gap is the machine's.
+    """
+    inside = [p.at_s for p in poses if from_s - 1.0 < p.at_s < to_s + 1.0]
+    gaps = (
+        min(after, to_s) - max(before, from_s)
+        for before, after in itertools.pairwise(inside)
+        if after > from_s and before < to_s and after - before > TURN_S
+    )
+    return sum(gaps)
+
+
 class PtyPeer:
     """A pty that something else than a sweeper answers on."""
 
@@ -217,6 +254,19 @@ class PtyPeer:
         os.close(self._slave)
 
 
+def _fairly(scenario: Callable[[Path], None], folder: Path) -> None:
+    """Run a scenario, and once more in a folder of its own where the machine was too busy."""
+    busy = Busy()
+    try:
+        scenario(folder)
+    except Exception:
+        if not busy.excuses or busy.elapsed_s > AGAIN_S:
+            raise
+        again = folder / "again"
+        again.mkdir()
+        scenario(again)
+
+
 class Together:
     """Runs scenarios at the same time: they wait more than they work."""
 
@@ -226,7 +276,7 @@ class Together:
         for scenario in scenarios:
             own = folder / scenario.__name__
             own.mkdir()
-            self._futures[scenario.__name__] = self._pool.submit(scenario, own)
+            self._futures[scenario.__name__] = self._pool.submit(_fairly, scenario, own)
 
     def result(self, name: str) -> None:
         """Wait for one; raises what it raised."""
