@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from tools.start import main as start
+
+    start()  # before the imports below, and does not come back
+
 import errno
 import gc
 import importlib
@@ -16,6 +21,7 @@ import click
 
 from tools.console import complain, flush, write_json
 from tools.output_queue import QueuedOutput
+from tools.start import interrupted
 from tools.version import VERSION
 from tools.visible_text import shortened
 
@@ -185,13 +191,12 @@ def main() -> None:
         # A terminal, or a file's name, that knows no "m²": a mark in its place, no traceback.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-    status = run()
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    try:
+        status = run()
+    except KeyboardInterrupt:  # a second one, as the first was answered
+        status = 0
+    if signal.getsignal(signal.SIGINT) in {signal.default_int_handler, interrupted}:
         # From here on Ctrl-C finds nothing that it could break off in order.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     gc.freeze()  # the same when the interpreter ends: a tenth of a second of looking
     sys.exit(status)
-
-
-if __name__ == "__main__":
-    main()

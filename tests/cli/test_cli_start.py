@@ -1,0 +1,192 @@
+"""Where a command is started: a folder that is gone or closed, and Ctrl-C before it has begun."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.cli import ROOT
+from tools.options import log_path
+from tools.outputs import check_outputs
+from tools.paths import is_file, is_folder, is_there
+from tools.rooms import load_room
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+NOBODY = 65534
+"""The user that owns nothing: what is closed to others is closed to it."""
+
+INTERRUPT = """
+import os, signal, sys
+class At:
+    def find_spec(self, name, path=None, target=None):
+        if name == os.environ["INTERRUPT_AT"]:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, At())
+"""
+"""As a module that Python loads at its start: Ctrl-C as another one begins to be imported."""
+
+
+def sweepctl(
+    *arguments: str | Path, cwd: Path, env: dict[str, str] | None = None, script: str = 'exec "$@"'
+) -> subprocess.CompletedProcess[str]:
+    words = [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)]
+    return subprocess.run(
+        ["/bin/sh", "-c", script, "sh", *words],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONSAFEPATH": "1", **(env or {})},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+
+
+START = ["click", "tools.console", "bridge", "tools.commands.simulate", "numpy"]
+LATER = ["numpy.linalg", "bridge.config", "bridge.host", "sim_device.device", "llvmlite"]
+
+
+@pytest.mark.parametrize("module", [*START, *LATER])
+def test_ctrl_c_while_it_starts_ends_it_quietly(module: str, tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(INTERRUPT)
+    path = os.pathsep.join((str(tmp_path), str(ROOT)))
+    done = sweepctl(
+        *("simulate", "case-1", "--max-time", "3", "--json", "--out", tmp_path / "run.mcap"),
+        cwd=tmp_path,
+        env={"PYTHONPATH": path, "INTERRUPT_AT": module},
+    )
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+    assert done.returncode == 0, done.stderr
+    # It was interrupted before anything was begun, or the run was and says so.
+    assert done.stderr.strip() == "sweepctl: interrupted" or '"ended by Ctrl-C"' in done.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("info", "run.mcap"), ("simulate", "case-1"), ("report", "run.mcap"), ("doctor", "x.mcap")],
+    ids=" ".join,
+)
+def test_a_working_directory_that_is_gone_is_told_in_one_line(
+    arguments: Sequence[str], tmp_path: Path
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    done = sweepctl(*arguments, cwd=gone, script='rmdir "$PWD" && exec "$@"')
+    assert done.returncode in {1, 3}
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("sweepctl: ")
+    assert done.stdout == ""
+
+
+def test_a_shipped_room_needs_no_working_directory(tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    log = tmp_path / "run.mcap"
+    done = sweepctl(
+        *("simulate", "case-1", "--max-time", "1", "--json", "--out", log),
+        cwd=gone,
+        script='rmdir "$PWD" && exec "$@"',
+    )
+    assert (done.returncode, done.stderr) == (1, ""), "out of time, as asked"
+    assert log.is_file()
+
+
+CLOSED = """
+import json, os, sys
+sys.path[:0] = json.loads(sys.argv[1])
+import click, tools.options, tools.outputs, tools.rooms, tools.sweepctl, bridge.record.errors
+from pathlib import Path
+tools.rooms.load_room("case-1")  # what is imported late, while it still may be read
+tools.options.log_path(None, "x")
+tools.sweepctl.run(["generate", "c", "--out", "before"])
+os.chdir("closed")  # may be entered still
+if os.geteuid() == 0:
+    os.setgroups([]); os.setgid({uid}); os.setuid({uid})
+print(tools.rooms.load_room("case-1").name)
+try:
+    tools.outputs.check_outputs([Path("run.html"), Path("../closed/out.png")], [])
+except bridge.record.errors.LogWriteError as error:
+    print(error)
+try:
+    print(tools.options.log_path(None, "x"))
+except bridge.record.errors.LogWriteError as error:
+    print(error)
+sys.exit(tools.sweepctl.run(["generate", "c", "--out", "wire"]))
+"""
+
+
+def test_a_folder_that_may_not_be_entered_is_told(tmp_path: Path) -> None:
+    """As nobody where we are root, whom no folder is closed to; else the folder is closed to us."""
+    closed = tmp_path / "closed"
+    closed.mkdir()
+    root = os.geteuid() == 0
+    script = CLOSED.replace("{uid}", str(NOBODY))
+    if not root:
+        script = script.replace("# may be entered still", "; os.chmod('.', 0)")
+    closed.chmod(0o700)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", script, json.dumps([str(ROOT)])],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=100,
+        )
+    finally:
+        closed.chmod(0o700)
+    assert "Traceback" not in done.stderr, done.stderr
+    room, outputs, log = done.stdout.splitlines()[-3:]
+    assert room == "case-1"
+    assert outputs == "cannot write run.html: Permission denied"
+    assert log.startswith("cannot write runs/")
+    assert done.returncode == 1
+    assert done.stderr == "sweepctl: cannot write wire: Permission denied\n"
+
+
+def test_a_path_that_cannot_be_is_looked_at_without_an_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "circle").symlink_to("circle")
+    for name in ("n" * 300, "file/below", "circle", "circle/below", "nothing", "a\0b"):
+        path = tmp_path / name
+        assert not is_there(path)
+        assert not is_file(path)
+        assert not is_folder(path)
+    assert is_file(tmp_path / "file")
+    assert is_folder(tmp_path)
+
+
+def test_outputs_in_a_circle_of_links_are_looked_at(tmp_path: Path) -> None:
+    (tmp_path / "circle").symlink_to("circle")
+    from bridge.record.errors import LogWriteError  # noqa: PLC0415 - of this test alone
+
+    with pytest.raises(LogWriteError, match="symbolic links"):
+        check_outputs([tmp_path / "circle" / "out.png"], [tmp_path / "run.mcap"])
+
+
+def test_a_log_is_named_after_a_room_of_any_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("r" * 100_000, "台" * 5000, "\udcff" * 300, "a/b" * 100):
+        path = log_path(None, name)
+        path.write_bytes(b"")
+        assert log_path(None, name) != path
+
+
+def test_a_shipped_room_is_read_whatever_stands_in_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "case-1").symlink_to("case-1")
+    monkeypatch.chdir(tmp_path)
+    assert load_room("case-1").name == "case-1"

@@ -1,0 +1,56 @@
+"""Where ``sweepctl`` starts: Ctrl-C ends it in order from the first import on.
+
+Starting takes a tenth of a second and more, nearly all of it imports. A ``KeyboardInterrupt``
+inside of one ends in a traceback, and inside of an extension module's in worse. A Ctrl-C that
+comes then is put off until the import is done.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+_AGAIN_S = 0.02
+"""Time after which a signal that came within an import comes again, seconds."""
+_MAX_TIMES = 250
+"""Times that one is put off: 5 s, after which the import hangs."""
+
+_put_off = 0
+_has_begun = False
+
+
+def main() -> None:
+    """Entry point."""
+    global _has_begun  # noqa: PLW0603 - the handler of a signal gets nothing else to look at
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupted)
+    from tools import sweepctl
+
+    _has_begun = True
+    sweepctl.main()
+
+
+def interrupted(_number: int, frame: FrameType | None) -> None:
+    """Raise ``KeyboardInterrupt``, where that is caught and no import is cut off."""
+    global _put_off  # noqa: PLW0603 - as above
+    if _has_begun and not _imports(frame):
+        raise KeyboardInterrupt
+    _put_off += 1
+    if _put_off > _MAX_TIMES:
+        os._exit(1)
+    again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
+    again.daemon = True
+    again.start()
+
+
+def _imports(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__") == "importlib._bootstrap":
+            return True
+        frame = frame.f_back
+    return False
