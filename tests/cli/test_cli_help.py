@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from importlib import metadata
+from typing import TYPE_CHECKING
 
+import click
 import pytest
 
 from support.cli import ROOT, sweepctl
+from tools.command_help import PATH
+from tools.sweepctl import cli
 from tools.version import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 COMMANDS = ("connect", "emulate", "simulate", "view", "info")
 
@@ -51,6 +59,39 @@ def test_version() -> None:
     done = sweepctl("--version")
     assert done.status == 0
     assert done.out.strip() == f"sweepctl, version {VERSION}"
+
+
+def helps(group: click.Group, context: click.Context) -> Iterator[tuple[str, str]]:
+    """Every command's path with its help as it is printed."""
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        inner = click.Context(command, info_name=name, parent=context, **group.context_settings)
+        yield inner.command_path, command.get_help(inner)
+        if isinstance(command, click.Group):
+            yield from helps(command, inner)
+
+
+def test_no_help_text_has_a_mark_that_is_for_click() -> None:
+    found = dict(helps(cli, click.Context(cli, info_name="sweepctl")))
+    assert len(found) > 25
+    for path, text in found.items():
+        assert "\\" not in text, path
+        assert not re.search(r"[^\n\x20-\x7e\xa0-\uffff]", text), path
+
+
+def test_a_list_in_a_help_text_keeps_its_lines() -> None:
+    found = dict(helps(cli, click.Context(cli, info_name="sweepctl")))
+    assert "\n  dbc    CAN database, for" in found["sweepctl generate"]
+    assert "\n  zsh:   sweepctl completion zsh >" in found["sweepctl completion"]
+
+
+def test_the_reference_page_has_no_control_character_and_no_stray_backslash() -> None:
+    text = PATH.read_text(encoding="utf-8")
+    assert not re.search(r"[^\n\x20-\x7e\xa0-\uffff]", text)
+    escaped = set(re.findall(r"\\(.)", re.sub(r"`[^`\n]+`", "", text)))
+    assert escaped <= set("|<*["), "what Markdown needs"
+    assert "\n    dbc    CAN database, for cantools" in text
 
 
 def test_the_packaged_version_is_that_one() -> None:

@@ -16,13 +16,13 @@ VARIABLE = "_SWEEPCTL_COMPLETE"
 )
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(*, shell: str) -> int:
-    r"""Print the script that lets SHELL complete commands, options, ports and message names.
+    """Print the script that lets SHELL complete commands, options, ports and message names.
 
     \b
     bash:  sweepctl completion bash > ~/.local/share/bash-completion/completions/sweepctl
     zsh:   sweepctl completion zsh > "${fpath[1]}/_sweepctl"
     fish:  sweepctl completion fish > ~/.config/fish/completions/sweepctl.fish
-    """
+    """  # noqa: D301 - click's mark of a block that is kept as it is
     from click.shell_completion import get_completion_class
 
     from tools.sweepctl import cli

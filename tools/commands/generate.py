@@ -27,7 +27,7 @@ from tools.paths import is_there
 )
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
-    r"""Write the wire's messages for another language, a tool, or people.
+    """Write the wire's messages for another language, a tool, or people.
 
     \b
     c      header and source in C99, for firmware
@@ -35,7 +35,7 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
     lua    Wireshark dissector
     proto  protobuf declarations of what a log holds
     md     description for people: bytes, states, timing
-    """
+    """  # noqa: D301 - click's mark of a block that is kept as it is
     from protocol.generate import render
 
     if node is not None and what not in PER_NODE:
