@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from tools.completing import complete_robot
 from tools.paths import is_there
 
 if TYPE_CHECKING:
@@ -143,5 +144,6 @@ def writing_options(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--robot",
         type=click.Path(dir_okay=False, path_type=ClickPath),
+        shell_complete=complete_robot,
         help="Robot file (TOML) to start from and to write to; it is made if it is not there.",
     )(f)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Self
+import math
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from protocol.values import Contact, flag_labels
 from tools.console import drop_queued, flush, plain_console, say, write_json, write_line
 
 if TYPE_CHECKING:
@@ -195,6 +197,82 @@ class Table(Nothing):
         with contextlib.suppress(OSError):
             self._live.update(self.picture(self._console), refresh=True)
             self._live.stop()
+
+
+class OwnerTable:
+    """What the process that owns a port knows of its robot, redrawn in place on a terminal."""
+
+    def __init__(self, port: str) -> None:
+        """Nothing is drawn before it is entered."""
+        self._port = port
+        self._console = plain_console()
+        self._known: dict[str, Any] | None = None
+        self._live = Live(self, console=self._console, auto_refresh=False, screen=False)
+
+    def show(self, known: dict[str, Any]) -> None:
+        """Draw anew."""
+        self._known = known
+        self._live.refresh()
+
+    def __rich__(self) -> Group:
+        """The table as it is now."""
+        title = Text(f"{self._port} - what another sweepctl knows of it", "italic")
+        table = RichTable(title=title, title_justify="left", show_header=False)
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column(no_wrap=True, overflow="ellipsis")
+        for name, value in [] if self._known is None else owner_rows(self._known):
+            table.add_row(name, Text(value))
+        return Group(table, Text("Ctrl-C: end", style="dim"))
+
+    def __enter__(self) -> Self:
+        """Take the terminal."""
+        self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the last picture on it."""
+        drop_queued()  # older tables
+        with contextlib.suppress(OSError):
+            self._live.refresh()
+            self._live.stop()
+
+
+def owner_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
+    """An owner's snapshot as names and values; a dash for what is not known."""
+    pose, ranges, imu, power = known["pose"], known["range"], known["imu"], known["power"]
+    is_ready = known["session"] == "ready"
+    degrees = math.degrees(pose["theta_rad"])
+    speed = f"{known['v_m_s']:+.2f} m/s {math.degrees(known['yaw_rate_rad_s']):+.0f}°/s"
+    faults = known["faults"]
+    rows = [
+        ("session", f"{known['session']}, run {known['run']}"),
+        ("device", "-" if known["device"] is None else str(known["device"]["firmware"])),
+        ("mode", known["mode"] or "-"),
+        ("stop", known["stop"] or "-"),
+        ("faults", "-" if faults is None else ", ".join(faults) or "none"),
+        ("pose", f"{pose['x_m']:+.3f} m {pose['y_m']:+.3f} m {degrees:+.0f}°"),
+        ("speed", f"{speed if is_ready else '-'}, path {known['path_m']:.1f} m"),
+        ("planner", known["planner"] or "-"),
+    ]
+    if ranges is None:
+        rows.append(("ranges", "-"))
+    else:
+        seen = [ranges[k] for k in ("ultrasonic_m", "infrared_left_m", "infrared_right_m")]
+        front, left, right = ("-" if r is None else f"{r:.2f} m" for r in seen)
+        touched = ", ".join(flag_labels(Contact, ranges["contacts"])) or "no contact"
+        rows.append(("ranges", f"front {front}, left {left}, right {right}, {touched}"))
+    gyro = "-" if imu is None else f"{math.degrees(imu['gyro_rad_s'][2]):+.2f} °/s"
+    rows.append(("gyro z", gyro))
+    rows.append(("battery", "-" if power is None else f"{power['battery_v']:.2f} V"))
+    wire = known["wire"]
+    frames = wire["frames"]["rx"]
+    rows.append(("wire", f"{frames} in, {wire['lost']} lost, {wire['crc_errors']} damaged"))
+    return rows
 
 
 def _rates(monitor: Monitor) -> str:

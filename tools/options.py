@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tools.completing import complete_fault, complete_robot
 from tools.paths import is_there
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ def fault_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--fault",
         callback=_faults,
+        shell_complete=complete_fault,
         multiple=True,
         metavar="SPEC",
         help="Inject kind@time[:for][:name=value,...], seconds since the device booted; may be "
@@ -207,6 +209,7 @@ def robot_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--robot",
         type=click.Path(dir_okay=False, path_type=Path),
+        shell_complete=complete_robot,
         help="Robot file (TOML); default: the paper's robot.",
     )(f)
 

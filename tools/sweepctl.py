@@ -35,6 +35,7 @@ _COMMANDS = {
     "drive": "Drive by hand, by keyboard or gamepad, with a dead man: the robot moves.",
     "monitor": "Show what passes on a line, decoded; sends nothing.",
     "param": "Read and change a device's parameters.",
+    "reboot": "Boot a device anew, and wait until it is back.",
     "bringup": "Check a robot's wiring step by step, its wheels off the floor.",
     "calibrate": "Find what this very robot gets wrong: gyro, odometry, range sensors.",
     "fault": "Switch faults of a running emulator on and off.",

@@ -114,6 +114,27 @@ def test_commands_options_and_names_are_completed(tmp_path: Path) -> None:
     ]
 
 
+def test_rooms_robot_files_parameters_and_faults_are_completed(tmp_path: Path) -> None:
+    for name in ("cabin.json", "cargo.toml", "cave.txt", ".hidden.json"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "cases" / "mine.toml").write_text("")
+    rooms = ["case-1", "case-2", "cabin.json", "cases/"]
+    assert completed("sweepctl simulate ca", tmp_path) == rooms
+    assert completed("sweepctl emulate ca", tmp_path) == rooms
+    assert completed("sweepctl connect /dev/x --room ca", tmp_path) == rooms
+    for command in ("simulate case-1", "connect /dev/x", "calibrate gyro /dev/x"):
+        assert completed(f"sweepctl {command} --robot ca", tmp_path) == ["cargo.toml", "cases/"]
+    assert completed("sweepctl param diff /dev/x cases/", tmp_path) == ["cases/mine.toml"]
+    assert completed("sweepctl param get /dev/x wheel_b", tmp_path) == ["wheel_base"]
+    assert completed("sweepctl param set /dev/x gyro", tmp_path) == ["gyro_bias"]
+    for command in ("emulate --fault", "simulate case-1 --fault", "fault x.ctl", "fault x --clear"):
+        assert completed(f"sweepctl {command} unpl", tmp_path) == ["unplug"]
+    assert completed("sweepctl stop can:s", tmp_path) == completed(
+        "sweepctl connect can:s", tmp_path
+    )
+
+
 def test_bash_takes_the_script(tmp_path: Path) -> None:
     bash = shutil.which("bash")
     assert bash is not None

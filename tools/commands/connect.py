@@ -10,7 +10,9 @@ import click
 
 from tools import options
 from tools.adapter_delay import adapter_delay_option
+from tools.completing import complete_room
 from tools.console import complain, print_summary
+from tools.port_options import port_argument
 from tools.recording import recording_options, take_record_options, viewing_options
 from tools.supervising import rule_option
 
@@ -19,7 +21,7 @@ from tools.supervising import rule_option
     "connect",
     epilog="Example:  sweepctl connect /dev/ttyUSB0 --plan paper --out clean.mcap",
 )
-@click.argument("port")
+@port_argument
 @click.option(
     "--plan",
     "planner",
@@ -45,7 +47,11 @@ from tools.supervising import rule_option
     type=options.Number(0.1, 1e6),
     help="End in order after this many seconds.",
 )
-@click.option("--room", help="The room, where it is known: gives coverage and a map.")
+@click.option(
+    "--room",
+    shell_complete=complete_room,
+    help="The room, where it is known: gives coverage and a map.",
+)
 @options.port_options
 @adapter_delay_option
 @click.option(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tools import options
+from tools.completing import complete_room
 from tools.console import flush, say, write_line
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ _SERIAL = {"pty", "tcp"}
     "emulate",
     epilog="Example:  sweepctl emulate case-1 --pty-link /tmp/sweeper --fault unplug@30:4",
 )
-@click.argument("room", default="case-1")
+@click.argument("room", default="case-1", shell_complete=complete_room)
 @click.option(
     "--link",
     type=click.Choice(_LINKS),

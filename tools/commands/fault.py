@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from tools.completing import complete_fault
 from tools.console import write_json, write_line
 
 
@@ -15,8 +16,14 @@ from tools.console import write_json, write_line
     epilog="Example:  sweepctl fault /tmp/sweeper.ctl silence:0.5 wheel-stuck:3:side=left",
 )
 @click.argument("control", type=click.Path(path_type=Path))
-@click.argument("specs", nargs=-1, metavar="[SPEC]...")
-@click.option("--clear", multiple=True, metavar="KIND", help="End the faults of this kind.")
+@click.argument("specs", nargs=-1, metavar="[SPEC]...", shell_complete=complete_fault)
+@click.option(
+    "--clear",
+    multiple=True,
+    metavar="KIND",
+    shell_complete=complete_fault,
+    help="End the faults of this kind.",
+)
 @click.option("--clear-all", is_flag=True, help="End all faults, those that wait too.")
 @click.option("--list", "list_them", is_flag=True, help="Say which are active and which wait.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout.")

@@ -9,10 +9,11 @@ import click
 
 from tools import options
 from tools.console import say, write_json
+from tools.port_options import port_argument
 
 
 @click.command("key", epilog="Example:  sweepctl key /dev/ttyUSB0 --set robot.key")
-@click.argument("port")
+@port_argument
 @click.option(
     "--set",
     "new",

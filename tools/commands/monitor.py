@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -86,7 +87,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         view = Table(monitor, port.name, types)
     if has_owner(port.name):
         _check_followed(port, types, raw=raw)
-        return _look_on(port.name, duration_s, as_json=as_json, jsonl=jsonl)
+        return _look_on(port.name, duration_s, as_json=as_json, jsonl=jsonl, lines=lines)
     opened = port.open()
     try:
         listener = Listener(opened)
@@ -119,20 +120,27 @@ def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> No
         )
 
 
-def _look_on(port: str, duration_s: float | None, *, as_json: bool, jsonl: bool) -> int:
+def _look_on(
+    port: str, duration_s: float | None, *, as_json: bool, jsonl: bool, lines: bool
+) -> int:
     """Show what the process that owns the port knows; the device is not asked for anything."""
     from bridge.io import clock
     from bridge.owner import watch
+    from tools.monitor_view import OwnerTable
     from tools.stopping import until_signalled
 
     say(f"{port} is another sweepctl's: what it knows is shown, not what passes")
     ended: list[bool] = []
     newest: dict[str, Any] = {}
     end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)
-    with until_signalled(lambda: ended.append(True)):
+    plain = jsonl or as_json or lines or not plain_console().is_interactive
+    table = None if plain else OwnerTable(port)
+    with until_signalled(lambda: ended.append(True)), table or contextlib.nullcontext():
         for newest in watch(port, hz=4.0):
             if jsonl:
                 write_json(newest)
+            elif table is not None:
+                table.show(newest)
             elif not as_json:
                 write_line(_line(newest))
             flush()

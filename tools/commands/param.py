@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
+from tools.completing import complete_parameter, complete_robot
 from tools.console import plain_console, say, write_json, write_line
 from tools.port_options import PortAsked, keyed_port_options
 
@@ -52,7 +53,9 @@ def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
 
 @command.command("get", epilog="Example:  sweepctl param get /dev/ttyUSB0 wheel_base")
 @keyed_port_options
-@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@click.argument(
+    "names", nargs=-1, required=True, metavar="NAME...", shell_complete=complete_parameter
+)
 @options.json_option
 def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
     """Show some parameters, by name or number; on a pipe the bare values."""
@@ -67,7 +70,9 @@ def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
 
 @command.command("set", epilog="Example:  sweepctl param set /dev/ttyUSB0 wheel_base 0.2312 --save")
 @keyed_port_options
-@click.argument("pairs", nargs=-1, required=True, metavar="NAME VALUE...")
+@click.argument(
+    "pairs", nargs=-1, required=True, metavar="NAME VALUE...", shell_complete=complete_parameter
+)
 @click.option("--save", is_flag=True, help="Then make every present value the next boot's.")
 @options.json_option
 def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) -> int:
@@ -111,7 +116,7 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
     say(f"saved: {names}" if names else "saved; nothing had changed")
     late = ", ".join(p.name for p in kept if p.needs_reboot)
     if late:
-        say(f"{late}: counts from the device's next boot on, so reboot it")
+        say(f"{late}: counts from the device's next boot on, so reboot it (sweepctl reboot)")
     if as_json:
         _show(found, as_json=True)
     return 0
@@ -119,7 +124,11 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
 
 @command.command("diff", epilog="Example:  sweepctl param diff /dev/ttyUSB0 robot.toml")
 @keyed_port_options
-@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument(
+    "file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    shell_complete=complete_robot,
+)
 @options.json_option
 def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
     """Compare a device with a robot file; status 0: the same, 1: they differ."""

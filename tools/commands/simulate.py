@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools import options
+from tools.completing import complete_room
 from tools.console import err, print_summary, say
 from tools.supervising import rule_option
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @click.command("simulate", epilog="Example:  sweepctl simulate case-1 --planner paper --json")
-@click.argument("room")
+@click.argument("room", shell_complete=complete_room)
 @click.option(
     "--planner",
     type=click.Choice(options.PLANNERS),

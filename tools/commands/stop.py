@@ -8,10 +8,11 @@ import click
 
 from tools import options
 from tools.console import complain, say, write_json
+from tools.port_options import port_argument
 
 
 @click.command("stop", epilog="Example:  sweepctl stop /dev/ttyUSB0")
-@click.argument("port")
+@port_argument
 @options.port_options
 @options.json_option
 def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int:

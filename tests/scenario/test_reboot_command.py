@@ -1,0 +1,67 @@
+"""``sweepctl reboot`` and ``monitor``, alone on a port and beside the process that owns it."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.cli import sweepctl
+from support.terminal import OnTerminal
+from support.two_processes import Command, Emulator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.realtime
+
+
+def test_a_device_boots_anew_and_is_back(tmp_path: Path) -> None:
+    with Emulator(tmp_path) as device:
+        first = sweepctl("reboot", device.port, "--json")
+        again = sweepctl("reboot", device.port, "--json")
+    assert (first.status, again.status) == (0, 0), first.err + again.err
+    assert "has booted anew (cause: software)" in again.err
+    boots = [done.json["device"]["boot_id"] for done in (first, again)]
+    assert boots[0] != boots[1]
+
+
+def test_beside_an_owner_it_is_asked_and_refuses_while_the_robot_may_move(tmp_path: Path) -> None:
+    with Emulator(tmp_path) as device:
+        with Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner:
+            owner.says("both ends agree")
+            done = sweepctl("reboot", device.port, "--json")
+            assert done.status == 0, done.err
+            owner.says("the device booted anew")
+            owner.send(signal.SIGINT)
+            assert owner.end().status == 0
+        moving = ("--plan", "paper", "--out", "moving.mcap")
+        with Command("connect", device.port, *moving, cwd=tmp_path) as owner:
+            owner.says("run is driving")
+            refused = sweepctl("reboot", device.port)
+            assert refused.status == 4
+            assert "the robot may move (run: " in refused.line
+            assert "sweepctl stop" in refused.line
+            owner.send(signal.SIGINT)
+            assert owner.end().status == 0
+
+
+def test_a_monitor_beside_an_owner_is_a_picture_on_a_terminal(tmp_path: Path) -> None:
+    with (
+        Emulator(tmp_path) as device,
+        Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner,
+    ):
+        owner.says("both ends agree")
+        with OnTerminal("monitor", device.port, "--duration", "3", cwd=tmp_path) as terminal:
+            terminal.shows("what another sweepctl knows of it")
+            for text in ("session", "ready, run waiting", "battery", "ranges", "Ctrl-C: end"):
+                terminal.shows(text)
+            assert terminal.end() == 0
+            assert b"\x1b[1A" in terminal.drawn, "it is drawn over, not below"
+            assert terminal.drawn.count(b"mode=") == 0
+        lines = sweepctl("monitor", device.port, "--duration", "1")
+        assert lines.status == 0
+        assert lines.out.count("mode=") >= 2, "without a terminal each look is a line"
+        owner.send(signal.SIGINT)
+        assert owner.end().status == 0
