@@ -57,6 +57,7 @@ class ControlServer:
             raise PortUnavailableError("a control socket needs Linux or macOS")
         self.path = path
         self._clients: dict[socket.socket, bytes] = {}
+        """With the beginning of a line each; the one that has been idle the longest first."""
         with folder_locked(path):
             self._listener = socket.socket(socket.AF_UNIX)
             try:
@@ -98,10 +99,11 @@ class ControlServer:
         with suppress(OSError):
             client, _ = self._listener.accept()
             client.setblocking(False)  # noqa: FBT003 - positional in C
-            if len(self._clients) < MAX_CLIENTS:
-                self._clients[client] = b""
-            else:
-                client.close()
+            if len(self._clients) >= MAX_CLIENTS:  # nobody keeps a place by asking nothing
+                longest_idle = next(iter(self._clients))
+                del self._clients[longest_idle]
+                longest_idle.close()
+            self._clients[client] = b""
         for client in list(self._clients):
             self._serve(client, rig)
 
@@ -112,7 +114,7 @@ class ControlServer:
             return
         except OSError:
             data = b""
-        *lines, rest = (self._clients[client] + data).split(b"\n")
+        *lines, rest = (self._clients.pop(client) + data).split(b"\n")  # now the last to be idle
         self._clients[client] = rest
         for line in lines:
             reply = answer(line.decode(errors="replace"), rig)
