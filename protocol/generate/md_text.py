@@ -110,6 +110,10 @@ A frame of another boot or session never fits, because its nonce is another; one
 back in its own session does not, because its counter is behind. Hellos are not signed: whoever
 sends one ends the session, and a new session finds the robot standing.
 
+Without a key a device has no means to tell a recording from a host: hello, `clear_stop` and
+setpoints of a recorded session, played back at its pace, move it, in the same boot or another.
+Where others can write to the line, set a key.
+
 """
 
 RELIABILITY = """\

@@ -123,7 +123,8 @@ def test_a_restarted_host_and_a_rebooted_device_sign_anew() -> None:
     assert outcomes(second)[-2:] == [(False, NackReason.STOP_LATCHED), (True, None)]
 
 
-def test_recorded_motion_of_one_session_moves_nothing_in_another() -> None:
+@pytest.mark.parametrize("boot_id", [None, 992], ids=["same boot", "fresh boot"])
+def test_recorded_motion_of_one_session_moves_nothing_in_another(boot_id: int | None) -> None:
     """Somebody taps the line, and plays it back when the host has gone."""
     ends, end = both(KEY, KEY)
     taped: list[bytes] = []
@@ -144,6 +145,9 @@ def test_recorded_motion_of_one_session_moves_nothing_in_another() -> None:
     ends.run(0.5)
     ends.host_alive = False
     ends.run(3.0)
+    if boot_id is not None:
+        ends.reboot_device(boot_id)
+        ends.run(1.5)
     stood_us = ends.moving_us
     hello = HostHello(CATALOGUE.hash, end.session.session_id, 1, "thief")  # hellos are not signed
     thief = Link(Direction.HOST)
