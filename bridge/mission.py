@@ -318,9 +318,11 @@ class Mission:
             self._unconfirmed()
         self._finish(now_s)
 
-    def crashed(self, ending: Ending, confirmed: StopCause) -> None:
+    def crashed(self, ending: Ending, confirmed: StopCause, now_s: float) -> None:
         """The loop has failed and ended the run without this object's help."""
         self.ending = ending
+        if self.drive_started_s is not None and self.drive_ended_s is None:
+            self.drive_ended_s = now_s
         self.confirmed = max(self.confirmed, confirmed)
         self.phase = Phase.DONE
 

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from protocol.link import LinkStatistics
 
 
+_COVERAGES = ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
+
+
 def wire_summary(statistics: LinkStatistics) -> dict[str, Any]:
     """Frames and bytes by direction as the host saw them, losses and bad checks."""
     return {
@@ -60,9 +63,7 @@ def run_summary(  # noqa: PLR0913 - a summary's parts
     if mission.drive_started_s is not None and mission.drive_ended_s is not None:
         duration_s = round(mission.drive_ended_s - mission.drive_started_s, 3)
     runner = mission.runner
-    coverage: dict[str, float | None] = dict.fromkeys(
-        ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
-    )
+    coverage: dict[str, float | None] = dict.fromkeys(_COVERAGES)
     if report is not None:
         coverage = {key: _round(value) for key, value in report.coverage.to_dict().items()}
     return {
@@ -88,6 +89,31 @@ def run_summary(  # noqa: PLR0913 - a summary's parts
         "hole_inradius_m": _round(report.hole_inradius_m if report else None),
         "repeat_ratio": _round(report.repeat_ratio if report else None),
         "wire": link_summary(host),
+        "log": log,
+    }
+
+
+_UNKNOWN = (
+    *("duration_s", "path_m", "turns", "collisions", "contact_s", "energy_wh"),
+    *("t90_s", "t99_s", "largest_hole_cm2", "hole_inradius_m", "repeat_ratio"),
+)
+
+
+def crash_summary(
+    host: Host, *, room: str | None, planner: str | None, seed: int | None, log: str | None
+) -> dict[str, Any]:
+    """The contract's object for a run whose own objects have failed: its end, and the link."""
+    ending = host.mission.ending
+    return {
+        "room": room,
+        "planner": planner,
+        "seed": seed,
+        "outcome": "fault",
+        "reason": ending.reason if ending else None,
+        **dict.fromkeys(_UNKNOWN),
+        "pose_error_m": {"end": None, "max": None},
+        "coverage": dict.fromkeys(_COVERAGES),
+        "wire": wire_summary(host.session.link.statistics),
         "log": log,
     }
 

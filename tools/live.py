@@ -18,8 +18,8 @@ from rich.panel import Panel
 from rich.segment import Segments
 from rich.text import Text
 
+from bridge.crash import described
 from bridge.io import clock
-from bridge.io.pump import described
 from bridge.session_events import State
 from bridge.telemetry import EventRecord, LogRecord, Severity
 from tools.console import drop_queued, err, say

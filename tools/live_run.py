@@ -15,6 +15,7 @@ import numpy as np
 
 from bridge.coverage.registry import make_planner, rehearse
 from bridge.coverage.runner import PlanRunner
+from bridge.crash import described
 from bridge.dead_man import DeadMan
 from bridge.errors import BridgeError
 from bridge.host import Host
@@ -23,7 +24,7 @@ from bridge.io import clock
 from bridge.io.gamepad import Gamepad, Sticks
 from bridge.io.owner_socket import OwnerSocket
 from bridge.io.ports import latency_note, link_of
-from bridge.io.pump import Pump, described
+from bridge.io.pump import Pump
 from bridge.io.reopening import Opener
 from bridge.mission import Ending, Mission, Resume
 from bridge.motion.geometry import Pose2
@@ -34,7 +35,7 @@ from bridge.record.errors import LogReadError
 from bridge.record.family import parts_of
 from bridge.record.policy import LogWatch, RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
-from bridge.summary import run_summary
+from bridge.summary import crash_summary, run_summary
 from bridge.supervise import Supervisor
 from bridge.telemetry import RoomRecord, RunInfo, Severity
 from bridge.watching import Watch, go_on
@@ -412,16 +413,14 @@ def _conclude(pump: Pump, asked: LiveOptions, way: array[float]) -> dict[str, An
             raise
         text = f"no summary after the crash: {described(error)}"
         with contextlib.suppress(Exception):  # the record may be what has failed
-            host.event(clock.now(), Severity.ERROR, "session", "no_summary", text)
-        ending = host.mission.ending
-        return {
-            "room": asked.plan.name if asked.plan else None,
-            "planner": asked.planner_name,
-            "seed": None,
-            "outcome": "fault",
-            "reason": ending.reason if ending else None,
-            "log": str(asked.log),
-        }
+            host.event(clock.now(), Severity.WARNING, "session", "no_summary", text)
+        return crash_summary(
+            host,
+            room=asked.plan.name if asked.plan else None,
+            planner=asked.planner_name,
+            seed=None,
+            log=str(asked.log),
+        )
 
 
 def _summarise(host: Host, asked: LiveOptions, way: array[float]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import random
 from collections import deque
@@ -11,14 +12,18 @@ from typing import TYPE_CHECKING
 from bridge.coverage.metrics import CoverageMeter, CoverageTrack
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
+from bridge.crash import CRASH_CAUSE, crash_ending, traced
+from bridge.errors import BridgeError
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission
+from bridge.stop_request import StopRequest
 from bridge.supervise import Supervisor
-from bridge.telemetry import RoomRecord, TruthRecord
+from bridge.telemetry import RoomRecord, Severity, TruthRecord
 from bridge.watching import Watch
 from protocol.clock import HostNs
 from protocol.link import Link
+from protocol.values import StopCause
 from sim_device.device import VirtualSweeper
 from sim_device.line import STRAIGHT
 from sim_device.rig import Rig
@@ -43,6 +48,10 @@ HOST_BOOT_NS = 5_000_000_000
 """The host's clock at the device's boot: the two must not agree by accident."""
 LATENCY_US = 1_000
 """One way, as over an adapter at 1 ms."""
+CONFIRM_S = 1.0
+"""Time that the device has to confirm the stop of a run whose loop has failed, s."""
+_CRASH_STOP_ID = 0xC0DE
+"""Id of that stop: far from the first ones, which the host counts up from its session's."""
 _TRUTH_PERIOD_MS = 40
 _TICKS_KEPT = 32
 """A third of a second: longer than any message is under way."""
@@ -62,6 +71,8 @@ class VirtualRun:
     """Distance of estimate and truth at the newest encoder sample of the drive."""
     max_error_m: float | None = None
     """The greatest of them."""
+    crash: Exception | None = None
+    """What has ended the run's loop; None: it ended in order."""
 
 
 def run_virtual(  # noqa: PLR0913 - what a run can be asked for
@@ -81,6 +92,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     mission: Mission | None = None,
     supervise: SuperviseSettings | None = None,
     link: type[LinkBase] = Link,
+    crash_ends: bool = False,
 ) -> VirtualRun:
     """Run one plan from start to end.
 
@@ -90,7 +102,8 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     ``progress`` is called about once a simulated second; ``ended`` is asked as often whether
     the run should end early. A ``line`` takes the place of the plain delay of 1 ms each way;
     ``prepare`` may change both ends before the first byte. ``link`` is the link of both ends:
-    UART, or CAN.
+    UART, or CAN. With ``crash_ends`` an exception of the loop ends the run as a fault, the robot
+    stopped, as in a live run; else it is the caller's.
 
     Raises:
         FaultSpecError: a fault cannot be on this device.
@@ -117,9 +130,41 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     run = VirtualRun(device, host, CoverageMeter(plan, model).track(), rig)
     prepare(run)
     sink.write(RoomRecord(EPOCH_NS, plan))
-    _loop(run, sink, progress, ended, LATENCY_US if line is None else 0)
-    host.record_map(HostNs(device.next_deadline_us() * 1000 + HOST_BOOT_NS))
+    try:
+        _loop(run, sink, progress, ended, LATENCY_US if line is None else 0)
+        host.record_map(_host_ns(device.next_deadline_us()))
+    except BridgeError:
+        raise
+    except Exception as error:
+        if not crash_ends:
+            raise
+        _stop_after(run, error)
     return run
+
+
+def _host_ns(now_us: int) -> HostNs:
+    return HostNs(now_us * 1000 + HOST_BOOT_NS)
+
+
+def _stop_after(run: VirtualRun, error: Exception) -> None:
+    """Stop the virtual robot without the host, whose code has failed; put it on record."""
+    run.crash = error
+    host, device = run.host, run.rig or run.device
+    stop = StopRequest(type(host.session.link), CRASH_CAUSE, _CRASH_STOP_ID, host.session.node)
+    begun_ns = _host_ns(run.device.next_deadline_us())
+    with contextlib.suppress(Exception):  # the virtual device may be what has failed
+        end_us = device.next_deadline_us() + round(CONFIRM_S * 1e6)
+        while stop.confirmed_by is None and (now_us := device.next_deadline_us()) < end_us:
+            now_ns = _host_ns(now_us)
+            stop.receive(device.step(stop.data_to_send(now_ns), now_us), now_ns)
+    confirmed = StopCause.NONE if stop.confirmed_by is None else CRASH_CAUSE
+    ending = crash_ending(error, CRASH_CAUSE, confirmed)
+    host.mission.crashed(ending, confirmed, begun_ns / 1e9)
+    with contextlib.suppress(Exception):  # what fails may be the record itself
+        now_ns = _host_ns(run.device.next_deadline_us())
+        host.event(
+            now_ns, Severity.ERROR, "session", "crash", ending.reason, traceback=traced(error)
+        )
 
 
 def _loop(  # noqa: C901, PLR0912 - two ends and the wire between them

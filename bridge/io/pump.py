@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import secrets
 import threading
-import traceback
 from collections import deque
 from concurrent.futures import Future
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from bridge.crash import CRASH_CAUSE, crash_ending, described, traced
 from bridge.errors import BridgeError, DeviceLostError, PortError
 from bridge.io import clock
 from bridge.io.stopping import send_until_confirmed
@@ -209,10 +209,10 @@ class Pump:
                 self.host.event(
                     now_ns,
                     Severity.ERROR,
-                    "session",
-                    "request_failed",
+                    "request",
+                    "failed",
                     text,
-                    traceback=_traced(error),
+                    traceback=traced(error),
                 )
 
     def _refuse_calls(self) -> None:
@@ -231,20 +231,23 @@ class Pump:
     def _stop_after(self, error: BaseException) -> None:
         """Stop the robot without the host, whose code has failed; then put it on record."""
         self.crash = error
-        cause, confirmed = StopCause.SUPERVISE, StopCause.NONE
-        how = "no device was connected"
+        begun_ns = clock.now()
+        cause, confirmed = CRASH_CAUSE, None
         if self.host.hello is not None:
-            end_ns = HostNs(clock.now() + CRASH_STOP_NS)
+            confirmed = StopCause.NONE
+            end_ns = HostNs(begun_ns + CRASH_STOP_NS)
             while confirmed < (cause := self._gravest(cause)) and clock.now() < end_ns:
                 confirmed = max(confirmed, self._send_stop(cause, end_ns))
-            how = "the device has confirmed the stop"
-            if confirmed < cause:
-                how = "the device did not confirm the stop; see that the robot stands"
-        text = f"the run's loop failed ({described(error)}); {how}"
-        self.host.mission.crashed(Ending("fault", text, 1, cause), confirmed)
+        ending = crash_ending(error, cause, confirmed)
+        self.host.mission.crashed(ending, confirmed or StopCause.NONE, begun_ns / 1e9)
         with suppress(Exception):  # what fails may be the record itself
             self.host.event(
-                clock.now(), Severity.ERROR, "session", "crash", text, traceback=_traced(error)
+                clock.now(),
+                Severity.ERROR,
+                "session",
+                "crash",
+                ending.reason,
+                traceback=traced(error),
             )
 
     def _gravest(self, cause: StopCause) -> StopCause:
@@ -339,14 +342,3 @@ class Pump:
         self.host.event(now_ns, Severity.INFO, "link", "port_back", f"{self._port.name} is back")
         self.host.session.replugged(now_ns)
         self.on_reopened(self._port.name)
-
-
-def described(error: BaseException) -> str:
-    """An exception in one line: its kind and the first line of its text."""
-    lines = str(error).splitlines()
-    text = f": {lines[0][:200]}" if lines else ""
-    return f"{type(error).__name__}{text}"
-
-
-def _traced(error: BaseException) -> str:
-    return "".join(traceback.format_exception(error))

@@ -6,12 +6,11 @@ import json
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import pytest
 
 import bridge
-from bridge.coverage.floorplan import parse_floorplan
 from bridge.errors import (
     BridgeError,
     CommandRejectedError,
@@ -30,63 +29,16 @@ from bridge.robot import LET_GO_S, Latest, ManualDrive, Robot
 from bridge.session_events import State
 from protocol.messages import Encoders, Imu, Range, Status
 from protocol.values import Mode, StopCause
-from sim_device.device import VirtualSweeper
-from sim_device.faults.kinds import parse_fault
-from sim_device.ports import PtyPort, Stopper, serve
-from sim_device.rig import Rig
+from sim_device.ports import PtyPort
+from support.emulated import PLAN, Emulated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from types import TracebackType
 
 pytestmark = pytest.mark.realtime
 
 PATIENCE_S = 60.0
 """Only a hang is longer."""
-PLAN = parse_floorplan('{"walls": [[0,0],[6,0],[6,6],[0,6]], "start": [3,3,0]}')
-
-
-class Emulated:
-    """A virtual sweeper served by a thread of this process, so that its truth can be looked at."""
-
-    def __init__(self, *faults: str) -> None:
-        self.device = VirtualSweeper(PLAN, noise="none", seed=1)
-        rig = Rig(self.device, faults=[parse_fault(fault) for fault in faults])
-        self._pty = PtyPort()
-        self.port = self._pty.path
-        self._stopper = Stopper()
-        self._thread = threading.Thread(
-            target=serve, args=(rig, self._pty, self._stopper), daemon=True
-        )
-        self._thread.start()
-
-    @property
-    def pose(self) -> Pose2:
-        return self.device.truth.pose
-
-    def holds(self, cause: StopCause) -> bool:
-        """Whether the device itself has latched this."""
-        return self.device.firmware.latch.cause is cause
-
-    def mute(self) -> None:
-        """The device goes, its port stays: whoever writes to it gets no answer."""
-        self._stopper.stop()
-        self._thread.join()
-
-    def end(self) -> None:
-        self.mute()
-        self._pty.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.end()
 
 
 @pytest.fixture

@@ -361,7 +361,7 @@ def test_an_exception_of_a_call_is_its_askers(scene: Scene) -> None:
     with pytest.raises(ZeroDivisionError):
         answers[0].result(0)
     assert ended(scene) == CTRL_C, "the run goes on"
-    assert scene.kinds().count("request_failed") == 1, "and it is not silent"
+    assert scene.kinds().count("failed") == 1, "and it is not silent"
 
 
 def test_a_call_that_nobody_waits_for_any_more_is_not_made(scene: Scene) -> None:

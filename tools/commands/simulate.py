@@ -11,17 +11,19 @@ import click
 
 from tools import options
 from tools.completing import complete_room
-from tools.console import err, print_summary, say
+from tools.console import complain, err, print_summary, say
 from tools.supervising import rule_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from bridge.coverage.floorplan import FloorPlan
     from bridge.host import Host
     from bridge.mission import Ending, Mission
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
+    from tools.virtual_run import VirtualRun
 
 
 @click.command("simulate", epilog="Example:  sweepctl simulate case-1 --planner paper --json")
@@ -101,7 +103,6 @@ def command(  # noqa: PLR0913 - one parameter per option
     from tools.supervising import supervise_rules
     from tools.version import VERSION
     from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
-    from tools.virtual_summary import summarise
 
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m)
@@ -152,14 +153,32 @@ def command(  # noqa: PLR0913 - one parameter per option
                     line=_line(baud, latency_ms),
                     mission=mission,
                     supervise=settings,
+                    crash_ends=True,
                 )
-            summary = summarise(run, plan, planner, seed, str(path))
+            summary = _conclude(run, plan, planner, seed, str(path))
             writer.close(summary)
+            ending = run.host.mission.ending
+            if run.crash is not None and ending is not None:
+                complain(ending.reason)
             print_summary(summary, as_json=as_json)
     finally:
         writer.close()
-    ending = run.host.mission.ending
     return ending.exit_status if ending else 1
+
+
+def _conclude(
+    run: VirtualRun, plan: FloorPlan, planner: str, seed: int, log: str
+) -> dict[str, Any]:
+    """The run's summary; after a crash as much as the failed parts still give."""
+    from bridge.summary import crash_summary
+    from tools.virtual_summary import summarise
+
+    try:
+        return summarise(run, plan, planner, seed, log)
+    except Exception:
+        if run.crash is None:
+            raise
+        return crash_summary(run.host, room=plan.name, planner=planner, seed=seed, log=log)
 
 
 def _mission(  # noqa: PLR0913, PLR0917 - what a run can be asked for
