@@ -5,12 +5,17 @@
 What follows the target are libFuzzer's options; ``-max_total_time=60`` searches for a minute.
 An input that breaks something is written to the working directory, and the exit status is
 not 0.
+
+A search begins with what earlier ones found: ``corpus/TARGET.txt``, an input a line in
+hexadecimal. New inputs that reach new code are added to build/fuzz/TARGET (``--into FOLDER``
+names another); ``python -m fuzz.keep`` then writes the smallest set that reaches all of it into
+``corpus``.
 """
 
 from __future__ import annotations
 
+import shlex
 import sys
-import tempfile
 from pathlib import Path
 
 import atheris
@@ -22,8 +27,18 @@ with atheris.instrument_imports(include=["protocol"]):
     from protocol.link import Link
 
 
-def write_corpus(folder: Path) -> None:
-    """One intact frame of every message, for UART and for CAN, each after a cutting byte."""
+ROOT = Path(__file__).resolve().parents[2]
+CORPUS = Path(__file__).parent / "corpus"
+
+
+def write_corpus(folder: Path, target: str) -> None:
+    """Inputs to begin with: those kept of earlier searches, and what the catalogue gives now.
+
+    The latter is one intact frame of every message, for UART and for CAN, each after a cutting
+    byte.
+    """
+    for number, data in enumerate(kept(target)):
+        (folder / f"kept-{number}").write_bytes(data)
     for spec in CATALOGUE:
         values = [
             "a" if f.wire.is_text else bytes(12) if not f.wire.is_integer else 1
@@ -38,15 +53,28 @@ def write_corpus(folder: Path) -> None:
         (folder / f"payload-{spec.name}").write_bytes(bytes([index]) + payload)
 
 
+def kept(target: str) -> list[bytes]:
+    """The inputs of ``corpus/TARGET.txt``."""
+    path = CORPUS / f"{target}.txt"
+    return [bytes.fromhex(line) for line in path.read_text(encoding="ascii").splitlines()]
+
+
 def main() -> None:
     """Fuzz the target named first with libFuzzer's options after it."""
     name, *options = sys.argv[1:] or [""]
     if name not in TARGETS:
-        sys.exit(f"usage: python -m fuzz.run {{{'|'.join(TARGETS)}}} [libFuzzer option]...")
-    with tempfile.TemporaryDirectory() as corpus:
-        write_corpus(Path(corpus))
-        atheris.Setup([sys.argv[0], corpus, "-max_len=2048", *options], TARGETS[name])
-        atheris.Fuzz()
+        targets = "|".join(TARGETS)
+        sys.exit(f"usage: python -m fuzz.run {{{targets}}} [--into FOLDER] [libFuzzer option]...")
+    folder = ROOT / "build" / "fuzz" / name
+    if options[:1] == ["--into"]:
+        folder, options = Path(options[1]), options[2:]
+    folder.mkdir(parents=True, exist_ok=True)
+    if not any(option.startswith("-merge") for option in options):
+        write_corpus(folder, name)
+    # libFuzzer starts itself anew, through a shell, by the words before its options.
+    again = shlex.join([sys.executable, "-m", "fuzz.run", name, "--into", str(folder)])
+    atheris.Setup([again, str(folder), "-max_len=2048", *options], TARGETS[name])
+    atheris.Fuzz()
 
 
 if __name__ == "__main__":

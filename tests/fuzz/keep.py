@@ -1,0 +1,48 @@
+"""Keep what searches have found: the smallest set of inputs that reaches as much as all of them.
+
+    PYTHONPATH=tests python -m fuzz.keep [TARGET]...
+
+It reads ``corpus/TARGET.txt`` and build/fuzz/TARGET, and writes ``corpus/TARGET.txt`` anew.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from fuzz.run import CORPUS, ROOT, write_corpus
+from fuzz.targets import TARGETS
+
+SIZE_MAX = 600
+"""Bytes of an input that is kept: long ones reach little more, and the corpus stays small."""
+
+
+def smallest(target: str, found: Path) -> list[bytes]:
+    """A set of inputs that reaches what those of a folder and the kept ones reach, short first."""
+    with tempfile.TemporaryDirectory() as into, tempfile.TemporaryDirectory() as everything:
+        write_corpus(Path(everything), target)
+        for number, path in enumerate(sorted(found.glob("*"))):
+            data = path.read_bytes()
+            if len(data) <= SIZE_MAX:
+                (Path(everything) / f"found-{number}").write_bytes(data)
+        subprocess.run(
+            [sys.executable, "-m", "fuzz.run", target, "--into", into, "-merge=1", everything],
+            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
+            check=True,
+        )
+        kept = [path.read_bytes() for path in Path(into).iterdir()]
+    return sorted(kept, key=lambda data: (len(data), data))
+
+
+def main() -> None:
+    """Write the corpora of the targets named, or of all."""
+    for target in sys.argv[1:] or TARGETS:
+        lines = [data.hex() + "\n" for data in smallest(target, ROOT / "build" / "fuzz" / target)]
+        (CORPUS / f"{target}.txt").write_text("".join(lines), encoding="ascii")
+
+
+if __name__ == "__main__":
+    main()
