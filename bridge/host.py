@@ -185,6 +185,7 @@ class Host(HostSenses):
                 self.event(now_ns, Severity.WARNING, "session", "late", text)
             else:
                 self._control(now_ns)
+        self._records.flush(now_ns, at_once=self.mission.done)
         if now_ns >= self._clock_ns:
             self._clock_ns = now_ns + CLOCK_PERIOD_NS
             self.wire.count(self.sync)
@@ -272,6 +273,7 @@ class Host(HostSenses):
         listeners = self._listeners
         stamp: int | None = None
         device_us, mapped = DeviceUs(0), None
+        damaged: list[DamagedFrame] = []
         for event in events:
             if event.__class__ is Data:  # nearly all of them
                 received = event[0]
@@ -283,8 +285,12 @@ class Host(HostSenses):
                 listener = listeners.get(message.__class__)
                 if listener is not None and (not self._partial or understood(message)):
                     listener(message, device_us, now_ns)
+            elif event.__class__ is DamagedFrame:  # of noise there may be ten times as many
+                damaged.append(event)
             else:
                 self._happened(event, now_ns)
+        if damaged:
+            self._records.damaged(damaged, now_ns)
         if self.mission.pending:
             self._serve(now_ns)
 
@@ -306,8 +312,6 @@ class Host(HostSenses):
                 self.mission.on_failed(event.text, status, now_ns / 1e9, remedy)
             case Restless():
                 self.event(now_ns, Severity.WARNING, "session", "restless", event.text)
-            case DamagedFrame():
-                self._records.damaged(event, now_ns)
             case Rejected():
                 self._records.rejected(event, now_ns)
 
@@ -486,5 +490,6 @@ class Host(HostSenses):
         self._records.event(now_ns, severity, source, kind, text, **data)
 
     def record_map(self, now_ns: HostNs) -> None:
-        """Put the swept map on record."""
+        """Put the swept map on record, and what was gathered until now."""
+        self._records.flush(now_ns, at_once=True)
         self._records.swept(self.swept, now_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import takewhile
 from typing import TYPE_CHECKING
 
@@ -56,7 +57,42 @@ _FELT = {
     DisturbanceKind.SLIP_RIGHT: "the right wheel slips, {:.3f} m/s between the wheels",
 }
 LINK_PERIOD_NS = 10_000_000_000
+GATHER_NS = 250_000_000
+"""Time over which damaged frames, and rejected ones, are gathered into one record, ns. The raw
+bytes are on record by themselves; a full 3 Mbaud line may carry 75 000 damaged frames a second."""
+SHOWN_BYTES = 16
+"""Bytes of the first damaged frame that its record shows."""
 _new = tuple.__new__
+
+
+class Tally:
+    """Frames that are gathered into one record.
+
+    The first is recorded at once, then there is at most one record each :data:`GATHER_NS`.
+    """
+
+    def __init__(self) -> None:
+        """None so far."""
+        self.counts: Counter[str] = Counter()
+        """By what is wrong with them."""
+        self.length = 0
+        """Bytes of all of them."""
+        self.first: dict[str, int | str] = {}
+        """Of the first of them."""
+        self.due_ns = 0
+        """When the next record may be written."""
+
+    def take(self, now_ns: int) -> tuple[int, int, str, dict[str, int | str]]:
+        """Frames, bytes, what is wrong in words, and all of it as data; begins anew."""
+        counts, length = self.counts, self.length
+        frames = counts.total()
+        kinds = next(iter(counts))
+        if frames > 1:
+            kinds = ", ".join(f"{kind} {count}" for kind, count in counts.most_common())
+        data = {**self.first, "frames": frames, "bytes": length, **counts}
+        self.counts, self.length, self.first = Counter(), 0, {}
+        self.due_ns = now_ns + GATHER_NS
+        return frames, length, kinds, data
 
 
 class HostRecords:
@@ -73,6 +109,7 @@ class HostRecords:
         self._stop_cause = -1
         self._other_host = False
         self._disturbance: Disturbance | None = None
+        self._damaged, self._rejected = Tally(), Tally()
         self._keys = KeyRedactor()
 
     def event(
@@ -88,10 +125,16 @@ class HostRecords:
         log_ns = now_ns + self._unix_offset_ns
         self._write(EventRecord(log_ns, severity, source, kind, text, data))
 
-    def damaged(self, event: DamagedFrame, now_ns: int) -> None:
-        """Bytes that are no frame."""
-        text = f"{event.length} bytes that are no frame ({event.damage.value})"
-        self.event(now_ns, Severity.DEBUG, "link", "damaged", text, offset=event.offset)
+    def damaged(self, found: Sequence[DamagedFrame], now_ns: int) -> None:
+        """Bytes that are no frames, of one moment."""
+        tally = self._damaged
+        tally.counts.update(event.damage.value for event in found)
+        tally.length += sum(event.length for event in found)
+        if not tally.first:
+            first = found[0]
+            tally.first = {"offset": first.offset, "first": first.data[:SHOWN_BYTES].hex()}
+        if now_ns >= tally.due_ns:
+            self._tell_damaged(now_ns)
 
     def rejected(self, event: Rejected, now_ns: int) -> None:
         """An intact frame that was of no use."""
@@ -99,8 +142,32 @@ class HostRecords:
             self._other_host = True
             text = "another host talks on this bus, and a bus has one: end it"
             self.event(now_ns, Severity.WARNING, "link", "other_host", text)
-        text = f"frame of type {event.frame.type_id:#04x} not used: {event.reason}"
-        self.event(now_ns, Severity.DEBUG, "link", "rejected", text)
+        tally, frame = self._rejected, event.frame
+        tally.counts[event.reason] += 1
+        tally.length += len(frame.payload)
+        if not tally.first:
+            tally.first = {"type": frame.type_id, "first": frame.payload[:SHOWN_BYTES].hex()}
+        if now_ns >= tally.due_ns:
+            self._tell_rejected(now_ns)
+
+    def flush(self, now_ns: int, *, at_once: bool = False) -> None:
+        """Put on record what was gathered of damaged and rejected frames, where it is time."""
+        if self._damaged.counts and (at_once or now_ns >= self._damaged.due_ns):
+            self._tell_damaged(now_ns)
+        if self._rejected.counts and (at_once or now_ns >= self._rejected.due_ns):
+            self._tell_rejected(now_ns)
+
+    def _tell_damaged(self, now_ns: int) -> None:
+        frames, length, kinds, data = self._damaged.take(now_ns)
+        stretches = "" if frames == 1 else f" in {frames} stretches"
+        text = f"{length} bytes{stretches} that are no frame ({kinds})"
+        self.event(now_ns, Severity.DEBUG, "link", "damaged", text, **data)
+
+    def _tell_rejected(self, now_ns: int) -> None:
+        frames, _, kinds, data = self._rejected.take(now_ns)
+        what = "frame" if frames == 1 else f"{frames} frames, the first"
+        text = f"{what} of type {data['type']:#04x} not used: {kinds}"
+        self.event(now_ns, Severity.DEBUG, "link", "rejected", text, **data)
 
     def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
         """What a serial port gave or took, without a key."""

@@ -7,7 +7,6 @@ little-endian, over header and payload.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple
 from zlib import crc32
@@ -77,9 +76,8 @@ class Damage(Enum):
     CRC = "crc"
 
 
-@dataclass(frozen=True, slots=True)
-class DamagedFrame:
-    """Bytes between two delimiters that are no frame."""
+class DamagedFrame(NamedTuple):
+    """Bytes between two delimiters that are no frame; a bare tuple, for noise makes many."""
 
     damage: Damage
     offset: int
@@ -200,7 +198,8 @@ class UartParser:
                 if damage.__class__ is Damage:
                     if length > MAX_ENCODED:
                         damage = Damage.LENGTH  # whatever else: as where it came in many reads
-                    found[index] = DamagedFrame(damage, offset, length, piece[:MAX_ENCODED])
+                    told = (damage, offset, length, piece[:MAX_ENCODED])
+                    found[index] = _new(DamagedFrame, told)
                     self.damaged += 1
                     self.frames -= 1
                 index += 1

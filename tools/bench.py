@@ -89,9 +89,11 @@ def _recorded(wire: Wire, port: str, log: BenchLog, robot_toml: str) -> Iterator
     info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, robot_toml, None, extra)
     # On a thread of its own: a disk that is slow must not keep a wheel turning.
     recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
+    records = BenchRecords(wire, recorder, offset_ns)
     try:
-        yield BenchRecords(wire, recorder, offset_ns)
+        yield records
     finally:
+        records.closed()
         recorder.close(None)
         say(f"recorded in {log.path}" if recorder.error is None else str(recorder.error))
 

@@ -41,6 +41,11 @@ class BenchRecords:
     def passed(self, data: bytes, now_ns: HostNs, *, outgoing: bool) -> None:
         """Note bytes that were sent, or that came."""
         self._tap(data, now_ns, outgoing=outgoing)
+        self._records.flush(now_ns)
+
+    def closed(self) -> None:
+        """Record what was gathered of damaged frames."""
+        self._records.flush(self._wire.now(), at_once=True)
 
     def told(self, text: str) -> None:
         """Note a line that a person was told."""
@@ -76,7 +81,7 @@ class BenchRecords:
                 if event.rebooted:
                     self._sync.reset()
             case DamagedFrame():
-                self._records.damaged(event, now_ns)
+                self._records.damaged([event], now_ns)
             case StateChanged():
                 self._records.event(now_ns, Severity.INFO, "session", event.new.value, event.why)
             case Restless():

@@ -90,6 +90,7 @@ def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
         listener = Listener(writer, model, link)
         for piece in chain((first,), pieces):
             listener.received(piece.data, HostNs(piece.host_ns))
+        listener.close()
         if not listener.messages:
             raise LogReadError(source, "none of its frames is a sweeper's")
     finally:

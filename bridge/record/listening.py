@@ -11,6 +11,7 @@ from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
 from protocol.can_frames import RECORD
 from protocol.can_link import CanLink
+from protocol.clock import HostNs
 from protocol.link import Received, Rejected
 from protocol.message import Direction
 from protocol.messages import Encoders, Hello, Imu, LogText
@@ -19,7 +20,6 @@ from protocol.uart import DamagedFrame
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
-    from protocol.clock import HostNs
     from protocol.link import LinkBase
 
 
@@ -31,6 +31,7 @@ class Listener:
         self.messages = 0
         """Of the device, so far."""
         self._link = link
+        self._heard_ns = HostNs(0)
         self._records = HostRecords(sink, 0, "")
         self._sync = TimeSync()
         self._estimator = PoseEstimator(model, Pose2(0.0, 0.0, 0.0))
@@ -45,14 +46,24 @@ class Listener:
                 self._records.can(frame, now_ns, outgoing=can_id >> 4 in self._sends)
         else:
             self._records.uart(data, now_ns, outgoing=False)
+        self._heard_ns = now_ns
+        self._records.flush(now_ns)
+        damaged: list[DamagedFrame] = []
         for event in self._link.receive(data, now_ns // 1000):
             match event:
                 case Received():
                     self._message(event, now_ns)
                 case DamagedFrame():
-                    self._records.damaged(event, now_ns)
+                    damaged.append(event)
                 case Rejected() if event.reason != "direction":
                     self._records.rejected(event, now_ns)
+
+        if damaged:
+            self._records.damaged(damaged, now_ns)
+
+    def close(self) -> None:
+        """Record what was gathered of damaged frames."""
+        self._records.flush(self._heard_ns, at_once=True)
 
     def _message(self, received: Received, now_ns: HostNs) -> None:
         message, frame, _ = received

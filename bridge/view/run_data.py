@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import json
 import math
 from collections import Counter
 from dataclasses import dataclass, field
@@ -175,6 +176,18 @@ def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
     return begin_s, end_s
 
 
+def frames_of(data_json: str) -> int:
+    """How many frames an event about damaged frames is of; in older logs each has its own.
+
+    Raises:
+        ValueError: its data are no JSON: another program's event.
+
+    """
+    data = json.loads(data_json or "{}")
+    frames = data.get("frames") if isinstance(data, dict) else None
+    return frames if isinstance(frames, int) else 1
+
+
 class _Gatherer:
     """Takes messages; keeps what a report needs of them."""
 
@@ -214,7 +227,7 @@ class _Gatherer:
                 case "/events":
                     event = message.decoded
                     if event.source == "link" and event.kind == "damaged":
-                        data.damaged += 1
+                        data.damaged += frames_of(event.data_json)
                     told = event.severity, event.source, event.kind, event.text
                     data.happenings.append(Happening(time_s, *told))
                 case "/log" if (level := _LEVELS.get(message.decoded.level)) is not None:

@@ -1,7 +1,7 @@
 """The far end of a pty for :mod:`soak.line`: agrees as a device does, then fills the line.
 
-``feeder.py SECONDS BAUD`` tells the pty's name on its first line and, at its end, how many
-bytes it wrote and their CRC-32.
+``feeder.py SECONDS BAUD [noise]`` tells the pty's name on its first line and, at its end, how many
+bytes it wrote and their CRC-32. With ``noise`` the line is full of damaged frames of 3 bytes.
 """
 
 from __future__ import annotations
@@ -33,13 +33,16 @@ DRAIN_S = 30.0
 BITS_PER_BYTE = 10
 _FRAME = 28
 """Encoded length of an inertial sample, its delimiters included."""
+_NOISE = b"\2\1\7\0" * (_FRAME // 4)
+"""Seven damaged frames: as many bytes as a sample has."""
 
 
 class Feeder:
     """One device that talks as fast as the line carries."""
 
-    def __init__(self, baud: int) -> None:
+    def __init__(self, baud: int, *, noise: bool = False) -> None:
         """Open the pty and tell its name."""
+        self._noise = noise
         self._fd, slave = os.openpty()
         tty.setraw(self._fd)
         tty.setraw(slave)
@@ -102,7 +105,10 @@ class Feeder:
         self._count += 1
         value = self._count & 0x7FFF
         stamp_us = int(1e6 * now_s) & 0xFFFF_FFFF
-        self._link.send(Imu(value, 1, 16384, 0, 0, 0, 0), stamp_us, node=1)
+        if self._noise:
+            self._pending += _NOISE
+        else:
+            self._link.send(Imu(value, 1, 16384, 0, 0, 0, 0), stamp_us, node=1)
         if self._count % 200 == 0:
             self._link.send(Encoders(value, value), stamp_us, node=1)
             self._link.send(Status(0, 1, 0, 0, 5), stamp_us, node=1)
@@ -122,7 +128,7 @@ class Feeder:
 
 def main() -> None:
     """Feed, then tell what was written."""
-    feeder = Feeder(int(sys.argv[2]))
+    feeder = Feeder(int(sys.argv[2]), noise="noise" in sys.argv[3:])
     feeder.run(float(sys.argv[1]))
     time.sleep(5.0)  # what waits in the pseudo-terminal is read before it goes
     print(feeder.sent, feeder.checksum)

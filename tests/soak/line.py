@@ -31,6 +31,7 @@ from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.writer import RunWriter
 from bridge.telemetry import RunInfo
+from bridge.view.run_data import frames_of
 from soak.day import open_files, resident_mb
 
 FEEDER = Path(__file__).with_name("feeder.py")
@@ -44,11 +45,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--baud", type=int, default=3_000_000)
+    parser.add_argument("--noise", action="store_true", help="damaged frames of 3 bytes instead")
     options = parser.parse_args()
     before = threading.active_count(), open_files(), children()
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "line.mcap"
-        bad = _fill(log, options.minutes * 60.0, options.baud)
+        bad = _fill(log, options.minutes * 60.0, options.baud, noise=options.noise)
     after = threading.active_count(), open_files(), children()
     told = zip(("threads", "files", "processes"), before, after, strict=True)
     print(", ".join(f"{what} {was} -> {now}" for what, was, now in told))
@@ -64,16 +66,16 @@ def children() -> int:
     return sum(len(p.read_text().split()) for p in Path("/proc/self/task").glob("*/children"))
 
 
-def _fill(log: Path, seconds: float, baud: int) -> list[str]:
-    command = [sys.executable, str(FEEDER), str(seconds), str(baud)]
+def _fill(log: Path, seconds: float, baud: int, *, noise: bool) -> list[str]:
+    command = [sys.executable, str(FEEDER), str(seconds), str(baud), *(["noise"] if noise else [])]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as feeder:
         try:
-            return _record(feeder, log, seconds)
+            return _record(feeder, log, seconds, noise=noise)
         finally:
             feeder.kill()
 
 
-def _record(feeder: subprocess.Popen[str], log: Path, seconds: float) -> list[str]:
+def _record(feeder: subprocess.Popen[str], log: Path, seconds: float, *, noise: bool) -> list[str]:
     assert feeder.stdout is not None
     name = feeder.stdout.readline().strip()
     model = RobotModel()
@@ -117,8 +119,13 @@ def _record(feeder: subprocess.Popen[str], log: Path, seconds: float) -> list[st
     if recorder.dropped or recorder.error:
         bad.append(f"{recorder.dropped} records dropped, {recorder.error}")
     statistics = host.session.link.statistics
-    if statistics.lost or statistics.damaged:
+    if statistics.lost or (statistics.damaged and not noise):
         bad.append(f"{statistics.lost} frames lost, {statistics.damaged} damaged")
+    found = [m.decoded for m in LogReader(log).messages({"/events"})]
+    told = [frames_of(e.data_json) for e in found if e.kind == "damaged"]
+    print(f"{statistics.damaged} damaged frames in {len(told)} records")
+    if sum(told) != statistics.damaged:
+        bad.append(f"{sum(told)} of {statistics.damaged} damaged frames are on record")
     return bad + _compare(log, int(sent), int(checksum))
 
 
