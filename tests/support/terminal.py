@@ -25,11 +25,15 @@ KITTY_SAYS, XTERM_SAYS = b"\x1b[?0u\x1b[?62;c", b"\x1b[?64;1;2c"
 class OnTerminal:
     """``sweepctl`` with its three streams on a pty of 120 × 40; ``kitty`` tells of releases."""
 
-    def __init__(self, *arguments: str | Path, cwd: Path, kitty: bool = False) -> None:
+    def __init__(
+        self, *arguments: str | Path, cwd: Path, kitty: bool = False, term: str = "xterm-256color"
+    ) -> None:
         self._master, slave = pty.openpty()
         self.drawn = b""
+        self._reads = threading.Event()
+        self._reads.set()
         self._kitty = kitty
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": "xterm-256color"}
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": term}
         environment |= {"COLUMNS": "120", "LINES": "40"}
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)],
@@ -48,7 +52,7 @@ class OnTerminal:
     def _read(self) -> None:
         answered = False
         while True:
-            if not select.select([self._master], [], [], 0.2)[0]:
+            if not (self._reads.wait(0.2) and select.select([self._master], [], [], 0.2)[0]):
                 if self.process.poll() is not None:
                     return
                 continue
@@ -68,6 +72,18 @@ class OnTerminal:
         with self._news:
             found = self._news.wait_for(lambda: text.encode() in self.drawn, PATIENCE_S)
         assert found, self.drawn[-3000:].decode("utf-8", "replace")
+
+    def stand_still(self) -> None:
+        """Read no more, as a terminal whose window hangs."""
+        self._reads.clear()
+
+    def hold(self) -> None:
+        """Stop its output, as Ctrl-S does."""
+        os.write(self._master, b"\x13")
+
+    def go_on(self) -> None:
+        """Read again."""
+        self._reads.set()
 
     def press(self, data: bytes) -> None:
         os.write(self._master, data)
