@@ -136,13 +136,16 @@ class OwnerSocket:
         self.path = self._folder / f"{os.getpid()}-{next(_numbers)}.sock"
         self._names: list[str] = []
         self._clients: dict[int, _Client] = {}
-        """By the descriptor's number; the reading thread's own, as are both counts."""
-        self._answering = self._viewers = 0
+        """By the descriptor's number; the reading thread's own."""
+        self._viewers = 0
+        """Counted by the reading thread."""
+        self._answering = 0
+        """Requests that are answered now; ``_lock`` guards it."""
         self._threads: set[threading.Thread] = set()
         self._done: deque[tuple[_Client, _Work]] = deque()
         """Clients for which a thread has ended, and what it did."""
         self._lock = threading.Lock()
-        """Guards the set of threads."""
+        """Guards the set of threads, and the count of answers."""
         self._closed = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX)
         try:
@@ -341,12 +344,11 @@ class OwnerSocket:
             self._refuse(client, "a request is a line with one JSON object")
         elif request.get("do") == "watch":
             self._watch(client, request)
-        elif self._answering >= MAX_ANSWERS:
+        elif not self._count_in():
             text = f"{MAX_ANSWERS} requests are being answered already; ask again"
             self._refuse(client, text)
         else:
-            self._answering += 1
-            self._begin(client, _Work.ANSWER, lambda: self._answer(client, request))
+            self._begin(client, _Work.ANSWER, lambda: self._answer_counted(client, request))
 
     def _watch(self, client: _Client, request: dict[str, Any]) -> None:
         """Begin to show the status."""
@@ -387,6 +389,8 @@ class OwnerSocket:
                 return
             with self._lock:
                 self._threads.discard(thread)
+            if kind is _Work.ANSWER:
+                self._count_out()
             client.is_open = False
             client.requests.clear()
             self._done.append((client, kind))
@@ -396,19 +400,39 @@ class OwnerSocket:
         client.answers -= 1
         client.in_order = client.in_order and kind is _Work.STOP
         self._viewers -= kind is _Work.VIEW
-        self._answering -= kind is _Work.ANSWER
 
     # ---- the answering threads --------------------------------------------------------------
 
+    def _count_in(self) -> bool:
+        """Count a request as being answered; False where there are enough."""
+        with self._lock:
+            if self._answering >= MAX_ANSWERS:
+                return False
+            self._answering += 1
+        return True
+
+    def _count_out(self) -> None:
+        with self._lock:
+            self._answering -= 1
+
     def _answer(self, client: _Client, request: dict[str, Any]) -> None:
+        self._say(client, self._answer_to(client, request), SEND_S)
+
+    def _answer_counted(self, client: _Client, request: dict[str, Any]) -> None:
         try:
-            answer = {"ok": True, **self._service.answer(request, client.who)}
+            answer = self._answer_to(client, request)
+        finally:
+            self._count_out()  # first: who has the answer may ask again at once
+        self._say(client, answer, SEND_S)
+
+    def _answer_to(self, client: _Client, request: dict[str, Any]) -> dict[str, Any]:
+        try:
+            return {"ok": True, **self._service.answer(request, client.who)}
         except BridgeError as error:
-            answer = {"ok": False, "error": error.bare, "exit_status": error.exit_status}
+            return {"ok": False, "error": error.bare, "exit_status": error.exit_status}
         except Exception as error:  # noqa: BLE001 - a defect of ours: the asker learns of it
             text = f"internal error: {type(error).__name__}"
-            answer = {"ok": False, "error": text, "exit_status": 1}
-        self._say(client, answer, SEND_S)
+            return {"ok": False, "error": text, "exit_status": 1}
 
     def _stream(self, client: _Client, period_s: float) -> None:
         try:

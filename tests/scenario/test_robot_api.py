@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 import threading
 import time
 from pathlib import Path
@@ -423,3 +424,33 @@ def test_a_log_that_fails_is_an_error_at_the_end_and_no_stop(emulated: Emulated)
         with pytest.raises(LogError):
             robot.record(full / "x.mcap")
         until(lambda: robot.imu.latest is not None)
+
+
+def test_eight_clients_and_the_program_ask_for_parameters_at_once(emulated: Emulated) -> None:
+    """Each gets the answer to its own question: none takes away what another waits for."""
+    wrong: list[str] = []
+
+    def ask_often(robot: Robot | RemoteRobot, seed: int) -> None:
+        names = random.Random(seed)
+        try:
+            listed = robot.list_parameters()
+            for _ in range(20):
+                chosen = names.choice(listed)
+                found = robot.get_parameter(names.choice((chosen.name, chosen.number)))
+                if found != chosen:
+                    wrong.append(f"{found} is not {chosen}")
+        except Exception as error:  # noqa: BLE001 - the verdict
+            wrong.append(repr(error))
+
+    with bridge.open(emulated.port) as robot:
+        clients = [RemoteRobot(emulated.port) for _ in range(7)]
+        threads = [
+            threading.Thread(target=ask_often, args=(client, seed))
+            for seed, client in enumerate([*clients, robot])
+        ]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(PATIENCE_S)
+        assert wrong == []
+        assert robot.session is State.READY

@@ -286,6 +286,26 @@ def test_a_stop_passes_requests_that_wait_for_the_device(port: str) -> None:
             client.close()
 
 
+def test_eight_who_ask_again_and_again_are_never_too_many(owner: OwnerSocket, port: str) -> None:
+    """Each on a connection of its own for each request: it is counted out before its answer."""
+    refused: list[str] = []
+
+    def ask_often() -> None:
+        try:
+            for _ in range(50):
+                ask(port, {"do": "echo"})
+        except BridgeError as error:
+            refused.append(str(error))
+
+    threads = [threading.Thread(target=ask_often) for _ in range(MAX_ANSWERS)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert refused == []
+    assert owner.path.exists()
+
+
 def test_a_stop_passes_slow_senders(owner: OwnerSocket, port: str) -> None:
     clients = crowd(owner, 100, b'{"do": "echo", "text": "')
     dribbled = 0

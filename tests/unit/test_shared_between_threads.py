@@ -6,12 +6,15 @@ call leaves behind.
 
 from __future__ import annotations
 
+import io
+import json
 import random
 import sys
 import threading
 from typing import TYPE_CHECKING
 
 import pytest
+from rich.console import Console
 
 from bridge.coverage.planner import PlannerState
 from bridge.coverage.runner import PlanRunner
@@ -20,10 +23,15 @@ from bridge.dead_man import DIRECTIONS, TURN_RAD_S, DeadMan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.operator import Operator
-from support.ends import Spinning
+from bridge.record.sink import NullSink
+from bridge.snapshot import snapshot
+from support.ends import Collector, Ends, HostEnd, Spinning, spinning_host, sweeper
+from tools.live import LivePicture, Teller
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from bridge.host import Host
 
 MODEL = RobotModel()
 PATIENCE_S = 60.0
@@ -36,6 +44,11 @@ def _switching_often() -> Iterator[None]:
     sys.setswitchinterval(1e-6)
     yield
     sys.setswitchinterval(before)
+
+
+def made() -> tuple[Host, Ends]:
+    host = spinning_host(Collector())
+    return host, Ends(HostEnd(host), sweeper())
 
 
 def together(*works: Callable[[], object]) -> list[BaseException]:
@@ -143,3 +156,63 @@ def test_the_operators_decisions_reach_the_log_all_of_them() -> None:
     assert together(decide, log) == []
     events += [event.reason for event in operator.drain_events()]
     assert len(events) == 10_000
+
+
+# ---- the run as other threads see it ----------------------------------------------------------
+
+
+def test_a_snapshot_does_not_change_while_the_run_goes_on() -> None:
+    host, ends = made()
+    assert ends.run(8.0, lambda: ends.moving)
+    seen = host.snapshot(ends.host_ns)
+    known = json.dumps(snapshot(seen, 20.0)), repr(seen[:-1])
+    ends.run(0.5)
+    host.state.forget()
+    host.session.unplugged(ends.host_ns)
+    ends.run(0.5)
+    assert (json.dumps(snapshot(seen, 20.0)), repr(seen[:-1])) == known
+    now = host.snapshot(ends.host_ns)
+    assert now.state.imu is not seen.state.imu
+    assert now.session.link.statistics.frames_in > seen.session.link.statistics.frames_in
+
+
+def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
+    """As viewers and the dashboard do: each reading is of one moment."""
+    host, ends = made()
+    assert ends.run(8.0, lambda: ends.moving)
+    newest = [host.snapshot(ends.host_ns)]
+    over = threading.Event()
+
+    def loop() -> None:
+        for i in range(400):
+            ends.run(0.01)
+            if i % 40 == 0:
+                host.state.forget()  # as where the device was lost
+            newest[0] = host.snapshot(ends.host_ns)
+        over.set()
+
+    def look() -> None:
+        picture = LivePicture(lambda: newest[0], Teller(NullSink(), plain=False))
+        console = Console(file=io.StringIO(), width=140, height=42)
+        while not over.is_set():
+            told = snapshot(newest[0], 20.0)
+            assert (told["imu"] is None) == ("imu" not in told["age_s"])
+            console.print(picture)
+
+    assert together(loop, look, look) == []
+
+
+def test_the_dashboard_outlives_what_it_cannot_draw() -> None:
+    seen = made()[0].snapshot()
+    broken = seen._replace(hello=object())  # type: ignore[arg-type]  # what it cannot draw
+    shown = [seen]
+    picture = LivePicture(lambda: shown[0], Teller(NullSink(), plain=False))
+    console = Console(file=io.StringIO(), width=140, height=42)
+    shown[0] = broken
+    console.print(picture)
+    shown[0] = seen
+    console.print(picture)
+    assert isinstance(console.file, io.StringIO)
+    text = console.file.getvalue()
+    assert text.count("this picture cannot be drawn: AttributeError") == 1
+    assert "─ robot ─" in text, "and the next one is drawn"
