@@ -19,6 +19,8 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 _STEP_S = 0.02
 _EDGE = 0.004

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from bridge.bench.wiring import Finding
     from sim_device.imu import ImuCounts
 
+pytestmark = pytest.mark.slow
+
 ALL_STEPS = (
     "battery",
     "logic supply",

@@ -53,25 +53,33 @@ class Decisions:
         del summary
 
 
-def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall() -> None:
-    sights = 0
-    for seed in (1, 3, 5, 6):
-        told = Decisions()
-        doubts: list[tuple[float, float]] = []
+LOST = pytest.mark.xfail(reason="harsh: no known wall is found again, and σ grows to 1.7°")
+SEEDS = (
+    *range(1, 5),
+    *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (5, 6, 8)),
+    pytest.param(7, marks=[pytest.mark.nightly, LOST]),
+)
+"""All from 1 to 8."""
 
-        def look(t_s: float, host: Host, seen: list[tuple[float, float]] = doubts) -> None:
-            seen.append((t_s, math.degrees(host.heading_doubt_rad)))
 
-        plan = load_room("empty")
-        run_virtual(
-            plan, MODEL, "recovery", told, seed=seed, noise="harsh", max_time_s=290.0, progress=look
-        )
-        sights += len(told.sights_s)
-        assert len(told.sights_s) < 8, "not again and again"
-        for begun_s in told.sights_s:
-            before = max(doubt for t_s, doubt in doubts if begun_s - 1.5 < t_s <= begun_s)
-            after = [doubt for t_s, doubt in doubts if begun_s < t_s < begun_s + 25.0]
-            assert before > 0.75
-            if begun_s < doubts[-1][0] - 25.0:
-                assert min(after) < 0.6
-    assert sights >= 4
+@pytest.mark.parametrize("seed", SEEDS)
+def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall(seed: int) -> None:
+    told = Decisions()
+    sigmas: list[tuple[float, float]] = []
+
+    def look(t_s: float, host: Host) -> None:
+        sigmas.append((t_s, math.degrees(host.heading_doubt_rad)))
+
+    plan = load_room("empty")
+    run_virtual(
+        plan, MODEL, "recovery", told, seed=seed, noise="harsh", max_time_s=290.0, progress=look
+    )
+    last_s = sigmas[-1][0]
+    whole = [begun_s for begun_s in told.sights_s if begun_s < last_s - 25.0]
+    assert whole, "the gyro's walk at harsh takes the heading beyond its limit in 290 s"
+    assert len(told.sights_s) < 8, "not again and again"
+    for begun_s in told.sights_s:
+        assert max(sigma for t_s, sigma in sigmas if begun_s - 1.5 < t_s <= begun_s) > 0.75
+    for begun_s in whole:
+        assert min(sigma for t_s, sigma in sigmas if begun_s < t_s < begun_s + 25.0) < 0.6
+    assert max(sigma for _, sigma in sigmas) < 1.5, "it is never left to grow"

@@ -15,6 +15,8 @@ from protocol.messages import Encoders, Hello, LinkCounters, Power, Status
 from protocol.values import ResetCause, StopCause
 from support.clinic import Visit, examine
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 
 
