@@ -18,6 +18,8 @@ _VIEW_HEIGHT = 1.05
 """Camera height for a room of size 1: all of it with a margin."""
 
 
+_NEWEST_S = 60.0
+"""Time for which a path, a lane and the true path stay in full colour, seconds: 12 m at 0.2 m/s."""
 _LIVE_S = 60.0
 """What the plots show of a run that is still going on."""
 
@@ -100,6 +102,11 @@ def _room(plan: FloorPlan | None) -> rrb.Spatial3DView:
         start=rrb.TimeRangeBoundary.infinite(),
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
+    newest = rrb.VisibleTimeRanges(
+        timeline=paths.TIMELINE,
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-_NEWEST_S),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
     return rrb.Spatial3DView(
         origin=paths.WORLD,
         name="Room from above",
@@ -112,5 +119,9 @@ def _room(plan: FloorPlan | None) -> rrb.Spatial3DView:
             look_target=(centre[0], centre[1], 0.0),
             eye_up=(0.0, 1.0, 0.0),
         ),
-        overrides=dict.fromkeys((paths.PATH, paths.TRUTH_PATH, paths.LANES, paths.SHADOWS), so_far),
+        # The whole of a long run in full colour is a tangle: the newest minute stands out.
+        overrides={
+            **dict.fromkeys((paths.WHOLE_PATH, paths.SHADOWS), so_far),
+            **dict.fromkeys((paths.PATH, paths.TRUTH_PATH, paths.LANES), newest),
+        },
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.record.errors import LogExistsError
 from bridge.view import report, report_figures
 from bridge.view.page import document, section, table
-from bridge.view.picture import drawn_text
+from bridge.view.picture import draw_plan, drawn_text, plan_legend
 from bridge.view.run_data import load_run
 
 if TYPE_CHECKING:
@@ -182,13 +182,9 @@ def _nothing(axes: Axes, why: str) -> None:
 
 
 def _paths(axes: Axes, a: RunData, b: RunData) -> None:
-    from matplotlib.patches import Polygon  # noqa: PLC0415 - an extra
-
     plan = a.track.plan or b.track.plan
     if plan is not None:
-        axes.add_patch(Polygon(plan.walls, closed=True, fill=False, edgecolor="#30343b", lw=2.5))
-        for obstacle in plan.obstacles:
-            axes.add_patch(Polygon(obstacle, closed=True, facecolor="#c9ced6", edgecolor="#30343b"))
+        draw_plan(axes, plan, obstacles="#c9ced6")
     for name, run, colour in zip("AB", (a, b), _COLOURS, strict=True):
         poses = [pose for _, pose in run.track.best]
         if poses:
@@ -199,7 +195,15 @@ def _paths(axes: Axes, a: RunData, b: RunData) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    axes.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    lines, _ = axes.get_legend_handles_labels()
+    axes.legend(
+        handles=[*lines, *plan_legend(plan)],
+        frameon=False,
+        fontsize=8,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=2,
+    )
 
 
 def _curves(axes: Axes, a: RunData, b: RunData) -> None:

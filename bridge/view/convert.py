@@ -113,6 +113,7 @@ class RunConverter:
         self._states = {name: States(f"{p.STATES}/{name}") for name in ("planner", "mode", "stop")}
         self._lines = TextLines(p.EVENTS)
         self._path, self._truth_path = scene.path_track(), scene.truth_track()
+        self._whole = scene.whole_track()
         self._motion, self._target = scene.Motion(), scene.Target()
         self._lanes, self._shadows = planning.Lanes(), planning.Shadows(model)
         self._covariance, self._planner_text = planning.Covariance(), Document(p.PLANNER_TEXT)
@@ -162,7 +163,7 @@ class RunConverter:
         parts: list[_Part] = [self._velocity, self._command, self._yaw_rate, self._yaw_command]
         parts += [self._gyro, self._wheel_speeds, self._acceleration, self._range, self._battery]
         parts += [self._current, self._pose_error, self._clock, self._link, self._lines]
-        parts += [self._path, self._truth_path, self._motion, self._target]
+        parts += [self._whole, self._path, self._truth_path, self._motion, self._target]
         parts += [self._lanes, self._shadows, self._covariance, self._planner_text]
         parts += [self._room, self._swept, *self._rays, *self._states.values()]
         for part in parts:
@@ -171,6 +172,7 @@ class RunConverter:
     def _on_estimate(self, time_ns: int, estimate: Any) -> None:  # noqa: ANN401 - decoded
         x_m, y_m = estimate.x_m, estimate.y_m
         self._path.add(time_ns, x_m, y_m)
+        self._whole.add(time_ns, x_m, y_m)
         self._pose = (x_m, y_m, estimate.theta_rad)
         self._motion.add(time_ns, *self._pose)
         self._covariance.add(time_ns, estimate)

@@ -14,9 +14,10 @@ from bridge.view.run_track import load_track
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.patches import Patch
 
+    from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.metrics import CoverageReport
     from bridge.view.run_track import RunTrack
 
@@ -24,6 +25,7 @@ LEAST_SPAN_M = 1.0
 _WALL, _OBSTACLE = "#30343b", "#9aa2ad"
 _MOUTH, _BODY, _MISSED = "#8fd0b5", "#d9efe5", "#f0a35e"
 _PATH, _ESTIMATE = "#1f4e79", "#b03a48"
+_CARPET, _THRESHOLD, _CLIFF = "#8455a8", "#c98a00", "#c0392b"
 
 
 class PlotMissingError(BridgeError):
@@ -79,12 +81,11 @@ def draw_floor(
     track: RunTrack,
     measured: tuple[CoverageMeter, CoverageReport] | None = None,
 ) -> None:
-    """Draw swept and missed floor, walls and obstacles; nothing where the room is not known.
+    """Draw swept and missed floor and the room's marks; nothing where the room is not known.
 
     ``measured`` is the run's coverage where that is known already.
     """
     from matplotlib.colors import ListedColormap  # noqa: PLC0415 - an extra
-    from matplotlib.patches import Polygon  # noqa: PLC0415 - an extra
 
     if track.plan is None:
         return
@@ -110,17 +111,55 @@ def draw_floor(
         interpolation="nearest",
         zorder=1,
     )
-    axes.add_patch(
-        Polygon(track.plan.walls, closed=True, fill=False, edgecolor=_WALL, lw=2.5, zorder=4)
-    )
-    for obstacle in track.plan.obstacles:
+    draw_plan(axes, track.plan)
+
+
+def draw_plan(axes: Axes, plan: FloorPlan, *, obstacles: str = _OBSTACLE) -> None:
+    """Draw everything that the room file has: walls, obstacles, carpets, thresholds, cliffs."""
+    from matplotlib.patches import Polygon  # noqa: PLC0415 - an extra
+
+    axes.add_patch(Polygon(plan.walls, closed=True, fill=False, edgecolor=_WALL, lw=2.5, zorder=4))
+    for obstacle in plan.obstacles:
         axes.add_patch(
-            Polygon(obstacle, closed=True, facecolor=_OBSTACLE, edgecolor=_WALL, lw=1.2, zorder=3)
+            Polygon(obstacle, closed=True, facecolor=obstacles, edgecolor=_WALL, lw=1.2, zorder=3)
         )
+    for polygon, how in (
+        *((carpet.polygon, _carpet()) for carpet in plan.carpets),
+        *((cliff, _cliff()) for cliff in plan.cliffs),
+    ):
+        axes.add_patch(Polygon(polygon, closed=True, zorder=2, **how))
+    for begin, end, _ in plan.thresholds:
+        xs, ys = zip(begin, end, strict=True)
+        axes.plot(xs, ys, color=_THRESHOLD, lw=3.0, solid_capstyle="butt", zorder=4)
 
 
-def floor_legend(track: RunTrack) -> list[Patch]:
-    """What the floor's colours mean."""
+def _carpet() -> dict[str, Any]:
+    return {"facecolor": "none", "edgecolor": _CARPET, "hatch": "..", "lw": 1.2}
+
+
+def _cliff() -> dict[str, Any]:
+    return {"facecolor": "none", "edgecolor": _CLIFF, "hatch": "xx", "lw": 1.6}
+
+
+def plan_legend(plan: FloorPlan | None) -> list[Artist]:
+    """What the marks of a room mean; only those that the room has."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415 - an extra
+    from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
+
+    if plan is None:
+        return []
+    found: list[Artist] = []
+    if plan.carpets:
+        found.append(Patch(label="carpet", **_carpet()))
+    if plan.thresholds:
+        found.append(Line2D([], [], color=_THRESHOLD, lw=3.0, label="threshold"))
+    if plan.cliffs:
+        found.append(Patch(label="cliff: no floor", **_cliff()))
+    return found
+
+
+def floor_legend(track: RunTrack) -> list[Artist]:
+    """What the floor's colours and the room's marks mean."""
     from matplotlib.patches import Patch  # noqa: PLC0415 - an extra
 
     if track.plan is None:
@@ -132,7 +171,7 @@ def floor_legend(track: RunTrack) -> list[Patch]:
             (_BODY, "under the body only"),
             (_MISSED, "reachable, not swept"),
         )
-    ]
+    ] + plan_legend(track.plan)
 
 
 def draw_path(axes: Axes, track: RunTrack) -> None:

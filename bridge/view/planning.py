@@ -21,6 +21,8 @@ _ELLIPSE_PERIOD_NS = 200_000_000
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 33)
 _CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _SMALLEST_M = 1e-4
+_PAPERS = frozenset({"paper"})
+"""Planners whose state has the variables of the paper's Table 1."""
 _ALONG = 0.7
 """Cosine of the angle between a lane and the first one."""
 
@@ -172,19 +174,18 @@ class Covariance:
 
 
 def describe(state: Any) -> str:  # noqa: ANN401 - decoded
-    """The planner's state in words, with the paper's letters."""
+    """The planner's state in words, of the paper's own with the paper's letters."""
     target = "none"
     if state.HasField("target_x_m"):
         target = f"({state.target_x_m:.2f}, {state.target_y_m:.2f}) m"
-    lines = (
-        f"## {state.planner}: {state.state}",
-        "| | |",
-        "|---|---|",
-        f"| T, turns | {state.turn_count} |",
-        f"| D, this lane | {state.lane_distance_m:.2f} m |",
-        f"| Prev-D, the lane before | {state.previous_lane_distance_m:.2f} m |",
-        f"| Length, way back | {state.length_m:.2f} m |",
-        f"| case | {state.case or 'none'} |",
-        f"| target | {target} |",
-    )
+    lines = [f"## {state.planner}: {state.state}", "| | |", "|---|---|"]
+    if state.planner in _PAPERS:
+        lines += [
+            f"| T, turns | {state.turn_count} |",
+            f"| D, this lane | {state.lane_distance_m:.2f} m |",
+            f"| Prev-D, the lane before | {state.previous_lane_distance_m:.2f} m |",
+            f"| Length, way back | {state.length_m:.2f} m |",
+            f"| case | {state.case or 'none'} |",
+        ]
+    lines.append(f"| target | {target} |")
     return "\n".join(lines)

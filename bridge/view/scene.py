@@ -23,7 +23,7 @@ _MAX_MAP_BYTES = 48 * 1024 * 1024
 """Maps are thinned out in time rather than given more memory than this."""
 
 # Heights keep what is drawn last on top; the camera looks down from far above.
-_Z_SWEPT, _Z_WALL, _Z_TRUTH, _Z_PATH, _Z_ROBOT = 0.002, 0.006, 0.008, 0.010, 0.014
+_Z_SWEPT, _Z_WHOLE, _Z_WALL, _Z_TRUTH, _Z_PATH, _Z_ROBOT = 0.002, 0.004, 0.006, 0.008, 0.010, 0.014
 
 _RGBA = 4
 _FLOOR, _BLOCK = (46, 50, 58, 255), (120, 108, 96, 255)
@@ -36,7 +36,7 @@ _OCCUPIED = 50
 
 
 def draw_plan(recording: Recording, plan: FloorPlan) -> None:
-    """Walls and obstacles as lines, for the whole run."""
+    """Everything that the room file has as lines, for the whole run."""
     recording.log_static(
         paths.WALLS,
         rr.LineStrips3D(
@@ -45,6 +45,35 @@ def draw_plan(recording: Recording, plan: FloorPlan) -> None:
             radii=rr.Radius.ui_points(1.5),
         ),
     )
+
+    for entity, name, colour, polygons in (
+        (paths.CARPETS, "carpet", paths.MAGENTA, [carpet.polygon for carpet in plan.carpets]),
+        (paths.CLIFFS, "cliff", paths.RED, plan.cliffs),
+    ):
+        _label(recording, entity, name, colour, [_closed(polygon) for polygon in polygons])
+    bars = [[[x, y, _Z_WALL] for x, y in (bar.begin, bar.end)] for bar in plan.thresholds]
+    _label(recording, paths.THRESHOLDS, "threshold", paths.YELLOW, bars)
+
+
+def _label(
+    recording: Recording,
+    entity: str,
+    name: str,
+    colour: paths.Colour,
+    strips: list[list[list[float]]],
+) -> None:
+    """Lines with their meaning beside the first of them, where there are any."""
+    if strips:
+        recording.log_static(
+            entity,
+            rr.LineStrips3D(
+                strips,
+                colors=colour,
+                radii=rr.Radius.ui_points(1.5),
+                labels=[name, *[""] * (len(strips) - 1)],
+                show_labels=True,
+            ),
+        )
 
 
 def _closed(polygon: Polygon) -> list[list[float]]:
@@ -106,8 +135,13 @@ class Track:
 
 
 def path_track() -> Track:
-    """The estimated path."""
+    """The estimated path, of which a view shows the last minute."""
     return Track(paths.PATH, paths.BLUE, _Z_PATH, 1.2)
+
+
+def whole_track() -> Track:
+    """The estimated path from its beginning on, faint below the newest piece of it."""
+    return Track(paths.WHOLE_PATH, paths.FAINT, _Z_WHOLE, 0.6)
 
 
 def truth_track() -> Track:

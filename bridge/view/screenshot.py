@@ -80,7 +80,7 @@ def _when_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
     for _ in range(TRIES):
         try:
             viewer.save_screenshot(str(shot))
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, OSError) as error:  # a slow machine's is a TimeoutError
             told = str(error).strip().splitlines()
             raise ViewerFailedError(1, told[0] if told else "it drew nothing") from None
         image = shot.read_bytes()

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from bridge.coverage.floorplan import parse_floorplan
+from bridge.motion.geometry import Pose2
 from bridge.record.writer import RunWriter
+from bridge.telemetry import PoseRecord
 from bridge.view.screenshot import save_screenshot
-from support.synthetic_run import run_info, summary, synthetic_run
+from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -72,3 +75,48 @@ def test_the_window_shows_room_and_swept_floor_and_asks_nobody(
     walls = (red > 0.9) & (green > 0.9) & (blue > 0.9)
     assert np.count_nonzero(swept) > 2_000, "no swept floor to be seen"
     assert np.count_nonzero(walls) > 1_000, "no walls to be seen"
+
+
+def _long_run(log: Path) -> None:
+    """Three minutes: one minute each along y = 0.5, 1.5 and 2.5 m."""
+    plan = parse_floorplan(
+        """{"walls": [[0,0],[4,0],[4,3],[0,3]], "start": [0.4,0.5,0],
+        "carpets": [{"polygon": [[0.8,0.8],[1.4,0.8],[1.4,1.2],[0.8,1.2]]}],
+        "thresholds": [{"line": [[2.5,1.7],[2.5,2.3]], "height_m": 0.004}]}"""
+    )
+    writer = RunWriter(log, run_info(plan=plan))
+    for step in range(900):
+        minute, part = divmod(step, 300)
+        pose = Pose2(0.4 + 3.2 * part / 300, 0.5 + minute, 0.0)
+        log_ns = EPOCH_NS + step * 200_000_000
+        writer.write(PoseRecord(log_ns, pose, 0.2, 0.0, (0.0,) * 9, 0.0, 1.0))
+    writer.close()
+
+
+@pytest.mark.needs("vulkan")
+def test_the_newest_minute_of_a_long_path_stands_out_and_the_floor_is_marked(
+    tmp_path: Path,
+) -> None:
+    log, png = tmp_path / "long.mcap", tmp_path / "long.png"
+    _long_run(log)
+    save_screenshot(log, png)
+    room = imread(png)[60:580, :950, :3]
+    red, green, blue = room[..., 0], room[..., 1], room[..., 2]
+    rows = np.flatnonzero(((red > 0.9) & (green > 0.9) & (blue > 0.9)).sum(axis=1) > 300)
+    top, bottom = rows.min(), rows.max()  # the walls at y = 3 and at y = 0
+    bright = (blue > 0.9) & (red < 0.5) & (green > 0.4)
+
+    def seen(y_m: float) -> int:
+        at = round(bottom - (bottom - top) * y_m / 3.0)
+        return int(np.count_nonzero(bright[at - 5 : at + 6]))
+
+    assert seen(2.5) > 300, "the last minute is bright"
+    assert seen(0.5) == 0, "what was before is not"
+    assert seen(1.5) < 100, "but for the stroke that leads across to the last lane"
+    faint = (blue > 0.3) & (blue < 0.7) & (green > 0.25) & (red < 0.35) & (blue > red + 0.1)
+    at = round(bottom - (bottom - top) * 0.5 / 3.0)
+    assert np.count_nonzero(faint[at - 5 : at + 6]) > 100, "but it is there"
+    magenta = (red > 0.6) & (green < 0.6) & (blue > 0.6)
+    yellow = (red > 0.7) & (green > 0.6) & (blue < 0.4)
+    assert np.count_nonzero(magenta) > 100, "the carpet"
+    assert np.count_nonzero(yellow) > 50, "the threshold"

@@ -189,12 +189,10 @@ def path_picture(row: Row) -> str:
 
 
 def _room(axes: Axes, name: str) -> None:
-    from matplotlib.patches import Polygon
+    from bridge.view.picture import draw_plan
 
     plan = room_of(name)
-    axes.add_patch(Polygon(plan.walls, closed=True, fill=False, edgecolor="#30343b", lw=2))
-    for obstacle in plan.obstacles:
-        axes.add_patch(Polygon(obstacle, closed=True, facecolor="#c9ced6", edgecolor="#30343b"))
+    draw_plan(axes, plan, obstacles="#c9ced6")
     xs, ys = zip(*plan.walls, strict=True)
     axes.set_xlim(min(xs) - 0.1, max(xs) + 0.1)
     axes.set_ylim(min(ys) - 0.1, max(ys) + 0.1)
