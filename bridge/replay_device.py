@@ -15,7 +15,7 @@ from protocol.agreement import describe
 from protocol.can_link import CanLink
 from protocol.catalogue import CATALOGUE
 from protocol.clock import DeviceUs, HostNs, extend_us
-from protocol.link import Link, Received
+from protocol.link import Link, Received, addresses
 from protocol.message import Direction
 from protocol.messages import (
     Ack,
@@ -160,7 +160,9 @@ class ReplayDevice:
     def receive(self, data: bytes, now_ns: HostNs) -> None:
         """Take what the host sends."""
         for event in self._link.receive(data):
-            if isinstance(event, Received):
+            if isinstance(event, Received) and addresses(
+                event.frame, event.spec, self.recording.node
+            ):
                 self._answer(event.message, now_ns)
 
     def poll(self, now_ns: HostNs) -> None:

@@ -102,6 +102,11 @@ class WrongDirectionError(LocalError):
         self.message = message
 
 
+def addresses(frame: Frame, spec: MessageSpec, node: int) -> bool:
+    """Whether a host's frame is for the device of this node."""
+    return frame.node == node or (frame.node == NODE_ALL and spec.to_all)
+
+
 class Medium(Enum):
     """What carries the bytes."""
 

@@ -12,7 +12,7 @@ from protocol.agreement import describe
 from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.codec import Codec
 from protocol.commands import CommandLog
-from protocol.link import NODE_ALL, Link, LinkBase, Received
+from protocol.link import Link, LinkBase, Received, addresses
 from protocol.message import Direction
 from protocol.messages import (
     Ack,
@@ -154,7 +154,7 @@ class Firmware:
         for event in self.link.receive(data, now_us):
             if event.__class__ is Received:
                 message, frame, spec = event
-                if frame.node == node or (frame.node == NODE_ALL and spec.to_all):
+                if addresses(frame, spec, node):
                     self._heard_us = now_us
                     if self.link.key is not None and self.keyring.refuses(frame):
                         self._refuse(message, frame, now_us)

@@ -20,6 +20,8 @@ from protocol.link import Link, Received
 from protocol.message import Direction
 from protocol.messages import (
     Ack,
+    Describe,
+    DescribeReply,
     Hello,
     HostHello,
     Nack,
@@ -57,8 +59,8 @@ class Peer:
         self.device, self.link = device, Link(Direction.HOST)
         self.now_ns = HostNs(5_000_000_000)
 
-    def send(self, message: Message) -> list[LinkEvent]:
-        self.link.send(message, self.now_ns // 1000, node=1)
+    def send(self, message: Message, node: int = 1) -> list[LinkEvent]:
+        self.link.send(message, self.now_ns // 1000, node=node)
         self.device.receive(self.link.data_to_send(), self.now_ns)
         return self.hear()
 
@@ -89,6 +91,17 @@ def test_it_says_hello_and_waits_for_a_host_that_agrees(log: Path) -> None:
     assert messages(peer.wait(0.5)) in ([], [hello])
     peer.send(HostHello(hello.catalogue_hash, 77, 1, "me"))
     assert len(messages(peer.wait(1.0))) > 150
+
+
+def test_it_answers_what_is_addressed_to_it(log: Path) -> None:
+    """Node 0 is for stop, hello and time alone; what is for another node is not for it."""
+    peer = Peer(replay_device(LogReader(log)))
+    asked = [HostHello(0, 5, 0, "me"), TimeRequest(3), Stop(7, 4), SetMode(8, 1), Describe(1, 1)]
+    answered: dict[int, set[type[Message]]] = {
+        node: {type(m) for message in asked for m in messages(peer.send(message, node))} - {Hello}
+        for node in (0, 1, 2)
+    }
+    assert answered == {0: {TimeReply, Ack}, 1: {TimeReply, Ack, Nack, DescribeReply}, 2: set()}
 
 
 def test_every_message_comes_again_as_it_was(log: Path) -> None:
