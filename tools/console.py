@@ -118,10 +118,11 @@ def summary_table(summary: dict[str, Any]) -> Table:
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="dim")
     table.add_column(overflow="fold")  # the log's name is for copying
-    what = [str(summary[k]) for k in ("room", "planner") if summary[k] is not None]
+    what = [one_line(str(summary[k])) for k in ("room", "planner") if summary[k] is not None]
     if summary["seed"] is not None:
         what.append(f"seed {summary['seed']}")
-    outcome = Text.assemble((str(summary["outcome"]), style), f" - {summary['reason']}")
+    reason = one_line(str(summary["reason"]))
+    outcome = Text.assemble((str(summary["outcome"]), style), f" - {reason}")
     rows: list[tuple[str, str | Text | None]] = [
         ("run", ", ".join(what) or None),
         ("outcome", outcome),

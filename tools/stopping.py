@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import sys
 from multiprocessing import resource_tracker
@@ -68,8 +69,10 @@ def leaving_at_once(text: str) -> Iterator[None]:
     """
 
     def leave() -> None:
-        with contextlib.suppress(OSError):  # the terminal may be what went away
-            os.write(2, f"{text}\n".encode())
+        # The terminal may be what went away, or what does not read.
+        with contextlib.suppress(OSError, ValueError):
+            if select.select([], [2], [], 0.0)[1]:
+                os.write(2, f"{text}\n".encode())
         os._exit(1)
 
     with until_signalled(leave):

@@ -52,6 +52,12 @@ def test_of_a_run_that_never_began_nothing_is_known() -> None:
     assert "stopped" in shown(summary)
 
 
+def test_a_room_of_any_name_takes_a_few_lines() -> None:
+    text = shown(summed(host(), room="n" * 100_000 + "\n\x1b[2J", planner="paper"))
+    assert len(text) < 1000
+    assert "\\n\\x1b[2J, paper" in text
+
+
 def test_what_is_known_of_a_watched_robot() -> None:
     watched = host()
     watched.drive_pose = Pose2(0.1, 0, 0)
