@@ -31,7 +31,7 @@ from bridge.motion.geometry import Pose2
 from bridge.onboard_mission import OnboardMission
 from bridge.operator import Operator
 from bridge.owner import OwnerService
-from bridge.record.errors import LogReadError
+from bridge.record.errors import LogGoneError, LogReadError
 from bridge.record.family import parts_of
 from bridge.record.policy import LogWatch, RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
@@ -196,7 +196,8 @@ def run_live(asked: LiveOptions) -> LiveResult:
             recorder.close(summary)
     finally:
         recorder.close()
-        if host.hello is None and pump.crash is None:
+        is_ours = not isinstance(recorder.error, LogGoneError)
+        if host.hello is None and pump.crash is None and is_ours:
             _discard(asked.log)
     return _result(host, asked, recorder, summary)
 
@@ -313,6 +314,8 @@ def _result(
     complaints = []
     if ending is not None and ending.exit_status:
         complaints.append(f"{asked.port}: {with_remedy(ending.reason, ending.remedy)}")
+    if isinstance(recorder.error, LogGoneError):
+        summary = {**summary, "log": None}
     if recorder.error is not None:
         complaints.append(str(recorder.error))
     if recorder.dropped:

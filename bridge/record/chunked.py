@@ -33,7 +33,7 @@ from mcap.records import (
 
 from bridge.record.chunk import CHUNK_BYTES, ZSTD_LEVEL, OpenChunk
 from bridge.record.disk import open_log_file
-from bridge.record.errors import LogWriteError
+from bridge.record.errors import LogGoneError, LogWriteError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -319,6 +319,7 @@ class ChunkedFile:
             with contextlib.suppress(OSError):  # a full device may not even be cut
                 self._file.truncate(self.offset)
                 self._file.seek(self.offset)
-            self.failure = LogWriteError(self.path, error.strerror or str(error))
+            kind = LogGoneError if isinstance(error, FileNotFoundError) else LogWriteError
+            self.failure = kind(self.path, error.strerror or str(error))
             raise self.failure from None
         self.offset += len(data)

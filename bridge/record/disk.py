@@ -25,6 +25,10 @@ _STEP_BYTES = 64 * 1024
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
+GONE = "it was deleted or renamed while it was being recorded"
+REPLACED = "another file took its name while it was being recorded"
+
+
 class LogFile(FileIO):
     """A log's file. Room for its end is held from the beginning, in a file without a name.
 
@@ -47,6 +51,7 @@ class LogFile(FileIO):
 
         """
         super().__init__(path, mode)
+        self._path = path.absolute()
         self._sync = sync
         self._ballast: BinaryIO | None = None
         self._held = self._needed = 0
@@ -65,10 +70,11 @@ class LogFile(FileIO):
         """Write; a failure frees the room that is held for the file's end.
 
         Raises:
-            OSError: it could not be written, or held.
+            OSError: it could not be written, or held, or its name is no longer that of this file.
 
         """
         try:
+            self._check_name()
             written = super().write(data)
             if self._sync is not None:
                 self._sync(self.fileno())
@@ -79,6 +85,23 @@ class LogFile(FileIO):
             self._release()
             raise
         return written
+
+    def _check_name(self) -> None:
+        """See that the file still has its name: what goes into a deleted one is lost.
+
+        Raises:
+            FileNotFoundError: it was deleted, or another file has its name.
+
+        """
+        try:
+            named = self._path.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            raise FileNotFoundError(errno.ENOENT, GONE) from None
+        except OSError:  # a folder that may not be looked into says nothing of the file
+            return
+        own = os.fstat(self.fileno())
+        if (named.st_dev, named.st_ino) != (own.st_dev, own.st_ino):
+            raise FileNotFoundError(errno.ENOENT, REPLACED)
 
     def close(self) -> None:
         """Close it, and let go of what was held."""

@@ -36,6 +36,10 @@ class LogWriteError(LogError):
         self.reason = reason
 
 
+class LogGoneError(LogWriteError):
+    """The log's file was deleted or replaced while it was being recorded: there is no log."""
+
+
 class LogReadError(LogError):
     """The file is missing, is no MCAP, or is damaged before its first record."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import itertools
 from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
@@ -15,7 +16,7 @@ from mcap.reader import make_reader
 
 from bridge.record.chunk import CHUNK_NS
 from bridge.record.disk import RESERVE_BYTES, LogFile, hold_room, open_log_file
-from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.errors import LogExistsError, LogGoneError, LogWriteError
 from bridge.record.export import export
 from bridge.record.following import Follower
 from bridge.record.policy import LogWatch, RecordOptions, open_log
@@ -27,7 +28,7 @@ from bridge.telemetry import IdentityRecord, LogRecord, Severity
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from _typeshed import ReadableBuffer
 
@@ -351,3 +352,71 @@ def test_lines_of_text_are_counted_into_their_own_file(tmp_path: Path) -> None:
         list(range(20, 30)),
         list(range(30, 40)),
     ]
+
+
+def write_all(writer: RunWriter, records: Iterable[Record]) -> None:
+    for record in records:
+        writer.write(record)
+
+
+@pytest.mark.parametrize("kind", ["deleted", "renamed", "replaced", "folder"])
+def test_a_log_that_lost_its_name_is_told_at_the_next_chunk(tmp_path: Path, kind: str) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    path = folder / "run.mcap"
+    writer = RunWriter(path, run_info())
+    records = synthetic_run()
+    for record in itertools.islice(records, 400):
+        writer.write(record)
+    match kind:
+        case "deleted":
+            path.unlink()
+        case "renamed":
+            path.rename(folder / "other.mcap")
+        case "replaced":
+            (folder / "new").write_text("another's")
+            (folder / "new").replace(path)
+        case _:
+            folder.rename(tmp_path / "moved")
+    with pytest.raises(LogGoneError, match="while it was being recorded") as told:
+        write_all(writer, records)
+    assert str(told.value).startswith(f"cannot write {path}: ")
+    writer.close(summary())
+    if kind == "replaced":
+        assert path.read_text() == "another's"
+    else:
+        assert not path.exists(), "nothing is made anew"
+
+
+def test_a_log_that_lost_its_name_is_told_when_it_is_closed(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    writer = RunWriter(path, run_info())
+    for record in itertools.islice(synthetic_run(), 50):
+        writer.write(record)
+    path.unlink()
+    with pytest.raises(LogGoneError):
+        writer.close(summary())
+
+
+def test_the_recorder_keeps_it_as_its_error(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    recorder = ThreadedRecorder(RunWriter(path, run_info()))
+    path.unlink()
+    for record in itertools.islice(synthetic_run(), 50):
+        recorder.write(record)
+    recorder.close(summary())
+    assert isinstance(recorder.error, LogGoneError)
+
+
+def test_a_log_reached_by_a_link_or_a_relative_name_keeps_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    monkeypatch.chdir(tmp_path)
+    writer = RunWriter(Path("link/run.mcap"), run_info())
+    monkeypatch.chdir("/")
+    for record in itertools.islice(synthetic_run(), 400):
+        writer.write(record)
+    writer.close(summary())
+    assert not LogReader(tmp_path / "real" / "run.mcap").truncated
