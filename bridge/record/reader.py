@@ -56,6 +56,16 @@ _MOST_DECODED_BYTES = 32 << 20
 """Largest message that is decoded, bytes: decoded messages take up to fifty times the memory."""
 
 
+MISREAD = (
+    *(ValueError, AttributeError, TypeError, KeyError, IndexError),
+    *(ArithmeticError, RecursionError),
+)
+"""What reading a decoded message may raise: another program's topic of the same name has other
+fields, fields of other types, or values that nobody meant."""
+LATEST_NS = (1 << 63) - 1
+"""Last moment of Unix time that dates and viewers take, nanoseconds: in the year 2262."""
+
+
 @dataclass(frozen=True)
 class LogChannel:
     """A topic and how its messages are written."""

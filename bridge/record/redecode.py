@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from struct import error as StructError  # noqa: N812 - it is a class
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.record.reader import LogReader
+from bridge.record.reader import MISREAD, LogReader
 from bridge.record.schemas import device_encoders
 from bridge.session import Session
 from bridge.session_bus import LISTEN_NS
@@ -79,12 +79,14 @@ def wire_records(messages: Iterable[LogMessage]) -> Iterator[WireRecord]:
     for message in messages:
         topic = message.channel.topic
         if topic in RAW_TOPICS:
-            with suppress(ValueError, AttributeError, TypeError, StructError):
+            with suppress(*MISREAD, StructError):
                 yield _wire_record(message, topic)
 
 
 def _wire_record(message: LogMessage, topic: str) -> WireRecord:
     raw = message.decoded
+    if not isinstance(raw.data, bytes | bytearray | list | tuple):
+        raise TypeError("its data are no bytes")  # a number would become as many zeros
     if topic == "/raw/can":
         data = RECORD.pack(raw.can_id, len(raw.data), raw.data)
         return WireRecord(message.log_ns, bool(raw.outgoing), data, is_can=True)
@@ -210,9 +212,10 @@ def _opened_ns(reader: LogReader, records: list[WireRecord]) -> int:
         sent = (record.log_ns for record in records if record.outgoing)
         opened_ns = min(opened_ns, next(sent, opened_ns + LISTEN_NS) - LISTEN_NS)
     for message in reader.messages({"/events"}):
-        event = message.decoded
-        if event.source == "session" and event.kind == "opening":
-            return min(message.log_ns, opened_ns)
+        with suppress(*MISREAD):
+            event = message.decoded
+            if event.source == "session" and event.kind == "opening":
+                return min(message.log_ns, opened_ns)
     return opened_ns
 
 

@@ -16,6 +16,8 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "pose_error_m": ("end", "max"),
     "wire": ("lost", "crc_errors"),
 }
+_LARGEST = 1e300
+"""Bound of a number that is believed: an integer of JSON has no bound, and no float takes it."""
 _BY_DIRECTION = ("frames", "bytes")
 _SHOWN = {
     *("room", "planner", "outcome", "reason", "seed", "duration_s", "path_m", "turns"),
@@ -71,4 +73,4 @@ def _is_table(key: str, told: dict[str, Any]) -> bool:
 
 
 def _is_number(told: Any) -> bool:  # noqa: ANN401 - whatever JSON has
-    return isinstance(told, int | float) and not isinstance(told, bool)
+    return isinstance(told, int | float) and not isinstance(told, bool) and abs(told) < _LARGEST

@@ -68,8 +68,9 @@ class Series:
 
     def add(self, time_ns: int, *values: float | None) -> None:
         """One value a curve, in the order of the curves; None is a gap."""
+        row = tuple(np.nan if v is None else float(v) for v in values)
         self._times.append(time_ns)
-        self._values.append(tuple(np.nan if v is None else v for v in values))
+        self._values.append(row)
 
     def send(self, recording: Recording) -> None:
         """Send what was collected, if anything."""

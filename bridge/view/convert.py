@@ -13,7 +13,7 @@ from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
 from bridge.record.losses import LossCounter
 from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT, readable_name
-from bridge.record.reader import LogReader
+from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.record.wheels import WheelAngles
 from bridge.view import paths, planning, scene
 from bridge.view.columns import Document, Recording, Series, States, TextLines
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from bridge.record.reader import LogMessage
 
 _SECOND_NS = 1_000_000_000
+_LONGEST_GAP_NS = 86_400 * _SECOND_NS
+"""Longest pause whose every second has a point in the curve, ns: a day."""
 _MOST_WAITING = 500
 """Estimates without a truth: where there is none at all they would pile up."""
 _LOG_LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
@@ -54,7 +56,7 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
     """
     reader = LogReader(path)
     first = next(reader.messages(), None)
-    recording = Recording(stream, first.log_ns if first is not None else 0)
+    recording = Recording(stream, min(first.log_ns, LATEST_NS) if first is not None else 0)
     model = robot_of(reader)
     scene.draw_robot(recording, model)
     plan = plan_of(reader)
@@ -64,7 +66,7 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
     last_ns = recording.start_ns
     for message in reader.messages(run.topics):
         run.take(message)
-        last_ns = max(last_ns, message.log_ns)
+        last_ns = max(last_ns, min(message.log_ns, LATEST_NS))
     run.send(recording)
     stream.send_recording_name(readable_name(path.stem))
     return Converted(reader, plan, recording.seconds(last_ns))
@@ -146,7 +148,9 @@ class RunConverter:
         self.topics = _AnyOf({*self._handlers, *self._maps})
 
     def take(self, message: LogMessage) -> None:
-        """Collect one message; one that does not decode is left out."""
+        """Collect one message; one that does not decode, or has no possible time, is left out."""
+        if message.log_ns > LATEST_NS:
+            return
         self._link.count(message)
         topic = message.channel.topic
         try:
@@ -154,7 +158,7 @@ class RunConverter:
                 self._handlers[topic](message.log_ns, message.decoded)
             elif topic in self._maps:
                 self._maps[topic].add(message.log_ns, message.data)
-        except (ValueError, AttributeError):  # another program's topic of the same name
+        except MISREAD:
             return
 
     def send(self, recording: Recording) -> None:
@@ -170,10 +174,10 @@ class RunConverter:
             part.send(recording)
 
     def _on_estimate(self, time_ns: int, estimate: Any) -> None:  # noqa: ANN401 - decoded
-        x_m, y_m = estimate.x_m, estimate.y_m
+        x_m, y_m, theta_rad = map(float, (estimate.x_m, estimate.y_m, estimate.theta_rad))
         self._path.add(time_ns, x_m, y_m)
         self._whole.add(time_ns, x_m, y_m)
-        self._pose = (x_m, y_m, estimate.theta_rad)
+        self._pose = (x_m, y_m, theta_rad)
         self._motion.add(time_ns, *self._pose)
         self._covariance.add(time_ns, estimate)
         self._velocity.add(time_ns, estimate.v_m_s)
@@ -181,25 +185,27 @@ class RunConverter:
         self._estimates.append((time_ns, x_m, y_m))
 
     def _on_truth(self, time_ns: int, truth: Any) -> None:  # noqa: ANN401 - decoded
-        position = truth.pose.position
-        self._truth_path.add(time_ns, position.x, position.y)
-        self._truth.append((time_ns, position.x, position.y))
+        x_m, y_m = map(float, (truth.pose.position.x, truth.pose.position.y))
+        self._truth_path.add(time_ns, x_m, y_m)
+        self._truth.append((time_ns, x_m, y_m))
 
     def _on_command(self, time_ns: int, command: Any) -> None:  # noqa: ANN401 - decoded
         self._command.add(time_ns, command.v_m_s)
         self._yaw_command.add(time_ns, command.yaw_rate_rad_s)
 
     def _on_planner(self, time_ns: int, state: Any) -> None:  # noqa: ANN401 - decoded
-        self._states["planner"].add(time_ns, state.state)
+        name = str(state.state)
+        self._states["planner"].add(time_ns, name)
         self._planner_text.add(time_ns, planning.describe(state))
-        if state.state != self._planner_state:
-            self._planner_state = state.state
-            self._lanes.state(time_ns, state.state, self._pose)
+        if name != self._planner_state:
+            self._planner_state = name
+            self._lanes.state(time_ns, name, self._pose)
         has_target = state.HasField("target_x_m")
-        self._target.add(time_ns, (state.target_x_m, state.target_y_m) if has_target else None)
+        point = (float(state.target_x_m), float(state.target_y_m)) if has_target else None
+        self._target.add(time_ns, point)
 
     def _on_event(self, time_ns: int, event: Any) -> None:  # noqa: ANN401 - decoded
-        self._lines.add(time_ns, event.severity, f"{event.source} {event.kind}: {event.text}")
+        self._lines.add(time_ns, str(event.severity), f"{event.source} {event.kind}: {event.text}")
         if event.source == "planner" and event.kind == "lane":
             self._shadows.lane(time_ns, event.data_json, self._pose)
         elif event.source == "planner" and event.kind == "shadow":
@@ -249,7 +255,7 @@ class RunConverter:
             if not at:
                 continue
             (t0, x0, y0), (t1, x1, y1) = self._truth[at - 1], self._truth[at]
-            share = (time_ns - t0) / (t1 - t0)
+            share = (time_ns - t0) / (t1 - t0) if t1 > t0 else 0.0
             error_m = math.hypot(x0 + share * (x1 - x0) - x_m, y0 + share * (y1 - y0) - y_m)
             self._pose_error.add(time_ns, error_m * 1e3)
         self._truth, self._estimates = self._truth[-1:], waiting[-_MOST_WAITING:]
@@ -283,6 +289,8 @@ class _LinkHealth:
         if not device and not received:
             return
         if self._second_ns == 0:
+            self._second_ns = message.log_ns
+        if message.log_ns - self._second_ns > _LONGEST_GAP_NS:
             self._second_ns = message.log_ns
         while message.log_ns - self._second_ns >= _SECOND_NS:
             self._second_ns += _SECOND_NS

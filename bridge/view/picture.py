@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from bridge.coverage.metrics import CoverageReport
     from bridge.view.run_track import RunTrack
 
+_MOST_LETTERS = 1000
+"""Longest text in a figure, letters: laying out a hundred thousand takes a minute."""
 LEAST_SPAN_M = 1.0
 _WALL, _OBSTACLE = "#30343b", "#9aa2ad"
 _MOUTH, _BODY, _MISSED = "#8fd0b5", "#d9efe5", "#f0a35e"
@@ -206,6 +208,8 @@ def _widen(axes: Axes) -> None:
 
 def drawn_text(text: str) -> str:
     """Others' words, as a figure takes them: no mathematics between dollars, no half letters."""
+    if len(text) > _MOST_LETTERS:
+        text = text[:_MOST_LETTERS] + "…"
     return text.encode("utf-8", "replace").decode().replace("$", r"\$")
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 
+from bridge.record.reader import MISREAD
 from bridge.view import paths
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ class Shadows:
         """Take the planner's note on a lane that has just ended at this pose."""
         try:
             length_m = float(json.loads(data_json)["distance_m"])
-        except (ValueError, KeyError, TypeError):
+        except MISREAD:
             return
         if pose is None:
             return
@@ -122,7 +123,7 @@ class Shadows:
             data = json.loads(data_json)
             x_m, y_m = float(data["x_m"]), float(data["y_m"])
             length_m = float(data["length_m"])
-        except (ValueError, KeyError, TypeError):
+        except MISREAD:
             return
         if pose is not None:
             self._draw(time_ns, (x_m, y_m, pose[2]), length_m, near=0.0)

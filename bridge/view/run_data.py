@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import contextlib
 import json
 import math
 from collections import Counter
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.metrics import CoverageMeter
 from bridge.record.losses import LossCounter
-from bridge.record.reader import LogReader
+from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.view.run_track import load_track
 from protocol.catalogue import CATALOGUE
 from protocol.message import RateClass
@@ -29,6 +30,12 @@ _NS = 1e9
 _GAP_PERIODS = 3.0
 """Three misses, not one: one lost frame is normal on a real line."""
 _RESOLUTION_M = 0.005
+_LARGEST = 1e15
+"""Bound of a value that is drawn: axes cannot be marked for larger ones. NaN is not below it."""
+_MOST_FRAMES = 1 << 32
+"""Most damaged frames that one event is believed to tell of: an hour's at 3 Mbaud are fewer."""
+_MOST_SECONDS = 1_000_000
+"""Longest log whose every second has a row, s: eleven days."""
 _LEVELS = {3: "warning", 4: "error", 5: "error"}
 """Of foxglove.Log; what is below is no event."""
 
@@ -167,11 +174,15 @@ def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
     """When the drive began and ended, on the track's clock; all of it where that is not told."""
     begin_s, end_s = -math.inf, math.inf
     for message in reader.messages({"/events"}):
-        event = message.decoded
-        if event.source == "session" and event.kind == "phase":
-            if event.text == "run is driving" and begin_s == -math.inf:
+        try:
+            event = message.decoded
+            source, kind, text = event.source, event.kind, event.text
+        except MISREAD:
+            continue
+        if source == "session" and kind == "phase":
+            if text == "run is driving" and begin_s == -math.inf:
                 begin_s = (message.log_ns - start_ns) / _NS
-            elif event.text == "run is ending":
+            elif text == "run is ending":
                 end_s = (message.log_ns - start_ns) / _NS
     return begin_s, end_s
 
@@ -185,7 +196,7 @@ def frames_of(data_json: str) -> int:
     """
     data = json.loads(data_json or "{}")
     frames = data.get("frames") if isinstance(data, dict) else None
-    return frames if isinstance(frames, int) else 1
+    return min(max(frames, 0), _MOST_FRAMES) if isinstance(frames, int) else 1
 
 
 class _Gatherer:
@@ -206,35 +217,40 @@ class _Gatherer:
     def take(self, message: LogMessage) -> None:
         """Take one message; one that does not decode is left out."""
         data, topic, log_ns = self._data, message.channel.topic, message.log_ns
+        if log_ns > LATEST_NS:
+            return
         if data.start_ns == 0:
             data.start_ns = log_ns
         data.end_ns = max(data.end_ns, log_ns)
         if topic.startswith("/device/"):
             self._count(message, topic.removeprefix("/device/"))
-        time_s = (log_ns - data.start_ns) / _NS
-        try:
-            match topic:
-                case "/device/power":
-                    power = message.decoded
-                    currents = power.motor_left_a, power.motor_right_a
-                    data.power.append((time_s, power.battery_v, *currents))
-                case "/device/status":
-                    self._status(time_s, message.decoded)
-                case "/clock/sync":
-                    sync = message.decoded
-                    bound_ms, trip_ms = sync.bound_ns * 1e-6, sync.round_trip_ns * 1e-6
-                    data.clock.append((time_s, bound_ms, trip_ms, sync.drift_ppm))
-                case "/events":
-                    event = message.decoded
-                    if event.source == "link" and event.kind == "damaged":
-                        data.damaged += frames_of(event.data_json)
-                    told = event.severity, event.source, event.kind, event.text
-                    data.happenings.append(Happening(time_s, *told))
-                case "/log" if (level := _LEVELS.get(message.decoded.level)) is not None:
-                    line = message.decoded
-                    data.happenings.append(Happening(time_s, level, line.name, "log", line.message))
-        except (ValueError, AttributeError):  # another program's topic of the same name
-            return
+        with contextlib.suppress(*MISREAD):
+            self._read(topic, (log_ns - data.start_ns) / _NS, message)
+
+    def _read(self, topic: str, time_s: float, message: LogMessage) -> None:
+        data = self._data
+        match topic:
+            case "/device/power":
+                power = message.decoded
+                left_a, right_a = _number(power.motor_left_a), _number(power.motor_right_a)
+                data.power.append((time_s, _number(power.battery_v), left_a, right_a))
+            case "/device/status":
+                self._status(time_s, message.decoded)
+            case "/clock/sync":
+                sync = message.decoded
+                bound_ms, trip_ms = sync.bound_ns * 1e-6, sync.round_trip_ns * 1e-6
+                drift_ppm = _number(sync.drift_ppm)
+                data.clock.append((time_s, _number(bound_ms), _number(trip_ms), drift_ppm))
+            case "/events":
+                event = message.decoded
+                if event.source == "link" and event.kind == "damaged":
+                    data.damaged += frames_of(event.data_json)
+                told = event.severity, event.source, event.kind, event.text
+                data.happenings.append(Happening(time_s, *map(str, told)))
+            case "/log" if (level := _LEVELS.get(message.decoded.level)) is not None:
+                line = message.decoded
+                told = level, line.name, "log", line.message
+                data.happenings.append(Happening(time_s, *map(str, told)))
 
     def _count(self, message: LogMessage, name: str) -> None:
         stream = self._data.streams.get(name)
@@ -271,8 +287,23 @@ class _Gatherer:
         if ("safety", "latch") in told:
             double = {("device", "stop"), ("device", "new fault")}
         data.happenings = [h for h in data.happenings if (h.source, h.kind) not in double]
-        seconds = range(max(self._seconds, default=-1) + 1)
+        last = max(self._seconds, default=-1)
+        # A stamp that nobody meant is years away: then only the seconds that have a frame count.
+        seconds = range(last + 1) if last < _MOST_SECONDS else sorted(self._seconds)
         self._data.link = [(float(s), self._seconds[s], self._lost[s]) for s in seconds]
+
+
+def _number(value: Any) -> float:  # noqa: ANN401 - of a decoded message
+    """A value that a curve can show.
+
+    Raises:
+        ValueError: it is none.
+
+    """
+    number = float(value)
+    if not abs(number) < _LARGEST:
+        raise ValueError(f"{number} is no measurement")
+    return number
 
 
 class _Wanted:

@@ -13,7 +13,7 @@ from bridge.errors import ConfigError
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.names import readable_name
-from bridge.record.reader import LogReader
+from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from bridge.record.reader import LogMessage
 
 TRUTH_TOPIC, POSE_TOPIC = "/truth/pose", "/pose"
+_FARTHEST_M = 1e5
+"""Bound of a pose that is believed, m from the origin: a hundred kilometres are not driven, and no
+picture holds more. A comparison with NaN is false."""
 _MOVED_M, _MOVED_RAD = 1e-4, 1e-4
 
 
@@ -85,11 +88,14 @@ def _poses(
     for message in messages:
         try:
             pose = message.decoded.pose
-        except (ValueError, AttributeError):
+            quaternion, position = pose.orientation, pose.position
+            theta = 2.0 * math.atan2(quaternion.z, quaternion.w)
+            x_m, y_m = float(position.x), float(position.y)
+        except MISREAD:
             continue
-        quaternion = pose.orientation
-        theta = 2.0 * math.atan2(quaternion.z, quaternion.w)
-        raw[message.topic].append((message.log_ns, Pose2(pose.position.x, pose.position.y, theta)))
+        is_near = abs(x_m) < _FARTHEST_M and abs(y_m) < _FARTHEST_M and math.isfinite(theta)
+        if is_near and message.log_ns <= LATEST_NS:
+            raw[message.topic].append((message.log_ns, Pose2(x_m, y_m, theta)))
     first_ns = min((track[0][0] for track in raw.values() if track), default=0)
     truth, estimate = (
         [((t - first_ns) / 1e9, pose) for t, pose in raw[topic]]

@@ -1,0 +1,61 @@
+"""Every command that reads logs, on files that were made to harm it, with bounded memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.reader import make_reader
+
+from bridge.record.info import describe
+from bridge.record.reader import LogReader
+from support.hostile_logs import GOOD, GROUPS, attachment_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.slow
+DOCUMENTED = {0, 1, 2, 3, 4}
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("group", GROUPS)
+def test_no_log_fills_the_memory_or_ends_in_a_traceback(group: str, tmp_path: Path) -> None:
+    """And ``info`` and ``recover`` still save the message that is whole."""
+    environment = {**os.environ, "PYTHONPATH": "tests:.", "OPENBLAS_NUM_THREADS": "1"}
+    ended = subprocess.run(
+        [sys.executable, "-m", "support.limited", group, str(tmp_path)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr[-2000:]
+    done = json.loads(ended.stdout)
+    for what, told in done.items():
+        assert told["status"] in DOCUMENTED, f"{what}: {told}"
+        assert "Traceback" not in told["said"], f"{what}: {told}"
+    recovered = sorted(tmp_path.glob("*-recover.mcap"))
+    assert len(recovered) == sum(what.endswith(": recover") for what in done) > 2
+    for out in recovered:
+        with out.open("rb") as file:
+            messages = make_reader(file, validate_crcs=True).iter_messages(["/good"])
+            assert next(messages)[2].data == GOOD, out.name
+    for what, told in done.items():
+        if what.endswith((": info", ": recover")):
+            assert told["status"] == 0, f"{what}: {told}"
+
+
+def test_a_large_attachment_is_named_and_not_held(tmp_path: Path) -> None:
+    path = tmp_path / "large.mcap"
+    path.write_bytes(attachment_of(65 << 20))
+    reader = LogReader(path)
+    assert reader.attachments == {}
+    assert reader.attachment_bytes.keys() == {"huge.bin"}
+    assert "attachment huge.bin has" in reader.problems[0]
+    assert describe(path).attachments["huge.bin"] > 65 << 20
+    assert [m.data for m in reader.messages()] == [GOOD]

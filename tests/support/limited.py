@@ -1,0 +1,80 @@
+"""Run log commands with bounded memory: ``python -m support.limited GROUP FOLDER`` prints JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import sys
+import traceback
+from pathlib import Path
+
+from support.hostile_logs import GROUPS
+
+MEMORY = 5 << 29
+"""Address space of a command, bytes: 2.5 GiB, of which the libraries take some 1.2 GiB."""
+CPU_S = 100
+"""Processor time of a command, s: many times what it takes. Unbounded, the files take hours."""
+COMMANDS = {
+    "info": ("info", "FILE", "--json"),
+    "recover": ("recover", "FILE", "--out", "OUT.mcap"),
+    "export": ("export", "FILE", "--out", "OUT"),
+    "doctor": ("doctor", "FILE"),
+    "check": ("replay", "FILE", "--check"),
+    "replay": ("replay", "FILE", "--link", "pty"),
+    "diff": ("diff", "FILE", "FILE", "--json"),
+    "report": ("report", "FILE", "--out", "OUT.html"),
+    "picture": ("view", "FILE", "--png", "OUT.png"),
+    "rerun": ("view", "FILE", "--save", "OUT.rrd"),
+}
+
+
+def main() -> None:
+    """Each command on each file of the group, in a process of its own; how each of them ended."""
+    from bridge.view import report  # noqa: F401, PLC0415 - loaded once for all
+    from tools.sweepctl import run  # noqa: F401, PLC0415 - as above
+
+    group, folder = sys.argv[1], Path(sys.argv[2])
+    done: dict[str, dict[str, object]] = {}
+    for name, data in GROUPS[group]().items():
+        file = folder / (re.sub(r"\W+", "-", name) + ".mcap")
+        file.write_bytes(data)
+        for command, words in COMMANDS.items():
+            out = folder / f"{file.stem}-{command}"
+            arguments = [str(file) if w == "FILE" else w.replace("OUT", str(out)) for w in words]
+            said = folder / "said"
+            child = os.fork()
+            if not child:
+                _run(arguments, said)
+            _, status, used = os.wait4(child, 0)
+            done[f"{name}: {command}"] = {
+                "status": os.waitstatus_to_exitcode(status),
+                "cpu_s": round(used.ru_utime + used.ru_stime, 1),
+                "memory_mib": used.ru_maxrss >> 10,
+                "said": said.read_text(errors="replace")[-1500:],
+            }
+    json.dump(done, sys.stdout)
+
+
+def _run(arguments: list[str], said: Path) -> None:
+    """In the child: the command, its words into a file."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+    number = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(number, 1)
+    os.dup2(number, 2)
+    status = 99
+    try:
+        from tools.sweepctl import run  # noqa: PLC0415 - loaded by the parent
+
+        status = run(arguments)
+    except BaseException:  # noqa: BLE001 - what the test is about
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+if __name__ == "__main__":
+    main()
