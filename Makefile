@@ -101,6 +101,7 @@ campaign: venv ## ten million damaged frames, then FUZZ_S=60 seconds of fuzzing 
 soak: venv ## 500 runs with random faults, a simulated day, ten minutes of a full line: hours
 	@PYTHONPATH=tests nice $(BIN)/python -m soak.faults --runs 500
 	@PYTHONPATH=tests nice $(BIN)/python -m soak.line --minutes 10
+	@PYTHONPATH=tests nice $(BIN)/python -m soak.line --minutes 1 --noise
 	@PYTHONPATH=tests nice $(BIN)/python -m soak.day --hours 24
 
 mutants: venv ## change the safety code in every small way and see a test fail: an hour or more

@@ -31,9 +31,9 @@ SETTLE_S = 2.5
 DATA_TIMEOUT_S = 3.0
 """For the first status, and after settling for the data that driving needs: thirty periods."""
 END_TIMEOUT_S = 1.0
-SLOW_LIMIT_S = 2.0
+SLOW_LIMIT_S = 4.0
 """Time for which the link may be too slow before a run's first move, s: both ends may be held up
-while they start. Nothing moves meanwhile."""
+while they start, on a busy machine for seconds. Nothing moves meanwhile."""
 LOST_TIMEOUT_S = 30.0
 
 

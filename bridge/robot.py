@@ -72,7 +72,7 @@ OPEN_TIMEOUT_S = 5.0
 ENABLE_TIMEOUT_S = 10.0
 STATUS_TIMEOUT_S = 1.0
 """Ten of the device's statuses."""
-LINK_TIMEOUT_S = 2.0
+LINK_TIMEOUT_S = 4.0
 """Time for a slow link to become quick, s; four pings take 0.4 s."""
 HUNG_NS = 1_000_000_000
 """Age of the loop's newest turn from which it counts as hung, nanoseconds: four times its

@@ -54,7 +54,7 @@ ANSWER_S = 8.0
 """Six tries with the timeout doubling, and a flash that erases."""
 STALE_S = 0.3
 """Age of an encoder reading, by its stamp, at which what moves is stopped, s: fifteen readings."""
-LINK_S = 2.0
+LINK_S = 4.0
 """Time for the link to prove quick enough before the first motion, s; four pings take 0.4 s."""
 SILENT_NS = 100_000_000
 """Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
