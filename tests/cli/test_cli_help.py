@@ -36,6 +36,7 @@ def test_the_example_is_one(command: str) -> None:
     """It names no option that the command does not have."""
     text = sweepctl(command, "--help").out
     example = text.split("Example:", 1)[1].split()
+    assert example[:2] == ["sweepctl", command]
     for option in (word for word in example if word.startswith("-")):
         assert f"{option} " in text.split("Example:", 1)[0]
 

@@ -31,7 +31,7 @@ def test_a_run_on_a_bad_line(tmp_path: Path) -> None:
         *("simulate", "empty", "--planner", "u-shape", "--max-time", "20", "--out", log, "--json"),
         *("--fault", "bit-flips@3:6:rate=0.0005,way=up", "--fault", "reset@12"),
     )
-    assert done.status in {0, 1, 3, 5}, done.err
+    assert done.status == 5, done.err  # the device was stopped by its reset
     assert done.json["wire"]["crc_errors"] > 0
     result = compare(log)
     assert result.recorded > 1500

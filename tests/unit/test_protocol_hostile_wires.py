@@ -73,10 +73,13 @@ def test_bit_flips_turn_one_bit() -> None:
 
 
 def test_burst_spoils_one_stretch() -> None:
+    spoilt = 0
     for piece in through(Burst(Pipe(), p=1.0, rng=Random(2), longest=8)):
         wrong = [i for i, byte in enumerate(piece) if byte != DATA[i]]
         assert len(piece) == len(DATA)
         assert not wrong or wrong[-1] - wrong[0] < 8
+        spoilt += bool(wrong)
+    assert spoilt > 100
 
 
 def test_cut_tail_keeps_a_beginning() -> None:
