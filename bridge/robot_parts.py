@@ -40,7 +40,7 @@ class Latest(Generic[T]):
 
     @property
     def age_s(self) -> float | None:
-        """Seconds since it arrived; None before the first of this session."""
+        """Seconds since its sample was taken; None before the first of this session."""
         at_s = self._robot.state.arrived_s.get(self._kind)
         return None if at_s is None else clock.now() / 1e9 - at_s
 

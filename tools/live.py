@@ -21,7 +21,7 @@ from rich.text import Text
 from bridge.crash import described
 from bridge.io import clock
 from bridge.session_events import State
-from bridge.telemetry import EventRecord, LogRecord, Severity
+from bridge.telemetry import EventRecord, IdentityRecord, LogRecord, Severity
 from tools.console import drop_queued, err, say
 from tools.live_heading import RunFacts, heading
 from tools.live_map import legend, swept_picture
@@ -74,6 +74,8 @@ class Teller:
         self._status_ns = 0
         self.status: Callable[[], str] | None = None
         """Gives a line about the state of the run, which ``plain`` prints every few seconds."""
+        self.on_agreed: Callable[[], None] = lambda: None
+        """Called when the session has agreed with a device; again after each loss."""
         self.lines: deque[tuple[Severity, str]] = deque(maxlen=_KEPT_EVENTS)
 
     def write(self, record: Record) -> None:
@@ -86,6 +88,8 @@ class Teller:
                 self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
         elif isinstance(record, LogRecord):
             self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
+        elif isinstance(record, IdentityRecord):
+            self.on_agreed()
         if self._plain and self.status and record.log_ns - self._status_ns >= _STATUS_NS:
             self._status_ns = record.log_ns
             self._tell(record.log_ns, Severity.INFO, self.status())

@@ -50,6 +50,7 @@ from tools.operating import Operating
 from tools.options import DEFAULT_PLANNER
 from tools.recording import check_view, live_view
 from tools.remedies import with_remedy
+from tools.replaced_log import ReplacedLog
 from tools.terminal_keys import Keyboard
 from tools.version import VERSION
 
@@ -144,12 +145,15 @@ def run_live(asked: LiveOptions) -> LiveResult:
     mission.signed = asked.key is not None
     opener = Opener(asked.port, asked.opening)
     opened = opener()
+    replaced = ReplacedLog(asked.log, force=asked.force)
     try:
         recorder, offset_ns = _recorder(asked)
     except BaseException:
         opened.close()
+        replaced.put_back()
         raise
     teller = Teller(recorder, plain=not is_drawable())
+    teller.on_agreed = replaced.drop
     host = Host(
         asked.model,
         teller,
@@ -199,6 +203,8 @@ def run_live(asked: LiveOptions) -> LiveResult:
         is_ours = not isinstance(recorder.error, LogGoneError)
         if host.hello is None and pump.crash is None and is_ours:
             _discard(asked.log)
+            replaced.put_back()
+        replaced.drop()
     return _result(host, asked, recorder, summary)
 
 

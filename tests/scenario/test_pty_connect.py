@@ -103,11 +103,13 @@ def ports_that_are_no_sweeper(tmp_path: Path) -> None:
         "garbage": PtyPeer(lambda: rng.randbytes(100)),
         "version": PtyPeer(_version_2),
     }
+    for name in peers:
+        (tmp_path / f"{name}.mcap").write_text("an older log")
     with ExitStack() as stack:
         commands = {}
         for name, peer in peers.items():
             stack.enter_context(peer)
-            arguments = (peer.port, "--json", "--out", f"{name}.mcap")
+            arguments = (peer.port, "--json", "--out", f"{name}.mcap", "--force")
             commands[name] = stack.enter_context(Command("connect", *arguments, cwd=tmp_path))
         ended = {name: command.end() for name, command in commands.items()}
     assert {name: e.status for name, e in ended.items()} == {
@@ -124,7 +126,8 @@ def ports_that_are_no_sweeper(tmp_path: Path) -> None:
         assert end.json["outcome"] == "fault"
         assert end.json["log"] is None
         assert end.err.count(end.json["reason"]) == 1  # one line has the reason, not three
-        assert not (tmp_path / f"{name}.mcap").exists()
+        assert (tmp_path / f"{name}.mcap").read_text() == "an older log"
+    assert len(list(tmp_path.glob("*.mcap*"))) == len(peers), "and no log of their own"
 
 
 SCENARIOS = (
