@@ -56,6 +56,9 @@ TARGETS = (
         "shadow", "bridge.supervise.shadow", _tests("supervise_shadow", "supervise_shadow_limits")
     ),
     Target("supervisor", "bridge.supervise.supervisor", _tests("supervise_grading")),
+    Target("dead_man", "bridge.dead_man", _tests("dead_man_velocities", "dead_man")),
+    Target("stopping", "bridge.io.stopping", _tests("stopping_alone")),
+    Target("stop", "bridge.stop_request", _tests("stopping_alone")),
 )
 
 
