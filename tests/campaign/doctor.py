@@ -111,8 +111,14 @@ PATIENTS: tuple[Patient, ...] = (
         "encoder-dropout@12:15:share=0.4",
         moving=True,
         seconds=30.0,
+        beside="bump",  # its path is wrong, and it runs into what it knows
     ),
-    _patient("wheel-stuck", "stall", "wheel-stuck@12:4", moving=True, seconds=25.0, beside="slip"),
+    _patient(
+        *("wheel-stuck", "stall", "wheel-stuck@12:4"),
+        moving=True,
+        seconds=25.0,
+        beside=f"slip {_STOPPED}",  # the device itself may latch the motor's current
+    ),
     _patient("wheel-slip", "slip", "wheel-slip@10:35:share=0.4", moving=True, seconds=50.0),
     _patient(
         "ultrasonic-blind",
