@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.commands import CommandSender
+from protocol.errors import ProtocolError
 from protocol.link import NODE_ALL
 from protocol.messages import TimeRequest, VelocitySetpoint, WheelDuty
 from protocol.uart import FLAG_RETRY
@@ -90,11 +91,14 @@ class Outbox:
             FieldRangeError: a value does not fit its field; nothing is sent or awaited.
 
         """
-        self._link.codec.encode(make(0))  # or every repetition would raise
         # What else is due waits for the clock's turn, which tells what became of it.
         command_id, message = self.commands.start(make, type_id, now_ns // 1000, forever=forever)
+        try:
+            self.send(message, now_ns)
+        except ProtocolError:
+            self.commands.withdraw(command_id)  # or every repetition would raise
+            raise
         self.counts.issued += 1
-        self.send(message, now_ns)
         return command_id
 
     def repeat(self, now_ns: HostNs) -> list[Outcome]:

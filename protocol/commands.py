@@ -150,6 +150,10 @@ class CommandSender:
             return Outcome(pending.message, accepted=False, reason=reply.reason)
         return Outcome(pending.message, accepted=True, reason=None)
 
+    def withdraw(self, command_id: int) -> None:
+        """Forget a command that could not be written."""
+        self._pending.pop(command_id, None)
+
     def next_deadline_us(self) -> int | None:
         """When :meth:`due` has work next."""
         pending = self._pending

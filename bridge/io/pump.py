@@ -180,9 +180,7 @@ class Pump:
         now_ns = clock.now()
         host.receive(data, now_ns)
         if self._calls:
-            while self._calls:
-                self._answer(*self._calls.popleft(), now_ns)
-            self._write(now_ns)  # what was asked for does not wait for the control step
+            self._answer_calls(now_ns)
         ending = self.watch()
         if ending is not None:
             host.end(ending, now_ns)
@@ -197,23 +195,33 @@ class Pump:
             self._looked_ns = now_ns
             self.snapshot = host.snapshot(now_ns)
 
-    def _answer(self, action: Callable[[], Any], answer: Future[Any], now_ns: HostNs) -> None:
-        if not answer.set_running_or_notify_cancel():
-            return  # nobody waits for it any more: it must not happen late
+    def _answer_calls(self, now_ns: HostNs) -> None:
+        """Run what others asked for; what it sends leaves before they are told, and at once."""
+        made: list[tuple[Future[Any], Any, Exception | None]] = []
         try:
-            answer.set_result(action())
-        except Exception as error:  # noqa: BLE001 - it is the asker's
-            answer.set_exception(error)
-            if not isinstance(error, BridgeError):
-                text = f"a request to the run failed: {described(error)}"
-                self.host.event(
-                    now_ns,
-                    Severity.ERROR,
-                    "request",
-                    "failed",
-                    text,
-                    traceback=traced(error),
-                )
+            while self._calls:
+                action, answer = self._calls.popleft()
+                if not answer.set_running_or_notify_cancel():
+                    continue  # nobody waits for it any more: it must not happen late
+                try:
+                    made.append((answer, action(), None))
+                except Exception as error:  # noqa: BLE001 - it is the asker's
+                    made.append((answer, None, error))
+            self._write(now_ns)  # does not wait for the control step
+        finally:
+            for answer, result, failure in made:
+                if failure is None:
+                    answer.set_result(result)
+                else:
+                    answer.set_exception(failure)
+        for _, _, failure in made:
+            if failure is not None and not isinstance(failure, BridgeError):
+                self._note_failure(failure, now_ns)
+
+    def _note_failure(self, failure: Exception, now_ns: HostNs) -> None:
+        text = f"a request to the run failed: {described(failure)}"
+        trace = traced(failure)
+        self.host.event(now_ns, Severity.ERROR, "request", "failed", text, traceback=trace)
 
     def _refuse_calls(self) -> None:
         with suppress(IndexError):
