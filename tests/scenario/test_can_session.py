@@ -173,7 +173,7 @@ def test_two_robots_with_one_node_are_told() -> None:
     assert ends.run(5.0, lambda: host.session.state is State.FAILED)
     (failed,) = host.of(Failed)
     assert failed.kind == "several"
-    assert "two devices may not share a node" in failed.text
+    assert "two of them may not share a node" in failed.text
 
 
 def test_a_second_host_is_refused_and_disturbs_nothing() -> None:
