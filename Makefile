@@ -90,13 +90,14 @@ qemu: venv ## a clean of case 1 by the firmware in QEMU, in real time: four minu
 	@PYTHONPATH=tests $(BIN)/python -m bench.qemu_clean
 
 FUZZ_S ?= 60
-campaign: venv ## ten million damaged frames, then FUZZ_S=60 seconds of fuzzing for each reader
+campaign: venv ## ten million damaged frames, FUZZ_S=60 seconds of fuzzing for each reader, damaged logs
 	@PYTHONPATH=tests nice $(BIN)/python -m campaign.corruption
 	@for target in parser link codec batch can; do \
 		echo "== fuzzing $$target"; \
 		PYTHONPATH=tests nice $(BIN)/python -m fuzz.run $$target -max_total_time=$(FUZZ_S) \
 			-verbosity=0 -print_final_stats=1 || exit 1; \
 	done
+	@PYTHONPATH=tests nice $(BIN)/python -m campaign.recovery
 
 soak: venv ## 500 runs with random faults, a simulated day, ten minutes of a full line: hours
 	@PYTHONPATH=tests nice $(BIN)/python -m soak.faults --runs 500

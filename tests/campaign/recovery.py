@@ -1,6 +1,7 @@
 """Every single bit of small logs, turned and recovered: ``python -m campaign.recovery``.
 
-Some 800 000 files, an hour or two on one core. What fails is printed, and the status is 1.
+Of a log of ours, most of which is the catalogue, every seventh bit. Some 400 000 files, an hour on
+one core. What fails is printed, and the status is 1.
 """
 
 from __future__ import annotations
@@ -9,18 +10,22 @@ import sys
 
 from support.damaged_logs import MAGIC, check_flip, logs
 
+_SMALL_BYTES = 20_000
+"""Size below which every bit of a log is turned, bytes."""
+
 
 def main() -> int:
     """Turn every bit; how many times a check failed, as the exit status says."""
     failed = 0
     for log in logs():
-        for bit in range(8 * len(MAGIC), 8 * len(log.data)):
+        step = 1 if len(log.data) < _SMALL_BYTES else 7
+        for bit in range(8 * len(MAGIC), 8 * len(log.data), step):
             try:
                 check_flip(log, bit)
             except Exception as error:  # noqa: BLE001 - all of them are counted and named
                 failed += 1
                 print(f"{log.name}, bit {bit}: {type(error).__name__}: {error}")
-        print(f"{log.name}: {8 * len(log.data)} bits")
+        print(f"{log.name}: {8 * len(log.data) // step} bits")
     print(f"{failed} failed")
     return min(failed, 1)
 
