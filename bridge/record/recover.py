@@ -28,9 +28,11 @@ from bridge.record.errors import LogWriteError
 from bridge.record.file_summary import read_file_summary
 from bridge.record.scan import Damage, has_shape, inner_end, next_file, opened, records
 from bridge.record.unpack import (
+    CHUNK_HEAD,
     DAMAGE,
     HEAD,
     MAX_CHUNK_BYTES,
+    ChunkParts,
     attachment_is_damaged,
     check,
     chunk_parts,
@@ -44,7 +46,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.record.scan import Bytes, Found
-    from bridge.record.unpack import ChunkParts
 
 _MESSAGE = struct.Struct("<HIQQ")
 _ID = struct.Struct("<H")
@@ -323,17 +324,10 @@ class _Recoverer:
 
         Gives where it ends; None: it is none.
         """
-        start = offset + HEAD.size
-        end = inner_end(self._data, Opcode.CHUNK, start)
+        end = self._chunk_at(offset)
         if end is not None:
-            with contextlib.suppress(*DAMAGE):
-                record = self._data[start:end]
-                parts = chunk_parts(record)
-                if parts.crc and parts.compression in _COMPRESSIONS:
-                    content, is_sound = self._content(parts)
-                    self._loss = None
-                    self._keep(offset, record, content, parts if is_sound else None)
-                    return end
+            return end
+        start = offset + HEAD.size
         end = inner_end(self._data, Opcode.ATTACHMENT, start)
         if end is not None:
             record = self._data[start:end]
@@ -346,6 +340,32 @@ class _Recoverer:
             if end is not None and _may_follow(self._data, end):
                 with contextlib.suppress(*DAMAGE):
                     self._metadata(offset, self._data[start:end])
+                    return end
+        return None
+
+    def _chunk_at(self, offset: int) -> int | None:
+        """Keep a chunk whose CRC holds though its opcode or one of its two lengths is damaged.
+
+        Gives where it ends; None: there is none.
+        """
+        data, start = self._data, offset + HEAD.size
+        with contextlib.suppress(*DAMAGE):
+            _, length = HEAD.unpack_from(data, offset)
+            first_ns, last_ns, size, crc = CHUNK_HEAD.unpack_from(data, start)
+            name_bytes = int.from_bytes(data[start + 28 : start + 32], "little")
+            compression = data[start + 32 : start + 32 + min(name_bytes, 8)]
+            if not crc or compression not in _COMPRESSIONS:
+                return None
+            body = start + 32 + name_bytes + 8
+            ends = {start + length, inner_end(data, Opcode.CHUNK, start) or 0}
+            found: list[int] = [end for end in ends if body < end <= len(data)]
+            for end in sorted(found, key=lambda end: not _stands(data, end)):
+                with contextlib.suppress(*DAMAGE):
+                    packed = memoryview(data[body:end])
+                    parts = ChunkParts(first_ns, last_ns, size, crc, compression, packed)
+                    content, _ = self._content(parts)
+                    self._loss = None
+                    self._keep(offset, data[start:end], content, None)
                     return end
         return None
 
@@ -414,6 +434,8 @@ class _Recoverer:
             parts = chunk_parts(record)
             content, is_sound = self._content(parts)
         except DAMAGE:
+            if self._chunk_at(offset) is not None:
+                return
             loss = self._lose(offset, HEAD.size + len(record), "a damaged chunk")
             with contextlib.suppress(struct.error):
                 loss.start_ns, loss.end_ns = struct.unpack_from("<QQ", record)
