@@ -108,8 +108,8 @@ def test_a_picture_by_any_name(truncated: Path, tmp_path: Path) -> None:
     assert png.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("option", ["--png", "--save"])
-def test_a_picture_that_cannot_be_written(truncated: Path, option: str) -> None:
-    done = sweepctl("view", truncated, option, "/proc/none/run.png")
+@pytest.mark.parametrize(("option", "suffix"), [("--png", "png"), ("--save", "rrd")])
+def test_a_picture_that_cannot_be_written(truncated: Path, option: str, suffix: str) -> None:
+    done = sweepctl("view", truncated, option, f"/proc/none/run.{suffix}")
     assert done.status == 1
     assert "cannot write /proc/none/run.png" in done.line
