@@ -112,4 +112,4 @@ def test_a_picture_by_any_name(truncated: Path, tmp_path: Path) -> None:
 def test_a_picture_that_cannot_be_written(truncated: Path, option: str, suffix: str) -> None:
     done = sweepctl("view", truncated, option, f"/proc/none/run.{suffix}")
     assert done.status == 1
-    assert "cannot write /proc/none/run.png" in done.line
+    assert f"cannot write /proc/none/run.{suffix}" in done.line
