@@ -25,7 +25,7 @@ COMPILE := $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help venv check test nightly demo lint types imports fast unit statistics coverage bench firmware qemu campaign docs fmt lock clean soak mutants
+.PHONY: help venv check test nightly demo lint types imports fast unit statistics coverage covered bench firmware qemu campaign docs fmt lock clean soak mutants
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /\1\t/' \
@@ -35,7 +35,7 @@ check: lint types imports fast ## lint, types, import rules, fast tests: two min
 
 test: lint types imports unit ## lint, types, import rules, tests: seven minutes
 
-nightly: statistics campaign mutants ## what `test` leaves out: hours
+nightly: covered statistics campaign mutants ## what `test` leaves out: hours
 
 demo: venv ## a simulated clean, then a live one over a pseudo-terminal
 	@$(BIN)/python -m tools.demo
@@ -71,6 +71,9 @@ endif
 
 coverage: venv ## the tests with branch coverage, which takes them half as long again
 	@$(BIN)/python -m pytest -q --cov --cov-report=term $(ARGS)
+
+covered: venv ## branch coverage of the safety code, which must reach its gate
+	@PYTHONPATH=tests $(BIN)/python -m mutation.covered
 
 bench: venv ## speed of wire, round trip, runs, recording, export, decisions; memory over an hour
 	@PYTHONPATH=tests $(BIN)/python -m bench.wire
