@@ -1,8 +1,8 @@
 """Where ``sweepctl`` starts: Ctrl-C ends it in order from the first import on.
 
 Starting takes a tenth of a second and more, nearly all of it imports. A ``KeyboardInterrupt``
-inside of one ends in a traceback, and inside of an extension module's in worse. A Ctrl-C that
-comes then is put off until the import is done.
+inside of one ends in a traceback, and inside of an extension module's or of the compiler's in
+worse. A Ctrl-C that comes then is put off until the import, or the loading of code, is done.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ _AGAIN_S = 0.02
 _MAX_TIMES = 250
 """Times that one is put off: 5 s, after which the import hangs."""
 
+_LOADERS = ("importlib._bootstrap", "bridge.motion.kernel_", "bridge.motion.compiled", "llvmlite")
+"""Beginnings of the names of modules that load code, which an exception would leave half done."""
+
 _put_off = 0
 _has_begun = False
 
@@ -36,9 +39,9 @@ def main() -> None:
 
 
 def interrupted(_number: int, frame: FrameType | None) -> None:
-    """Raise ``KeyboardInterrupt``, where that is caught and no import is cut off."""
+    """Raise ``KeyboardInterrupt``, where that is caught and no loading of code is cut off."""
     global _put_off  # noqa: PLW0603 - as above
-    if _has_begun and not _imports(frame):
+    if _has_begun and not _loads(frame):
         raise KeyboardInterrupt
     _put_off += 1
     if _put_off > _MAX_TIMES:
@@ -48,9 +51,9 @@ def interrupted(_number: int, frame: FrameType | None) -> None:
     again.start()
 
 
-def _imports(frame: FrameType | None) -> bool:
+def _loads(frame: FrameType | None) -> bool:
     while frame is not None:
-        if frame.f_globals.get("__name__") == "importlib._bootstrap":
+        if str(frame.f_globals.get("__name__")).startswith(_LOADERS):
             return True
         frame = frame.f_back
     return False
