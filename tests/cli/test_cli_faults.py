@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import stat
 from typing import TYPE_CHECKING
 
 import pytest
 
-from sim_device.faults.kinds import KINDS
+from sim_device.faults.kinds import KINDS, parse_fault
+from sim_device.faults.spec import FaultSpecError
 from support.cli import ROOT, sweepctl
 from support.two_processes import Command, Emulator
 from tools.fault_help import faults_page
@@ -35,6 +37,52 @@ def test_the_list_explains_every_kind() -> None:
 def test_the_page_is_fresh() -> None:
     page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
     assert page == faults_page(), "write it anew: python -m tools.fault_help > docs/faults.md"
+
+
+ROWS = re.findall(
+    r"^\| `([\w-]+)` \| (.+?) \| (lasts|at once) \| (.*?) \| `([^`]+)` \|$",
+    (ROOT / "docs" / "faults.md").read_text(encoding="utf-8"),
+    re.MULTILINE,
+)
+"""Of the page's table: kind, meaning, duration, arguments, example."""
+
+
+def refused(text: str) -> bool:
+    try:
+        parse_fault(text)
+    except FaultSpecError:
+        return True
+    return False
+
+
+def test_the_page_has_every_kind_that_the_command_takes_and_no_other() -> None:
+    listed = sweepctl("emulate", "--list-faults", "--json").json["faults"]
+    assert [row[0] for row in ROWS] == [item["kind"] for item in listed]
+    assert refused("no-such-kind@1")
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
+def test_what_the_page_says_of_a_kind_is_so(row: tuple[str, ...]) -> None:
+    """Its example, defaults, ranges, words and duration, by what the parser takes and refuses."""
+    kind, _, duration, arguments, example = row
+    assert parse_fault(example).kind.name == kind
+    given = parse_fault(f"{kind}@1").values
+    assert refused(f"{kind}@1:2") is (duration == "at once")
+    stated = re.findall(r"`(\w+)` = ([^:]+): [^<]+? \(([^()]+)\)(?:<br>|$)", arguments)
+    assert [name for name, _, _ in stated] == list(given)
+    for name, default, allowed in stated:
+        value = given[name]
+        assert default == (value if isinstance(value, str) else f"{value:g}")
+        if isinstance(value, str):
+            for word in allowed.split(", "):
+                assert parse_fault(f"{kind}@1:{name}={word}").values[name] == word
+            assert refused(f"{kind}@1:{name}=nothing")
+            continue
+        low, high = (float(x) for x in re.findall(r"-?[\d.]+(?:e[+-]?\d+)?", allowed)[:2])
+        step = 1e-6 * max(abs(low), abs(high))
+        for end, beyond in ((low, low - step), (high, high + step)):
+            assert parse_fault(f"{kind}@1:{name}={end!r}").values[name] == end
+            assert refused(f"{kind}@1:{name}={beyond!r}")
 
 
 @pytest.mark.parametrize("command", ["emulate", "simulate"])

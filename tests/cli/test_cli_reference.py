@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 import pytest
@@ -48,6 +48,97 @@ def test_the_reference_links_to_sections_that_it_has() -> None:
     headings = {heading.lower().replace(" ", "-") for heading in found}
     assert links
     assert links <= headings
+
+
+PAGE = PATH.read_text(encoding="utf-8")
+SECTIONS = {
+    tuple(head.split()[1:]): text
+    for head, text in re.findall(r"^##+ (sweepctl .+)\n((?:(?!^##).*\n?)*)", PAGE, re.MULTILINE)
+}
+"""Of the page as it stands: words of a command and the text below them."""
+OPTION = re.compile(r"^\| ((?:`-[^|]+?`(?:, )?)+)(?: `[^`]+`)? \| (.+) \|$", re.MULTILINE)
+
+
+def options_on_page(path: tuple[str, ...]) -> dict[str, str]:
+    """By each name of an option, what the page says of it."""
+    return {
+        name: meaning
+        for names, meaning in OPTION.findall(SECTIONS[path])
+        for name in re.findall(r"`(-[\w-]+)`", names)
+    }
+
+
+def offered(path: tuple[str, ...]) -> set[str]:
+    """Names of the options that the command itself lists."""
+    said = sweepctl(*path, "--help").out.partition("\nOptions:\n")[2]
+    heads = re.findall(r"^  (-.+?)(?:  |$)", said, re.MULTILINE)
+    names = {name for head in heads for name in re.findall(r"(?<![\w-])--?[a-z][\w-]*", head)}
+    return names - {"-h", "--help"}
+
+
+def test_the_page_has_every_command_that_help_names() -> None:
+    found: set[tuple[str, ...]] = set()
+    groups: list[tuple[str, ...]] = [()]
+    while groups:
+        path = groups.pop()
+        said = sweepctl(*path, "--help").out
+        for block in re.findall(
+            r"^(?:Commands|[A-Z][\w ,]+):\n((?:  .*\n|\n)+)", said, re.MULTILINE
+        ):
+            for word in re.findall(r"^  ([a-z][\w-]*)(?:  |$)", block, re.MULTILINE):
+                inner = (*path, word)
+                found.add(inner)
+                if "COMMAND [ARGS]..." in sweepctl(*inner, "--help").out:
+                    groups.append(inner)
+    assert len(found) > 20
+    assert found == set(SECTIONS)
+
+
+@pytest.mark.parametrize("path", SECTIONS, ids=" ".join)
+def test_the_page_has_every_option_that_help_names(path: tuple[str, ...]) -> None:
+    assert set(options_on_page(path)) == offered(path)
+
+
+class Range(NamedTuple):
+    """What the page says of an option's values."""
+
+    path: tuple[str, ...]
+    name: str
+    low: str
+    high: str
+
+
+RANGES = [
+    Range(path, name, low, high)
+    for path in SECTIONS
+    for name, meaning in options_on_page(path).items()
+    for low, high in re.findall(r"Range: (-?[\d.e+-]+) to (-?[\d.e+-]+)\.(?: |$)", meaning)
+]
+
+
+def beyond(end: str, by: int) -> str:
+    """A value that is one off."""
+    return str(int(end) + by if re.fullmatch(r"-?\d+", end) else float(end) + by)
+
+
+@pytest.mark.parametrize("option", RANGES, ids=lambda o: " ".join((*o.path, o.name)))
+def test_the_range_on_the_page_is_the_commands_own(option: Range) -> None:
+    """What lies beyond either end is refused by the option's name, both ends are not."""
+    for value in (beyond(option.low, -1), beyond(option.high, 1)):
+        assert option.name in refusals(option.path, option.name, value), value
+    for value in (option.low, option.high):
+        assert refusals(option.path, option.name, value) == [], value
+
+
+def refusals(path: tuple[str, ...], name: str, value: str) -> list[str]:
+    """Names of the option that the command's parser refuses; none is run."""
+    try:
+        ALL[path].make_context(path[-1], [name, value])
+    except click.MissingParameter:
+        return []
+    except click.BadParameter as error:
+        return error.param.opts if error.param is not None else []
+    return []
 
 
 @pytest.mark.parametrize("path", ALL, ids=" ".join)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import random
+import statistics
 import zlib
 from typing import TYPE_CHECKING, Any
 
@@ -371,12 +371,18 @@ def test_the_fuzzer_finds_nothing(generated: Generated, runs: int, seconds: int)
 # ---- speed ------------------------------------------------------------------------------------
 
 
-def test_speed_on_this_machine(generated: Generated, capsys: pytest.CaptureFixture[str]) -> None:
-    """Reported, not judged: the machine is not ours."""
+PER_CHECK = {"encode": 0.7, "decode": 0.4}
+"""Frames encoded and decoded in the time in which the check alone of one is computed bit by bit:
+half of the least measured (encode 1.4 to 2.3, decode 0.83 to 1.4, with zig, clang and gcc)."""
+
+
+def test_a_frame_costs_about_as_much_as_its_check_bit_by_bit(generated: Generated) -> None:
+    """A ratio of one process, in its own time: the machine's speed and its other work drop out."""
     program = generated.adapter("adapter_fast", flags=("-O2",)).program
-    lines = run([program, "bench", "300000"]).decode().splitlines()
-    figures = dict(line.split() for line in lines)
-    assert set(figures) == {"encode", "decode"}
-    assert all(math.isfinite(float(v)) and float(v) > 0 for v in figures.values())
-    with capsys.disabled():
-        print(f"\nIMU frames a second in C, -O2, nibble table: {figures}")  # noqa: T201 - the report
+    rounds = []
+    for _ in range(5):
+        lines = run([program, "bench", "200000"]).decode().splitlines()
+        rates = {name: float(rate) for name, rate in (line.split() for line in lines)}
+        rounds.append({name: rates[name] / rates["bits"] for name in PER_CHECK})
+    medians = {name: statistics.median(r[name] for r in rounds) for name in PER_CHECK}
+    assert all(medians[name] > least for name, least in PER_CHECK.items()), rounds

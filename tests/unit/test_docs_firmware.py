@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+from zlib import crc32
 
-from bridge import session_handshake as handshake
+import pytest
+from cobs import cobs
+
 from bridge.robot_state import missing_needs
 from bridge.session import Session
-from bridge.session_evidence import Evidence
+from bridge.session_events import Failed
 from protocol.agreement import Match, MessageAgreement
 from protocol.catalogue import CATALOGUE
+from protocol.clock import HostNs
+from protocol.fields import U8, number
 from protocol.generate import render
+from protocol.messages import Stop
+from support.ends import Ends, session_end, sweeper
+from support.peers import catalogue, variant
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from protocol.message import MessageSpec
 
+SECOND_NS = 1_000_000_000
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "firmware.md"
 TEXT = PAGE.read_text(encoding="utf-8")
@@ -51,18 +62,57 @@ def test_the_minimal_set_and_range_are_what_driving_needs() -> None:
     assert "#define SP_WITH_RANGE SP_WITH_REST" in HEADER
 
 
-def test_what_the_host_complains_of_is_explained() -> None:
-    """By the words that the session uses."""
-    files = [handshake.__file__, Session.__init__.__code__.co_filename]
-    files.append(Evidence.verdict.__code__.co_filename)
-    source = "".join(Path(str(file)).read_text(encoding="utf-8") for file in files)
-    for words in (
-        "nothing was heard",
-        "our own bytes come back",
-        "the device speaks protocol version",
-        "the device is heard but does not answer",
-        "none of them an intact frame",
-        "no common ground",
-    ):
-        assert words in source, words
-        assert words in TEXT, words
+def on_a_line(feed: bytes = b"", *, echo: bool = False) -> Failed:
+    """How a session fails on a line on which no sweeper answers."""
+    session = Session(lambda: 1)
+    now = HostNs(5 * SECOND_NS)
+    session.open(now)
+    failed: list[Failed] = []
+    while not failed:
+        events = session.receive(feed, now) if feed else []
+        events += session.poll(now)
+        if echo:
+            events += session.receive(session.data_to_send(), now)
+        failed = [event for event in events if isinstance(event, Failed)]
+        now = HostNs(now + SECOND_NS // 100)
+        assert now < 60 * SECOND_NS
+    return failed[0]
+
+
+def with_a_device(*, deaf: bool = False, less_of_stop: bool = False) -> Failed:
+    """How a session fails with a device whose line or whose messages are wrong."""
+    host = session_end()
+    shorter = variant(Stop, {"command_id": Annotated[int, number(U8, "id", "shorter")]})
+    device = sweeper(catalogue=catalogue(more=[shorter])) if less_of_stop else sweeper()
+    ends = Ends(host, device)
+    ends.to_device.cut = deaf
+    assert ends.run(20.0, lambda: bool(host.of(Failed)))
+    (failed,) = host.of(Failed)
+    return failed
+
+
+def of_version_2() -> bytes:
+    """A frame whose check holds, of the version after ours."""
+    body = bytes([2 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
+    encoded: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
+    return b"\0" + encoded + b"\0"
+
+
+FAILURES: dict[str, Callable[[], Failed]] = {
+    "silence": on_a_line,
+    "garbage": lambda: on_a_line(bytes(range(200))),
+    "echo": lambda: on_a_line(echo=True),
+    "version": lambda: on_a_line(of_version_2()),
+    "deaf": lambda: with_a_device(deaf=True),
+    "disagreement": lambda: with_a_device(less_of_stop=True),
+}
+
+
+@pytest.mark.parametrize("kind", FAILURES)
+def test_what_the_host_complains_of_is_explained(kind: str) -> None:
+    """By the words that a person reads: each kind of failure is brought about."""
+    failed = FAILURES[kind]()
+    assert failed.kind == kind
+    first_cells = re.findall(r"^\| ([^|]+) \| [^|]{10,} \|$", TEXT, re.MULTILINE)
+    rows = [cell.strip(" …") for cell in first_cells if cell.strip(" …") in failed.text]
+    assert len(rows) == 1, (failed.text, first_cells)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 import sys
 from typing import TYPE_CHECKING
@@ -214,6 +215,17 @@ def test_every_tool_has_a_package_and_every_program_one_tool() -> None:
     assert len(PROGRAMS) == sum(len(names) for tool in TOOLS for names in tool.programs)
     with pytest.raises(UnknownToolError):
         tool_named("tsark")
+
+
+def test_every_workflow_runs_what_a_person_can_run() -> None:
+    """A workflow calls `.ci/run`, on the system whose packages the registry names."""
+    workflows = list((ROOT / ".github" / "workflows").glob("*.yml"))
+    assert len(workflows) > 1
+    for path in workflows:
+        text = path.read_text(encoding="utf-8")
+        runs = re.findall(r"^ *- run: (.+)$", text, re.MULTILINE)
+        assert [run.split()[:2] for run in runs] == [["bash", ".ci/run"]], path.name
+        assert set(re.findall(r"runs-on: (\S+)", text)) == {"ubuntu-24.04"}, path.name
 
 
 def test_names_of_packages_follow_the_distribution() -> None:
