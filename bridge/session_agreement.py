@@ -55,7 +55,10 @@ class Agreement:
     def apply(self) -> str | None:
         """Set up the link as agreed; what stands in the way, where there is no common ground."""
         outcome = self._comparison.outcome if self._comparison else {}
-        broken = [a for a in outcome.values() if not a.usable and a.spec.bootstrap]
+        # A bootstrap message never changes: one that lacks fields is another message, too.
+        broken = [
+            a for a in outcome.values() if a.spec.bootstrap and a.shared_fields < len(a.spec.fields)
+        ]
         if broken:
             return "; ".join(a.report() for a in broken)
         link = self._link

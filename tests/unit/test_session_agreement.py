@@ -13,22 +13,27 @@ from bridge.session_events import Agreed, Data, Failed, State
 from protocol.agreement import Match, MessageAgreement
 from protocol.catalogue import CATALOGUE
 from protocol.fields import U8, U16, number
-from protocol.link import Rejected
+from protocol.link import Link, Received, Rejected
 from protocol.message import Direction, Message, RateClass, message, specify
 from protocol.messages import (
     ALL_MESSAGES,
+    Ack,
     Describe,
+    DescribeReply,
     Encoders,
+    Hello,
     Imu,
     LinkCounters,
     Power,
     Range,
     SetMode,
     Status,
+    Stop,
     VelocitySetpoint,
 )
-from support.ends import Ends, HostEnd, SessionEnd, session_end, spinning_host, sweeper
-from support.hostile import Lossy, Pipe, Wire
+from protocol.uart import encode_frame
+from support.ends import Ends, HostEnd, SessionEnd, Valve, session_end, spinning_host, sweeper
+from support.hostile import Lossy, Piece, Pipe, Wire
 from support.peers import EXTRA, catalogue, hints_of, variant
 
 LonelyPower = variant(Power, dict(list(hints_of(Power).items())[:2]))
@@ -48,6 +53,33 @@ class Fan(Message):
     """A message that only one end has."""
 
     speed: EXTRA
+
+
+class Declaring(Wire):
+    """A device with another catalogue, which has fewer fields of one message."""
+
+    def __init__(self, type_id: int, fields: int) -> None:
+        super().__init__(Pipe(1_000))
+        self._type_id, self._fields = type_id, fields
+        self._rest = b""
+
+    def misbehave(self, piece: Piece) -> list[Piece]:
+        *whole, self._rest = (self._rest + piece.data).split(b"\0")
+        return [Piece(piece.at_us, b"".join(self._passed(frame + b"\0") for frame in whole))]
+
+    def _passed(self, data: bytes) -> bytes:
+        for event in Link(Direction.HOST).receive(data):
+            if not isinstance(event, Received):
+                continue
+            f, said = event.frame, event.message
+            if isinstance(said, Hello):
+                other = (CATALOGUE.hash ^ 1).to_bytes(4, "little")
+                return encode_frame(f.node, f.type_id, f.seq, f.t_us, other + f.payload[4:])
+            if isinstance(said, DescribeReply) and said.described_type == self._type_id:
+                chain = CATALOGUE.chains[self._type_id][self._fields]
+                payload = bytes([self._type_id, self._fields, 0]) + chain.to_bytes(4, "little")
+                return encode_frame(f.node, f.type_id, f.seq, f.t_us, payload)
+        return data
 
 
 def agreed(host: SessionEnd, ends: Ends, within_s: float = 3.0) -> Agreed:
@@ -142,6 +174,18 @@ def test_a_different_bootstrap_message_fails_with_a_name() -> None:
     (failed,) = host.of(Failed)
     assert failed.kind == "disagreement"
     assert "stop" in failed.text
+
+
+@pytest.mark.parametrize(("of", "fields"), [(Stop, 0), (Stop, 1), (Ack, 1), (Hello, 4)])
+def test_a_bootstrap_message_that_lacks_fields_fails_too(of: type[Message], fields: int) -> None:
+    """It never changes: what lacks the cause of a stop or the type of an answer is no version."""
+    host = session_end()
+    ends = Ends(host, sweeper())
+    ends.to_host = Valve(Declaring(specify(of).type_id, fields))
+    assert ends.run(3.0, lambda: host.session.state is State.FAILED), host.session.state
+    (failed,) = host.of(Failed)
+    assert failed.kind == "disagreement"
+    assert f"{specify(of).name}: the device lacks" in failed.text
 
 
 @pytest.mark.parametrize("p", [0.0, 0.3])
