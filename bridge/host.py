@@ -54,6 +54,7 @@ from protocol.messages import (
     Power,
     Range,
     Status,
+    TimeReply,
 )
 from protocol.uart import DamagedFrame
 from protocol.values import Mode, StopCause, label
@@ -146,6 +147,7 @@ class Host(HostSenses):
             Status: self._status,
             LogText: self._log_text,
             ParameterValue: self.dialogue.parameter,
+            TimeReply: self._time_reply,
         }
 
     # ---- in and out -----------------------------------------------------------------------
@@ -309,6 +311,8 @@ class Host(HostSenses):
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
                 remedy = Remedy.NODE if event.kind == "several" else None
+                if self.mission.under_way:  # whoever is there now, and whatever it understands
+                    self.session.stop(StopCause.LINK, now_ns)
                 self.mission.on_failed(event.text, status, now_ns / 1e9, remedy)
             case Restless():
                 self.event(now_ns, Severity.WARNING, "session", "restless", event.text)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from protocol.clock import DeviceUs, HostNs
     from protocol.message import Message
-    from protocol.messages import Encoders, Imu, Range
+    from protocol.messages import Encoders, Imu, Range, TimeReply
 
 
 class HostSenses:
@@ -35,6 +35,9 @@ class HostSenses:
 
     def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
         self.state.take(message, device_us, now_ns / 1e9)
+
+    def _time_reply(self, message: TimeReply, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+        self.state.times.hear(device_us, now_ns / 1e9)
 
     def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
         if not self.state.take(message, device_us, now_ns / 1e9):

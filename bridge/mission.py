@@ -160,6 +160,11 @@ class Mission:
         """What :meth:`requests` would give: asked at every turn of a loop."""
 
     @property
+    def _drives_in(self) -> Mode | None:
+        """Mode in which the device must be while the run drives; None: it may change it."""
+        return Mode.VELOCITY
+
+    @property
     def needs(self) -> Mapping[type[Message], float]:
         """Streams that the run depends on now, with the age (s) at which a sample is stale."""
         return NEEDS
@@ -168,6 +173,11 @@ class Mission:
     def done(self) -> bool:
         """True when nothing is left to do."""
         return self.phase is Phase.DONE
+
+    @property
+    def under_way(self) -> bool:
+        """True from the first move until the run has ended."""
+        return self.drive_started_s is not None and not self.done
 
     @property
     def ends_s(self) -> float | None:
@@ -245,6 +255,8 @@ class Mission:
         """The session cannot go on."""
         if self.ending is None:
             self.ending = Ending("fault", text, exit_status, remedy=remedy)
+            if self.under_way:
+                self._unconfirmed()
         self._finish(now_s)
 
     def on_status(self, status: Status, now_s: float) -> None:
@@ -261,6 +273,15 @@ class Mission:
             self._end(
                 now_s, Ending("stopped", text, 5, latched=latched_cause(StopCause.NONE, cause))
             )
+        elif self.phase is Phase.DRIVING and self._drives_in is not None:
+            self._check_mode(status.mode, self._drives_in, now_s)
+
+    def _check_mode(self, mode: int, wanted: Mode, now_s: float) -> None:
+        """End a drive whose device is in another mode than the one that it acknowledged."""
+        if mode != wanted:
+            found, needed = label(Mode, mode), label(Mode, wanted)
+            text = f"the device is in mode {found}, and the run needs {needed}"
+            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
 
     def on_command(self, outcome: Outcome, now_s: float) -> None:
         """A command of ours ended."""
@@ -492,7 +513,7 @@ class Mission:
             return
         reason = f"{ending.reason}; the device did not confirm the stop"
         self.ending = replace(ending, reason=reason)
-        if self.drive_started_s is not None and not ending.exit_status:
+        if self.drive_started_s is not None:
             self.ending = replace(self.ending, outcome="fault", exit_status=3)
 
     def _finish(self, now_s: float) -> None:

@@ -133,6 +133,11 @@ class OnboardMission(Mission):
         return _REPORTS if self.phase is Phase.DRIVING else super().needs
 
     @property
+    def _drives_in(self) -> None:
+        """None: the device leaves its mode by itself once its planner has finished."""
+        return
+
+    @property
     def _may_start(self) -> bool:
         """Once started, the device moves by itself: the link is measured before."""
         return self.link is None

@@ -2,8 +2,9 @@
 
 Sans-I/O. A sample that arrives now may be old: a device repeats it, a stream's stamp stands still,
 a buffer delays it. Its arrival says only that the link works. The quickest of the other frames maps
-device stamps to host time; the map needs no pings, and the stamps of all streams share it. What
-delays all streams alike is the link, which :mod:`bridge.round_trip` judges.
+device stamps to host time, and the stamps of all streams share it. Replies to pings are such frames
+too: where they come at once, streams that all lag by the same time are old. What delays the replies
+as well is the link, which :mod:`bridge.round_trip` judges.
 """
 
 from __future__ import annotations
@@ -52,23 +53,35 @@ class SampleTimes:
         self._rejected.clear()
         self._quickest_s = self._usual_s = math.inf
 
+    def hear(self, device_us: int, now_s: float) -> None:
+        """Take the stamp of a frame that is no sample, such as the answer to a ping."""
+        delay_s = now_s - device_us * 1e-6
+        if delay_s < self._quickest_s - FUTURE_S:
+            return  # a clock that has jumped is for the samples to show
+        self._follow(delay_s, now_s)
+
+    def _follow(self, delay_s: float, now_s: float) -> None:
+        """Bring the map up to date with a frame's host time less device time."""
+        elapsed_s, self._at_s = now_s - self._at_s, now_s
+        self._quickest_s = min(delay_s, self._quickest_s + DRIFT * elapsed_s)
+        self._usual_s = min(delay_s, self._usual_s + FOLLOWING * elapsed_s)
+
     def take(self, stream: type, device_us: int, now_s: float) -> bool:
         """Take a sample's stamp and arrival; False for one that is not newer than the last."""
         device_s = device_us * 1e-6
-        delay_s, elapsed_s = now_s - device_s, now_s - self._at_s
+        delay_s = now_s - device_s
         jumped = math.isfinite(self._quickest_s) and delay_s < self._quickest_s - FUTURE_S
         if jumped or device_us <= self._newest_us.get(stream, -math.inf):
             if not self._set_anew(stream, device_us, now_s):
                 return False
-            quickest_s = usual_s = delay_s
+            self._quickest_s = self._usual_s = delay_s
+            self._at_s = now_s
         else:
-            quickest_s = min(delay_s, self._quickest_s + DRIFT * elapsed_s)
-            usual_s = min(delay_s, self._usual_s + FOLLOWING * elapsed_s)
+            self._follow(delay_s, now_s)
             if self._rejected:
                 self._rejected.pop(stream, None)
         self._newest_us[stream] = device_us
-        self._quickest_s, self._usual_s, self._at_s = quickest_s, usual_s, now_s
-        self.taken_s[stream] = device_s + usual_s
+        self.taken_s[stream] = device_s + self._usual_s
         return True
 
     def _set_anew(self, stream: type, device_us: int, now_s: float) -> bool:

@@ -10,7 +10,10 @@ from bridge.mission import Ending, Phase
 from bridge.session_events import State
 from bridge.telemetry import EventRecord, Record, Severity
 from protocol.clock import HostNs
-from protocol.messages import Stop, VelocitySetpoint
+from protocol.codec import Codec
+from protocol.message import specify
+from protocol.messages import Hello, Stop, VelocitySetpoint
+from protocol.uart import encode_frame
 from protocol.values import Mode, StopCause
 from support.ends import (
     RAMP_US,
@@ -299,3 +302,21 @@ def test_it_runs_across_the_wrap_of_both_clocks() -> None:
     mapped = host.sync.map(host.sync.extend(ends.device_us % wrap))
     assert mapped is not None
     assert abs(mapped.host_ns - HostNs(ends.host_ns)) <= mapped.bound_ns + 12_000_000
+
+
+def test_another_device_that_answers_a_drive_stops_the_robot() -> None:
+    """The session fails at once; the stop does not wait for the watchdog of the device."""
+    ends, host = started()
+    known = host.hello
+    assert known is not None
+    payload = bytearray(Codec().encode(known)[1])
+    payload[4:16] = b"\x22" * 12
+    host.receive(encode_frame(1, specify(Hello).type_id, 0, 0, bytes(payload)), ends.host_ns)
+    assert host.session.state is State.FAILED
+    assert (ending(host).outcome, ending(host).exit_status) == ("fault", 3)
+    assert "did not confirm the stop" in ending(host).reason
+    ends.run(0.1)
+    assert ends.device.firmware.latch.latched
+    assert ends.device.firmware.latch.cause is StopCause.LINK
+    ends.run(1.0)
+    assert not ends.moving

@@ -41,8 +41,8 @@ class Plan:
         self.said.append("released")
 
 
-def status(cause: int = 0) -> Status:
-    return Status(0, cause, 0, 0, 0)
+def status(cause: int = 0, mode: int = Mode.VELOCITY) -> Status:
+    return Status(mode, cause, 0, 0, 0)
 
 
 def accepted(message: ClearStop | SetMode | Stop, reason: NackReason | None = None) -> Outcome:
@@ -379,3 +379,32 @@ def test_a_free_device_that_is_moved_on_is_no_stop() -> None:
     mission = driving()
     mission.on_status(status(StopCause.NONE), 17.0)
     assert ending(mission) is None
+
+
+@pytest.mark.parametrize("mode", [Mode.IDLE, Mode.BRINGUP, Mode.ONBOARD, 77])
+def test_a_device_in_another_mode_than_it_acknowledged_ends_the_drive(mode: int) -> None:
+    mission = driving()
+    mission.on_status(status(StopCause.NONE, mode), 17.0)
+    end = ending(mission)
+    assert end is not None
+    assert "the device is in mode" in end.reason
+    assert (end.exit_status, end.cause) == (5, StopCause.SUPERVISE)
+    assert mission.requests() == [Request("stop", StopCause.SUPERVISE)]
+
+
+@pytest.mark.parametrize("exit_status", [0, 1, 4, 5])
+def test_a_drive_whose_stop_is_not_confirmed_ends_with_status_3(exit_status: int) -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "so", exit_status, StopCause.SUPERVISE), 17.0)
+    mission.on_lost(17.5)
+    reason = "so; the device did not confirm the stop"
+    assert mission.ending == Ending("fault", reason, 3, StopCause.SUPERVISE)
+
+
+def test_a_drive_whose_session_fails_reports_that_no_stop_is_confirmed() -> None:
+    mission = driving()
+    mission.on_failed("another device", 4, 17.0)
+    end = ending(mission)
+    assert end is not None
+    assert end.reason == "another device; the device did not confirm the stop"
+    assert end.exit_status == 3

@@ -19,7 +19,7 @@ from bridge.sample_times import RESYNC_S, SampleTimes
 from bridge.telemetry import EventRecord
 from protocol.link import Link, Received
 from protocol.message import Direction
-from protocol.messages import Encoders, Imu, PlannerState, Range, Status
+from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 from protocol.uart import encode_frame
 from protocol.values import Mode, OnboardPlanner, StopCause
 from support.bench_wire import desk_on
@@ -102,6 +102,17 @@ def off_by(seconds: float) -> Callable[[], Callable[[int], int]]:
     return lambda: lambda t_us: t_us + round(seconds * SECOND_US)
 
 
+def lagging() -> Callable[[int], int]:
+    """A clock that runs at four fifths of its rate from now on."""
+    first: list[int] = []
+
+    def stamp(t_us: int) -> int:
+        first.append(t_us)
+        return t_us - (t_us - first[0]) // 5
+
+    return stamp
+
+
 KINDS = {
     "frozen": frozen,
     "crawling": crawling,
@@ -151,6 +162,19 @@ def test_a_clock_that_stands_still_for_all_streams_stops_the_run(kind: str) -> N
     ends.run(STALE_S + SLACK_S, lambda: host.mission.ending is not None)
     assert host.mission.ending is not None
     assert "no fresh" in host.mission.ending.reason
+
+
+def test_streams_that_all_lag_behind_the_replies_to_pings_stop_the_run() -> None:
+    """All of them, so that none shows the age of the others; the round trip stays short."""
+    wire = Restamped(Encoders, Imu, Range, Status, Power, PlannerState)
+    ends, host = driving(wire)
+    wire.stamp = lagging()
+    ends.run(5 * (STALE_S + 2 * SLACK_S) + SLACK_S, lambda: host.mission.ending is not None)
+    end = host.mission.ending
+    assert end is not None
+    assert "no fresh" in end.reason
+    ends.run(2.0)
+    assert not ends.moving
 
 
 def test_a_run_does_not_begin_on_frozen_samples() -> None:
