@@ -26,7 +26,7 @@ from bridge.record.chunked import MAGIC
 from bridge.record.copied import McapCopy, Places, bytes_of
 from bridge.record.errors import LogWriteError
 from bridge.record.file_summary import read_file_summary
-from bridge.record.scan import Damage, has_shape, inner_end, next_file, opened, records
+from bridge.record.scan import Damage, Search, has_shape, inner_end, next_file, opened, records
 from bridge.record.unpack import (
     CHUNK_HEAD,
     DAMAGE,
@@ -62,6 +62,12 @@ _OF_SUMMARY = frozenset(
 _OVERSIZE_BYTES = 4 * MAX_CHUNK_BYTES
 """Bytes of all chunks of a file together that are unpacked beyond what they claim: a claim may be
 damaged while the content is whole, but a file of such claims must not keep anybody waiting."""
+_GUESSED_BYTES = 512 << 20
+"""Bytes of any file that are looked at on a guess: chunks as they unpack, and attachments, at a
+place whose opcode or length may be damaged. Each takes a copy and a checksum, some 1 ns a byte."""
+_GUESSED_TIMES = 16
+"""Bytes looked at on a guess for each byte of the file, beside those. A log unpacks to some 5 times
+its size, so every chunk of it may be guessed at three times."""
 
 
 @dataclass(slots=True)
@@ -198,6 +204,9 @@ class _Recoverer:
         """Messages by channel."""
         self._first_loss = len(result.losses)
         self._oversize = _OVERSIZE_BYTES
+        self._guesses = _GUESSED_BYTES + _GUESSED_TIMES * ((following or len(data)) - begin)
+        """Bytes that may yet be looked at on the guess that a record has a damaged head."""
+        self._search, self._search_inner = Search(data), Search(data)
         self._last: dict[int, list[tuple[int, int]]] = {}
         """Of the last chunk that was kept: what its message indexes say."""
         self._loss: Loss | None = None
@@ -233,7 +242,7 @@ class _Recoverer:
     def _from(self, position: int) -> int | None:
         """Take the records from here on; where to go on, None at the end."""
         whole = False
-        for found in records(self._data, position):
+        for found in records(self._data, position, search=self._search):
             if isinstance(found, Damage):
                 going_on = self._damaged(found)
                 self.end = max(self.end, found.end)
@@ -275,6 +284,11 @@ class _Recoverer:
     def _handle(self, handler: Callable[[int, bytes], None], found: Found) -> int | None:
         """Take one record of the data; where to go on, where that is not behind it."""
         opcode, offset, start, end = found
+        own = inner_end(self._data, opcode, start)
+        # A damaged length may reach over records that are whole.
+        is_longer = own is not None and own < end and self._stands(own)
+        if own is not None and is_longer:
+            end = own
         try:
             handler(offset, self._data[start:end])
         except DAMAGE:
@@ -284,10 +298,12 @@ class _Recoverer:
             if following is not None:  # it was cut, and its length reaches into another file
                 self._loss.bytes = following - offset
                 return following
-        own = inner_end(self._data, opcode, start)
-        # A damaged length may reach over records that are whole.
-        is_longer = own is not None and own < end and _stands(self._data, own)
-        return own if is_longer else None
+        return end if is_longer else None
+
+    def _stands(self, position: int) -> bool:
+        """Whether a whole record stands here."""
+        found = next(records(self._data, position, search=self._search_inner), None)
+        return found is not None and not isinstance(found, Damage)
 
     def _is_misplaced(self, opcode: int, offset: int) -> bool:
         """Whether a record stands before the summary that belongs into it, or a second header."""
@@ -329,7 +345,7 @@ class _Recoverer:
             return end
         start = offset + HEAD.size
         end = inner_end(self._data, Opcode.ATTACHMENT, start)
-        if end is not None:
+        if end is not None and self._may_guess(end - start):
             record = self._data[start:end]
             if record[-4:] != bytes(4) and not attachment_is_damaged(record):
                 with contextlib.suppress(*DAMAGE):
@@ -337,7 +353,7 @@ class _Recoverer:
                     return end
         if Opcode.METADATA in {expected, self._data[offset]}:
             end = inner_end(self._data, Opcode.METADATA, start)
-            if end is not None and _may_follow(self._data, end):
+            if end is not None and _may_follow(self._data, end) and self._may_guess(end - start):
                 with contextlib.suppress(*DAMAGE):
                     self._metadata(offset, self._data[start:end])
                     return end
@@ -359,7 +375,9 @@ class _Recoverer:
             body = start + 32 + name_bytes + 8
             ends = {start + length, inner_end(data, Opcode.CHUNK, start) or 0}
             found: list[int] = [end for end in ends if body < end <= len(data)]
-            for end in sorted(found, key=lambda end: not _stands(data, end)):
+            for end in sorted(found, key=lambda end: not self._stands(end)):
+                if not self._may_guess(end - body + min(size, MAX_CHUNK_BYTES)):
+                    continue
                 with contextlib.suppress(*DAMAGE):
                     packed = memoryview(data[body:end])
                     parts = ChunkParts(first_ns, last_ns, size, crc, compression, packed)
@@ -368,6 +386,13 @@ class _Recoverer:
                     self._keep(offset, data[start:end], content, None)
                     return end
         return None
+
+    def _may_guess(self, size: int) -> bool:
+        """Whether so many bytes may be looked at on a guess; they are counted."""
+        if size > self._guesses:
+            return False
+        self._guesses -= size
+        return True
 
     def _rescue_tail(self, offset: int, end: int) -> bool:
         """Keep the messages of a cut chunk that still unpack; True where that is all of it."""
@@ -449,11 +474,12 @@ class _Recoverer:
             Exception: one of what the libraries raise on damage.
 
         """
-        is_sound = True
+        is_sound = False
         try:
             if parts.size > MAX_CHUNK_BYTES:
                 raise ValueError("it claims too much")
             content = unpacked(parts.compression, parts.packed, parts.size)
+            is_sound = bool(content)  # not every reader takes an empty frame
         except DAMAGE:
             # The claim itself may be what is damaged.
             if not parts.crc or self._oversize <= 0:
@@ -461,7 +487,6 @@ class _Recoverer:
             limit = min(self._oversize, MAX_CHUNK_BYTES)
             content = unpacked_start(parts.compression, parts.packed, limit)
             self._oversize -= len(content)
-            is_sound = False
         check(content, parts.crc)
         return content, is_sound
 
@@ -673,11 +698,6 @@ _KINDS: dict[int, str] = {
     Opcode.ATTACHMENT: "attachment",
     Opcode.METADATA: "metadata record",
 }
-
-
-def _stands(data: Bytes, position: int) -> bool:
-    """Whether a whole record stands here."""
-    return not isinstance(next(records(data, position), Damage(0, 0, is_tail=True)), Damage)
 
 
 def _may_follow(data: Bytes, position: int) -> bool:

@@ -89,21 +89,48 @@ def opened(path: Path) -> Iterator[Bytes]:
         raise LogReadError(path, error.strerror or str(error)) from None
 
 
+class Search:
+    """Searches for the next place where a record stands, and remembers the answer.
+
+    It holds for every place up to the one found. Without it a file of records that each begin a
+    search would be read to its end for each of them.
+    """
+
+    def __init__(self, data: Bytes) -> None:
+        """Search these bytes."""
+        self._data = data
+        self._from = 0
+        self._found: int | None = -1
+
+    def after(self, position: int) -> int | None:
+        """Find the first place behind this one; None: there is none."""
+        begin, found = position + 1, self._found
+        if begin < self._from or (found is not None and begin > found):
+            self._from, self._found = begin, _next(self._data, begin)
+        return self._found
+
+
 def records(
-    data: Bytes, position: int = len(MAGIC), *, indexes: bool = True
+    data: Bytes,
+    position: int = len(MAGIC),
+    *,
+    indexes: bool = True,
+    search: Search | None = None,
 ) -> Iterator[Found | Damage]:
     """Every record from ``position`` to the end of the file, its summary included.
 
     The footer ends it, and so does the beginning of another file that was joined to this one.
-    Without ``indexes`` those of messages are passed over: they are nine of ten records.
+    Without ``indexes`` those of messages are passed over: they are nine of ten records. Who walks
+    the same bytes in several parts gives a ``search``, so that none is searched twice.
     """
     size = len(data)
+    search = search or Search(data)
     while position < size and not (data[position] == MAGIC[0] and begins_file(data, position)):
         if not indexes and data[position] == Opcode.MESSAGE_INDEX:
             position = _past_indexes(data, position)
         found, following = _fits(data, position), None
         if found is None or not _may_begin(data, found.end):
-            following = _next(data, position + 1)
+            following = search.after(position)
             # What stands behind it is damaged, or its length is, which then mostly reaches into
             # or over whole records.
             if found is not None and following is not None and following < found.end:

@@ -113,8 +113,12 @@ def unpacked(compression: bytes, packed: memoryview, limit: int) -> bytes:
         stated = zstandard.frame_content_size(packed)
         if stated > limit:
             raise ValueError(f"it unpacks to {stated} bytes, and claims {limit}")
+        if not limit:  # to the library no limit at all
+            if unpacked_start(compression, packed, 1):
+                raise ValueError("it unpacks to something, and claims to be empty")
+            return b""
         # Where the frame states no size, this is an error as soon as the limit is passed.
-        content: bytes = zstandard.decompress(packed, max_output_size=limit) if limit else b""
+        content: bytes = zstandard.decompress(packed, max_output_size=limit)
         return content
     if compression == b"lz4":
         work = lz4.frame.LZ4FrameDecompressor()

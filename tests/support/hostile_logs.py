@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 MAGIC = b"\x89MCAP0\r\n"
 MIB = 1 << 20
+HEAD_BYTES = 9
+"""Opcode and length of a record."""
 _MESSAGE = struct.Struct("<BQHIQQ")
 _LAST_NS = (1 << 64) - 1
 GOOD = b'{"good": 1}'
@@ -313,12 +315,35 @@ def definitions() -> dict[str, bytes]:
     }
 
 
+def searches() -> dict[str, bytes]:
+    """Small files of which each record begins a search to the file's end, or is one to there."""
+    unknown = struct.pack("<BQ", 0x20, 0) * 30_000 + b"\x21" * 30
+    count, size = 120_000, 60
+    within = bytearray()
+    for n in range(count):  # content that could be that of an attachment, to the file's end
+        rest = max(0, (count - n) * size - 80)
+        content = struct.pack("<QQIIQ", 0, 0, 0, 0, rest).ljust(size - HEAD_BYTES, b"Z")
+        within += struct.pack("<BQ", 0x90, len(content)) + content
+    return {
+        "records of a reserved kind": file_of([unknown]),
+        "attachments within each other": file_of([bytes(within)]),
+        "a chunk that claims to be empty": file_of([claims_to_be_empty()]),
+    }
+
+
+def claims_to_be_empty() -> bytes:
+    """A chunk of which neither the claim nor the frame's head gives the size of its content."""
+    work = zstandard.ZstdCompressor(write_content_size=False)
+    return packed_chunk(work.compress(bytes(500)), b"zstd", 0, 0)
+
+
 GROUPS: dict[str, Callable[[], dict[str, bytes]]] = {
     "bombs": bombs,
     "declarations": declarations,
     "contents": contents,
     "impostors": impostors,
     "definitions": definitions,
+    "searches": searches,
 }
 
 

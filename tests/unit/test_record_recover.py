@@ -19,6 +19,7 @@ from bridge.record.reader import LogReader
 from bridge.record.recover import recover
 from bridge.record.writer import RunWriter
 from support.cli import sweepctl
+from support.hostile_logs import GOOD, claims_to_be_empty, file_of
 from support.synthetic_run import run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
@@ -277,6 +278,15 @@ def test_the_index_of_the_copy_leads_to_every_message(log: Path, tmp_path: Path)
         ordered = list(make_reader(file).iter_messages(["/pose"]))
     assert indexed == len(read_all(log))
     assert len(ordered) == sum(topic == "/pose" for topic, _, _ in read_all(log))
+
+
+def test_a_chunk_that_claims_to_be_empty_is_not_copied(tmp_path: Path) -> None:
+    """The library's reader refuses a frame whose size is given nowhere."""
+    path, out = tmp_path / "foreign.mcap", tmp_path / "out.mcap"
+    path.write_bytes(file_of([claims_to_be_empty()]))
+    result = recover(path, out)
+    assert [data for _, _, data in read_all(out)] == [GOOD]
+    assert [loss.what for loss in result.losses] == ["a damaged chunk"]
 
 
 def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
