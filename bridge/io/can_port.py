@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Self
 
 import can
+from can.interfaces.slcan import slcanBus
 
 from bridge.errors import PortBusyError, PortError
 from bridge.io.device_lock import DeviceLock
@@ -151,8 +152,8 @@ class CanPort:
             if cause is None or isinstance(cause, OSError):
                 raise
             self.garbled += 1  # not the bus's own trouble: something on it is no frame
-            if isinstance(cause, UnicodeDecodeError):  # python-can would keep it and fail again
-                self._bus.flush()  # type: ignore[attr-defined]  # only slcan decodes text
+            if isinstance(cause, UnicodeDecodeError) and isinstance(self._bus, slcanBus):
+                self._bus.flush()  # python-can would keep the text and fail again
         except (ValueError, IndexError):  # a line cut short between adapter and host
             self.garbled += 1
         return None

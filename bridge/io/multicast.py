@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import ipaddress
+import operator
 import platform
 import select
 import socket
@@ -64,6 +65,9 @@ class MulticastBus(can.BusABC):
             raise can.CanOperationError("the multicast group is gone") from error
         try:
             message = unpack_message(data, check=True)
+            # python-can checks ranges but no types: 1.0 passes, and packs into no frame.
+            operator.index(message.arbitration_id)
+            operator.index(message.dlc)
         except Exception as error:
             raise can.CanOperationError("a datagram that is no frame") from error
         return (None if message.is_fd else message), False
