@@ -11,8 +11,18 @@ from protocol.link import Medium
 if TYPE_CHECKING:
     from protocol.link import Rejected
 
-_BEGINNING, _WORDS, _FEW = 512, 200, 8
-"""Bytes kept, characters told, and what is too short to be a line of text."""
+BEGINNING = 512
+"""Bytes kept of what comes first: a port server's reason fits."""
+_WORDS, _FEW = 200, 8
+"""Characters told, and what is too short to be a line of text."""
+
+
+def words_of(beginning: bytes) -> str | None:
+    """The first line of what came, where it is one of text; None where it is not."""
+    line, end, _ = beginning.partition(b"\n")
+    text = line.strip().decode("ascii", "backslashreplace")
+    words = end and line.isascii() and text.isprintable() and len(text) >= _FEW
+    return text[:_WORDS] if words else None
 
 
 @dataclass(slots=True)
@@ -31,16 +41,13 @@ class Evidence:
     def hear(self, data: bytes) -> None:
         """Take bytes as they come."""
         self.received += len(data)
-        if len(self.beginning) < _BEGINNING:
-            self.beginning = (self.beginning + data)[:_BEGINNING]
+        if len(self.beginning) < BEGINNING:
+            self.beginning = (self.beginning + data)[:BEGINNING]
 
     @property
     def words(self) -> str | None:
         """The first line, where it is one of text; None where it is not."""
-        line, end, _ = self.beginning.partition(b"\n")
-        text = line.strip().decode("ascii", "backslashreplace")
-        words = end and line.isascii() and text.isprintable() and len(text) >= _FEW
-        return text[:_WORDS] if words else None
+        return words_of(self.beginning)
 
     def note(self, event: Rejected) -> None:
         """Take an intact frame that was of no use."""

@@ -10,7 +10,7 @@ from bridge.doctor.body_view import BodyView
 from bridge.doctor.findings import Finding
 from bridge.doctor.timing import HOLE_S, Timing, measure
 from bridge.doctor.wire_view import WireView
-from bridge.session_evidence import Evidence
+from bridge.session_evidence import Evidence, words_of
 from bridge.telemetry import Severity
 from protocol.catalogue import CATALOGUE
 from protocol.link import Medium
@@ -152,6 +152,10 @@ class Examination:
         known = {"garbage": "wrong_baud", "silence": "no_data"}
         return Finding(known.get(kind, kind), _BAD, text, {"bytes": self.wire.bytes_in})
 
+    def _is_refused(self) -> bool:
+        """Whether the other end gave a reason in words; it then hangs up, and no plug is out."""
+        return self.wire.frames == 0 and words_of(self.wire.beginning) is not None
+
     def _mostly_garbage(self) -> bool:
         damaged = self.wire.damaged
         strange = damaged.unknown_bytes
@@ -189,7 +193,7 @@ class Examination:
         """Frames that did not come, and times in which nothing did."""
         wire, holes = self.wire, self.timing.holes
         in_holes = sum(hole.missing for hole in holes)
-        if self.port_lost:
+        if self.port_lost and not self._is_refused():
             text = f"the port went away {_times(len(self.port_lost))}: {self.port_lost[0]}"
             yield Finding("unplugged", _BAD, text, {"times": len(self.port_lost)})
         boots = [boot.at_ns for boot in wire.boots[1:]]

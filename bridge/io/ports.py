@@ -14,6 +14,7 @@ import serial
 from bridge.errors import KeyExposedError, PortBusyError, PortError
 from bridge.io.device_lock import owner_pid
 from bridge.io.port_names import misspelt, tcp_mistake
+from bridge.session_evidence import BEGINNING, words_of
 from protocol.can_link import CanLink
 from protocol.link import Link, LinkBase
 
@@ -58,6 +59,8 @@ class SerialPort:
         self.name = url
         self.low_latency = False
         self._closed = False
+        self._beginning = b""
+        """First bytes that came: a port server that refuses gives its reason and hangs up."""
         self._port = _open(url, baud, dtr=dtr, rts=rts)
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_read, False)
@@ -112,8 +115,17 @@ class SerialPort:
         except (OSError, TypeError) as error:  # pyserial: SerialException is an OSError
             raise PortError(f"{self.name} is gone: {_reason(error)}") from None
         if not data:
-            raise PortError(f"{self.name} is gone: it was unplugged, or what is behind it ended")
+            raise PortError(self._ended())
+        if len(self._beginning) < BEGINNING:
+            self._beginning = (self._beginning + data)[:BEGINNING]
         return data
+
+    def _ended(self) -> str:
+        """Why the other end hung up: its own reason where it sent one line of text, no more."""
+        words = words_of(self._beginning)
+        if words is not None and self._beginning.count(b"\n") == 1:
+            return f"{self.name}: the other end says: {words}"
+        return f"{self.name} is gone: it was unplugged, or what is behind it ended"
 
     def write(self, data: bytes) -> int:
         """Write what the port takes without waiting; how many bytes that was.

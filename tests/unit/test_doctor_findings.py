@@ -221,6 +221,8 @@ def test_not_a_byte_and_not_a_frame() -> None:
     line = Line()
     line.hear(b"login: somebody else is here\n")
     assert line.kinds == ["words"]
+    line.examination.port_lost.append("it is gone")
+    assert line.kinds == ["words"], "a port server that refuses hangs up: no plug is out"
 
 
 def test_a_device_that_waits_for_a_host() -> None:

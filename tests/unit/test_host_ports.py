@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import socket
 import threading
 import tty
 from pathlib import Path
@@ -76,6 +77,30 @@ def test_a_vanished_port_is_told_by_name(wire: Pty) -> None:
             port.wait(1.0)
         with pytest.raises(PortError, match="is gone"):
             port.write(b"x")
+
+
+@pytest.mark.parametrize(
+    ("sent", "reason"),
+    [
+        (b"refused: busy with another host\r\n", ": the other end says: refused: busy with"),
+        (b"", " is gone: it was unplugged"),
+        (b"\x00\x10\x11frame\x00", " is gone: it was unplugged"),
+        (b"boot of something\n\x00\x10\x11\n", " is gone: it was unplugged"),
+    ],
+)
+def test_a_port_that_ends_gives_the_reason_that_it_heard(sent: bytes, reason: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        name = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        with SerialPort(name) as port:
+            client, _ = server.accept()
+            with client:
+                client.sendall(sent)
+            heard = b""
+            while heard != sent:
+                heard += port.wait(5.0)
+            with pytest.raises(PortError) as caught:
+                port.wait(5.0)
+        assert str(caught.value).startswith(f"{name}{reason}")
 
 
 def test_a_busy_port_names_its_owner(wire: Pty) -> None:
