@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from bridge.robot import Robot
 
-__all__ = ["open"]
+__all__ = ["Robot", "open"]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - the interface of a module's __getattr__
+    """Give ``bridge.Robot``; importing the package stays cheap until it is asked for."""
+    if name == "Robot":
+        from bridge.robot import Robot  # noqa: PLC0415 - see above
+
+        return Robot
+    raise AttributeError(f"module 'bridge' has no attribute {name!r}")
 
 
 def open(port: str, **options: Any) -> Robot:  # noqa: A001, ANN401 - bridge.open, like os.open; options of Robot

@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+import bridge
+from bridge.robot import Robot
+
 ROOT = Path(__file__).parents[2]
 
 ALLOWED = {
@@ -109,3 +112,9 @@ def test_a_pure_package_loads_nothing_heavy(package: str) -> None:
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert done.stdout.split() == []
+
+
+def test_the_library_gives_its_robot_by_name() -> None:
+    assert bridge.Robot is Robot
+    with pytest.raises(AttributeError, match="no attribute 'Robbot'"):
+        getattr(bridge, "Robbot")  # noqa: B009 - a name that a type checker refuses
