@@ -418,12 +418,12 @@ def _carpet(value: object, key: str) -> Carpet:
     data = _object(value, key)
     drag_n = _share(data, "drag_n", key, MAX_CARPET_DRAG_N, DEFAULT_CARPET_DRAG_N)
     slip = _share(data, "slip", key, MAX_CARPET_SLIP, DEFAULT_CARPET_SLIP)
-    return Carpet(_polygon(data.get("polygon"), f"{key}.polygon"), drag_n, slip)
+    return Carpet(_polygon(_needed(data, "polygon", key), f"{key}.polygon"), drag_n, slip)
 
 
 def _threshold(value: object, key: str) -> Threshold:
     data = _object(value, key)
-    line = data.get("line")
+    line = _needed(data, "line", key)
     if not isinstance(line, list) or len(line) != 2:  # noqa: PLR2004 - two ends
         raise FloorPlanError(f"{key}.line: must be two [x, y] points, not {line!r:.60}")
     ends = [_numbers(p, f"{key}.line[{i}]", _PLANE) for i, p in enumerate(line)]
@@ -436,13 +436,20 @@ def _threshold(value: object, key: str) -> Threshold:
     return Threshold((ax, ay), (bx, by), height_m)
 
 
+def _needed(data: dict[str, object], name: str, key: str) -> object:
+    """Value of a key that an object must have."""
+    if name not in data:
+        raise FloorPlanError(f"{key}.{name}: is missing")
+    return data[name]
+
+
 def _share(
     data: dict[str, object], name: str, key: str, most: float, default: float | None
 ) -> float:
     """A number from 0 to ``most`` in an object; without a default it must be there."""
     if name not in data and default is not None:
         return default
-    (number,) = _numbers([data.get(name)], f"{key}.{name}", 1)
+    (number,) = _numbers([_needed(data, name, key)], f"{key}.{name}", 1)
     if not 0.0 <= number <= most:
         raise FloorPlanError(f"{key}.{name}: {number:g} must be from 0 to {most:g}")
     return number

@@ -120,6 +120,22 @@ def test_a_missing_key_names_the_one_that_was_written_for_it() -> None:
     assert 'start: is missing; is "start_pose" meant to be it?' in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        ({"thresholds": [{"line": [[1, 0], [1, 1]]}]}, "thresholds[0].height_m: is missing"),
+        ({"thresholds": [{"height_m": 0.004}]}, "thresholds[0].line: is missing"),
+        ({"carpets": [{"slip": 0.03}]}, "carpets[0].polygon: is missing"),
+    ],
+)
+def test_a_missing_inner_key_is_missing_and_not_a_wrong_value(
+    keys: dict[str, object], line: str
+) -> None:
+    with pytest.raises(FloorPlanError) as caught:
+        parse_floorplan(room(**keys))
+    assert str(caught.value) == line
+
+
 def test_thousands_of_problems_are_told_in_a_short_line() -> None:
     with pytest.raises(FloorPlanError) as caught:
         parse_floorplan(room(obstacles=[[] for _ in range(5000)]))
