@@ -78,7 +78,9 @@ class MulticastPort(DevicePort):
                 continue
             if message is None:
                 break
-            if message.is_fd or message.is_extended_id or message.is_remote_frame:
+            if message.is_fd or message.is_extended_id:
+                continue
+            if message.is_remote_frame or message.is_error_frame:
                 continue
             record = _record(message)
             if record in self._echoes:
