@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 NODE_ALL = 0
 """Addresses every device; for stop, hello and time requests only."""
 _HALF_SEQ = 128
+_STOP = "stop"
+"""Name of the message that needs no tag, and is not refused for a wrong one."""
 _HELLO = "hello"
 """Name of the message that says which boot a device's sequence numbers are of."""
 _PLAIN = 0xF0 | FLAG_AUTHENTICATED
@@ -300,7 +302,10 @@ class Link(LinkBase):
             return self._reject(frame, "type")
         genuine = True
         if version_flags & FLAG_AUTHENTICATED and type_id not in self.disabled:
-            frame, genuine = self._opened(frame)
+            if spec.name == _STOP:  # obeyed from anyone, so whatever its tag; it is not genuine
+                frame = frame._replace(version_flags=version_flags & ~FLAG_AUTHENTICATED)
+            else:
+                frame, genuine = self._opened(frame)
         if not genuine or type_id in self.disabled:
             return self._reject(frame, "disabled" if genuine else "key")
         try:

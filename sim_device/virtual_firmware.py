@@ -29,6 +29,7 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
+from protocol.uart import FLAG_AUTHENTICATED
 from protocol.values import (
     Fault,
     LogLevel,
@@ -155,10 +156,10 @@ class Firmware:
             if event.__class__ is Received:
                 message, frame, spec = event
                 if addresses(frame, spec, node):
-                    self._heard_us = now_us
                     if self.link.key is not None and self.keyring.refuses(frame):
-                        self._refuse(message, frame, now_us)
+                        self._refuse(message, frame, now_us)  # nor does it keep a session alive
                         continue
+                    self._heard_us = now_us
                     self._handle(as_ours(message, spec), frame, now_us)
 
     def data_to_send(self) -> bytes:
@@ -184,7 +185,7 @@ class Firmware:
     def _handle(self, message: Message, frame: Frame, now_us: int) -> None:
         if message.__class__ is HostHello:
             self._open(message, now_us)
-            self._freshness.extra_delay_us(frame.t_us, now_us)
+            self._extra_delay_us(frame, now_us)
             return
         if isinstance(message, Stop):
             # Obeyed before any question of session or repetition; nor is it the session's frame,
@@ -192,12 +193,22 @@ class Firmware:
             self.stop(message.cause)
             self._send(Ack(message.command_id, frame.type_id), now_us)
             return
-        extra_us = self._freshness.extra_delay_us(frame.t_us, now_us)
+        extra_us = self._extra_delay_us(frame, now_us)
         handler = self._handlers.get(message.__class__)
         if handler is not None:
             handler(message, extra_us, now_us)
         elif isinstance(message, COMMANDS):
             self._command(message, frame.type_id, now_us)
+
+    def _extra_delay_us(self, frame: Frame, now_us: int) -> float:
+        """The frame's delay beyond the session's quickest one.
+
+        With a key, frames without a tag are left out: their stamps are anybody's, and by forged
+        ones a setpoint that somebody held back would be fresh.
+        """
+        if self.link.key is not None and not frame.version_flags & FLAG_AUTHENTICATED:
+            return 0.0  # what may come without a tag has no time to live
+        return self._freshness.extra_delay_us(frame.t_us, now_us)
 
     def _time(self, request: TimeRequest, _extra_us: float, now_us: int) -> None:
         if not self.session_id:
@@ -228,8 +239,9 @@ class Firmware:
         codec = self.link.codec
         self._send(describe(codec.catalogue, question), now_us)
         spec = codec.catalogue.by_type.get(question.described_type)
-        if spec is not None and spec.direction is Direction.HOST:
+        if spec is not None and spec.direction is Direction.HOST and not spec.bootstrap:
             # An older host leaves out our last fields; one that differs will not send it at all.
+            # What is needed to agree never changes: without its fields nobody could agree again.
             fewer = question.field_count < len(spec.fields)
             codec.limit(spec.type_id, question.field_count if fewer else None)
 

@@ -80,7 +80,8 @@ of the two.
 - **Chain equal**: what both declare means the same. The shorter side's fields are decoded; those
   that the sender lacks are absent, those that the receiver lacks are passed over and counted. A
   sender leaves out what the other lacks; a device takes a command that ends before its last fields
-  from a host that has asked about fewer.
+  from a host that has asked about fewer. Bootstrap messages never change, so a device takes them
+  whole whatever was asked.
 - **Chain unequal**: the message is disabled, neither sent nor decoded, and the user is told.
 - So fields are only ever appended, and an older or a newer peer can be talked to.
 """
@@ -109,6 +110,9 @@ under the key, cut short.
 A frame of another boot or session never fits, because its nonce is another; one that is played
 back in its own session does not, because its counter is behind. Hellos are not signed: whoever
 sends one ends the session, and a new session finds the robot standing.
+
+With a key, setpoints are judged as fresh or late by the stamps of signed frames alone, and a frame
+that is refused keeps no session alive. A stop is obeyed whatever tag it carries.
 
 Without a key a device has no means to tell a recording from a host: hello, `clear_stop` and
 setpoints of a recorded session, played back at its pace, move it, in the same boot or another.

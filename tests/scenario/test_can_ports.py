@@ -16,7 +16,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import can
-import msgpack
 import pytest
 from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from can.interfaces.virtual import VirtualBus
@@ -293,22 +292,6 @@ def test_datagrams_that_are_no_frames_do_not_end_the_port() -> None:
         assert port.garbled == len(NO_FRAMES)
 
 
-PLAIN: dict[str, object] = {
-    "timestamp": 0.0,
-    "arbitration_id": 0x100,
-    "is_extended_id": False,
-    "is_remote_frame": False,
-    "is_error_frame": False,
-    "channel": None,
-    "dlc": 1,
-    "data": b"x",
-    "is_fd": False,
-    "bitrate_switch": False,
-    "error_state_indicator": False,
-}
-"""A frame as python-can writes it into a datagram."""
-
-
 def test_what_is_no_data_frame_never_reaches_the_device() -> None:
     """An error frame has an identifier and data as well: those of the controller's report."""
     group = "239.74.163.6"
@@ -317,12 +300,14 @@ def test_what_is_no_data_frame_never_reaches_the_device() -> None:
         socket.socket(type=DGRAM) as stranger,
     ):
         stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-        for kind in ("is_error_frame", "is_remote_frame", "is_extended_id"):
-            fields = PLAIN | {kind: True}
-            if kind == "is_remote_frame":
-                fields["data"] = b""
-            stranger.sendto(msgpack.packb(fields), (group, 43113))
-        stranger.sendto(msgpack.packb(PLAIN | {"arbitration_id": 0x200}), (group, 43113))
+        frames = [
+            can.Message(arbitration_id=0x100, is_extended_id=False, is_error_frame=True, data=b"x"),
+            can.Message(arbitration_id=0x100, is_extended_id=False, is_remote_frame=True),
+            can.Message(arbitration_id=0x100, is_extended_id=True, data=b"x"),
+            can.Message(arbitration_id=0x200, is_extended_id=False, data=b"x"),
+        ]
+        for frame in frames:
+            stranger.sendto(pack_message(frame), (group, 43113))
         select.select(device.filenos(), [], [], PATIENCE_S)
         assert ids(device.read()) == [0x200]
 

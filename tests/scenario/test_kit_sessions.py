@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -330,3 +331,33 @@ def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() 
     assert (after[SPEED], after[8]) == (NEW, f32(13.0))
     assert told[-1].parameters == told[0].parameters
     assert told[-1].reboots == 2
+
+
+VELOCITY_SETPOINT, STOP, FLAG_AUTHENTICATED = 0x02, 0x00, 1
+
+
+def test_what_claims_a_tag_is_refused_without_a_key_but_for_a_stop() -> None:
+    writer = Numbered()
+    writer.go(VELOCITY)
+    for counter in range(1, 5):
+        payload = struct.pack("<hhBB", 2000, 0, 200, counter)
+        writer.frame(1, VELOCITY_SETPOINT, payload, FLAG_AUTHENTICATED)
+        writer.frame(1, VELOCITY_SETPOINT, payload + bytes(12), FLAG_AUTHENTICATED)
+    writer.wait(30_000)
+    driven = len([act for act in writer.acts if isinstance(act, Step)])
+    writer.frame(1, STOP, struct.pack("<HB", 900, StopCause.HARDWARE), FLAG_AUTHENTICATED)
+    writer.wait(30_000)
+    told = compare(writer.acts)
+    assert {step.motors for step in told[:driven]} == {(0, 0)}
+    assert told[-1].stop_cause == StopCause.HARDWARE
+
+
+@pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])
+def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(*, can: bool) -> None:
+    for fields in range(5):
+        writer = Writer(can=can)
+        writer.say(Describe(0x04, fields))
+        writer.begin()
+        told = compare(writer.acts, can=can)
+        assert told[-1].agreed
+        assert told[-1].session_id == 7

@@ -123,6 +123,14 @@ static bool next_can(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *
     return false;
 }
 
+/* There is no key here to check a tag with. A stop needs none; on a bus the tag is a frame of its
+ * own. */
+static bool claims_a_tag(const line_t *line, const sp_frame_t *frame)
+{
+    return !line->can && (frame->flags & SP_FLAG_AUTHENTICATED) != 0
+        && frame->type != SP_TYPE_STOP;
+}
+
 bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arrived_us)
 {
     while (line->can ? next_can(line, inbox, frame, arrived_us)
@@ -133,7 +141,7 @@ bool line_receive(line_t *line, inbox_t *inbox, sp_frame_t *frame, uint32_t *arr
             continue;
         }
         line->intact += !line->can;
-        if (sender == SP_FROM_HOST) {
+        if (sender == SP_FROM_HOST && !claims_a_tag(line, frame)) {
             return true;
         }
         line->refused++;

@@ -11,7 +11,7 @@ static const struct {
     uint8_t size;
     uint8_t fields;
     uint8_t bytes[FIELDS_MAX];
-    bool open_end; /* what is longer is taken too: a text, or never changed */
+    bool open_end; /* a bootstrap message: never changed, and what is longer is taken too */
 } table[HOST_MESSAGES] = {
     {SP_TYPE_STOP, SP_STOP_SIZE, 2, {2, 1}, true},
     {SP_TYPE_VELOCITY_SETPOINT, SP_VELOCITY_SETPOINT_SIZE, 4, {2, 2, 1, 1}, false},
@@ -65,7 +65,8 @@ void payloads_reset(payloads_t *payloads)
 void payloads_described(payloads_t *payloads, const sp_describe_t *question)
 {
     const unsigned i = place_of(question->described_type);
-    if (i < HOST_MESSAGES) {
+    /* What never changes is not shortened: without its fields nobody could agree again. */
+    if (i < HOST_MESSAGES && !table[i].open_end) {
         const bool fewer = question->field_count < table[i].fields;
         payloads->known_fields[i] = fewer ? (uint8_t)(question->field_count + 1u) : 0u;
     }
@@ -79,8 +80,8 @@ bool payloads_fit(payloads_t *payloads, sp_frame_t *frame)
     }
     const uint8_t whole = table[i].size;
     const bool all_known = payloads->known_fields[i] == 0;
-    if (frame->length == whole && (all_known || frame->type != SP_TYPE_HOST_HELLO)) {
-        return true; /* a hello has a text behind: its length alone says nothing */
+    if (frame->length == whole) {
+        return true;
     }
     if (all_known) {
         return frame->length > whole && table[i].open_end;

@@ -1,0 +1,137 @@
+"""What can be done to a device by writing to its line, without its key or without a session."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from protocol.authentication import Authenticator
+from protocol.catalogue import CATALOGUE
+from protocol.link import Link, Received
+from protocol.message import Direction, Message
+from protocol.messages import (
+    Ack,
+    Challenge,
+    ClearStop,
+    Describe,
+    Hello,
+    HostHello,
+    SetMode,
+    Stop,
+    TimeRequest,
+    VelocitySetpoint,
+)
+from protocol.uart import FLAG_AUTHENTICATED, encode_frame
+from protocol.values import Mode, StopCause
+from support.ends import sweeper
+
+KEY = bytes(range(1, 17))
+SESSION = 77
+STOP, HOST_HELLO = 0x00, 0x04
+SPAN_US = 1 << 32
+LATE_US = 9_900_000
+
+
+class Line:
+    """A device on a line, a host whose stamps are chosen, and a stranger who has no key."""
+
+    def __init__(self, key: bytes | None) -> None:
+        self.device = sweeper()
+        self.device.flash.key = key
+        self.device.firmware.keyring.take()
+        self.host, self.stranger = Link(Direction.HOST), Link(Direction.HOST)
+        self.host.key = None if key is None else Authenticator(key)
+        self._ears = Link(Direction.HOST)
+        self.now_us = 0
+        self.heard: list[Message] = []
+        self.wait(1_000_000)
+
+    def wait(self, for_us: int, data: bytes = b"") -> None:
+        self.now_us += for_us
+        out = self.device.step(data, self.now_us)
+        for event in self._ears.receive(out, self.now_us):
+            if isinstance(event, Received):
+                self.heard.append(event.message)
+
+    def say(self, link: Link, message: Message, late_us: int = 0) -> None:
+        link.send(message, (self.now_us - late_us) % SPAN_US, node=1)
+        self.wait(20_000, link.data_to_send())
+
+    def begin(self) -> None:
+        self.say(self.host, HostHello(CATALOGUE.hash, SESSION, 0, "host"))
+        hello = next(m for m in reversed(self.heard) if isinstance(m, Hello))
+        if self.host.key is not None:
+            challenge = next(m for m in reversed(self.heard) if isinstance(m, Challenge))
+            self.host.key.begin(hello.boot_id, SESSION, challenge.counter)
+        self.say(self.host, HostHello(CATALOGUE.hash, SESSION, 1, "host"))
+        self.say(self.host, ClearStop(1, StopCause.SESSION_END))
+        self.say(self.host, SetMode(2, Mode.VELOCITY))
+
+    @property
+    def moving(self) -> bool:
+        return abs(self.device.plant.truth.v_m_s) > 1e-3
+
+    @property
+    def cause(self) -> StopCause:
+        return self.device.firmware.latch.cause
+
+
+def test_stamps_of_unsigned_frames_make_no_old_setpoint_fresh() -> None:
+    """Three pings take the device's notion of the host's clock once around its 32 bits."""
+    line = Line(KEY)
+    line.begin()
+    for ahead_us in (0x5555_0000, 0xAAAA_0000, SPAN_US - LATE_US - 100_000):
+        line.say(line.stranger, TimeRequest(1), late_us=-ahead_us)
+    for counter in range(50):
+        line.say(line.host, VelocitySetpoint(2000, 0, 200, counter), late_us=LATE_US)
+        assert not line.moving
+    for counter in range(50, 100):
+        line.say(line.host, VelocitySetpoint(2000, 0, 200, counter))
+    assert line.moving  # nor do they make a fresh one old
+
+
+def test_a_refused_frame_keeps_no_session_alive() -> None:
+    line = Line(KEY)
+    line.begin()
+    for counter in range(80):
+        line.say(line.stranger, VelocitySetpoint(2000, 0, 200, counter))
+    assert line.cause is StopCause.LINK
+    assert not line.device.firmware.agreed
+
+
+@pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
+@pytest.mark.parametrize("fields", range(5))
+def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(
+    fields: int, key: bytes | None
+) -> None:
+    line = Line(key)
+    line.say(line.stranger, Describe(HOST_HELLO, fields))
+    line.begin()
+    assert line.device.firmware.agreed
+    assert line.device.firmware.session_id == SESSION
+
+
+@pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
+def test_a_stop_with_a_wrong_tag_is_a_stop(key: bytes | None) -> None:
+    line = Line(key)
+    line.begin()
+    payload = struct.pack("<HB", 900, StopCause.OPERATOR)
+    for tag in (b"", bytes(12)):
+        line.heard.clear()
+        line.wait(20_000, encode_frame(1, STOP, 0, 0, payload + tag, FLAG_AUTHENTICATED))
+        assert line.cause is StopCause.OPERATOR
+        assert Ack(900, STOP) in line.heard
+        line.say(line.host, ClearStop(3 + len(tag), StopCause.OPERATOR))
+        assert not line.device.firmware.latch.latched
+
+
+def test_a_stop_is_no_proof_of_the_key() -> None:
+    """Its flag is anybody's: a stop must not count as a signed frame where its stamp would."""
+    line = Line(KEY)
+    line.begin()
+    stop = Stop(901, StopCause.SESSION_END)
+    payload = struct.pack("<HB", *stop)
+    line.wait(20_000, encode_frame(1, STOP, 0, 0, payload + bytes(12), FLAG_AUTHENTICATED))
+    line.say(line.stranger, ClearStop(902, StopCause.SESSION_END))
+    assert line.cause is StopCause.SESSION_END
