@@ -513,7 +513,8 @@ class Mission:
             return
         reason = f"{ending.reason}; the device did not confirm the stop"
         self.ending = replace(ending, reason=reason)
-        if self.drive_started_s is not None:
+        # Before the first move as well, where the end was one in order: the device may be enabled.
+        if self.drive_started_s is not None or not (self.runner is None or ending.exit_status):
             self.ending = replace(self.ending, outcome="fault", exit_status=3)
 
     def _finish(self, now_s: float) -> None:

@@ -408,3 +408,16 @@ def test_a_drive_whose_session_fails_reports_that_no_stop_is_confirmed() -> None
     assert end is not None
     assert end.reason == "another device; the device did not confirm the stop"
     assert end.exit_status == 3
+
+
+@pytest.mark.parametrize("enabled", [False, True], ids=["asked to", "settling"])
+def test_a_device_that_dies_before_the_first_move_gives_status_3(*, enabled: bool) -> None:
+    """It may have been enabled; an end in order must not pass for one that is confirmed."""
+    mission = made(settle_s=2.0)
+    mission.on_ready(10.0)
+    mission.on_status(status(), 12.0)
+    if enabled:
+        mission.on_command(accepted(SetMode(1, 1)), 14.0)
+    mission.on_lost(15.0)
+    mission.end_unheard(Ending("stopped", "so", 0), 16.0)
+    assert ending(mission) == Ending("fault", "so; the device did not confirm the stop", 3)
