@@ -91,6 +91,12 @@ class NoDeviceError(PortError):
     """The port is open, but no sweeper answers on it."""
 
 
+class SeveralDevicesError(NoDeviceError):
+    """Several devices answer on a bus, and none was chosen by its node."""
+
+    exit_status = 2
+
+
 class DeviceLostError(PortError):
     """The device fell silent or its port vanished, and it did not come back."""
 

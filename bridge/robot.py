@@ -29,6 +29,7 @@ from bridge.errors import (
     DeviceLostError,
     DisagreementError,
     NoDeviceError,
+    SeveralDevicesError,
     StoppedForSafetyError,
 )
 from bridge.host import Host
@@ -79,6 +80,11 @@ HUNG_NS = 1_000_000_000
 longest wait. The device has stopped by then, for its velocity has expired."""
 _POLL_S = 0.02
 
+_UNREADY: dict[int, type[BridgeError]] = {
+    kind.exit_status: kind for kind in (DisagreementError, SeveralDevicesError)
+}
+"""Error of a session that failed, by the status that its run ended with."""
+
 
 class Robot:
     """One open robot; use it as a context manager."""
@@ -108,6 +114,7 @@ class Robot:
         Raises:
             PortError: the port cannot be opened.
             NoDeviceError: no sweeper answered.
+            SeveralDevicesError: several did, and ``node`` was not given.
             DisagreementError: it speaks another protocol.
 
         """
@@ -156,8 +163,8 @@ class Robot:
             ending = self._seen.ending
             self._end(Ending("stopped", "no agreement", 0))
             text = ending.reason if ending else f"no agreement within {self._timeout_s:g} s"
-            kind = DisagreementError if ending and ending.exit_status == 4 else NoDeviceError  # noqa: PLR2004 - the contract's status
-            error = kind(f"{self._name}: {text}")
+            status = ending.exit_status if ending else NoDeviceError.exit_status
+            error = _UNREADY.get(status, NoDeviceError)(f"{self._name}: {text}")
             error.remedy = ending.remedy if ending else None
             raise error
 

@@ -156,6 +156,8 @@ class Session(SessionHandshake):
                         events.append(_new(Data, (event, now_ns)))  # nearly all of them
                     else:
                         self._handle(event, now_ns)
+                elif self.state is State.OPENING:
+                    self._evidence.nodes.add(event[1][1])
             elif not isinstance(event, Received):
                 if isinstance(event, Rejected):
                     self._evidence.note(event)

@@ -80,7 +80,7 @@ class Failed:
 
     kind: str
     """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``restless``,
-    ``disagreement``, ``other_device``, ``other_host`` or ``several``."""
+    ``disagreement``, ``other_device``, ``other_host``, ``other_node`` or ``several``."""
     text: str
 
 

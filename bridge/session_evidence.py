@@ -33,6 +33,8 @@ class Evidence:
     """Bytes."""
     versions: set[int] = field(default_factory=set)
     """Other protocol versions that intact frames named."""
+    nodes: set[int] = field(default_factory=set)
+    """Nodes of intact frames from devices, where another one was asked for."""
     echoes: int = 0
     """Messages that only a host sends."""
     beginning: bytes = b""
@@ -71,6 +73,12 @@ class Evidence:
         elif self.echoes:
             kind = "echo"
             text = "our own bytes come back: RX and TX are joined, or echo is on"
+        elif self.nodes:
+            heard = ", ".join(map(str, sorted(self.nodes)))
+            kind = "other_node"
+            text = (
+                f"the node that was asked for does not answer; choose what is heard: node {heard}"
+            )
         elif (words := self.words) is not None:
             kind, text = "words", f"the other end says: {words}"
         elif damaged:

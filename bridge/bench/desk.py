@@ -16,6 +16,7 @@ from bridge.errors import (
     DisagreementError,
     NoDeviceError,
     PortError,
+    SeveralDevicesError,
     StoppedForSafetyError,
 )
 from bridge.refusals import check_known, check_outcome
@@ -59,7 +60,8 @@ LINK_S = 4.0
 SILENT_NS = 100_000_000
 """Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
 judges a silence, within a second."""
-_DAMAGE_IS_NOISE = frozenset({"silence", "garbage", "echo", "deaf", "restless"})
+_DISAGREES = frozenset({"disagreement", "version"})
+"""Failures of a session in which a device answers and does not agree."""
 M = TypeVar("M", bound="Message")
 
 
@@ -118,7 +120,11 @@ class Desk:
         failed = self._failed
         if failed is None:
             return NoDeviceError(f"no sweeper answered within {timeout_s:g} s")
-        kind = NoDeviceError if failed.kind in _DAMAGE_IS_NOISE else DisagreementError
+        if failed.kind == "several":
+            error = SeveralDevicesError(failed.text)
+            error.remedy = Remedy.NODE
+            return error
+        kind = DisagreementError if failed.kind in _DISAGREES else NoDeviceError
         return kind(failed.text)
 
     @property

@@ -42,6 +42,10 @@ LOGIC_V = 4.5
 LOAD_PERCENT = 90
 STALE_SHARE = 0.02
 _SHOWN = 3
+_CONTACT = frozenset(
+    {"no_data", "wrong_baud", "no_answer", "echo", "other_node", "words", "version"}
+)
+"""Failures of a session that are findings of the same name."""
 _WARN, _BAD, _NOTE = Severity.WARNING, Severity.ERROR, Severity.INFO
 
 
@@ -106,7 +110,7 @@ class Examination:
             kind, text = self.failure
             known = {"silence": "no_data", "garbage": "wrong_baud", "deaf": "no_answer"}
             kind = known.get(kind, kind)
-            if kind in {"no_data", "wrong_baud", "no_answer", "echo", "words", "version"}:
+            if kind in _CONTACT:
                 yield Finding(kind, _BAD, text)
                 return
             yield Finding("schema" if kind == "disagreement" else "no_answer", _BAD, text)

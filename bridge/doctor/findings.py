@@ -22,6 +22,7 @@ ADVICE: Mapping[str, str] = MappingProxyType(
         "wrong_baud": "open it at the rate of the firmware with --baud, or see whether this is a "
         "sweeper at all",
         "echo": "RX and TX are joined, or the adapter echoes: part them, turn echo off",
+        "other_node": "give --node the number that is heard, or leave --node out",
         "words": "something else is on this port: end it, or choose another port",
         "version": "update the older of the two: firmware or sweepctl",
         "schema": "update the older of the two; what differs is not used, the rest works",

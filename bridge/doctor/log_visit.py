@@ -41,7 +41,7 @@ FROZEN = 60
 _FAILURES = frozenset(
     {
         *("silence", "garbage", "echo", "words", "version", "deaf", "restless"),
-        *("disagreement", "other_host"),
+        *("disagreement", "other_host", "other_node"),
     }
 )
 _SHOWN = 5

@@ -21,7 +21,7 @@ from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from can.interfaces.virtual import VirtualBus
 
 import bridge
-from bridge.errors import BridgeError, PortBusyError, PortError
+from bridge.errors import PortBusyError, PortError, SeveralDevicesError
 from bridge.io.can_port import CanPort
 from bridge.io.multicast import MulticastBus
 from bridge.io.ports import open_port
@@ -97,7 +97,7 @@ def wait_for(true: object, patience_s: float = 10.0) -> bool:
 def test_the_virtual_bus_of_one_process_with_two_robots_and_a_listener() -> None:
     tap = can.Bus(interface="virtual", channel="sweepers", ignore_config=True)
     with device_on("can:virtual:sweepers"), device_on("can:virtual:sweepers", node=2):
-        with pytest.raises(BridgeError, match=r"several devices answer.*node 1.*node 2"):
+        with pytest.raises(SeveralDevicesError, match=r"several devices answer.*node 1.*node 2"):
             bridge.open("can:virtual:sweepers")
         with bridge.open("can:virtual:sweepers", node=2) as robot:
             assert wait_for(lambda: robot.imu.latest is not None)
@@ -194,6 +194,10 @@ def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) ->
         assert re.search(r"node 1: .*node 2: ", several.complaint)
         assert several.err.count("several devices answer") == 1
         assert not (tmp_path / "several.mcap").exists()
+        with Command("bringup", one.port, cwd=tmp_path) as bench:
+            refused = bench.end()
+        assert refused.status == several.status
+        assert refused.complaint.endswith("; choose one with --node N")
         arguments = ("--node", "2", "--plan", "paper", "--json")
         with Command("connect", one.port, *arguments, "--out", "two.mcap", cwd=tmp_path) as host:
             host.says("run is driving")

@@ -239,6 +239,9 @@ def test_only_the_node_asked_for_is_heard() -> None:
     ends = Ends(host, sweeper(node=2))
     assert ends.run(4.0, lambda: host.session.state is State.FAILED)
     assert host.of(Data) == []
+    (failed,) = host.of(Failed)
+    assert failed.kind == "other_node"
+    assert failed.text.endswith("node 2")
 
 
 def test_heartbeats_keep_the_link_for_as_long_as_the_host_lives() -> None:

@@ -14,7 +14,7 @@ from tools.paths import is_file, is_folder, is_there
 if TYPE_CHECKING:
     from bridge.doctor import Examination, Finding
 
-_NO_DEVICE = frozenset({"no_data", "no_answer", "wrong_baud", "echo", "words"})
+_NO_DEVICE = frozenset({"no_data", "no_answer", "wrong_baud", "echo", "other_node", "words"})
 _NO_AGREEMENT = frozenset({"version"})
 
 
