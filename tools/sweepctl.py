@@ -91,10 +91,14 @@ _LIVE = {
 """Commands with a loop, a port or a log to close: they never wait for who reads their output."""
 
 
+_STOP = "stop"
+"""Command that is not done before the device has confirmed it, Ctrl-C or not."""
+
+
 def run(arguments: list[str] | None = None) -> int:
     """Run the command line; its exit status."""
     given = sys.argv[1:] if arguments is None else arguments
-    if next((word for word in given if not word.startswith("-")), None) not in _LIVE:
+    if _command_of(given) not in _LIVE:
         return _run(given)
     with QueuedOutput() as output:
         status = _run(given)
@@ -105,8 +109,15 @@ def _run(arguments: list[str]) -> int:
     try:
         return _invoke(arguments)
     except (click.Abort, KeyboardInterrupt):
+        if _command_of(arguments) == _STOP:  # where a script asks for one, 0 means that it stands
+            complain("interrupted: no stop is confirmed; see that the robot stands")
+            return 3
         complain("interrupted")
         return 0
+
+
+def _command_of(arguments: list[str]) -> str | None:
+    return next((word for word in arguments if not word.startswith("-")), None)
 
 
 def _invoke(arguments: list[str]) -> int:

@@ -67,9 +67,9 @@ def command(
                     f"--key-file {new} it has, else delete the file"
                 )
             raise
-    if as_json:
-        write_json({"port": port, "key": made is not None})
-    else:
-        said = f"set; keep {new}: it is told nowhere else" if new else "removed"
-        say(f"{port}: the key is {said}")
+        if as_json:  # before the port is closed, which Ctrl-C may cut off
+            write_json({"port": port, "key": made is not None})
+        else:
+            said = f"set; keep {new}: it is told nowhere else" if new else "removed"
+            say(f"{port}: the key is {said}")
     return 0

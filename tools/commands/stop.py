@@ -20,7 +20,8 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
 
     Where another sweepctl has the port, it is asked to stop the robot and ends its run; else the
     port is opened and the stop sent until the device confirms it. Without --node every robot on
-    a bus is stopped. The robot moves again only with --clear-stop, given by a person who looked.
+    a bus is stopped. Status 3 where it is not confirmed, after Ctrl-C too. The robot moves again
+    only with --clear-stop, given by a person who looked.
     """
     from bridge.errors import BridgeError, NoOwnerError, PortError
     from bridge.io.reopening import Opener, PortOptions
