@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import errno
 import os
-import select
 import time
 from collections import deque
 from contextlib import suppress
@@ -20,6 +19,7 @@ from bridge.errors import PortBusyError, PortError
 from bridge.io.device_lock import DeviceLock
 from bridge.io.multicast import MulticastBus
 from bridge.io.port_names import CAN_EXAMPLE
+from bridge.io.readable import readable
 from protocol.can_frames import RECORD
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class CanPort:
         if self._fd < 0:
             return self._wait_polling(timeout_s)
         try:
-            ready, _, _ = select.select([self._fd, self._wake_read], [], [], max(0.0, timeout_s))
+            ready = readable([self._fd, self._wake_read], max(0.0, timeout_s))
             if self._wake_read in ready:
                 self._drain_wakes()
             records: list[bytes] = []
@@ -120,7 +120,7 @@ class CanPort:
                 if self._fd not in ready:
                     break
                 self._take(self._receive(0.0), records)
-                ready, _, _ = select.select([self._fd], [], [], 0.0)
+                ready = readable([self._fd], 0.0)
         except (can.CanError, OSError, TypeError) as error:
             raise PortError(f"{self.name} is gone: {_reason(error)}") from None
         return b"".join(records)
@@ -257,14 +257,7 @@ def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> c
         return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
     except can.CanInterfaceNotImplementedError as error:
         raise PortError(f"cannot open {port}: {_reason(error)}") from None
-    except (
-        can.CanError,
-        OSError,
-        ValueError,
-        AttributeError,
-        ImportError,
-        NotImplementedError,
-    ) as error:
+    except Exception as error:  # noqa: BLE001 - a driver of others, whose library may be missing
         cause: BaseException = error.__cause__ or error
         number = getattr(cause, "errno", None)
         if number in {errno.EBUSY, errno.EAGAIN}:

@@ -11,7 +11,6 @@ import errno
 import ipaddress
 import operator
 import platform
-import select
 import socket
 import struct
 from contextlib import suppress
@@ -20,6 +19,8 @@ from typing import Any
 
 import can
 from can.interfaces.udp_multicast.utils import is_msgpack_installed, pack_message, unpack_message
+
+from bridge.io.readable import readable
 
 PORT = 43113
 """UDP port: that of python-can's ``udp_multicast``."""
@@ -50,7 +51,7 @@ class MulticastBus(can.BusABC):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         try:
-            ready, _, _ = select.select([self._socket], [], [], timeout)
+            ready = readable([self._socket.fileno()], timeout)
             if not ready:
                 return None, False
             for _ in range(_FOREIGN_MAX):

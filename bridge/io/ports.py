@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import select
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, Self
@@ -14,6 +13,7 @@ import serial
 from bridge.errors import KeyExposedError, PortBusyError, PortError
 from bridge.io.device_lock import owner_pid
 from bridge.io.port_names import misspelt, tcp_mistake
+from bridge.io.readable import readable
 from bridge.session_evidence import BEGINNING, words_of
 from protocol.can_link import CanLink
 from protocol.link import Link, LinkBase
@@ -85,9 +85,9 @@ class SerialPort:
             return None
         try:
             fd: int = self._port.fileno()
-            select.select([fd, self._wake_read], [], [], 0)
+            readable([fd, self._wake_read], 0.0)
         except (OSError, ValueError, NotImplementedError, AttributeError):
-            return None  # above 1023 too, which select cannot
+            return None
         os.set_blocking(fd, False)
         return fd
 
@@ -104,7 +104,7 @@ class SerialPort:
                 return bytes(self._port.read(max(1, self._port.in_waiting)))
             # Not pyserial's read: it selects once more, and its errors are many words.
             wanted = [fd, self._wake_read]
-            ready, _, _ = select.select(wanted, [], [], max(0.0, timeout_s))
+            ready = readable(wanted, max(0.0, timeout_s))
             if self._wake_read in ready:
                 self._drain_wakes()
             if fd not in ready:
@@ -242,8 +242,8 @@ def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial:
         port.open()
     except (serial.SerialException, OSError) as error:
         raise _open_error(url, error) from None
-    except ValueError as error:
-        raise PortError(misspelt(url) or f"{url} is not a port: {error}") from None
+    except Exception as error:  # noqa: BLE001 - its URLs have options, patterns and mistakes
+        raise PortError(misspelt(url) or f"{url} is not a port: {_reason(error)}") from None
     return port
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import resource
 import socket
 import threading
 import tty
@@ -146,3 +147,36 @@ def test_opening_leaves_no_descriptor_behind(wire: Pty, tmp_path: Path) -> None:
         with pytest.raises(PortError):
             SerialPort(str(tmp_path / "file"))
     assert _descriptors() == before
+
+
+@pytest.fixture(name="crowded")
+def _crowded() -> Iterator[None]:
+    """A process that has 1200 files open."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(4096, hard)), hard))
+    held: list[int] = []
+    try:
+        held.append(os.open(os.devnull, os.O_RDONLY))
+        while len(held) < 1200:
+            held.append(os.dup(held[0]))
+        yield
+    finally:
+        for number in held:
+            os.close(number)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.usefixtures("crowded")
+def test_a_port_works_in_a_process_with_a_thousand_files(wire: Pty) -> None:
+    """Its descriptor is beyond what ``select`` takes."""
+    with SerialPort(wire.path) as port:
+        assert port.wait(0.0) == b""
+        os.write(wire.master, b"hello")
+        assert port.wait(5.0) == b"hello"
+        assert port.write(b"x") == 1
+        assert os.read(wire.master, 10) == b"x"
+        threading.Timer(0.05, port.wake).start()
+        assert port.wait(5.0) == b""
+        wire.hang_up()
+        with pytest.raises(PortError, match="is gone"):
+            port.wait(5.0)

@@ -88,3 +88,15 @@ def test_what_can_be_a_port_is_let_pass(name: str) -> None:
 @pytest.mark.parametrize("name", ["/dev/ttyUSB0", "COM3", "loop://", "spy:///dev/ttyUSB0"])
 def test_a_path_is_no_misspelling(name: str) -> None:
     assert misspelt(name) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("hwgrep://(", "unterminated"),
+        ("loop://?logging=x", "is not a port: 'x'"),
+        ("can:socketcand:x", "cannot open can:socketcand:x: "),
+    ],
+)
+def test_whatever_a_library_raises_for_a_name_is_told_in_a_line(name: str, text: str) -> None:
+    assert text in told(name)
