@@ -100,8 +100,12 @@ class McapCopy:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        try:
+            self._file.close()
+        except OSError as error:
+            if kind is None:  # else that is why, and it is on its way
+                raise LogWriteError(self.path, error.strerror or str(error)) from None
 
     def header(self, profile: str, library: str) -> None:
         """Write the header, once: before everything else."""

@@ -6,8 +6,9 @@ import fnmatch
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 from zlib import crc32
 
 from mcap.records import Channel
@@ -99,18 +100,17 @@ def export(  # noqa: PLR0913 - what can be asked for
     result = Exported()
     work = _Exporter(path, out, file_format, topics, result, force=force)
     try:
-        work.plan(topic for part in parts for topic in _topics_with_messages(part))
-        work.check_free()
-        for part in parts:
-            for block in blocks(part, work.begin(), result.problems, block_bytes):
-                work.take(block)
-            work.finish()
+        with work:
+            work.plan(topic for part in parts for topic in _topics_with_messages(part))
+            work.check_free()
+            for part in parts:
+                for block in blocks(part, work.begin(), result.problems, block_bytes):
+                    work.take(block)
+                work.finish()
     except OSError as error:
         if isinstance(error, BridgeError):
             raise
         raise LogWriteError(out, error.strerror or str(error)) from None
-    finally:
-        work.close()
     return result
 
 
@@ -272,11 +272,20 @@ class _Exporter:
         self._result.files[topic] = file
         return writer
 
-    def close(self) -> None:
-        """End every file."""
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End every file.
+
+        Raises:
+            OSError: one could not be written to its end.
+
+        """
         self._pool.shutdown()
-        for writer in self._writers.values():
-            writer.close()
+        with ExitStack() as writers:  # each is closed, whatever becomes of the others
+            for writer in self._writers.values():
+                writers.callback(writer.close)
 
 
 def _form(declared: Declared, channel_id: int) -> Form:

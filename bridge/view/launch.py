@@ -84,13 +84,16 @@ def write_rerun_file(path: Path, file: Path) -> LogReader:
         file.open("wb").close()
     except OSError as error:
         raise LogWriteError(file, error.strerror or str(error)) from None
-    stream.save(file)
     try:
-        run = to_rerun(path, stream)
-        stream.send_blueprint(blueprint(run.plan, run.duration_s))
-    finally:
-        stream.flush()
-        stream.disconnect()
+        stream.save(file)
+        try:
+            run = to_rerun(path, stream)
+            stream.send_blueprint(blueprint(run.plan, run.duration_s))
+        finally:
+            stream.flush()
+            stream.disconnect()
+    except RuntimeError as error:  # of Rerun's writing thread, on a full disk for one
+        raise LogWriteError(file, str(error)) from None
     return run.reader
 
 

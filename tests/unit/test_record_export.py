@@ -172,3 +172,14 @@ def test_the_command(log: Path, tmp_path: Path) -> None:
     file = done.json["files"]["/pose"]
     with Path(file["file"]).open() as text:
         assert sum(1 for _ in text) == file["rows"] + 1
+
+
+@pytest.mark.parametrize("name", ["parquet", "csv"])
+def test_a_full_disk_is_told_with_what_is_written(log: Path, tmp_path: Path, name: str) -> None:
+    out = tmp_path / "tables"
+    out.mkdir()
+    (out / f"pose.{name}").symlink_to("/dev/full")
+    form = ["--format", name]
+    done = sweepctl("export", log, "--out", out, "--topic", "/pose", "--force", "--json", *form)
+    assert done.status == 1
+    assert done.json["reason"].startswith(f"cannot write {out}")

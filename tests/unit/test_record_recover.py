@@ -321,3 +321,11 @@ def test_the_command(log: Path, tmp_path: Path) -> None:
     assert "--force" in again.line
     assert sweepctl("recover", broken, "--out", out, "--force").status == 0
     assert sweepctl("recover", broken).status == 2
+
+
+def test_a_full_disk_is_told_with_the_file_that_is_written(log: Path, tmp_path: Path) -> None:
+    out = tmp_path / "full.mcap"
+    out.symlink_to("/dev/full")
+    done = sweepctl("recover", log, "--out", out, "--force")
+    assert done.status == 1
+    assert f"cannot write {out}: No space left on device" in done.line
