@@ -14,12 +14,13 @@ import io
 import os
 import signal
 import sys
+import warnings
 from pathlib import Path
 from typing import Any, TextIO
 
 import click
 
-from tools.console import complain, flush, write_json
+from tools.console import complain, flush, say, write_json
 from tools.output_queue import QueuedOutput
 from tools.start import interrupted
 from tools.version import VERSION
@@ -107,7 +108,9 @@ def run(arguments: list[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     try:
-        return _invoke(arguments)
+        with warnings.catch_warnings():
+            warnings.showwarning = _warned
+            return _invoke(arguments)
     except (click.Abort, KeyboardInterrupt):
         if _command_of(arguments) == _STOP:  # where a script asks for one, 0 means that it stands
             complain("interrupted: no stop is confirmed; see that the robot stands")
@@ -118,6 +121,18 @@ def _run(arguments: list[str]) -> int:
 
 def _command_of(arguments: list[str]) -> str | None:
     return next((word for word in arguments if not word.startswith("-")), None)
+
+
+def _warned(  # noqa: PLR0913, PLR0917 - the library's interface
+    message: Warning | str,
+    category: type[Warning],  # noqa: ARG001 - as above
+    filename: str,  # noqa: ARG001 - as above
+    lineno: int,  # noqa: ARG001 - as above
+    file: TextIO | None = None,  # noqa: ARG001 - as above
+    line: str | None = None,  # noqa: ARG001 - as above
+) -> None:
+    """Print a library's warning as our own: it may quote a text from outside."""
+    say(f"warning: {message}")
 
 
 def _invoke(arguments: list[str]) -> int:

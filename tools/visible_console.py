@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
-from rich.console import Console
+from rich.console import Console, ConsoleDimensions
 from rich.protocol import rich_cast
 from rich.segment import Segment
 from rich.text import Span, Text
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 _KEPT = "\n\t"
 """Characters that Rich lays out itself: line ends, and tabs."""
+MAX_COLUMNS, MAX_ROWS = 500, 200
+"""Size up to which a window is filled, characters. A screen of 3840 pixels has some 480 by 140. A
+terminal may report 65 535 by 65 535, of which one picture has 4 GB."""
 
 
 class VisibleConsole(Console):
@@ -27,6 +30,17 @@ class VisibleConsole(Console):
     def __init__(self, *, stderr: bool = False) -> None:
         """Write to stdout, or to stderr."""
         super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False)
+
+    @property
+    def size(self) -> ConsoleDimensions:
+        """Size of the terminal, as far as it is filled."""
+        size = super().size
+        return ConsoleDimensions(min(size.width, MAX_COLUMNS), min(size.height, MAX_ROWS))
+
+    @size.setter
+    def size(self, new_size: tuple[int, int]) -> None:
+        """Lay out for another size than the terminal's."""
+        self.width, self.height = new_size
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
+from mcap.writer import Writer
 
 from bridge.record.errors import LogWriteError
 from bridge.view import screenshot
@@ -133,3 +135,28 @@ def test_diff_writes_a_page_or_a_picture_and_says_so(log: Path, tmp_path: Path) 
     assert (tmp_path / "both.PNG").read_bytes().startswith(b"\x89PNG")
     assert sweepctl("diff", log, log, "--out", tmp_path / "run-1.5").status == 0
     assert (tmp_path / "run-1.5").read_bytes().startswith(b"<!doctype html>")
+
+
+def test_a_full_disk_ends_a_rerun_file_in_a_line(log: Path, tmp_path: Path) -> None:
+    rrd = tmp_path / "run.rrd"
+    rrd.symlink_to("/dev/full")
+    done = sweepctl("view", log, "--save", rrd, "--force")
+    assert done.status == 1
+    assert f"cannot write {rrd}: " in done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_warning_of_a_library_is_a_line_of_ours(tmp_path: Path) -> None:
+    """It may quote a text from outside: here a character that no font has."""
+    path = tmp_path / "named.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        summary = json.dumps({"room": "\x1b", "planner": "paper"}).encode()
+        writer.add_attachment(1, 1, "summary.json", "application/json", summary)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+    done = sweepctl("view", path, "--png", tmp_path / "named.png")
+    assert done.status == 0
+    assert "warning: Glyph 27 (\\x1b) missing" in done.err
+    assert "\x1b" not in done.err

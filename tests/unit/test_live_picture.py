@@ -7,6 +7,7 @@ import itertools
 
 import pytest
 from rich.console import Console
+from rich.screen import Screen
 
 from bridge.coverage.swept_map import SweptMap
 from bridge.dead_man import DeadMan
@@ -24,7 +25,7 @@ from tools.live import LivePicture, Teller
 from tools.live_map import swept_picture
 from tools.live_tables import Rates, status_line
 from tools.operating import Operating
-from tools.visible_console import VisibleConsole
+from tools.visible_console import MAX_COLUMNS, MAX_ROWS, VisibleConsole
 from tools.visible_text import is_visible
 
 MODEL = RobotModel()
@@ -181,3 +182,17 @@ def test_keys_fit_their_line() -> None:
         assert "STOP" in keys.help(width)
         assert "tap" in keys.help(width)
         assert "0.10 m/s" in keys.help(width), "a press is slow, whatever a stick would be"
+
+
+@pytest.mark.parametrize(("columns", "lines"), [("65535", "65535"), ("9" * 30, "1")])
+def test_a_terminal_that_reports_any_size_is_filled_as_far_as_a_screen_reaches(
+    columns: str, lines: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    monkeypatch.setenv("LINES", lines)
+    console = VisibleConsole(stderr=True)
+    assert console.size == (MAX_COLUMNS, min(int(lines), MAX_ROWS))
+    assert console.options.max_width == MAX_COLUMNS
+    console.file = io.StringIO()
+    console.print(Screen(LivePicture(host().snapshot, Teller(NullSink(), plain=False))))
+    assert len(console.file.getvalue()) < 5 * MAX_COLUMNS * MAX_ROWS
