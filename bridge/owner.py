@@ -218,7 +218,7 @@ class OwnerService:
 
     def _set(self, request: dict[str, Any]) -> Parameter:
         value = request.get("value")
-        if not isinstance(value, int | float | str):
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
             raise BridgeError("set needs a value, a number or a text")
         return self._asker.set_parameter(_name(request), value)
 

@@ -108,7 +108,7 @@ def _send(port: str, client: socket.socket, request: dict[str, Any]) -> None:
 def _next(port: str, answers: BufferedReader) -> dict[str, Any]:
     try:
         answer = json.loads(answers.readline(MAX_ANSWER))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         raise NoOwnerError(f"the owner of {port} hung up without an answer") from None
     if not isinstance(answer, dict) or not isinstance(answer.get("ok"), bool):
         raise NoOwnerError(f"what answers for {port} is no sweepctl")

@@ -207,7 +207,7 @@ def ask_control(path: Path, line: str) -> dict[str, Any]:
             ) from None
     try:
         reply = json.loads(received)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise PortUnavailableError(f"what answers on {path} is no emulator") from None
     if not isinstance(reply, dict) or not isinstance(reply.get("ok"), bool):
         raise PortUnavailableError(f"what answers on {path} is no emulator")
