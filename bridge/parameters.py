@@ -18,6 +18,7 @@ _F32 = struct.Struct("<f")
 _I32 = struct.Struct("<i")
 _U32 = struct.Struct("<I")
 _TRUE, _FALSE = frozenset({"true", "on", "yes", "1"}), frozenset({"false", "off", "no", "0"})
+_VALUES = ("value", "default", "low", "high")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +71,16 @@ class Parameter:
 
         """
         try:
-            return cls(**fields)
-        except TypeError as error:
+            texts = {n: float(fields[n]) for n in _VALUES if isinstance(fields.get(n), str)}
+            return cls(**{**fields, **texts})
+        except (TypeError, ValueError) as error:
             raise ParameterError(f"not a parameter: {error}") from None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
+        """For JSON, which has no infinite numbers: these are the texts nan, inf and -inf."""
+        fields = asdict(self)
+        odd = {n: str(fields[n]) for n in _VALUES if not math.isfinite(fields[n])}
+        return fields | odd
 
     def raw(self, value: float | str) -> int:
         """The 32 bits of a value, which must be of the parameter's kind and in its range.
@@ -101,6 +105,8 @@ class Parameter:
             if text not in _TRUE | _FALSE:
                 raise ParameterError(f"{self.name}: {shown(value)} is not true or false")
             return float(text in _TRUE)
+        if isinstance(value, bool):  # true is 1 to float(): 1 m/s for a top speed
+            raise ParameterError(f"{self.name}: {shown(value)} is not a number")
         try:
             number = float(value)
         except (ValueError, OverflowError):  # an integer beyond a float's range

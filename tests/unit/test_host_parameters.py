@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import pytest
@@ -73,3 +74,24 @@ def test_what_cannot_be_set() -> None:
 def test_a_name_that_there_is_not() -> None:
     assert "did you mean max_speed?" in closest("max_sped", ["max_speed", "node"])
     assert "there are node" in closest("zzz", ["node"])
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2])
+@pytest.mark.parametrize("value", [True, False])
+def test_a_truth_value_is_no_number(kind: int, value: bool) -> None:  # noqa: FBT001 - the value
+    """JSON's true would else set a top speed of 1 m/s."""
+    number = told(kind, 0, *(HALF, HALF, 0, TWO))
+    with pytest.raises(ParameterError, match=rf"{value} is not a number"):
+        number.raw(value)
+
+
+def test_numbers_that_json_lacks_are_texts_in_it() -> None:
+    odd = told(2, 0, *(0x7FC0_0000, HALF, 0xFF80_0000, 0x7F80_0000))
+    text = json.dumps(odd.to_dict(), allow_nan=False)
+    fields = json.loads(text)
+    assert (fields["value"], fields["low"], fields["high"]) == ("nan", "-inf", "inf")
+    again = Parameter.from_dict(fields)
+    assert math.isnan(again.value)
+    assert (again.default, again.low, again.high) == (0.5, -math.inf, math.inf)
+    with pytest.raises(ParameterError, match="not a parameter"):
+        Parameter.from_dict(fields | {"value": "fast"})
