@@ -22,13 +22,20 @@ pytestmark = pytest.mark.slow
 DOCUMENTED = {0, 1, 2, 3, 4}
 
 
+SAMPLE = 1
+"""Files of each group that `make test` takes; `make nightly` takes all."""
+
+
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("group", GROUPS)
-def test_no_log_fills_the_memory_or_ends_in_a_traceback(group: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("files", [SAMPLE, pytest.param(100, marks=pytest.mark.nightly, id="all")])
+def test_no_log_fills_the_memory_or_ends_in_a_traceback(
+    group: str, files: int, tmp_path: Path
+) -> None:
     """And ``info`` and ``recover`` still save the message that is whole."""
     environment = {**os.environ, "PYTHONPATH": "tests:.", "OPENBLAS_NUM_THREADS": "1"}
     ended = subprocess.run(
-        [sys.executable, "-m", "support.limited", group, str(tmp_path)],
+        [sys.executable, "-m", "support.limited", group, str(tmp_path), str(files)],
         env=environment,
         capture_output=True,
         text=True,
@@ -40,7 +47,8 @@ def test_no_log_fills_the_memory_or_ends_in_a_traceback(group: str, tmp_path: Pa
         assert told["status"] in DOCUMENTED, f"{what}: {told}"
         assert "Traceback" not in told["said"], f"{what}: {told}"
     recovered = sorted(tmp_path.glob("*-recover.mcap"))
-    assert len(recovered) == sum(what.endswith(": recover") for what in done) > 2
+    assert len(recovered) == sum(what.endswith(": recover") for what in done)
+    assert len(recovered) == files if files == SAMPLE else len(recovered) > 2
     for out in recovered:
         with out.open("rb") as file:
             messages = make_reader(file, validate_crcs=True).iter_messages(["/good"])

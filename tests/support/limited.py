@@ -1,4 +1,7 @@
-"""Run log commands with bounded memory: ``python -m support.limited GROUP FOLDER`` prints JSON."""
+"""Run log commands with bounded memory, on some of a group's files.
+
+``python -m support.limited GROUP FOLDER FILES`` prints JSON.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +38,13 @@ DRAWN = {"contents", "impostors"}
 
 
 def main() -> None:
-    """Each command on each file of the group, in a process of its own; how each of them ended."""
+    """Each command on each of the files, in a process of its own; how each of them ended."""
     from bridge.view import report  # noqa: F401, PLC0415 - loaded once for all
     from tools.sweepctl import run  # noqa: F401, PLC0415 - as above
 
-    group, folder = sys.argv[1], Path(sys.argv[2])
+    group, folder, files = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
     done: dict[str, dict[str, object]] = {}
-    for number, (name, data) in enumerate(GROUPS[group]().items()):
+    for number, (name, data) in enumerate([*GROUPS[group]().items()][:files]):
         file = folder / (re.sub(r"\W+", "-", name) + ".mcap")
         file.write_bytes(data)
         for command, words in COMMANDS.items():
