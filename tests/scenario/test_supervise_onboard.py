@@ -99,7 +99,7 @@ def test_a_loss_ends_the_plan_on_the_device_and_the_run() -> None:
     assert ends.device.firmware.latch.cause is StopCause.LINK
     assert host.mission.done, "silence is judged before the session gives up"
     assert "nothing of the device" in ending(host).reason
-    assert ending(host).exit_status == 5
+    assert ending(host).exit_status == 3, "nobody has confirmed the stop"
 
 
 def test_a_loss_that_is_not_judged_ends_the_run_when_the_device_is_back() -> None:
