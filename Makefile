@@ -151,4 +151,8 @@ $(INSTALLED): $(LOCKED) pyproject.toml
 	@echo '== installing sweepctl itself'
 	@$(call pip_install,--no-deps --no-build-isolation -e .)
 	@$(BIN)/python -m tools.warm
+	@for flags in '-g -fsanitize=undefined' '-O1 -g -fsanitize=undefined' -Os; do \
+		echo 'int main(void) { return 0; }' \
+		| $(BIN)/python -m ziglang cc $$flags -fsanitize-trap=undefined -x c - -lm -o $(VENV)/.compiled || exit 1; \
+	done; rm -f $(VENV)/.compiled
 	@touch $@

@@ -52,7 +52,6 @@ class Legs:
     """Two short legs, for a planner that watches, or one that does not."""
 
     state = None
-    most_m_s = 1.0
 
     def __init__(self) -> None:
         self.asked: list[float] = []
@@ -73,6 +72,8 @@ class Legs:
 
 class Watching(Legs):
     """As ``recovery`` is."""
+
+    most_m_s = 1.0
 
     def watch(self, _obs: Observation) -> bool:
         return False
