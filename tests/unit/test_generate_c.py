@@ -141,7 +141,8 @@ def test_a_cpp_compiler_takes_the_header(generated: Generated, name: str) -> Non
     user = generated.directory / "user.cpp"
     user.write_text(f'#include "{HEADER}"\nint main() {{ return sp_direction(0); }}\n')
     command = [*ZIG.command[:-1], "c++"] if name == "zig" else [tool(name)]
-    run([*command, "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", user, "-o", "/dev/null"])
+    out = generated.directory / "user.o"  # not /dev/null: zig then writes it here
+    run([*command, "-std=c++17", "-Wall", "-Wextra", "-Werror", "-c", user, "-o", out])
 
 
 # ---- on the chip ------------------------------------------------------------------------------
