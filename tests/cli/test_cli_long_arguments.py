@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 VALUES = {
     "a word": "a" * 100_000,
     "3000 digits": "9" * 3000,

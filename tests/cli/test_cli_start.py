@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 NOBODY = 65534
 """The user that owns nothing: what is closed to others is closed to it."""
 

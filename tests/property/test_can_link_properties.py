@@ -34,6 +34,8 @@ from support import strategies as wire
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+pytestmark = pytest.mark.slow
+
 HOST, DEVICE = Direction.HOST, Direction.DEVICE
 SPECS = list(CATALOGUE)
 STEP_US = 2_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from random import Random
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -24,6 +25,8 @@ from support.hostile import (
     Pipe,
     Wire,
 )
+
+pytestmark = pytest.mark.slow
 
 LONGEST_KEPT = 254
 

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from support.damaged_logs import MAGIC, Log, check_flip, contents, flipped, logs, recovered
 
+pytestmark = pytest.mark.slow
+
 NAMES = [log.name for log in logs()]
 _HEAD_BITS = 8 * len(MAGIC)
 

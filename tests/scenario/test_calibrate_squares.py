@@ -20,6 +20,8 @@ from support.bench_wire import Scripted, desk_on
 if TYPE_CHECKING:
     from bridge.bench.person import Person
 
+pytestmark = pytest.mark.slow
+
 PLAN = parse_floorplan('{"walls": [[0,0],[8,0],[8,8],[0,8]], "start": [4,4,0.3]}')
 MODEL = RobotModel()
 

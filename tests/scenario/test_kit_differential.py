@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.kit_compare import compare
 from support.kit_sessions import FAIR, HOSTILE, SENSED, write
+
+pytestmark = pytest.mark.slow
 
 EXAMPLES = settings().max_examples // 2
 """Of the profile's: 50, and 2500 in a search."""

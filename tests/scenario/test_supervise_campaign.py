@@ -19,6 +19,8 @@ from tools.virtual_run import EPOCH_NS
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 SHARE = ("wheel stuck, one", "one wheel slips by 30 %")
 
 

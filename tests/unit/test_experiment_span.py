@@ -22,6 +22,8 @@ from tools.experiment.trials import PERFECT, Kind, Trial, room_of
 from tools.experiment.worker import run_trial
 from tools.experiment.zimablue_run import limit_s as their_limit_s
 
+pytestmark = pytest.mark.slow
+
 MODEL = RobotModel()
 
 

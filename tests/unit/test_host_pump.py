@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from bridge.telemetry import Record
     from sim_device.device import VirtualSweeper
 
+pytestmark = pytest.mark.slow
+
 CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
 OPERATOR = Ending("stopped", "stopped from another shell", 5, StopCause.OPERATOR)
 

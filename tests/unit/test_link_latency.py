@@ -28,6 +28,8 @@ from support.bench_wire import desk_on
 from support.ends import Collector, Ends, HostEnd, Spinning, check_safe, spinning_host, sweeper
 from support.hostile import Piece, Pipe, Wire
 
+pytestmark = pytest.mark.slow
+
 MS = 1_000_000
 MODEL = RobotModel()
 STOP_S = 1.5

@@ -14,6 +14,8 @@ from mutation.targets import ROOT, TARGETS, Target
 if TYPE_CHECKING:
     from pathlib import Path
 
+pytestmark = pytest.mark.slow
+
 MODULE = """
 def sign(value):
     if value < 0:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from sim_device.plant import Plant
     from sim_device.sensors import SensorSuite
 
+pytestmark = pytest.mark.slow
+
 LANE_M, STEP_M = 1.77, 0.16
 """14 lanes and their side steps are 27 m."""
 MODEL = RobotModel()

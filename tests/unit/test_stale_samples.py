@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from protocol.message import Message
 
+pytestmark = pytest.mark.slow
+
 SECOND_US = 1_000_000
 SLACK_S = 0.1
 """A period of the slowest stream and of the control loop."""

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
 from support.cli import case_1, short_runs, sweepctl
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pytest
+
+pytestmark = pytest.mark.slow
 
 
 def test_two_runs_side_by_side(tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
+pytestmark = pytest.mark.slow
+
 C0, C1 = range(0x20), range(0x7F, 0xA0)
 BIDIRECTIONAL = [0x061C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A)]
 SEPARATORS = [0x2028, 0x2029]
