@@ -77,21 +77,12 @@ TARGETS = (
         "host",
         "bridge.host",
         _tests(
-            *(
-                "host_run",
-                "host_disturbances",
-                "host_parameters",
-                "host_warming",
-                "damaged_records",
-            ),
-            *(
-                "link_latency",
-                "stale_samples",
-                "session_again",
-                "shared_between_threads",
-                "summary",
-            ),
+            *("host_run", "host_disturbances", "host_parameters", "host_warming", "summary"),
+            *("link_latency", "stale_samples", "damaged_records", "session_again"),
+            "shared_between_threads",
         ),
+        covered=95.0,
+        unexamined=190,  # of 416, by a share of 48 of which 22 survived
     ),
 )
 
