@@ -501,8 +501,8 @@ class Robot:
         self._key = key
         session = self.host.session
         self._in_loop(lambda: session.set_key(key, clock.now()))
-        signs = lambda: self._pump.snapshot.session.signs  # noqa: E731 - asked below, again and again
-        if key is not None and not self._until(signs, STATUS_TIMEOUT_S):
+        # Of the session itself: a snapshot may still be the one before the key.
+        if key is not None and not self._until(lambda: session.signs, STATUS_TIMEOUT_S):
             raise DeviceLostError("the device did not answer with its challenge")
 
     # ---- the end --------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -56,7 +57,13 @@ class Outbox:
         self._link.send(message, now_ns // 1000, node=node, flags=flags, latest=latest)
 
     def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send a velocity, or the fastest that the wire can say."""
+        """Send a velocity, or the fastest that the wire can say.
+
+        Raises:
+            ValueError: a velocity is not a number.
+
+        """
+        _check(v_m_s, yaw_rate_rad_s, "velocity")
         self._setpoint_counter = counter = (self._setpoint_counter + 1) & 0xFF
         v, yaw_rate = _raw(v_m_s / 0.0001), _raw(yaw_rate_rad_s / 0.0002)
         node = NODE_ALL if self.node is None else self.node
@@ -64,7 +71,13 @@ class Outbox:
         self._link.send(message, now_ns // 1000, node=node, latest=True)
 
     def duty(self, left: float, right: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send motor duties, or the greatest that the wire can say."""
+        """Send motor duties, or the greatest that the wire can say.
+
+        Raises:
+            ValueError: a duty is not a number.
+
+        """
+        _check(left, right, "duty")
         self._setpoint_counter = counter = (self._setpoint_counter + 1) & 0xFF
         raw = [round(10_000 * max(-1.0, min(1.0, duty))) for duty in (left, right)]
         self.send(WheelDuty(raw[0], raw[1], ttl_ms, counter), now_ns, latest=True)
@@ -114,6 +127,17 @@ class Outbox:
         """Await no answer any more: the session is another."""
         self.commands.cancel()
         self._pings.clear()
+
+
+def _check(first: float, second: float, what: str) -> None:
+    """Refuse what is not a number: no comparison holds for it, so a limit would let it pass.
+
+    Raises:
+        ValueError: one is not a number.
+
+    """
+    if math.isnan(first) or math.isnan(second):
+        raise ValueError(f"not a {what}: {first}, {second}")
 
 
 def _raw(steps: float) -> int:

@@ -1,0 +1,38 @@
+"""A velocity or duty that is not a number ends the run with a stop: no limit holds for it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from bridge.session_outbox import Outbox
+from protocol.clock import HostNs
+from protocol.link import Link
+from protocol.message import Direction
+from tools.virtual_settings import Settings
+from tools.virtual_sweeper import SimulatedSweeper
+
+BAD = [(math.nan, 0.0), (0.0, math.nan)]
+
+
+@pytest.mark.parametrize("pair", BAD)
+def test_nothing_is_queued(pair: tuple[float, float]) -> None:
+    link = Link(Direction.HOST)
+    outbox = Outbox(link, None)
+    with pytest.raises(ValueError, match="not a velocity"):
+        outbox.setpoint(*pair, 200, HostNs(0))
+    with pytest.raises(ValueError, match="not a duty"):
+        outbox.duty(*pair, 200, HostNs(0))
+    assert link.data_to_send() == b""
+
+
+@pytest.mark.parametrize("pair", BAD)
+def test_no_robot_moves_for_it(pair: tuple[float, float]) -> None:
+    sweeper = SimulatedSweeper(Settings(room="empty"))
+    sweeper.enable()
+    before = sweeper.truth
+    with pytest.raises(ValueError, match="not a velocity"):
+        sweeper.drive(*pair, for_s=1.0)
+    after = sweeper.truth
+    assert (after.pose, after.collisions) == (before.pose, before.collisions)
