@@ -16,6 +16,9 @@ _TYPE = CATALOGUE.spec(SetKey).type_id
 _AT_TYPE = 3
 """Where a frame's type stands, behind the COBS code, the version and the node: none of them is 0,
 so COBS leaves them as they are."""
+_RUN = 4
+"""Bytes in a row that betray a piece of a key in what is received: fewer come about by chance, as
+do runs of one or two values."""
 _REMEMBERED = 16
 """Frames with a key that an echo is compared with: a command is repeated fewer times."""
 
@@ -32,6 +35,10 @@ class KeyRedactor:
         """Frames with a key, and what was recorded in their place."""
         self._open = b""
         """Received bytes since the last delimiter, while an echo may come."""
+        self._runs: set[bytes] = set()
+        """Every run of secret bytes, for an echo that is damaged or cut off at its front."""
+        self._recent = b""
+        """Received bytes before those that come next, as many as a run may begin with."""
 
     def outgoing(self, data: bytes) -> bytes:
         """What to record of bytes that were sent, which are whole frames."""
@@ -42,12 +49,32 @@ class KeyRedactor:
             if len(piece) > _AT_TYPE and piece[_AT_TYPE] == _TYPE:
                 pieces[index] = _redacted(piece)
                 self._sent.append((piece, pieces[index]))
+                secret = piece[1 + HEADER.size :]
+                runs = (secret[i : i + _RUN] for i in range(len(secret) - _RUN + 1))
+                self._runs |= {run for run in runs if len(set(run)) >= _RUN - 1}
         return b"\0".join(pieces)
 
     def incoming(self, data: bytes) -> bytes:
-        """What to record of bytes that were received, however they are cut."""
+        """What to record of bytes that were received, however they are cut.
+
+        Of an echo that is both damaged and cut there, up to three bytes of the key may stay.
+        """
         if not self._sent:
             return data
+        kept = bytearray(self._without_echoes(data))
+        for at in self._found_runs(bytes(kept)):
+            kept[at] = FILLER[0]
+        return bytes(kept)
+
+    def _found_runs(self, data: bytes) -> list[int]:
+        """Places in bytes about to be recorded that are part of a run of secret ones."""
+        whole, before = self._recent + data, len(self._recent)
+        self._recent = whole[-(_RUN - 1) :]
+        found = [i for i in range(len(whole) - _RUN + 1) if whole[i : i + _RUN] in self._runs]
+        return sorted({i + k - before for i in found for k in range(_RUN) if i + k >= before})
+
+    def _without_echoes(self, data: bytes) -> bytes:
+        """The bytes with whole echoes replaced by what was recorded of the frames sent."""
         pieces = data.split(b"\0")
         for index, piece in enumerate(pieces):
             begun, self._open = self._open, (self._open + piece)[: MAX_ENCODED + 1]

@@ -64,8 +64,34 @@ def test_an_echo_is_recorded_without_the_key(key: bytes, size: int) -> None:
     assert [len(piece) for piece in echo] == [len(piece) for piece, _ in pieces]
 
 
+def longest_piece(secret: bytes, text: bytes) -> int:
+    """Longest run of the secret that stands in the text, in bytes."""
+    runs = (secret[i:j] for i in range(len(secret)) for j in range(i + 1, len(secret) + 1))
+    return max((len(run) for run in runs if run in text), default=0)
+
+
+@pytest.mark.parametrize("size", [1, 5, 1000])
+@pytest.mark.parametrize("damage", ["a bit at each place", "its front is lost", "noise before it"])
+def test_a_damaged_echo_is_recorded_without_the_key(damage: str, size: int) -> None:
+    key = KEYS[0]
+    data = frames(key)
+    at = data.index(key[:8])  # from here on COBS leaves the key as it is
+    damaged = {
+        "a bit at each place": [
+            data[:i] + bytes([data[i] ^ 0x80]) + data[i + 1 :] for i in range(at - 9, at + 16)
+        ],
+        "its front is lost": [data[i:] for i in range(at - 9, at + 8)],
+        "noise before it": [data[: at - 9] + b"?" + data[at - 9 :]],
+    }[damage]
+    for echo in damaged:
+        pieces = [(echo[i : i + size], False) for i in range(0, len(echo), size)]
+        kept = b"".join(recorded([(data, True), *pieces])[1:])
+        assert len(kept) == len(echo)
+        assert longest_piece(key, kept) <= 3
+
+
 def test_other_bytes_are_recorded_as_they_are() -> None:
-    data = bytes(range(256)) * 3
+    data = bytes(range(255, -1, -1)) * 3
     assert recorded([(frames(KEYS[0]), True), (data, True), (data, False)])[1:] == [data, data]
 
 
