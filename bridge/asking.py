@@ -244,7 +244,10 @@ class Asker:
             raise ParameterError(f"{shown(stream)} is no stream; there are {', '.join(streams)}")
         if not 0.0 <= rate_hz <= 1000.0:  # noqa: PLR2004 - as declared
             raise ParameterError(f"{shown(rate_hz)} Hz is not in 0 to 1000 Hz")
-        self.command(SetStreamRate, streams[stream], round(rate_hz * 10.0))
+        tenths = round(rate_hz * 10.0)
+        if rate_hz and not tenths:
+            raise ParameterError(f"{shown(rate_hz)} Hz is below 0.1 Hz; 0 switches a stream off")
+        self.command(SetStreamRate, streams[stream], tenths)
 
     def reboot(self, *, factory_reset: bool = False) -> None:
         """Have the device boot anew; ``factory_reset`` forgets what was saved.

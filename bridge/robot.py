@@ -157,9 +157,14 @@ class Robot:
             self._owner = OwnerSocket(self._name, OwnerService(self.host, self._pump))
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
         self._thread.start()
-        if not self._until(
-            lambda: self._pump.snapshot.session.state is State.READY, self._timeout_s
-        ):
+        try:
+            ready = self._until(
+                lambda: self._pump.snapshot.session.state is State.READY, self._timeout_s
+            )
+        except BaseException:  # Ctrl-C for one: the port is given back
+            self._end(Ending("stopped", "interrupted while it was opened", 0))
+            raise
+        if not ready:
             ending = self._seen.ending
             self._end(Ending("stopped", "no agreement", 0))
             text = ending.reason if ending else f"no agreement within {self._timeout_s:g} s"
@@ -358,7 +363,7 @@ class Robot:
             raise cannot_move(self._seen.ending)
         if clock.now() - self._pump.turn_ns > HUNG_NS:
             raise DeviceLostError(f"{self._name}: the session's loop hangs")
-        if not (math.isfinite(v_m_s) and math.isfinite(yaw_rate_rad_s)):
+        if not (abs(v_m_s) < math.inf and abs(yaw_rate_rad_s) < math.inf):
             raise ValueError(f"not a velocity: {v_m_s} m/s, {yaw_rate_rad_s} rad/s")
         command = VelocityCommand(
             _limited(v_m_s, self.model.max_speed_m_s),

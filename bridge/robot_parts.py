@@ -189,6 +189,6 @@ def planner_number(name: str) -> OnboardPlanner:
     """
     try:
         return OnboardPlanner[name.upper().replace("-", "_")]
-    except KeyError:
+    except (AttributeError, KeyError):  # no text, or no planner's name
         names = ", ".join(p.name.lower().replace("_", "-") for p in OnboardPlanner)
         raise BridgeError(f"{name!r} is no planner; there are {names}") from None

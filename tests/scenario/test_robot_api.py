@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import random
 import threading
 import time
@@ -252,6 +253,15 @@ def test_a_reboot_is_found_again_and_told(emulated: Emulated) -> None:
         assert robot.get_parameter("max_speed").value == pytest.approx(0.3), "it was not saved"
 
 
+def test_a_failed_open_gives_the_port_back(emulated: Emulated) -> None:
+    with pytest.raises(ValueError, match="NaN"):
+        bridge.open(emulated.port, timeout_s=math.nan)
+    with bridge.open(emulated.port) as robot:
+        with pytest.raises(BridgeError, match="is no planner"):
+            robot.planner.start(1)  # type: ignore[arg-type]  # as from a script without types
+        assert robot.session is State.READY
+
+
 def test_stream_rates(emulated: Emulated) -> None:
     with bridge.open(emulated.port) as robot:
         robot.stream_rate("imu", 0.0)
@@ -264,6 +274,8 @@ def test_stream_rates(emulated: Emulated) -> None:
         until(lambda: robot.imu.latest is not still)
         with pytest.raises(ParameterError, match="no stream"):
             robot.stream_rate("music", 1.0)
+        with pytest.raises(ParameterError, match="0 switches a stream off"):
+            robot.stream_rate("imu", 0.04)
         with pytest.raises(CommandRejectedError, match="bad_value"):
             robot.stream_rate("sync", 1.0)
 
