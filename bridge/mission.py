@@ -156,6 +156,8 @@ class Mission:
         """Since when the link is too slow for a first move."""
         self._ready = False
         self._was_ready = False
+        self._latched = False
+        """The newest status of the device shows a latched stop."""
         self.pending: list[Request] = []
         """What :meth:`requests` would give: asked at every turn of a loop."""
 
@@ -207,7 +209,7 @@ class Mission:
 
     def on_ready(self, now_s: float) -> None:
         """The session has agreed with a device."""
-        self._ready = True
+        self._ready, self._latched = True, False
         self._slow_s = None
         if self._was_ready and self.runner is not None and self.ending is None:
             self._back(now_s)
@@ -261,6 +263,7 @@ class Mission:
 
     def on_status(self, status: Status, now_s: float) -> None:
         """The device's own account of itself."""
+        self._latched = status.stop_cause != StopCause.NONE
         if self.runner is None or not self._ready:
             return
         cause = status.stop_cause
@@ -513,6 +516,8 @@ class Mission:
             return
         reason = f"{ending.reason}; the device did not confirm the stop"
         self.ending = replace(ending, reason=reason)
+        if self._latched:
+            return  # it did not answer, and its own status shows that it stands
         # Before the first move as well, where the end was one in order: the device may be enabled.
         if self.drive_started_s is not None or not (self.runner is None or ending.exit_status):
             self.ending = replace(self.ending, outcome="fault", exit_status=3)

@@ -401,6 +401,15 @@ def test_a_drive_whose_stop_is_not_confirmed_ends_with_status_3(exit_status: int
     assert mission.ending == Ending("fault", reason, 3, StopCause.SUPERVISE)
 
 
+def test_a_stop_that_a_status_shows_keeps_the_runs_own_status() -> None:
+    mission = driving()
+    mission.request_end(Ending("stopped", "so", 5, StopCause.SUPERVISE), 17.0)
+    mission.on_status(status(StopCause.LINK), 17.2)
+    mission.on_lost(17.5)
+    reason = "so; the device did not confirm the stop"
+    assert mission.ending == Ending("stopped", reason, 5, StopCause.SUPERVISE)
+
+
 def test_a_drive_whose_session_fails_reports_that_no_stop_is_confirmed() -> None:
     mission = driving()
     mission.on_failed("another device", 4, 17.0)
