@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from bridge.session_events import SessionEvent
     from protocol.message import Message
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 E = TypeVar("E")
 STEP_US = 1_000
