@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from bridge.session_events import SessionEvent
     from protocol.message import Message
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 
 E = TypeVar("E")
 STEP_US = 1_000

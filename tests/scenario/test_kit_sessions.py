@@ -38,7 +38,7 @@ from support.kit_sessions import Writer, f32
 if TYPE_CHECKING:
     from protocol.message import Message
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.realtime
 
 STOPPED, IDLE, VELOCITY, BRINGUP, ONBOARD, RUNNING, PAUSED = range(7)
 """As ``modes.h`` counts them."""
