@@ -13,8 +13,6 @@ from bridge.errors import BridgeError, DeviceLostError, ParameterError, shown
 from bridge.io import clock
 from bridge.parameters import Parameter, closest
 from bridge.refusals import check_fields, check_known, check_outcome
-from protocol.catalogue import CATALOGUE
-from protocol.message import Direction, RateClass
 from protocol.messages import (
     ClearStop,
     GetParameter,
@@ -25,6 +23,8 @@ from protocol.messages import (
     SetParameter,
     SetStreamRate,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction, RateClass
 from protocol.values import (
     OnboardPlanner,
     ParameterKind,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from bridge.host import Host
     from protocol.commands import Outcome
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 WAIT_S = 8.0
 """Six tries with the timeout doubling, and a flash that erases: only a dead loop is longer."""

@@ -56,7 +56,7 @@ from protocol.messages import (
     Status,
     TimeReply,
 )
-from protocol.uart import DamagedFrame
+from protocol.uart.framing import DamagedFrame
 from protocol.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
@@ -68,8 +68,8 @@ if TYPE_CHECKING:
     from bridge.record.sink import Sink
     from bridge.watching import Watch
     from protocol.commands import Outcome
-    from protocol.message import Message
     from protocol.messages import Hello
+    from protocol.schema.message import Message
 
 CONTROL_PERIOD_NS = 20_000_000
 SETPOINT_TTL_MS = 200

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from bridge.session import Session
     from protocol.clock import HostNs
     from protocol.commands import Command, Outcome
-    from protocol.message import Message
     from protocol.messages import ParameterValue
+    from protocol.schema.message import Message
 
 
 def carry_out(request: Request, session: Session, now_ns: HostNs) -> None:

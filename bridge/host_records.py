@@ -22,7 +22,7 @@ from bridge.telemetry import (
     RawCan,
     Severity,
 )
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 from protocol.values import Fault as DeviceFault
 from protocol.values import LogLevel, ResetCause, StopCause, flag_labels, label
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from bridge.wire_statistics import WireStatistics
     from protocol.link import Received, Rejected
     from protocol.messages import Hello, LogText, Status
-    from protocol.uart import DamagedFrame
+    from protocol.uart.framing import DamagedFrame
 
 _LEVELS = {
     LogLevel.DEBUG: Severity.DEBUG,

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from protocol.clock import DeviceUs, HostNs
-    from protocol.message import Message
     from protocol.messages import Encoders, Imu, Range, TimeReply
+    from protocol.schema.message import Message
 
 
 class HostSenses:

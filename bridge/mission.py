@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from bridge.round_trip import LinkTrouble
     from bridge.runners import Runner
     from protocol.commands import Outcome
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 SETTLE_S = 2.5
 """At rest before the first move: the gyro's bias is averaged over 250 samples."""

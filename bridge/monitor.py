@@ -10,11 +10,11 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from protocol.catalogue import CATALOGUE, Catalogue
-from protocol.codec import Codec
 from protocol.link import Link, LinkBase, Medium, Received, Rejected
-from protocol.message import Direction
 from protocol.messages import Hello
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
 from protocol.values import flag_labels, label
 
 if TYPE_CHECKING:
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from enum import IntFlag
 
     from protocol.clock import HostNs
-    from protocol.fields import Field
-    from protocol.message import Message, MessageSpec
-    from protocol.uart import DamagedFrame, Frame
+    from protocol.schema.fields import Field
+    from protocol.schema.message import Message, MessageSpec
+    from protocol.uart.framing import DamagedFrame, Frame
 
 RATE_WINDOW_NS = 2_000_000_000
 """Rates are of the last two seconds: two of the rarest stream."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from bridge.motion.observation import Observation, VelocityCommand
     from protocol.commands import Outcome
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from protocol.values import OnboardPlanner
 
 _HALF_COUNT = 128

@@ -6,9 +6,9 @@ from collections import deque
 
 from cobs import cobs
 
-from protocol.catalogue import CATALOGUE
 from protocol.messages import SetKey
-from protocol.uart import HEADER, MAX_ENCODED
+from protocol.schema.catalogue import CATALOGUE
+from protocol.uart.framing import HEADER, MAX_ENCODED
 
 FILLER = b"X"
 """What the bytes of a key, of its tag and of the frame's checksum become."""

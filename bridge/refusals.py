@@ -12,7 +12,7 @@ from bridge.errors import (
     shown,
 )
 from bridge.remedies import Remedy
-from protocol.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import NackReason, label
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bridge.mission import Ending
     from protocol.commands import Outcome
     from protocol.link import LinkBase
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 
 def refusal(reason: int) -> str:

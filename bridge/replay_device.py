@@ -11,12 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.record.errors import LogReadError
 from bridge.record.redecode import RAW_TOPICS, in_order, wire_records
-from protocol.agreement import describe
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE
+from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.link import Link, Received, addresses
-from protocol.message import Direction
 from protocol.messages import (
     Ack,
     Challenge,
@@ -36,14 +33,17 @@ from protocol.messages import (
     TimeReply,
     TimeRequest,
 )
-from protocol.uart import DamagedFrame
+from protocol.schema.agreement import describe
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame
 from protocol.values import NackReason
 
 if TYPE_CHECKING:
     from bridge.record.reader import LogReader
     from bridge.record.redecode import WireRecord
     from protocol.link import LinkBase
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 _CONVERSATION = (Hello, DescribeReply, Ack, Nack, TimeReply, ParameterValue, Challenge)
 _NOBODY = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bridge.record.sink import Sink
     from bridge.robot import Robot
     from bridge.telemetry import Record
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 LET_GO_S = 0.5
 EVENTS_KEPT = 1000

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from bridge.motion.geometry import Pose2
-    from protocol.agreement import MessageAgreement
-    from protocol.message import Message
+    from protocol.schema.agreement import MessageAgreement
+    from protocol.schema.message import Message
 
 STALE_S = 0.3
 """Six range readings or fifteen encoder readings: more is not jitter but a fault."""

@@ -20,12 +20,9 @@ from bridge.session_events import (
 )
 from bridge.session_evidence import Evidence
 from bridge.session_handshake import ANSWER_PERIOD_NS, SessionHandshake
-from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.clock import HostNs
-from protocol.codec import Codec
 from protocol.commands import CommandSender
 from protocol.link import Link, LinkBase, Medium, Received, Rejected
-from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
     Challenge,
@@ -35,6 +32,9 @@ from protocol.messages import (
     Stop,
     TimeReply,
 )
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction, Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable

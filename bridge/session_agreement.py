@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.agreement import Comparison, MessageAgreement
+from protocol.schema.agreement import Comparison, MessageAgreement
 
 if TYPE_CHECKING:
-    from protocol.catalogue import Catalogue
     from protocol.link import LinkBase
     from protocol.messages import Describe, DescribeReply, Hello
+    from protocol.schema.catalogue import Catalogue
 
 QUESTIONS_AT_ONCE = 4
 

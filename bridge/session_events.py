@@ -7,13 +7,13 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.link import Received, Rejected
-from protocol.uart import DamagedFrame
+from protocol.uart.framing import DamagedFrame
 
 if TYPE_CHECKING:
-    from protocol.agreement import MessageAgreement
     from protocol.clock import HostNs
     from protocol.commands import Outcome
     from protocol.messages import Hello
+    from protocol.schema.agreement import MessageAgreement
 
 
 class State(Enum):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import PROTOCOL_VERSION
 from protocol.link import Medium
+from protocol.schema.catalogue import PROTOCOL_VERSION
 
 if TYPE_CHECKING:
     from protocol.link import Rejected

@@ -28,10 +28,10 @@ from protocol.messages import HostHello
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.catalogue import Catalogue
     from protocol.clock import HostNs
     from protocol.link import LinkBase, Received
     from protocol.messages import Challenge, DescribeReply, Hello
+    from protocol.schema.catalogue import Catalogue
 
 ANSWER_PERIOD_NS = 100_000_000
 HANDSHAKES_AT_ONCE = 3

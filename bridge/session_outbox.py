@@ -10,7 +10,7 @@ from protocol.commands import CommandSender
 from protocol.errors import ProtocolError
 from protocol.link import NODE_ALL
 from protocol.messages import TimeRequest, VelocitySetpoint, WheelDuty
-from protocol.uart import FLAG_RETRY
+from protocol.uart.framing import FLAG_RETRY
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
     from protocol.commands import Outcome
     from protocol.link import LinkBase
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 _PINGS_KEPT = 64
 """Pings that wait for their answer: at 10 Hz more than 6 s of them, so that the round trip of a

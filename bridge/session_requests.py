@@ -10,11 +10,11 @@ from protocol.messages import ClearStop, SetMode, Stop
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.catalogue import Catalogue
     from protocol.clock import HostNs
     from protocol.commands import CommandSender
     from protocol.link import LinkBase
-    from protocol.message import Message
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.message import Message
 
 
 class SessionRequests:

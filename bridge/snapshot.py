@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from bridge.session_events import State
     from bridge.timesync import Fit
     from protocol.link import LinkStatistics
-    from protocol.message import Message
     from protocol.messages import Encoders, Hello, Imu, PlannerState, Power, Range, Status
+    from protocol.schema.message import Message
 
 
 class StateSnapshot(NamedTuple):

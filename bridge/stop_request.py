@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
 from protocol.link import NODE_ALL, LinkBase, Received
-from protocol.message import Direction
 from protocol.messages import Ack, Stop
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from protocol.values import StopCause

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.planner import PlannerState
     from bridge.motion.geometry import Pose2
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 
 class RawBytes(NamedTuple):

@@ -10,12 +10,12 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from bridge.session_events import Data
-from protocol.message import RateClass
+from protocol.schema.message import RateClass
 
 if TYPE_CHECKING:
     from bridge.session_events import SessionEvent
     from bridge.timesync import Fit, TimeSync
-    from protocol.message import MessageSpec
+    from protocol.schema.message import MessageSpec
 
 _SPAN, _HALF = 1 << 32, 1 << 31
 _ALIKE = 0.1

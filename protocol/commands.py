@@ -14,7 +14,7 @@ from protocol.messages import Ack, Nack
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 FIRST_TIMEOUT_US = 100_000
 MIN_TIMEOUT_US = 20_000

@@ -16,11 +16,11 @@ from zlib import crc32
 from cobs import cobs
 
 from protocol.authentication import GUARDED_TYPES, TRAILER
-from protocol.catalogue import PROTOCOL_VERSION
-from protocol.codec import Codec
 from protocol.errors import LocalError, PayloadError
-from protocol.message import Direction, Message
-from protocol.uart import (
+from protocol.schema.catalogue import PROTOCOL_VERSION
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction, Message
+from protocol.uart.framing import (
     FLAG_AUTHENTICATED,
     MAX_NODE,
     MAX_PAYLOAD,
@@ -38,7 +38,7 @@ from protocol.uart import (
 
 if TYPE_CHECKING:
     from protocol.authentication import Authenticator
-    from protocol.message import MessageSpec
+    from protocol.schema.message import MessageSpec
 
 NODE_ALL = 0
 """Addresses every device; for stop, hello and time requests only."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from protocol.fields import I16, U8, U16, U32, number, si, si_or_none, text, uid
-from protocol.message import Direction, Message, RateClass, message
+from protocol.schema.fields import I16, U8, U16, U32, number, si, si_or_none, text, uid
+from protocol.schema.message import Direction, Message, RateClass, message
 from protocol.values import (
     Capability,
     Contact,

@@ -24,7 +24,7 @@ from protocol.values import Mode, NackReason, PlannerAction, RebootKind
 from sim_device.modes import SET_EVENT, Event
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from sim_device.virtual_firmware import Firmware
 
 RATE_MAX = 10_000

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.motion.robot_model import RobotModel
-from protocol.catalogue import CATALOGUE
 from protocol.link import Link
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import RebootKind, ResetCause
 from sim_device.clock import DeviceClock
 from sim_device.flash import Flash
@@ -23,8 +23,8 @@ from sim_device.world import World
 
 if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
-    from protocol.catalogue import Catalogue
     from protocol.link import LinkBase
+    from protocol.schema.catalogue import Catalogue
 
 BOOT_US = 300_000
 """From reset to the first control period: clocks, the IMU's start-up, sensors found."""

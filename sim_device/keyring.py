@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from protocol.authentication import GUARDED_TYPES, Authenticator, key_of
 from protocol.link import Medium
 from protocol.messages import Challenge
-from protocol.uart import FLAG_AUTHENTICATED
+from protocol.uart.framing import FLAG_AUTHENTICATED
 from protocol.values import NackReason
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase
     from protocol.messages import SetKey
-    from protocol.uart import Frame
+    from protocol.uart.framing import Frame
     from sim_device.flash import Flash
 
 

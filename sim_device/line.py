@@ -19,7 +19,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import RECORD, worst_bits
+from protocol.can.frames import RECORD, worst_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

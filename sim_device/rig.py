@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 from sim_device.faults.damage import Damage, Delay
 from sim_device.faults.injector import FaultInjector
 from sim_device.line import (

@@ -1,12 +1,12 @@
 """A serial CAN adapter as the LAWICEL protocol has it: lines of text to frames and back.
 
 Sans-I/O. Commands end with CR; the answer is what was asked for and CR, or BELL for what the
-adapter does not take. Frames are the 16 bytes of :data:`protocol.can_frames.RECORD`.
+adapter does not take. Frames are the 16 bytes of :data:`protocol.can.frames.RECORD`.
 """
 
 from __future__ import annotations
 
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 
 OK, BELL = b"\r", b"\a"
 BITRATES = {

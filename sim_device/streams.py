@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.message import Direction, RateClass
 from protocol.messages import INFRARED_NONE, ULTRASONIC_NONE, Power, Range
+from protocol.schema.message import Direction, RateClass
 from protocol.values import Capability, Contact
 
 if TYPE_CHECKING:
-    from protocol.catalogue import Catalogue
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.message import Message, MessageSpec
     from sim_device.power import PowerReading
     from sim_device.sampling import Around
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, LinkCounters, Status, Sync
+from protocol.schema.catalogue import CATALOGUE
 from sim_device.streams import TICK_HZ, is_device_stream, power_message, range_message
 from sim_device.versions import as_spec, blank
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.link import LinkBase
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.message import Message, MessageSpec
     from sim_device.control import Control
     from sim_device.sampling import Sampler
 

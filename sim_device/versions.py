@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from protocol.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
-    from protocol.catalogue import Catalogue
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.message import Message, MessageSpec
 
 
 def as_ours(message: Message, spec: MessageSpec) -> Message:

@@ -8,12 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from protocol.agreement import describe
-from protocol.catalogue import CATALOGUE, Catalogue
-from protocol.codec import Codec
 from protocol.commands import CommandLog
 from protocol.link import Link, LinkBase, Received, addresses
-from protocol.message import Direction
 from protocol.messages import (
     Ack,
     Describe,
@@ -29,7 +25,11 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
-from protocol.uart import FLAG_AUTHENTICATED
+from protocol.schema.agreement import describe
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.framing import FLAG_AUTHENTICATED
 from protocol.values import (
     Fault,
     LogLevel,
@@ -57,8 +57,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.motion.robot_model import RobotModel
-    from protocol.message import Message, MessageSpec
-    from protocol.uart import Frame
+    from protocol.schema.message import Message, MessageSpec
+    from protocol.uart.framing import Frame
     from sim_device.identity import Identity
     from sim_device.safety import StopLatch
     from sim_device.sampling import Sensors

@@ -17,7 +17,10 @@ from bridge import (
     session_handshake,
 )
 from bridge.io import pump
-from protocol import can_link, can_segments, can_stamps, commands
+from protocol import commands
+from protocol.can import link as can_link
+from protocol.can import stamps as can_stamps
+from protocol.can import transfers as can_segments
 from protocol.generate.md import Behaviour, Machine, Rule
 from protocol.values import StopCause
 from sim_device import commands as device_commands
@@ -263,9 +266,9 @@ def _host_rules() -> Iterator[Rule]:
 
 def _can_rules() -> Iterator[Rule]:
     for what, value, source in (
-        ("oldest short stamp that can be extended", can_stamps.OLDEST_US, "can_stamps.OLDEST_US"),
-        ("a transfer is given up after", can_segments.OPEN_US, "can_segments.OPEN_US"),
-        ("an equal frame is the same one again within", can_link.DOUBLE_US, "can_link.DOUBLE_US"),
+        ("oldest short stamp that can be extended", can_stamps.OLDEST_US, "can.stamps.OLDEST_US"),
+        ("a transfer is given up after", can_segments.OPEN_US, "can.transfers.OPEN_US"),
+        ("an equal frame is the same one again within", can_link.DOUBLE_US, "can.link.DOUBLE_US"),
     ):
         yield Rule("both, on CAN", what, _us(value), f"protocol.{source}")
     yield Rule(

@@ -10,15 +10,15 @@ from rich.text import Text
 
 from bridge.io import clock
 from bridge.session_events import State
-from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import Contact, Fault, Mode, PlannerPhase, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.snapshot import Snapshot
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 _RATE_NS = 1_000_000_000
 _AGED_S = 2.0

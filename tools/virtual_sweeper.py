@@ -26,7 +26,7 @@ from bridge.refusals import cannot_move
 from bridge.robot import ManualDrive
 from bridge.session_events import State
 from bridge.summary import run_summary
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.messages import Encoders, Imu, Power, Range, Status
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from bridge.coverage.planner import Planner
     from bridge.motion.geometry import Pose2
     from bridge.record.sink import Sink
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from sim_device.truth import Truth
 
 CONTROL_S = 0.02

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from bridge.bench.wire import Wire
     from bridge.session_events import SessionEvent
     from protocol.commands import Outcome
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 CYCLE_NS = 20_000_000
 """Velocities and duties are repeated at 50 Hz, as the catalogue's default has it."""

@@ -8,9 +8,9 @@ from bridge.host_records import HostRecords
 from bridge.session_events import Agreed, Data, Failed, Ping, Restless, StateChanged
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.messages import LogText
-from protocol.uart import DamagedFrame
+from protocol.uart.framing import DamagedFrame
 
 if TYPE_CHECKING:
     from bridge.bench.wire import Wire

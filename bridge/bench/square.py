@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from bridge.bench.desk import Desk
     from bridge.bench.person import Person
     from bridge.motion.robot_model import RobotModel
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 REST_S = 0.6
 _LEG_S = 120.0

@@ -18,7 +18,7 @@ from protocol.clock import DeviceUs, extend_us
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 _LOOKED_AT = frozenset({Imu, Encoders, Range, Power, Status, PlannerState})
 STEP_US = 20_000

@@ -12,8 +12,8 @@ from bridge.doctor.timing import HOLE_S, Timing, measure
 from bridge.doctor.wire_view import WireView
 from bridge.session_evidence import Evidence, words_of
 from bridge.telemetry import Severity
-from protocol.catalogue import CATALOGUE
 from protocol.link import Medium
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import ResetCause, StopCause, label
 
 if TYPE_CHECKING:

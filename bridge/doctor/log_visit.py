@@ -18,9 +18,9 @@ from bridge.doctor.findings import Finding
 from bridge.record.reader import LogReader
 from bridge.record.sources import readable
 from bridge.telemetry import Severity
-from protocol.can_frames import RECORD
-from protocol.catalogue import CATALOGUE
+from protocol.can.frames import RECORD
 from protocol.link import Medium
+from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -11,10 +11,8 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.can.link import CanLink
 from protocol.link import Link, Medium, Received, Rejected
-from protocol.message import Direction
 from protocol.messages import (
     Hello,
     LinkCounters,
@@ -24,14 +22,16 @@ from protocol.messages import (
     TimeReply,
     TimeRequest,
 )
-from protocol.uart import CRC, HEADER, DamagedFrame
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.schema.message import Direction
+from protocol.uart.framing import CRC, HEADER, DamagedFrame
 from protocol.values import OnboardPlanner, PlannerAction, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.link import LinkBase, LinkEvent
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.message import Message, MessageSpec
 
 _KEPT = 1024
 """Bytes kept to look into damaged stretches: four frames of the longest."""

@@ -9,9 +9,9 @@ from bridge.doctor.visit import Visit
 from bridge.errors import PortError
 from bridge.io import clock
 from bridge.io.ports import link_of, open_port
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.link import Medium
-from protocol.uart import Frame, UartParser
+from protocol.uart.framing import Frame, UartParser
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -1,6 +1,6 @@
 """CAN buses through python-can: slcan adapters, SocketCAN, UDP multicast, in-process.
 
-Frames pass as bytes, 16 for each (:data:`protocol.can_frames.RECORD`), as they do above.
+Frames pass as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), as they do above.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bridge.io.device_lock import DeviceLock
 from bridge.io.multicast import MulticastBus
 from bridge.io.port_names import CAN_EXAMPLE
 from bridge.io.readable import readable
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 
 if TYPE_CHECKING:
     from types import TracebackType

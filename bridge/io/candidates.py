@@ -20,10 +20,10 @@ from bridge.io import clock
 from bridge.io.device_lock import owner_pid
 from bridge.io.ports import DEFAULT_BAUD, SerialPort
 from bridge.io.reopening import BY_ID, stable_name
-from protocol.catalogue import CATALOGUE
 from protocol.link import NODE_ALL, Link, Received, Rejected
-from protocol.message import Direction
 from protocol.messages import Hello, HostHello
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -21,12 +21,12 @@ from bridge.record.names import readable_name
 from bridge.record.sources import CANDUMP, LOG_LINE, SHOWN_LINE, kind_of
 from bridge.record.writer import RunWriter
 from bridge.telemetry import RunInfo
-from protocol.can_frames import RECORD
-from protocol.can_link import CanLink
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.link import Link, Received
-from protocol.message import Direction
-from protocol.uart import CRC, HEADER
+from protocol.schema.message import Direction
+from protocol.uart.framing import CRC, HEADER
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

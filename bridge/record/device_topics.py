@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bridge.record.ros import RosForm, RosTopic
     from bridge.record.rows import Rows
     from bridge.telemetry import DeviceMessage
-    from protocol.message import MessageSpec
+    from protocol.schema.message import MessageSpec
 
 _LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(1, 8)
 """Columns of a row after its place; the message's own fields are the last."""

@@ -9,13 +9,13 @@ from bridge.motion.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync
-from protocol.can_frames import RECORD
-from protocol.can_link import CanLink
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Received, Rejected
-from protocol.message import Direction
 from protocol.messages import Encoders, Hello, Imu, LogText
-from protocol.uart import DamagedFrame
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel

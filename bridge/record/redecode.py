@@ -20,12 +20,12 @@ from bridge.session_bus import LISTEN_NS
 from bridge.session_events import Agreed, Data, Ping
 from bridge.telemetry import DeviceMessage
 from bridge.timesync import TimeSync
-from protocol.can_frames import RECORD
-from protocol.can_link import CanLink
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import HostHello
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -15,8 +15,8 @@ import numpy as np
 from bridge.record.cdr import LITTLE_ENDIAN, CdrLayout, stamp
 from bridge.record.wheels import WheelAngles
 from bridge.telemetry import CoverageRecord
-from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, Power, Range
+from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

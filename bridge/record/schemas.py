@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.record.descriptors import varint
 from bridge.record.layout import FlatField, FlatMessage, Kind
 from bridge.record.rows import scaled, whole
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 
 if TYPE_CHECKING:
     from bridge.record.rows import Source
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
         PoseRecord,
         RawCan,
     )
-    from protocol.catalogue import Catalogue
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 _T_US, _NODE, _BOUND = 1, 2, 3
 _FIRST_FIELD = 4

@@ -37,7 +37,7 @@ from bridge.telemetry import (
     RoomRecord,
     TruthRecord,
 )
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -14,8 +14,8 @@ from bridge.coverage.metrics import CoverageMeter
 from bridge.record.losses import LossCounter
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.view.run_track import load_track
-from protocol.catalogue import CATALOGUE
-from protocol.message import RateClass
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import RateClass
 from protocol.values import Fault, StopCause, flag_labels, label
 
 if TYPE_CHECKING:

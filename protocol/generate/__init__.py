@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.schema.catalogue import CATALOGUE, Catalogue
 
 if TYPE_CHECKING:
     from collections.abc import Callable

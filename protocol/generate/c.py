@@ -5,8 +5,8 @@ No allocation, no I/O, no recursion; everything that is kept stands in structs o
 
 from __future__ import annotations
 
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.generate import c_can, c_header_text, c_messages, c_source_text
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 
 HEADER = "sweepctl_protocol.h"
 SOURCE = "sweepctl_protocol.c"

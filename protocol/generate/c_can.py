@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import CAN_FULL_STAMP, STAMP_SHIFT, is_native, parts_of
-from protocol.can_link import DOUBLE_US
-from protocol.can_segments import FLAG_WHOLE_STAMP, OPEN_US
-from protocol.can_stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US
+from protocol.can.frames import CAN_FULL_STAMP, STAMP_SHIFT, is_native, parts_of
+from protocol.can.link import DOUBLE_US
+from protocol.can.stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US
+from protocol.can.transfers import FLAG_WHOLE_STAMP, OPEN_US
 from protocol.generate.c_can_receive_text import RECEIVE
 from protocol.generate.c_can_text import HEADER, SEND
 from protocol.generate.c_messages import guarded
-from protocol.message import Direction
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.catalogue import Catalogue
-    from protocol.message import MessageSpec
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.message import MessageSpec
 
 _PPM = 1_000_000
 

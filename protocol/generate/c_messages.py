@@ -15,16 +15,16 @@ from protocol.generate.c_text import (
     snake,
     upper,
 )
-from protocol.message import Direction, RateClass
+from protocol.schema.message import Direction, RateClass
 from protocol.values import StopCause, by_gravity, latched_cause
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from enum import IntEnum
 
-    from protocol.catalogue import Catalogue
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 MINIMAL = frozenset(
     {

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 WIDTH = 96
 

@@ -12,19 +12,19 @@ from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER
-from protocol.can_frames import CAN_FULL_STAMP, STAMP_SHIFT, T16, T32, is_native, parts_of
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.can.frames import CAN_FULL_STAMP, STAMP_SHIFT, T16, T32, is_native, parts_of
 from protocol.errors import FieldRangeError
-from protocol.fields import SI_UNITS
-from protocol.message import Direction
-from protocol.uart import MAX_NODE
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.schema.fields import SI_UNITS
+from protocol.schema.message import Direction
+from protocol.uart.framing import MAX_NODE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.can_frames import Part
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.can.frames import Part
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 HOST = "host"
 DEVICE = "device"

@@ -11,21 +11,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
-from protocol.can_frames import CAN_FULL_STAMP, is_native, parts_of
-from protocol.can_link import DOUBLE_US
-from protocol.can_segments import MAX_CONTENT, OPEN_US, SEGMENT
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.can.frames import CAN_FULL_STAMP, is_native, parts_of
+from protocol.can.link import DOUBLE_US
+from protocol.can.transfers import MAX_CONTENT, OPEN_US, SEGMENT
 from protocol.generate.lua_can import CAN, REGISTRATION
 from protocol.generate.lua_fields import FIELDS
 from protocol.generate.lua_uart import UART
-from protocol.uart import CRC, MAX_ENCODED, MIN_DECODED
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.uart.framing import CRC, MAX_ENCODED, MIN_DECODED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from enum import IntEnum
 
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 FILE = "sweepctl.lua"
 _HEX_UNITS = frozenset({"bits", "hash"})

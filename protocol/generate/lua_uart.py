@@ -1,6 +1,6 @@
 """The Wireshark dissector's reading of the serial line, as Lua text: COBS, CRC-32, header.
 
-Damage is judged as :class:`protocol.uart.UartParser` judges it, by code of its own.
+Damage is judged as :class:`protocol.uart.framing.UartParser` judges it, by code of its own.
 """
 
 from __future__ import annotations

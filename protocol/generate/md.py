@@ -10,14 +10,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from protocol.authentication import CAN_AUTH_TYPE, FREE, GUARDED_TYPES, TRAILER
-from protocol.can_authentication import TOGETHER_US
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
-from protocol.codec import Codec
+from protocol.can.authentication import TOGETHER_US
 from protocol.generate import md_text
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
 from protocol.messages import VelocitySetpoint
-from protocol.uart import encode_frame
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.schema.codec import Codec
+from protocol.uart.framing import encode_frame
 from protocol.values import StopCause, by_gravity, latched_cause
 
 if TYPE_CHECKING:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import CAN_FULL_STAMP, is_native, nominal_bits, parts_of, worst_bits
-from protocol.message import Direction
+from protocol.can.frames import CAN_FULL_STAMP, is_native, nominal_bits, parts_of, worst_bits
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.can_frames import Part
-    from protocol.catalogue import Catalogue
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.can.frames import Part
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 BITRATE = 500_000
 

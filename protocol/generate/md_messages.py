@@ -5,14 +5,14 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from protocol.message import Direction, RateClass
+from protocol.schema.message import Direction, RateClass
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.catalogue import Catalogue
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 _RATE = {RateClass.STREAM: "stream", RateClass.COMMAND: "command", RateClass.RARE: "rare"}
 _SENDER = {Direction.HOST: "host", Direction.DEVICE: "device"}

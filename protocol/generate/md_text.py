@@ -163,8 +163,8 @@ left wheel that turns faster, with where it stands in the code.
    live of {ttl_ms} ms, the next counter: the payload `{payload}`.
 5. **Queue** (`protocol.link`). A setpoint that still waits is replaced, so there is never more than
    one; where the loop itself was held up by more than {late_ms} ms, nothing old is sent.
-6. **Frame** (`protocol.uart`). Header, CRC-32, COBS; {wire_bytes} bytes, {wire_us} µs at 921 600
-   baud:
+6. **Frame** (`protocol.uart.framing`). Header, CRC-32, COBS; {wire_bytes} bytes, {wire_us} µs at
+   921 600 baud:
 
        {wire}
 

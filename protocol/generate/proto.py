@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
-from protocol.message import Direction
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 FILE = "sweepctl.proto"
 PACKAGE = "sweepctl"

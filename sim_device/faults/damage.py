@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 from sim_device.faults.knobs import WireKnobs
 
 if TYPE_CHECKING:

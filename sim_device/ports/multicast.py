@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 from sim_device.line import FIFO_BYTES
 from sim_device.ports.base import DevicePort, PortUnavailableError
 

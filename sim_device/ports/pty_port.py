@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 from sim_device.line import FIFO_BYTES
 from sim_device.ports.base import DevicePort, PortUnavailableError
 from sim_device.slcan import SHORTEST_LINE, SlcanAdapter

@@ -9,9 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.messages import Stop
-from protocol.uart import Frame, UartParser, encode_frame
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.uart.framing import Frame, UartParser, encode_frame
 from sim_device.line import FIFO_BYTES
 from sim_device.ports.base import DevicePort, PortUnavailableError
 

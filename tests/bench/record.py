@@ -17,8 +17,8 @@ from bridge.record.recorder import ThreadedRecorder
 from bridge.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import Imu
+from protocol.schema.message import Direction
 from support.synthetic_run import run_info
 
 RATE_HZ = 10_000

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.motion.robot_model import RobotModel
 from bridge.telemetry import CommandRecord, EventRecord, PoseRecord, TruthRecord
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.link import Link
 from sim_device.faults.kinds import parse_fault
 from tools.rooms import load_room, shipped_rooms

@@ -37,8 +37,8 @@ from bridge.record.writer import RunWriter
 from bridge.session_events import State
 from bridge.telemetry import RunInfo
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import Ack, SetStreamRate
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from protocol.commands import Outcome

@@ -13,12 +13,12 @@ import statistics
 import time
 
 from protocol.authentication import Authenticator
-from protocol.can_frames import RECORD
-from protocol.can_link import CanLink
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
 from protocol.link import Link, LinkBase, Received
-from protocol.message import Direction
 from protocol.messages import TimeRequest, VelocitySetpoint
-from protocol.uart import FLAG_AUTHENTICATED
+from protocol.schema.message import Direction
+from protocol.uart.framing import FLAG_AUTHENTICATED
 
 COUNT = 1000
 SESSION = (1, 2, 3)

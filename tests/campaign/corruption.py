@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from protocol.batch import decode_capture
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.link import Link, Received
-from protocol.message import Direction
-from protocol.uart import HEADER, encode_frame
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.schema.message import Direction
+from protocol.uart.batch import decode_capture
+from protocol.uart.framing import HEADER, encode_frame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,8 +11,8 @@ import random
 import sys
 from pathlib import Path
 
-from protocol.catalogue import CATALOGUE
-from protocol.message import Direction
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from support.kit_script import Readings, script
 from support.kit_sessions import Writer
 

@@ -8,8 +8,6 @@ from zlib import crc32
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
-from protocol.message import MAX_TYPE
 from protocol.messages import (
     UNKNOWN_MESSAGE,
     Describe,
@@ -17,6 +15,8 @@ from protocol.messages import (
     Hello,
     HostHello,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import MAX_TYPE
 from protocol.values import ResetCause
 
 if TYPE_CHECKING:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import CATALOGUE
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -16,11 +15,12 @@ from protocol.messages import (
     SetParameter,
     SetStreamRate,
 )
-from protocol.uart import FLAG_RETRY
+from protocol.schema.catalogue import CATALOGUE
+from protocol.uart.framing import FLAG_RETRY
 from protocol.values import Mode, NackReason, StopCause
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from support.probe import Probe
 
 OPERATOR = StopCause.OPERATOR

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.can_segments import content, segments
-from protocol.catalogue import CATALOGUE
+from protocol.can.transfers import content, segments
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -32,6 +31,7 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import Mode, ParameterKind, PlannerAction, RebootKind, StopCause
 from support.probe import now_us
 from support.reference_codec import frame_bytes
@@ -39,7 +39,7 @@ from support.reference_codec import frame_bytes
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from support.probe import Probe
 
 SEED = 20_240

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.can_frames import RECORD
-from protocol.catalogue import CATALOGUE
-from protocol.message import Direction, RateClass
+from protocol.can.frames import RECORD
 from protocol.messages import (
     ClearStop,
     Describe,
@@ -21,12 +19,14 @@ from protocol.messages import (
     SetStreamRate,
     Sync,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction, RateClass
 from protocol.values import Capability, NackReason, StopCause
 from support.probe import since
 from support.reference_codec import RefDamage, RefFrame, parse_stream
 
 if TYPE_CHECKING:
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.message import Message, MessageSpec
     from support.probe import Heard, Probe
 
 TOLERANCE = 0.05

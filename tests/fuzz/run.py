@@ -22,9 +22,9 @@ import atheris
 
 with atheris.instrument_imports(include=["protocol"]):
     from fuzz.targets import TARGETS
-    from protocol.can_link import CanLink
-    from protocol.catalogue import CATALOGUE
+    from protocol.can.link import CanLink
     from protocol.link import Link
+    from protocol.schema.catalogue import CATALOGUE
 
 
 ROOT = Path(__file__).resolve().parents[2]

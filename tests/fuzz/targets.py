@@ -10,20 +10,20 @@ import gc
 from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING
 
-from protocol.batch import REASONS, decode_capture
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE, Catalogue
-from protocol.codec import Codec
+from protocol.can.link import CanLink
 from protocol.errors import ProtocolError
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import Encoders, LogText, VelocitySetpoint
-from protocol.uart import DamagedFrame, Frame, UartParser, encode_frame
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.batch import REASONS, decode_capture
+from protocol.uart.framing import DamagedFrame, Frame, UartParser, encode_frame
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 _FRAMED = b"\0" + encode_frame(1, 0x13, 7, 5, b"\1\2\3\4")
 _HELD_MAX = 200_000

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from protocol.batch import REASONS, BatchResult, decode_capture
-from protocol.catalogue import CATALOGUE
-from protocol.codec import Codec
 from protocol.errors import PayloadError
-from protocol.uart import DamagedFrame, UartParser, encode_frame
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.codec import Codec
+from protocol.uart.batch import REASONS, BatchResult, decode_capture
+from protocol.uart.framing import DamagedFrame, UartParser, encode_frame
 from support import reference_codec as ref
 from support import strategies as wire
 
 if TYPE_CHECKING:
-    from protocol.uart import Frame
+    from protocol.uart.framing import Frame
 
 pytestmark = pytest.mark.slow
 

@@ -10,15 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.can_frames import RECORD
-from protocol.can_link import CanLink
-from protocol.can_segments import MAX_CONTENT, MAX_OPEN
-from protocol.can_stamps import OLDEST_US, StampExtender
-from protocol.catalogue import CATALOGUE, Catalogue
-from protocol.codec import Codec
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
+from protocol.can.stamps import OLDEST_US, StampExtender
+from protocol.can.transfers import MAX_CONTENT, MAX_OPEN
 from protocol.errors import FieldRangeError
 from protocol.link import LinkEvent, Received, Rejected
-from protocol.message import Direction, Message, MessageSpec
 from protocol.messages import (
     ALL_MESSAGES,
     Imu,
@@ -28,7 +25,10 @@ from protocol.messages import (
     Sync,
     TimeRequest,
 )
-from protocol.uart import CRC, DamagedFrame
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction, Message, MessageSpec
+from protocol.uart.framing import CRC, DamagedFrame
 from support import strategies as wire
 
 if TYPE_CHECKING:

@@ -10,20 +10,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.can_frames import from_record
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE
+from protocol.can.frames import from_record
+from protocol.can.link import CanLink
 from protocol.generate import render
-from protocol.message import RateClass
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import RateClass
 from support.strategies import message_of, nodes, t_us_values, values_of
 
 if TYPE_CHECKING:
     from cantools.database.can import Database
     from hypothesis.strategies import SearchStrategy
 
-    from protocol.can_frames import CanFrame
-    from protocol.fields import Field
-    from protocol.message import Message, MessageSpec
+    from protocol.can.frames import CanFrame
+    from protocol.schema.fields import Field
+    from protocol.schema.message import Message, MessageSpec
 
 PERIODIC = [s.type_id for s in CATALOGUE if s.rate is RateClass.STREAM]
 # What turns the wire's unit into the one that the property's name ends with.

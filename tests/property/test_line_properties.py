@@ -8,7 +8,7 @@ from typing import NamedTuple
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.can_frames import RECORD, worst_bits
+from protocol.can.frames import RECORD, worst_bits
 from sim_device.line import (
     CAN_QUEUE,
     FIFO_BYTES,

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.catalogue import CATALOGUE
-from protocol.codec import Codec
 from protocol.errors import FieldRangeError, PayloadError
-from protocol.uart import MAX_PAYLOAD, Frame, FrameSizeError, UartParser, encode_frame
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.codec import Codec
+from protocol.uart.framing import MAX_PAYLOAD, Frame, FrameSizeError, UartParser, encode_frame
 from support import reference_codec as ref
 from support import strategies as wire
 
 if TYPE_CHECKING:
-    from protocol.message import MessageSpec
+    from protocol.schema.message import MessageSpec
 
 pytestmark = pytest.mark.slow
 

@@ -10,8 +10,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from protocol.link import Link, LinkEvent, Received, Rejected
-from protocol.message import Direction
-from protocol.uart import DamagedFrame, Frame, UartParser
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame, Frame, UartParser
 from support import reference_codec as ref
 from support import strategies as wire
 from support.hostile import (

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from bridge.record.layout import FlatField, FlatMessage, Kind
 from bridge.record.schemas import DeviceEncoder
 from bridge.telemetry import DeviceMessage
-from protocol.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE
 from support.strategies import message_of, nodes, seqs, t_us_values, typed_values
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from bridge.bench.wire import InterruptedByPersonError
 from bridge.errors import CommandRejectedError, ParameterError, StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
 from protocol.authentication import key_words
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.messages import ClearStop, Imu, SetKey
 from protocol.values import Mode, StopCause

@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.can_frames import RECORD, CanFrame, from_record
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.can.frames import RECORD, CanFrame, from_record
+from protocol.can.link import CanLink
 from protocol.link import Received, Rejected
-from protocol.message import Direction
 from protocol.messages import Encoders, Imu, LogText, Sync
-from protocol.uart import DamagedFrame
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame
 from support.c_adapter import random_message, words
 from support.c_build import generate
 
 if TYPE_CHECKING:
     from protocol.link import LinkEvent
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from support.c_build import Adapter
 
 pytestmark = pytest.mark.slow

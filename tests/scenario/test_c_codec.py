@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from protocol.agreement import describe
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
-from protocol.codec import Codec
 from protocol.generate.c_messages import MINIMAL
-from protocol.message import Direction
 from protocol.messages import Describe
-from protocol.uart import DamagedFrame, Frame, UartParser, encode_frame
+from protocol.schema.agreement import describe
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame, Frame, UartParser, encode_frame
 from support.c_adapter import random_message, shown, words
 from support.c_build import C_TESTS, COMPILERS, ROOT, UNIT, compiler, generate, run
 

@@ -24,7 +24,7 @@ from protocol.messages import (
     Stop,
     VelocitySetpoint,
 )
-from protocol.uart import Frame, UartParser
+from protocol.uart.framing import Frame, UartParser
 from protocol.values import Fault, Mode, NackReason, StopCause
 from support.c_build import C_TESTS, ROOT, generate
 from support.hostile import BitFlips, Chunked, CutTail, Lossy, Pipe, Wire
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.session_events import SessionEvent
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 pytestmark = pytest.mark.realtime
 

@@ -26,8 +26,8 @@ from bridge.io.can_port import CanPort
 from bridge.io.multicast import MulticastBus
 from bridge.io.ports import open_port
 from bridge.record.reader import LogReader
-from protocol.can_frames import RECORD, CanFrame, frame_bits
-from protocol.can_link import CanLink
+from protocol.can.frames import RECORD, CanFrame, frame_bits
+from protocol.can.link import CanLink
 from sim_device.ports import MulticastPort, SlcanPort
 from support.ends import sweeper
 from support.two_processes import PATIENCE_S, Command, Emulator, connect

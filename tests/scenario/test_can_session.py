@@ -14,16 +14,16 @@ from bridge.mission import Mission
 from bridge.motion.robot_model import RobotModel
 from bridge.session_events import Agreed, CommandEnded, Data, Failed, Ping, State
 from bridge.telemetry import DeviceMessage, EventRecord, RawCan
-from protocol.can_link import CanLink, CanStatistics
-from protocol.can_load import loads
-from protocol.message import Direction
+from protocol.can.link import CanLink, CanStatistics
+from protocol.can.load import loads
 from protocol.messages import Encoders, Imu, Range, Stop, Sync, VelocitySetpoint
+from protocol.schema.message import Direction
 from protocol.values import Mode, StopCause
 from support.can_bus import BITRATE, Bus, BusWire
 from support.ends import Collector, Ends, HostEnd, SessionEnd, check_safe, session_end, sweeper
 
 if TYPE_CHECKING:
-    from protocol.can_frames import CanFrame
+    from protocol.can.frames import CanFrame
     from sim_device.device import VirtualSweeper
 
 

@@ -20,8 +20,8 @@ import pytest
 from bridge.io.ports import open_port
 from bridge.io.stopping import stop_device
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import TimeRequest
+from protocol.schema.message import Direction
 from sim_device.ports import PortUnavailableError, PtyPort, ask_control
 from sim_device.ports.tcp import SILENT_S
 from support.two_processes import COMMAND, PATIENCE_S, ROOT, Command, Emulator, Together, connect

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from protocol.authentication import Authenticator
-from protocol.catalogue import CATALOGUE
-from protocol.codec import Codec
 from protocol.generate import render
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import VelocitySetpoint
-from protocol.uart import encode_frame
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.framing import encode_frame
 from support import reference_codec as ref
 from support.captures import (
     USER0,

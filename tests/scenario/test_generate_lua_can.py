@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.authentication import Authenticator
-from protocol.can_frames import CAN_FULL_STAMP, can_type, from_record, is_native
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE
+from protocol.can.frames import CAN_FULL_STAMP, can_type, from_record, is_native
+from protocol.can.link import CanLink
 from protocol.generate import render
-from protocol.message import Direction
 from protocol.messages import VelocitySetpoint
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from support.captures import SOCKETCAN, Packet, Seen, Tshark, socketcan, write_pcap
 from support.dissected import assert_field, assert_message, random_message, random_messages
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from protocol.can_frames import CanFrame
-    from protocol.message import Message, MessageSpec
+    from protocol.can.frames import CanFrame
+    from protocol.schema.message import Message, MessageSpec
 
     Dissect = Callable[[int, list[Packet]], list[Seen]]
 

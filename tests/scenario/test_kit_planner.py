@@ -11,7 +11,6 @@ from bridge.coverage.floorplan import parse_floorplan
 from bridge.coverage.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import (
     ClearStop,
     HostHello,
@@ -22,6 +21,7 @@ from protocol.messages import (
     Stop,
     TimeRequest,
 )
+from protocol.schema.message import Direction
 from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause
 from sim_device.device import VirtualSweeper
 from support.kit_build import the_kit
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from bridge.coverage.floorplan import FloorPlan
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -28,7 +27,8 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
-from protocol.uart import Frame, UartParser
+from protocol.schema.catalogue import CATALOGUE
+from protocol.uart.framing import Frame, UartParser
 from protocol.values import Fault, Mode, OnboardPlanner, PlannerAction, RebootKind, StopCause
 from support.kit_build import the_kit
 from support.kit_compare import compare
@@ -36,7 +36,7 @@ from support.kit_script import LoseSupply, Readings, Step
 from support.kit_sessions import Writer, f32
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 pytestmark = pytest.mark.realtime
 

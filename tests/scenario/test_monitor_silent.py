@@ -16,8 +16,8 @@ import pytest
 
 import bridge
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import Hello, Imu, Status
+from protocol.schema.message import Direction
 from support.cli import end, start, sweepctl
 from support.served import Served
 

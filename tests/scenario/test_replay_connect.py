@@ -17,7 +17,6 @@ from bridge.session_events import Data, Ping, State
 from bridge.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import (
     Ack,
     Describe,
@@ -30,7 +29,8 @@ from protocol.messages import (
     TimeReply,
     TimeRequest,
 )
-from protocol.uart import DamagedFrame
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame
 from protocol.values import NackReason
 from support.cli import end, plain_messages, short_runs, start, sweepctl
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from bridge.replay_device import ReplayDevice
     from bridge.session_events import SessionEvent
     from protocol.link import LinkEvent
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 pytestmark = pytest.mark.realtime
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from bridge.motion.robot_model import RobotModel
 from bridge.session_events import Agreed, CommandEnded, Data, State
-from protocol.catalogue import CATALOGUE
 from protocol.messages import (
     ClearStop,
     GetParameter,
@@ -19,6 +18,7 @@ from protocol.messages import (
     SetStreamRate,
     VelocitySetpoint,
 )
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import (
     Mode,
     NackReason,
@@ -31,7 +31,7 @@ from support.ends import Ends, session_end, sweeper
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 F32, U32, I32, BOOL = (
     ParameterKind.F32,

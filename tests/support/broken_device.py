@@ -19,8 +19,6 @@ from typing import TYPE_CHECKING
 
 from cobs import cobs
 
-from protocol.catalogue import CATALOGUE
-from protocol.codec import Codec
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -33,13 +31,15 @@ from protocol.messages import (
     TimeRequest,
     VelocitySetpoint,
 )
-from protocol.uart import Frame, UartParser, encode_frame
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.codec import Codec
+from protocol.uart.framing import Frame, UartParser, encode_frame
 from protocol.values import StopCause, by_gravity
 from sim_device.device import VirtualSweeper
 from tools.rooms import load_room
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 OWN_ID = 0xB000
 """Command ids of our own, which no host sees answered."""

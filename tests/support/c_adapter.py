@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from protocol.generate.c_text import c_type, identifier
-from protocol.uart import MAX_PAYLOAD
+from protocol.uart.framing import MAX_PAYLOAD
 
 if TYPE_CHECKING:
     import random
     from collections.abc import Iterable, Iterator
 
-    from protocol.fields import Field
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.fields import Field
+    from protocol.schema.message import Message, MessageSpec
 
 
 def table(specs: Iterable[MessageSpec]) -> str:

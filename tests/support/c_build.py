@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.generate.c import SOURCE, render
+from protocol.schema.catalogue import CATALOGUE, Catalogue
 from support.c_adapter import table
 from support.tools import tool_named, unmarked
 

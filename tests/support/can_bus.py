@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import RECORD, CanFrame, frame_bits, from_record
+from protocol.can.frames import RECORD, CanFrame, frame_bits, from_record
 from support.hostile import Piece, Wire
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from bridge.doctor import Examination
 from bridge.doctor.visit import Visit as DoctorVisit
 from bridge.motion.robot_model import RobotModel
 from bridge.telemetry import EventRecord, RawBytes
-from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
+from protocol.schema.catalogue import CATALOGUE
 from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import parse_fault
 from sim_device.line import LineSettings
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.telemetry import Record
-    from protocol.catalogue import Catalogue
+    from protocol.schema.catalogue import Catalogue
 
 BOOT_US = 7_000_000
 READ_US = 200

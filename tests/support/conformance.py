@@ -20,8 +20,8 @@ import pytest
 
 from bridge.errors import PortError
 from bridge.io.ports import DEFAULT_BAUD, open_port
-from protocol.catalogue import CATALOGUE
 from protocol.messages import Hello, HostHello
+from protocol.schema.catalogue import CATALOGUE
 from support.conformance_report import Report, describe_device, kind_of
 from support.hold_up import Busy
 from support.probe import Probe, now_us

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import CATALOGUE
 from protocol.link import Link, Received
-from protocol.message import Direction, Message
 from protocol.messages import (
     ClearStop,
     HostHello,
@@ -14,6 +12,8 @@ from protocol.messages import (
     TimeRequest,
     VelocitySetpoint,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction, Message
 from protocol.values import Mode, StopCause
 from support.ends import sweeper
 

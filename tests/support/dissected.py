@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
-from protocol.message import Direction
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
-    from protocol.fields import Field
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.fields import Field
+    from protocol.schema.message import Message, MessageSpec
     from support.captures import Seen
 
 PER_MESSAGE = 12

@@ -15,11 +15,11 @@ from bridge.motion.legs import Turn
 from bridge.motion.robot_model import RobotModel
 from bridge.session import Session
 from protocol.authentication import CAN_AUTH_TYPE
-from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
 from protocol.link import Link, LinkBase, Received, Rejected
-from protocol.message import Direction
 from protocol.messages import VelocitySetpoint
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from protocol.values import ResetCause
 from sim_device.device import VirtualSweeper
 from support.hostile import Piece, Pipe, Wire
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
     from bridge.session_events import SessionEvent
     from bridge.telemetry import Record
-    from protocol.catalogue import Catalogue
-    from protocol.message import Message
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.message import Message
 
 E = TypeVar("E")
 R = TypeVar("R")

@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.motion.robot_model import RobotModel
 from protocol.link import Link, Received
-from protocol.message import Direction
+from protocol.schema.message import Direction
 from protocol.values import Contact
 from sim_device.noise import noise_level
 from sim_device.plant import Plant
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.coverage.floorplan import FloorPlan
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 PERIOD_US = 10_000
 _DUTY_ONE = 10_000

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from cobs import cobs
 
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -9,9 +9,8 @@ from zlib import crc32
 from cobs import cobs
 from hypothesis import strategies as st
 
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import (
     ClearStop,
     Describe,
@@ -28,14 +27,15 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
-from protocol.uart import encode_frame
+from protocol.schema.message import Direction
+from protocol.uart.framing import encode_frame
 from protocol.values import Mode, StopCause
 from support.kit_script import NO_RANGE, PARAMETERS, Boot, Readings, Step
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from support.kit_script import Act
 
 HOST_AHEAD_US = 5_000_000

@@ -6,8 +6,8 @@ import re
 from typing import TYPE_CHECKING
 
 from bridge.motion.robot_model import RobotModel
-from protocol.can_frames import RECORD
-from protocol.can_link import CanLink
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
 from protocol.link import Link
 from protocol.values import Contact, RebootKind, ResetCause
 from sim_device.contacts import Bumpers

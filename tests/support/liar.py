@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.catalogue import CATALOGUE
 from protocol.messages import PlannerState
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import PlannerPhase
 
 if TYPE_CHECKING:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
-from protocol.catalogue import Catalogue
-from protocol.fields import U16, number
-from protocol.message import Message, message, specify
 from protocol.messages import ALL_MESSAGES
+from protocol.schema.catalogue import Catalogue
+from protocol.schema.fields import U16, number
+from protocol.schema.message import Message, message, specify
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
-from protocol.agreement import Comparison
-from protocol.catalogue import CATALOGUE
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -31,7 +29,9 @@ from protocol.messages import (
     VelocitySetpoint,
     WheelDuty,
 )
-from protocol.uart import FLAG_RETRY
+from protocol.schema.agreement import Comparison
+from protocol.schema.catalogue import CATALOGUE
+from protocol.uart.framing import FLAG_RETRY
 from protocol.values import Capability, Mode, NackReason, StopCause
 from support.wire_probe import Heard, Ping, WireProbe, now_us, since
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.commands import Command
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 __all__ = ["Heard", "Ping", "Probe", "now_us", "since"]
 TRY_S = 0.4

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.coverage.floorplan import FloorPlan
     from bridge.session_events import SessionEvent
     from protocol.link import LinkBase
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 E = TypeVar("E")
 M = TypeVar("M")

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 from hypothesis import strategies as st
 
-from protocol.catalogue import CATALOGUE
+from protocol.schema.catalogue import CATALOGUE
 from support import reference_codec as ref
 
 if TYPE_CHECKING:
     from hypothesis.strategies import SearchStrategy
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 _BOUNDS = {"u8": (0, 0xFF), "u16": (0, 0xFFFF), "u32": (0, 0xFFFFFFFF), "i16": (-32768, 32767)}
 

@@ -29,13 +29,13 @@ from bridge.telemetry import (
     Severity,
     TruthRecord,
 )
-from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.schema.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 EPOCH_NS = 1_700_000_000_000_000_000
 STEP_NS = 20_000_000

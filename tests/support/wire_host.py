@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from protocol.catalogue import CATALOGUE
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -20,12 +18,14 @@ from protocol.messages import (
     Stop,
     TimeRequest,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from protocol.values import Mode, NackReason, OnboardPlanner, PlannerAction, StopCause
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
     from sim_device.device import VirtualSweeper
 
 M = TypeVar("M")

@@ -11,21 +11,21 @@ import time
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from bridge.io.ports import link_of
-from protocol.can_frames import RECORD
-from protocol.codec import Codec
+from protocol.can.frames import RECORD
 from protocol.link import NODE_ALL, LinkEvent, Medium, Received
-from protocol.message import Direction
 from protocol.messages import (
     Hello,
     TimeRequest,
 )
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.io.ports import BytePort
-    from protocol.message import Message
-    from protocol.uart import Frame
+    from protocol.schema.message import Message
+    from protocol.uart.framing import Frame
 
 M = TypeVar("M", bound="Message")
 PATIENCE_S = 2.0

@@ -12,10 +12,8 @@ from bridge.session_events import CommandEnded, State
 from protocol.authentication import (
     key_words,
 )
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE
+from protocol.can.link import CanLink
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import (
     ClearStop,
     GetParameter,
@@ -23,6 +21,8 @@ from protocol.messages import (
     SetKey,
     Stop,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from protocol.values import Mode, NackReason, StopCause
 from support.ends import Ends, HostEnd, SessionEnd, check_safe, spinning_host, sweeper
 

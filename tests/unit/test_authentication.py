@@ -20,12 +20,10 @@ from protocol.authentication import (
     key_of,
     key_words,
 )
-from protocol.can_authentication import TOGETHER_US
-from protocol.can_frames import RECORD
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE
+from protocol.can.authentication import TOGETHER_US
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
 from protocol.link import Link, Received, Rejected
-from protocol.message import Direction
 from protocol.messages import (
     Describe,
     HostHello,
@@ -34,6 +32,8 @@ from protocol.messages import (
     TimeRequest,
     VelocitySetpoint,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from protocol.batch import BatchDecoder, decode_capture, iter_capture, row_dtype
-from protocol.catalogue import CATALOGUE
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import Encoders, Hello, Imu, LogText, Range
-from protocol.uart import Damage, encode_frame
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
+from protocol.uart.batch import BatchDecoder, decode_capture, iter_capture, row_dtype
+from protocol.uart.framing import Damage, encode_frame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.message import Message, MessageSpec
 
 MIB = 1 << 20
 

@@ -6,7 +6,7 @@ from zlib import crc32
 
 import pytest
 
-from protocol.can_frames import (
+from protocol.can.frames import (
     CAN_PART_TYPES,
     MAX_ID,
     RECORD,
@@ -18,11 +18,10 @@ from protocol.can_frames import (
     to_record,
     worst_bits,
 )
-from protocol.can_link import CanLink
-from protocol.can_load import BITRATE, loads, report
-from protocol.can_segments import MAX_CONTENT, content, parse_content, segments
+from protocol.can.link import CanLink
+from protocol.can.load import BITRATE, loads, report
+from protocol.can.transfers import MAX_CONTENT, content, parse_content, segments
 from protocol.link import Received
-from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
     Encoders,
@@ -39,6 +38,7 @@ from protocol.messages import (
     TimeRequest,
     VelocitySetpoint,
 )
+from protocol.schema.message import Direction, Message
 
 HOST, DEVICE = Direction.HOST, Direction.DEVICE
 T_US = 0x0012_3456

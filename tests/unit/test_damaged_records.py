@@ -16,8 +16,8 @@ from bridge.telemetry import EventRecord, RawBytes, RunInfo
 from bridge.view.run_data import frames_of, load_run
 from protocol.clock import HostNs
 from protocol.link import Link
-from protocol.message import Direction
-from protocol.uart import Damage, DamagedFrame, encode_frame
+from protocol.schema.message import Direction
+from protocol.uart.framing import Damage, DamagedFrame, encode_frame
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
 from support.hostile import Pipe
 

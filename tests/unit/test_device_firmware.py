@@ -6,8 +6,6 @@ from collections import Counter
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
-from protocol.message import Direction, RateClass
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -21,6 +19,8 @@ from protocol.messages import (
     TimeReply,
     TimeRequest,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction, RateClass
 from protocol.values import Mode, NackReason, ResetCause, StopCause
 from support.device_bench import SESSION, Bench, kinds
 

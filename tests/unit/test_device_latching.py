@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
 from protocol.messages import (
     ClearStop,
     HostHello,
@@ -14,6 +13,7 @@ from protocol.messages import (
     Stop,
     VelocitySetpoint,
 )
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import Fault, Mode, ResetCause, StopCause
 from support.device_bench import SESSION, Bench, kinds
 from support.ends import RAMP_US, REST_M_S, sweeper

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
 from protocol.messages import (
     Hello,
     Imu,
@@ -15,6 +14,7 @@ from protocol.messages import (
     Sync,
     VelocitySetpoint,
 )
+from protocol.schema.catalogue import CATALOGUE
 from protocol.values import (
     Fault,
     NackReason,
@@ -22,7 +22,7 @@ from protocol.values import (
 from support.ends import SessionEnd, session_end
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
 from support.agreed_device import Desk
 
 IMU, POWER, SYNC = (CATALOGUE.by_class[c].type_id for c in (Imu, Power, Sync))

@@ -13,19 +13,19 @@ from cobs import cobs
 from bridge.robot_state import missing_needs
 from bridge.session import Session
 from bridge.session_events import Failed
-from protocol.agreement import Match, MessageAgreement
-from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
-from protocol.fields import U8, number
 from protocol.generate import render
 from protocol.messages import Stop
+from protocol.schema.agreement import Match, MessageAgreement
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.fields import U8, number
 from support.ends import Ends, session_end, sweeper
 from support.peers import catalogue, variant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.message import MessageSpec
+    from protocol.schema.message import MessageSpec
 
 SECOND_NS = 1_000_000_000
 ROOT = Path(__file__).parents[2]

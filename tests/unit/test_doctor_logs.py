@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.doctor.log_visit import _Log
 from bridge.record.reader import LogMessage
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import ClearStop, HostHello, SetMode, TimeRequest, VelocitySetpoint
+from protocol.schema.message import Direction
 from protocol.values import Mode, StopCause
 from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import parse_fault

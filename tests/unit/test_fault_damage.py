@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 from sim_device.faults.damage import Damage, Delay
 from sim_device.faults.knobs import WireKnobs
 

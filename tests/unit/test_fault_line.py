@@ -7,7 +7,7 @@ import statistics
 import pytest
 
 from bridge.session_events import State
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.messages import Imu
 from protocol.values import ResetCause
 from sim_device.device import VirtualSweeper

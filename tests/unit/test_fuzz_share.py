@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fuzz.targets import TARGETS, held_bytes
-from protocol.uart import UartParser
+from protocol.uart.framing import UartParser
 
 pytestmark = pytest.mark.slow
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import pytest
 
-from protocol.can_frames import CAN_PART_TYPES
-from protocol.catalogue import CATALOGUE, Catalogue
-from protocol.fields import I16, U16, number
+from protocol.can.frames import CAN_PART_TYPES
 from protocol.generate.c import HEADER, SOURCE, render
 from protocol.generate.c_can import HostPartsError
-from protocol.message import Direction, Message, RateClass, message
 from protocol.messages import ALL_MESSAGES
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.fields import I16, U16, number
+from protocol.schema.message import Direction, Message, RateClass, message
 from support.c_build import (
     COMPILERS,
     CORTEX_M4,

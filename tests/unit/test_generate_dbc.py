@@ -10,14 +10,14 @@ import cantools
 import pytest
 
 from protocol.authentication import Authenticator
-from protocol.can_frames import from_record
-from protocol.can_link import CanLink
-from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.can.frames import from_record
+from protocol.can.link import CanLink
 from protocol.errors import FieldRangeError
-from protocol.fields import U8, U16, number
 from protocol.generate import render
-from protocol.message import Direction, Message, RateClass, message
 from protocol.messages import VelocitySetpoint
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.fields import U8, U16, number
+from protocol.schema.message import Direction, Message, RateClass, message
 
 if TYPE_CHECKING:
     from pathlib import Path

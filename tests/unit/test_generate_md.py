@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from bridge.session_events import TRANSITIONS
-from protocol.catalogue import CATALOGUE
 from protocol.generate import render
 from protocol.generate.md import Machine, diagram
 from protocol.messages import Imu, Range, VelocitySetpoint
+from protocol.schema.catalogue import CATALOGUE
 from support import reference_codec as ref
 from support.peers import catalogue, longer
 from tools.behaviour import wire_behaviour

@@ -12,9 +12,9 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSe
 
 from bridge.record.schemas import device_encoders
 from bridge.telemetry import DeviceMessage
-from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.generate import render
 from protocol.messages import Imu, Range
+from protocol.schema.catalogue import CATALOGUE, Catalogue
 from support.peers import catalogue, longer
 
 if TYPE_CHECKING:

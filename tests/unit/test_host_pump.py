@@ -14,8 +14,8 @@ from bridge.telemetry import EventRecord
 from protocol.clock import HostNs
 from protocol.errors import FieldRangeError
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import GetParameter, Stop, VelocitySetpoint
+from protocol.schema.message import Direction
 from protocol.values import StopCause
 from support.ends import Collector, spinning_host, sweeper
 

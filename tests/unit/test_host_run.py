@@ -10,10 +10,10 @@ from bridge.mission import Ending, Phase
 from bridge.session_events import State
 from bridge.telemetry import EventRecord, Record, Severity
 from protocol.clock import HostNs
-from protocol.codec import Codec
-from protocol.message import specify
 from protocol.messages import Hello, Stop, VelocitySetpoint
-from protocol.uart import encode_frame
+from protocol.schema.codec import Codec
+from protocol.schema.message import specify
+from protocol.uart.framing import encode_frame
 from protocol.values import Mode, StopCause
 from support.ends import (
     RAMP_US,

@@ -11,10 +11,10 @@ from bridge.io.ports import check_local
 from bridge.session_events import State
 from bridge.telemetry import RawBytes, RawCan
 from protocol.authentication import key_words
-from protocol.can_frames import RECORD
+from protocol.can.frames import RECORD
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import SetKey, Stop
+from protocol.schema.message import Direction
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
 
 KEYS = [bytes(range(1, 17)), b"a pass\0phrase!\0\x0f", bytes(15) + b"\x01"]

@@ -19,10 +19,10 @@ from bridge.operator import Operator
 from bridge.round_trip import LIMIT_NS, LinkTrouble, RoundTrip
 from bridge.session_events import State
 from bridge.telemetry import EventRecord
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import PlannerCommand, TimeReply, TimeRequest
+from protocol.schema.message import Direction
 from protocol.values import Mode, OnboardPlanner, StopCause
 from support.bench_wire import desk_on
 from support.ends import Collector, Ends, HostEnd, Spinning, check_safe, spinning_host, sweeper

@@ -7,11 +7,11 @@ import struct
 import pytest
 
 from bridge.monitor import Monitor, UnknownTypeError
-from protocol.can_link import CanLink
+from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import Encoders, Hello, Stop, Sync
+from protocol.schema.message import Direction
 from protocol.values import StopCause
 from support.reference_codec import cobs_encode, crc32
 

@@ -10,8 +10,8 @@ from rich.console import Console
 from bridge.monitor import Monitor
 from protocol.clock import HostNs
 from protocol.link import Link
-from protocol.message import Direction
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
+from protocol.schema.message import Direction
 from tools.monitor_view import Table
 
 SENT = (

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import HostHello, SetMode, Stop, TimeRequest, VelocitySetpoint
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from protocol.values import Mode, StopCause
 from sim_device.ports import TcpPort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 PATIENCE_S = 30.0
 STOP = Stop(7, StopCause.OPERATOR)

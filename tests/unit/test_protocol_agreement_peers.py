@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import pytest
 
 from bridge.session_events import Agreed, CommandEnded, Data, State
-from protocol.catalogue import CATALOGUE
-from protocol.fields import U8, U16, number
 from protocol.link import Rejected
-from protocol.message import Direction, Message, RateClass, message
 from protocol.messages import (
     ClearStop,
     Encoders,
@@ -22,6 +19,9 @@ from protocol.messages import (
     SetParameter,
     SetStreamRate,
 )
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.fields import U8, U16, number
+from protocol.schema.message import Direction, Message, RateClass, message
 from protocol.values import Mode, NackReason, ParameterKind, StopCause
 from support.ends import Ends, SessionEnd, session_end, sweeper
 from support.peers import EXTRA, catalogue, hints_of, longer, shorter, variant
@@ -29,7 +29,7 @@ from support.peers import EXTRA, catalogue, hints_of, longer, shorter, variant
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.catalogue import Catalogue
+    from protocol.schema.catalogue import Catalogue
 
 LongerPower = longer(Power, "fan")
 LongerMode = longer(SetMode, "ramp")

@@ -6,12 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
 from protocol.clock import DeviceUs, extend_us
-from protocol.codec import Codec
 from protocol.errors import FieldRangeError, LocalError, ProtocolError, RemoteError
 from protocol.link import Link, LinkEvent, Received, Rejected, WrongDirectionError
-from protocol.message import Direction
 from protocol.messages import (
     Encoders,
     Hello,
@@ -24,12 +21,15 @@ from protocol.messages import (
     Sync,
     VelocitySetpoint,
 )
-from protocol.uart import FLAG_RETRY, Damage, DamagedFrame, FrameSizeError
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.framing import FLAG_RETRY, Damage, DamagedFrame, FrameSizeError
 from protocol.values import Fault, Mode, flag_labels, label
 from support import reference_codec as ref
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 
 def host() -> Link:

@@ -8,13 +8,13 @@ from typing import Annotated
 
 import pytest
 
-from protocol.can_frames import CAN_PART_TYPES
-from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.can.frames import CAN_PART_TYPES
 from protocol.errors import UnknownMessageError
-from protocol.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
-from protocol.lint import findings
-from protocol.message import Direction, Message, MessageSpec, RateClass, message, specify
 from protocol.messages import Imu, LogText, Power, Range, SetMode, Status
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.fields import I16, TEXT, U8, U16, Field, number, si, si_or_none, text
+from protocol.schema.lint import findings
+from protocol.schema.message import Direction, Message, MessageSpec, RateClass, message, specify
 
 RAW = number(U8, "count", "a number")
 

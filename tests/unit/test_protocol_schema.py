@@ -9,10 +9,6 @@ from typing import Annotated
 
 import pytest
 
-from protocol.agreement import Comparison, Match, describe
-from protocol.catalogue import CATALOGUE, Catalogue
-from protocol.fields import I16, U8, U16, U32, Field, number, si, si_or_none
-from protocol.message import Direction, Message, RateClass, message
 from protocol.messages import (
     ALL_MESSAGES,
     UNKNOWN_MESSAGE,
@@ -23,6 +19,10 @@ from protocol.messages import (
     Power,
     Status,
 )
+from protocol.schema.agreement import Comparison, Match, describe
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.fields import I16, U8, U16, U32, Field, number, si, si_or_none
+from protocol.schema.message import Direction, Message, RateClass, message
 
 POWER = 0x15
 

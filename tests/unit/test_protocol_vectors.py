@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from protocol.catalogue import CATALOGUE
-from protocol.codec import Codec
 from protocol.link import Link, Received, Rejected
-from protocol.message import Direction
-from protocol.uart import DamagedFrame, Frame, UartParser, encode_frame
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame, Frame, UartParser, encode_frame
 from support import reference_codec as ref
 
 Vector = dict[str, Any]

@@ -38,14 +38,14 @@ from bridge.telemetry import (
     Severity,
     TruthRecord,
 )
-from protocol.catalogue import CATALOGUE
 from protocol.messages import Encoders, Imu, Power, Range
+from protocol.schema.catalogue import CATALOGUE
 from support.synthetic_run import EPOCH_NS, PLAN, run_info, summary
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 from support.read_log import written
 
 NOW = EPOCH_NS + 123_456_789

@@ -10,11 +10,11 @@ import pytest
 from bridge.session import AGREE_TIMEOUT_NS, Session
 from bridge.session_events import RESTLESS, Agreed, Failed, Restless, SessionEvent, State
 from bridge.session_handshake import HANDSHAKE_PERIOD_NS, HANDSHAKES_AT_ONCE
-from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import Hello, HostHello, Status
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from support.ends import Ends, SessionEnd, session_end, sweeper
 
 if TYPE_CHECKING:

@@ -10,11 +10,7 @@ import pytest
 from bridge.mission import Phase
 from bridge.robot_state import missing_needs, understood
 from bridge.session_events import Agreed, Data, Failed, State
-from protocol.agreement import Match, MessageAgreement
-from protocol.catalogue import CATALOGUE
-from protocol.fields import U8, U16, number
 from protocol.link import Link, Received, Rejected
-from protocol.message import Direction, Message, RateClass, message, specify
 from protocol.messages import (
     ALL_MESSAGES,
     Ack,
@@ -31,7 +27,11 @@ from protocol.messages import (
     Stop,
     VelocitySetpoint,
 )
-from protocol.uart import encode_frame
+from protocol.schema.agreement import Match, MessageAgreement
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.fields import U8, U16, number
+from protocol.schema.message import Direction, Message, RateClass, message, specify
+from protocol.uart.framing import encode_frame
 from support.ends import Ends, HostEnd, SessionEnd, Valve, session_end, spinning_host, sweeper
 from support.hostile import Lossy, Piece, Pipe, Wire
 from support.peers import EXTRA, catalogue, hints_of, variant

@@ -19,7 +19,7 @@ from bridge.session_events import (
 )
 from protocol.clock import HostNs
 from protocol.messages import Hello, HostHello, Stop, TimeRequest, VelocitySetpoint
-from protocol.uart import encode_frame
+from protocol.uart.framing import encode_frame
 from protocol.values import Mode, NackReason, StopCause
 from support.ends import Ends, SessionEnd, session_end, sweeper
 from support.hostile import Pipe

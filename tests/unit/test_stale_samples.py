@@ -18,9 +18,9 @@ from bridge.robot_state import STALE_S, STATUS_STALE_S
 from bridge.sample_times import RESYNC_S, SampleTimes
 from bridge.telemetry import EventRecord
 from protocol.link import Link, Received
-from protocol.message import Direction
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
-from protocol.uart import encode_frame
+from protocol.schema.message import Direction
+from protocol.uart.framing import encode_frame
 from protocol.values import Mode, OnboardPlanner, StopCause
 from support.bench_wire import desk_on
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
@@ -29,7 +29,7 @@ from support.hostile import Piece, Pipe, Wire
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 pytestmark = pytest.mark.slow
 

@@ -10,11 +10,11 @@ from bridge.errors import NoDeviceError, PortError
 from bridge.io import clock
 from bridge.io.stopping import CONFIRM_S, send_until_confirmed, stop_device
 from bridge.stop_request import REPEAT_NS, StopRequest
-from protocol.catalogue import CATALOGUE
 from protocol.clock import HostNs
 from protocol.link import NODE_ALL, Link, Received
-from protocol.message import Direction
 from protocol.messages import Ack, Nack, Stop
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
 from protocol.values import NackReason, StopCause
 
 if TYPE_CHECKING:

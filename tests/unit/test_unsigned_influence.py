@@ -7,9 +7,7 @@ import struct
 import pytest
 
 from protocol.authentication import Authenticator
-from protocol.catalogue import CATALOGUE
 from protocol.link import Link, Received
-from protocol.message import Direction, Message
 from protocol.messages import (
     Ack,
     Challenge,
@@ -22,7 +20,9 @@ from protocol.messages import (
     TimeRequest,
     VelocitySetpoint,
 )
-from protocol.uart import FLAG_AUTHENTICATED, encode_frame
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction, Message
+from protocol.uart.framing import FLAG_AUTHENTICATED, encode_frame
 from protocol.values import Mode, StopCause
 from support.ends import sweeper
 

@@ -9,7 +9,7 @@ import pytest
 from bridge.session_outbox import Outbox
 from protocol.clock import HostNs
 from protocol.link import Link
-from protocol.message import Direction
+from protocol.schema.message import Direction
 from tools.virtual_settings import Settings
 from tools.virtual_sweeper import SimulatedSweeper
 

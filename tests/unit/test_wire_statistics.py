@@ -6,8 +6,8 @@ import random
 
 from bridge.timesync import Fit
 from bridge.wire_statistics import MessageStatistics, Spread
-from protocol.catalogue import CATALOGUE
 from protocol.messages import Ack, Imu
+from protocol.schema.catalogue import CATALOGUE
 
 IMU = CATALOGUE.by_class[Imu]
 FIT = Fit(0, 5e9, 0.0, 0.0, 0.0)

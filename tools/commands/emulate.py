@@ -145,7 +145,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         return 0
     from bridge.config import load_robot
     from bridge.errors import PortError
-    from protocol.can_link import CanLink
+    from protocol.can.link import CanLink
     from protocol.link import Link
     from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
     from tools import qemu_target

@@ -21,7 +21,7 @@ def _complete_type(
     param: click.Parameter,  # noqa: ARG001 - click's interface
     incomplete: str,
 ) -> list[str]:
-    from protocol.catalogue import CATALOGUE
+    from protocol.schema.catalogue import CATALOGUE
 
     return [name for name in CATALOGUE.by_name if name.startswith(incomplete)]
 

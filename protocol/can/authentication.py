@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.uart import FLAG_AUTHENTICATED
+from protocol.uart.framing import FLAG_AUTHENTICATED
 
 if TYPE_CHECKING:
     from protocol.authentication import Authenticator

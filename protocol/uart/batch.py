@@ -1,8 +1,8 @@
 """A whole capture to numpy arrays, one per message type.
 
-Gives what :class:`protocol.uart.UartParser` and :class:`protocol.codec.Codec` give, damaged
-stretches included, with the place of each in the capture. Frames are handled by their length
-(:mod:`protocol.batch_frames`); only texts take a step of Python each.
+Gives what :class:`protocol.uart.framing.UartParser` and :class:`protocol.schema.codec.Codec` give,
+damaged stretches included, with the place of each in the capture. Frames are handled by length
+(:mod:`protocol.uart.batch_frames`); only texts take a step of Python each.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from protocol.batch_frames import (
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.uart.batch_frames import (
     DAMAGES,
     INTACT,
     LENGTH,
@@ -20,16 +21,15 @@ from protocol.batch_frames import (
     decode_frames,
     find_stretches,
 )
-from protocol.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
-from protocol.uart import HEADER, MAX_ENCODED
+from protocol.uart.framing import HEADER, MAX_ENCODED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
-    from protocol.message import MessageSpec
-    from protocol.uart import Damage
+    from protocol.schema.message import MessageSpec
+    from protocol.uart.framing import Damage
 
 
 class Readable(Protocol):

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from protocol.can_frames import CAN_PART_TYPES
-from protocol.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
-from protocol.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
-from protocol.message import MAX_TYPE, Direction, RateClass
+from protocol.can.frames import CAN_PART_TYPES
+from protocol.schema.catalogue import CAN_PAYLOAD_MAX, STREAM_PAYLOAD_MAX
+from protocol.schema.fields import PLAIN_UNITS, SI_UNITS, SiValue, SiValueOrNone
+from protocol.schema.message import MAX_TYPE, Direction, RateClass
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 MAX_PAYLOAD = 241
 """A decoded frame of 253 B less header and CRC."""

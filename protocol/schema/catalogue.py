@@ -6,8 +6,8 @@ import zlib
 from typing import TYPE_CHECKING
 
 from protocol.errors import UnknownMessageError
-from protocol.message import Message, MessageSpec, specify
 from protocol.messages import ALL_MESSAGES
+from protocol.schema.message import Message, MessageSpec, specify
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

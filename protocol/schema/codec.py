@@ -5,14 +5,14 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Any
 
-from protocol.catalogue import CATALOGUE, Catalogue
 from protocol.errors import FieldRangeError, PayloadError
+from protocol.schema.catalogue import CATALOGUE, Catalogue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from protocol.fields import WireType
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.fields import WireType
+    from protocol.schema.message import Message, MessageSpec
 
 _make = tuple.__new__
 

@@ -1,6 +1,6 @@
 """One end of a link over classic CAN: the same messages and events as over UART.
 
-Frames come and go as bytes too, 16 for each (:data:`protocol.can_frames.RECORD`), so that
+Frames come and go as bytes too, 16 for each (:data:`protocol.can.frames.RECORD`), so that
 ports, wires and logs need not know what they carry.
 """
 
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from protocol.authentication import CAN_AUTH_TYPE, GUARDED_TYPES
-from protocol.can_authentication import HeldMessages
-from protocol.can_frames import (
+from protocol.can.authentication import HeldMessages
+from protocol.can.frames import (
     CAN_FULL_STAMP,
     RECORD,
     T16,
@@ -26,7 +26,8 @@ from protocol.can_frames import (
     parts_of,
     to_record,
 )
-from protocol.can_segments import (
+from protocol.can.senders import Pending, Sender
+from protocol.can.transfers import (
     FLAG_WHOLE_STAMP,
     TRANSFER,
     Heard,
@@ -35,18 +36,17 @@ from protocol.can_segments import (
     parse_content,
     segments,
 )
-from protocol.can_senders import Pending, Sender
-from protocol.catalogue import PROTOCOL_VERSION
 from protocol.errors import FieldRangeError, PayloadError
 from protocol.link import LinkBase, LinkStatistics, Medium, Received
-from protocol.message import Direction
 from protocol.messages import Stop, Sync
-from protocol.uart import FLAG_AUTHENTICATED, Damage, DamagedFrame, Frame
+from protocol.schema.catalogue import PROTOCOL_VERSION
+from protocol.schema.message import Direction
+from protocol.uart.framing import FLAG_AUTHENTICATED, Damage, DamagedFrame, Frame
 
 if TYPE_CHECKING:
-    from protocol.codec import Codec
     from protocol.link import LinkEvent
-    from protocol.message import Message, MessageSpec
+    from protocol.schema.codec import Codec
+    from protocol.schema.message import Message, MessageSpec
 
 DOUBLE_US = 500_000
 """A frame equal to the last of its identifier within this is that frame again: stamps and

@@ -1,6 +1,6 @@
 """Framing of a whole capture with numpy: delimiters, COBS, CRC-32, for all frames of a length.
 
-The streaming parser (:mod:`protocol.uart`) says what is right; this must find the same.
+The streaming parser (:mod:`protocol.uart.framing`) says what is right; this must find the same.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from protocol.uart import CRC, MAX_DECODED, MAX_ENCODED, MIN_DECODED, RESIDUE, Damage
+from protocol.uart.framing import CRC, MAX_DECODED, MAX_ENCODED, MIN_DECODED, RESIDUE, Damage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

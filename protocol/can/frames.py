@@ -10,13 +10,13 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.message import MAX_TYPE, RateClass
+from protocol.schema.message import MAX_TYPE, RateClass
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from protocol.fields import Field
-    from protocol.message import MessageSpec
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
 
 CAN_PART_TYPES: dict[tuple[int, int], int] = {
     (0x12, 1): 0x22,  # IMU: rates

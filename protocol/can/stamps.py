@@ -6,7 +6,7 @@ sender that came before it on the wire; whether that can be true, from our own c
 
 from __future__ import annotations
 
-from protocol.can_frames import STAMP_SHIFT
+from protocol.can.frames import STAMP_SHIFT
 
 OLDEST_US = 500_000
 """Of a short stamp: a little less than half of what it counts to."""

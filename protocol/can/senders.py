@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from protocol.can_stamps import StampExtender
+from protocol.can.stamps import StampExtender
 
 
 @dataclass(slots=True)

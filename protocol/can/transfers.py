@@ -11,8 +11,8 @@ from enum import Enum
 from typing import NamedTuple
 from zlib import crc32
 
-from protocol.can_frames import T16, T32
-from protocol.uart import CRC, MAX_PAYLOAD
+from protocol.can.frames import T16, T32
+from protocol.uart.framing import CRC, MAX_PAYLOAD
 
 START, END, TOGGLE, TRANSFER = 0x80, 0x40, 0x20, 0x1F
 _SINGLE = START | END | TOGGLE

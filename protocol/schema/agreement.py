@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from protocol.message import Direction
 from protocol.messages import UNKNOWN_MESSAGE, Describe, DescribeReply
+from protocol.schema.message import Direction
 
 if TYPE_CHECKING:
-    from protocol.catalogue import Catalogue
-    from protocol.message import MessageSpec
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.message import MessageSpec
 
 
 class Match(Enum):

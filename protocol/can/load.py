@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from protocol.can_frames import CAN_FULL_STAMP, T16, T32, is_native, nominal_bits, parts_of
-from protocol.can_frames import worst_bits as worst_frame_bits
-from protocol.can_segments import content, segments
-from protocol.catalogue import CATALOGUE, Catalogue
+from protocol.can.frames import CAN_FULL_STAMP, T16, T32, is_native, nominal_bits, parts_of
+from protocol.can.frames import worst_bits as worst_frame_bits
+from protocol.can.transfers import content, segments
 from protocol.messages import LogText, TimeReply, TimeRequest
+from protocol.schema.catalogue import CATALOGUE, Catalogue
 
 if TYPE_CHECKING:
-    from protocol.message import Message
+    from protocol.schema.message import Message
 
 BITRATE = 500_000
 PING_HZ = 10.0

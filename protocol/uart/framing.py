@@ -13,9 +13,9 @@ from zlib import crc32
 
 from cobs import cobs
 
-from protocol.catalogue import PROTOCOL_VERSION
 from protocol.errors import FieldRangeError, LocalError
-from protocol.message import MAX_TYPE
+from protocol.schema.catalogue import PROTOCOL_VERSION
+from protocol.schema.message import MAX_TYPE
 
 HEADER = struct.Struct("<BBBBI")
 CRC = struct.Struct("<I")

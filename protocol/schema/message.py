@@ -25,7 +25,7 @@ from typing import (
     get_type_hints,
 )
 
-from protocol.fields import Field, SiValue, SiValueOrNone
+from protocol.schema.fields import Field, SiValue, SiValueOrNone
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
