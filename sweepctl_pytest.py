@@ -52,8 +52,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def sweeper(request: pytest.FixtureRequest) -> SimulatedSweeper:
     """A virtual sweeper with a connected host, in virtual time: run, drive, clean, truth."""
     settings = _settings(request)
-    from bridge.coverage.floorplan import FloorPlanError
     from bridge.errors import BridgeError
+    from bridge.floor_plan.floor_plan import FloorPlanError
     from sim_device.faults.spec import FaultSpecError
     from sim_device.noise import UnknownNoiseLevelError
     from tools.virtual_sweeper import SimulatedSweeper

@@ -6,7 +6,7 @@ from collections import Counter
 from itertools import takewhile
 from typing import TYPE_CHECKING
 
-from bridge.motion.disturbance import DisturbanceKind
+from bridge.motion.estimation.disturbance import DisturbanceKind
 from bridge.redaction import KeyRedactor, redacted_can
 from bridge.telemetry import (
     ClockRecord,
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from bridge.coverage.planner import PlannerState
     from bridge.coverage.swept_map import SweptMap
-    from bridge.motion.disturbance import Disturbance
-    from bridge.motion.estimator import PoseEstimator
+    from bridge.motion.estimation.disturbance import Disturbance
+    from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import VelocityCommand
     from bridge.record.sink import Sink

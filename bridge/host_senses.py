@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.motion.estimator import PoseEstimator
-from bridge.motion.relocalise import Relocaliser
+from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.robot_state import RobotState
 from protocol.values import Contact
 

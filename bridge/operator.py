@@ -13,8 +13,8 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import PlannerEvent, PlannerState
+from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.motion.smoothing import VelocitySmoother
 
 if TYPE_CHECKING:
     from collections.abc import Callable

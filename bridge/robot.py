@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.parameters import Parameter
     from bridge.record.sink import Sink
     from bridge.telemetry import EventRecord

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.coverage.floorplan import FloorPlan, Point
+    from bridge.floor_plan.floor_plan import FloorPlan, Point
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RangerMount, RobotModel
 

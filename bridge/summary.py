@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bridge.coverage.metrics import CoverageReport
+    from bridge.evaluation.metrics import CoverageReport
     from bridge.host import Host
     from protocol.link import LinkStatistics
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.planner import PlannerState
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
     from protocol.schema.message import Message
 

@@ -14,10 +14,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.floorplan import contains
+from bridge.floor_plan.floor_plan import contains
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import Polygon
+    from bridge.floor_plan.floor_plan import Polygon
     from bridge.motion.geometry import Pose2
 
 INSIDE_RIM_M = 0.01

@@ -22,7 +22,7 @@ from sim_device.virtual_firmware import TICK_US, Firmware
 from sim_device.world import World
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from protocol.link import LinkBase
     from protocol.schema.catalogue import Catalogue
 

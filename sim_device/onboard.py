@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 from bridge.coverage.registry import PLANNERS, make_planner
 from bridge.coverage.runner import PlanRunner
-from bridge.motion.estimator import PoseEstimator
+from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import GoTo, Turn
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.motion.relocalise import Relocaliser
 from protocol.messages import PlannerState
 from protocol.values import OnboardPlanner, PlannerPhase
 

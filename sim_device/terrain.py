@@ -12,7 +12,7 @@ from bridge.motion.compiled import compiled
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
 
     Floats = NDArray[np.float64]
 

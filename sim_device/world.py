@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bridge.coverage.floorplan import check_robot_fits, contains, signed_area_m2
+from bridge.floor_plan.floor_plan import check_robot_fits, contains, signed_area_m2
 from sim_device.ray_kernel import HIT_COSINE, HIT_RANGE, cast_beams, echo
 from sim_device.terrain import carpet_rows, threshold_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan, Point
+    from bridge.floor_plan.floor_plan import FloorPlan, Point
     from bridge.motion.robot_model import RobotModel
 
     Floats = NDArray[np.float64]

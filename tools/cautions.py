@@ -8,7 +8,7 @@ from bridge.config import robot_cautions
 from bridge.telemetry import EventRecord, Severity
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
 
 

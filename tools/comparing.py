@@ -18,7 +18,7 @@ from bridge.telemetry import Severity
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.io.pump import Pump
     from bridge.motion.robot_model import RobotModel
 

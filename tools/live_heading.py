@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
-from bridge.coverage.metrics import CoverageMeter
+from bridge.evaluation.metrics import CoverageMeter
 from tools.visible_text import one_line
 
 if TYPE_CHECKING:
     from array import array
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
 
 _RESOLUTION_M = 0.01

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.snapshot import Snapshot
 
 _MARGIN_M, _FINEST_M = 0.1, 0.02

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.io.ports import BytePort
     from bridge.io.reopening import PortOptions
     from bridge.motion.robot_model import RobotModel
@@ -435,7 +435,7 @@ def _conclude(pump: Pump, asked: LiveOptions, way: array[float]) -> dict[str, An
 def _summarise(host: Host, asked: LiveOptions, way: array[float]) -> dict[str, Any]:
     report, plan = None, asked.plan
     if plan is not None and way:
-        from bridge.coverage.metrics import CoverageMeter
+        from bridge.evaluation.metrics import CoverageMeter
 
         runner = host.mission.runner
         lanes_m = runner.lane_length_m if runner and asked.onboard is None else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from bridge.coverage.floorplan import MAX_FILE_BYTES, FloorPlan, FloorPlanError, parse_floorplan
+from bridge.floor_plan.floor_plan import MAX_FILE_BYTES, FloorPlan, FloorPlanError, parse_floorplan
 from tools.paths import is_there
 
 

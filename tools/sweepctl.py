@@ -136,8 +136,8 @@ def _warned(  # noqa: PLR0913, PLR0917 - the library's interface
 
 
 def _invoke(arguments: list[str]) -> int:
-    from bridge.coverage.floorplan import FloorPlanError
     from bridge.errors import BridgeError
+    from bridge.floor_plan.floor_plan import FloorPlanError
     from tools.remedies import error_line
 
     try:

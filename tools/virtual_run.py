@@ -9,11 +9,11 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bridge.coverage.metrics import CoverageMeter, CoverageTrack
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.crash import CRASH_CAUSE, crash_ending, traced
 from bridge.errors import BridgeError
+from bridge.evaluation.metrics import CoverageMeter, CoverageTrack
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission
@@ -32,7 +32,7 @@ from tools.fault_help import fault_record
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink

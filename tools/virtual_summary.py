@@ -8,7 +8,7 @@ from bridge.onboard_mission import OnboardMission
 from bridge.summary import run_summary
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from tools.virtual_run import VirtualRun
 
 

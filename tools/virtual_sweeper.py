@@ -13,10 +13,10 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from bridge.config import load_robot
-from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import DeviceLostError, StoppedForSafetyError
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission, Phase

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from tools.console import flush, write_line
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.compiled import Kernel
 
 _SIMULATED_S = {"paper": 20.0, "recovery": 120.0}
@@ -21,7 +21,7 @@ _SIMULATED_S = {"paper": 20.0, "recovery": 120.0}
 
 def room() -> FloorPlan:
     """A room with one of everything that a kernel deals with, within the first metre."""
-    from bridge.coverage.floorplan import Carpet, FloorPlan, Threshold
+    from bridge.floor_plan.floor_plan import Carpet, FloorPlan, Threshold
     from bridge.motion.geometry import Pose2
 
     def box(low: float, high: float) -> tuple[tuple[float, float], ...]:

@@ -21,12 +21,12 @@ from bridge.bench.umbmark import (
     straight_scale,
 )
 from bridge.errors import BridgeError, StoppedForSafetyError
-from bridge.motion.executor import LegExecutor
+from bridge.motion.control.executor import LegExecutor
+from bridge.motion.estimation.odometry import advance_arc
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.kinematics import encoder_delta
 from bridge.motion.legs import Drive, Leg, LegResult, StopReason, Turn
 from bridge.motion.observation import Observation
-from bridge.motion.odometry import advance_arc
 from protocol.messages import Encoders, Range
 from protocol.values import Contact, Mode, StopCause
 

@@ -1,1 +1,1 @@
-"""Coverage planners and what measures them: pure, no clock and no I/O."""
+"""Coverage planners: pure, no clock and no I/O."""

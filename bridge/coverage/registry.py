@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.coverage.lanes import LaneOptions
-from bridge.coverage.paper import PaperOptions, PaperPlanner
+from bridge.coverage.baselines.lanes import LaneOptions
+from bridge.coverage.baselines.paper import PaperOptions, PaperPlanner
+from bridge.coverage.baselines.random_bounce import Dice, RandomOptions, RandomPlanner
+from bridge.coverage.baselines.u_shape import UShapePlanner
 from bridge.coverage.planner_options import NoOptions, parse_options
-from bridge.coverage.random_bounce import Dice, RandomOptions, RandomPlanner
-from bridge.coverage.u_shape import UShapePlanner
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

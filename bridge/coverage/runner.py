@@ -14,11 +14,11 @@ from bridge.coverage.planner import (
     check_planner,
 )
 from bridge.coverage.resting import GyroRest
-from bridge.motion.executor import LegExecutor
+from bridge.motion.control.executor import LegExecutor
 from bridge.motion.legs import Drive, Turn
 
 if TYPE_CHECKING:
-    from bridge.motion.motion_tuning import MotionTuning
+    from bridge.motion.control.tuning import MotionTuning
     from bridge.motion.observation import Observation, VelocityCommand
     from bridge.motion.robot_model import RobotModel
 

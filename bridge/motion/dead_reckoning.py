@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bridge.motion.estimation.odometry import advance_arc
 from bridge.motion.kinematics import body_motion, encoder_delta, wheel_travel_m
-from bridge.motion.odometry import advance_arc
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2

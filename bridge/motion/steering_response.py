@@ -10,21 +10,25 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bridge.motion.executor import FOLLOW_TUNING
+from bridge.motion.control.executor import FOLLOW_TUNING
+from bridge.motion.control.point_to_point import (
+    BEARING_GAINS,
+    DISTANCE_GAINS,
+    PointToPointController,
+)
+from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.control.tuning import MotionTuning
+from bridge.motion.control.wall_follow import Side, WallFollower
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.motion_tuning import MotionTuning
 from bridge.motion.observation import Observation
-from bridge.motion.point_to_point import BEARING_GAINS, DISTANCE_GAINS, PointToPointController
-from bridge.motion.smoothing import VelocitySmoother
 from bridge.motion.step_response import DEAD_S, LAG_S, STEP_S, StepResponse
-from bridge.motion.wall_follow import Side, WallFollower
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from bridge.motion.pid import PidGains
+    from bridge.motion.control.pid import PidGains
+    from bridge.motion.control.wall_follow import FollowTuning
     from bridge.motion.robot_model import RobotModel
-    from bridge.motion.wall_follow import FollowTuning
 
 BEARING_BAND_RAD = math.radians(1.0)
 WALL_BAND_M = 0.002

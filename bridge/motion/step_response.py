@@ -20,11 +20,11 @@ from collections import deque
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.motion.control.pid import PidGains
+from bridge.motion.control.point_to_point import DISTANCE_GAINS, PointToPointController
+from bridge.motion.control.rotary import ROTARY_GAINS, RotaryController
+from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.geometry import Pose2
-from bridge.motion.pid import PidGains
-from bridge.motion.point_to_point import DISTANCE_GAINS, PointToPointController
-from bridge.motion.rotary import ROTARY_GAINS, RotaryController
-from bridge.motion.smoothing import VelocitySmoother
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

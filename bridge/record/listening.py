@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.host_records import HostRecords
-from bridge.motion.estimator import PoseEstimator
+from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.telemetry import Severity
 from bridge.timesync import TimeSync

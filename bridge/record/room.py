@@ -12,7 +12,7 @@ from bridge.telemetry import CoverageRecord
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan, Polygon
+    from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.floorplan import contains
+from bridge.floor_plan.floor_plan import contains
 from protocol.values import Contact, Fault
 
 if TYPE_CHECKING:

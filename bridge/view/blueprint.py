@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from bridge.view import paths
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
 
 _SHORTEST_S = 1.0
 _DEFAULT_BOUNDS = (-2.0, -2.0, 2.0, 2.0)

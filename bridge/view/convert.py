@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from bridge.config import parse_robot
-from bridge.coverage.floorplan import FloorPlanError, parse_floorplan
 from bridge.errors import ConfigError
+from bridge.floor_plan.floor_plan import FloorPlanError, parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.losses import LossCounter
 from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT, readable_name
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     import rerun as rr
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.record.reader import LogMessage
 
 _SECOND_NS = 1_000_000_000

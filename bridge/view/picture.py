@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.errors import BridgeError
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.record.errors import LogWriteError
 from bridge.view.run_track import load_track
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from bridge.coverage.floorplan import FloorPlan
-    from bridge.coverage.metrics import CoverageReport
+    from bridge.evaluation.metrics import CoverageReport
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.view.run_track import RunTrack
 
 _MOST_LETTERS = 1000

@@ -10,7 +10,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from bridge.coverage.metrics import CoverageMeter
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.record.losses import LossCounter
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.view.run_track import load_track
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from bridge.coverage.metrics import CoverageReport
+    from bridge.evaluation.metrics import CoverageReport
     from bridge.record.reader import LogMessage
     from bridge.view.run_track import RunTrack
 

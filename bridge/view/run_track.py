@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from bridge.config import parse_robot
-from bridge.coverage.floorplan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.errors import ConfigError
+from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.names import readable_name

@@ -12,7 +12,7 @@ from bridge.record.ros import parse_occupancy_grid
 from bridge.view import paths
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan, Polygon
+    from bridge.floor_plan.floor_plan import FloorPlan, Polygon
     from bridge.motion.robot_model import RangerMount, RobotModel
     from bridge.telemetry import CoverageRecord
     from bridge.view.columns import Recording

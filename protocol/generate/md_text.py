@@ -155,9 +155,9 @@ left wheel that turns faster, with where it stands in the code.
 
 1. **Planner** (`bridge.coverage`). It does not steer: it said "drive this heading until the sensor
    says stop" as the lane began, and is asked again only when something happened.
-2. **Controllers** (`bridge.motion.executor`). At each control period, {control_ms} ms, the leg's
+2. **Controllers** (`bridge.motion.control`). At each control period, {control_ms} ms, the leg's
    controllers turn the estimated pose into a wanted velocity: 0.2 m/s ahead, −0.1 rad/s.
-3. **Smoothing** (`bridge.motion.smoothing`). A low-pass, then the acceleration limit against the
+3. **Smoothing** (`bridge.motion.control`). A low-pass, then the acceleration limit against the
    last output.
 4. **Session** (`bridge.session.Session.setpoint`). Steps of 0.0001 m/s and 0.0002 rad/s, a time to
    live of {ttl_ms} ms, the next counter: the payload `{payload}`.

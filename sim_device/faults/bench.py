@@ -13,7 +13,7 @@ from sim_device.world import World
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from sim_device.faults.knobs import Knobs, Walker
     from sim_device.faults.spec import Value
     from sim_device.rigged import RiggedDevice

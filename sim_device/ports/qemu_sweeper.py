@@ -29,7 +29,7 @@ from sim_device.world import World
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
 
 CANNOT = "the emulated chip keeps its own time; --target python has this fault"
 START_S = 10.0

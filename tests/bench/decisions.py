@@ -30,16 +30,16 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from bridge.coverage.floorplan import FloorPlan
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.coverage.recovery.rehearse import rehearse
-from bridge.coverage.room_generator import column, rectangle, turned
 from bridge.coverage.runner import PlanRunner
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Rest
 from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, STEP_S, FastWorld
+from tools.experiment.room_generator import column, rectangle, turned
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

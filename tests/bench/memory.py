@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bridge.config import load_robot
-from bridge.coverage.random_bounce import RandomOptions, RandomPlanner
+from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.runner import PlanRunner
 from bridge.mission import Mission
 from bridge.record.writer import RunWriter

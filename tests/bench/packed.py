@@ -25,21 +25,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.room_generator import generate_room
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.legs import Rest
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
+from tools.experiment.room_generator import generate_room
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.planner import Finish
     from bridge.coverage.recovery.evidence import EvidenceMap
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.legs import Leg, LegResult
     from bridge.motion.observation import Observation
 

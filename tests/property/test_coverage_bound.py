@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.metrics import CoverageMeter, max_sweep_rate_m2_s
 from bridge.coverage.registry import make_planner
-from bridge.coverage.room_generator import KINDS, generate_room
+from bridge.evaluation.metrics import CoverageMeter, max_sweep_rate_m2_s
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, run_fast
+from tools.experiment.room_generator import KINDS, generate_room
 
 pytestmark = pytest.mark.slow
 

@@ -7,9 +7,9 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.registry import make_planner
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import TYPICAL, KinematicWorld, run_plan

@@ -7,14 +7,14 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.motion.control.pid import Pid, PidGains
+from bridge.motion.control.point_to_point import PointToPointController
+from bridge.motion.control.rotary import RotaryController
+from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.estimation.odometry import advance_arc, advance_midpoint, midpoint_error_bound_m
 from bridge.motion.geometry import Pose2
 from bridge.motion.kinematics import ENCODER_MODULUS, body_motion, encoder_delta, wheel_motion
-from bridge.motion.odometry import advance_arc, advance_midpoint, midpoint_error_bound_m
-from bridge.motion.pid import Pid, PidGains
-from bridge.motion.point_to_point import PointToPointController
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.rotary import RotaryController
-from bridge.motion.smoothing import VelocitySmoother
 
 MODEL = RobotModel()
 angles = st.floats(-math.pi, math.pi)

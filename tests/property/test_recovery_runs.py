@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.room_generator import generate_room
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
+from tools.experiment.room_generator import generate_room
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.sim_body import box, plant, room, sensors
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan, Polygon
+    from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 
 DUTY = st.floats(-1.0, 1.0)
 DRIVE = st.lists(st.tuples(DUTY, DUTY, st.integers(1, 700)), min_size=1, max_size=8)

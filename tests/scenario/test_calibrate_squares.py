@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.bench.square import Asked, ByTape, Result, Squares
-from bridge.coverage.floorplan import parse_floorplan
 from bridge.errors import BridgeError, StoppedForSafetyError
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from protocol.values import StopCause
 from sim_device import device as device_module

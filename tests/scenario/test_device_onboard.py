@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.registry import PLANNERS
 from bridge.coverage.runner import PlanRunner
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from protocol.messages import Encoders, Hello, PlannerState, Status, Sync
 from protocol.values import (

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.coverage.floorplan import parse_floorplan
-from bridge.coverage.metrics import CoverageMeter
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from protocol.link import Link, Received
 from protocol.messages import (
@@ -30,7 +30,7 @@ from support.kit_robot import KitRobot
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from protocol.schema.message import Message
 
 pytestmark = pytest.mark.slow

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.coverage.floorplan import parse_floorplan
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Phase

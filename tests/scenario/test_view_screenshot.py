@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from bridge.coverage.floorplan import parse_floorplan
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.record.writer import RunWriter
 from bridge.telemetry import PoseRecord

@@ -37,7 +37,7 @@ from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 from tools.virtual_summary import summarise
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from sim_device.faults.spec import FaultKind, Value
 
 ROOMS = ("case-1", "case-2", "columns", "l-room", "table-and-chair", "two-rooms")

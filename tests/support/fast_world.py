@@ -21,8 +21,8 @@ from bridge.motion.observation import HALT, Observation
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.planner import Planner, PlannerEvent
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.observation import VelocityCommand
     from bridge.motion.robot_model import RobotModel
 

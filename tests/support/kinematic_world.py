@@ -11,15 +11,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bridge.coverage.runner import PlanRunner
-from bridge.motion.estimator import PoseEstimator
+from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 
 if TYPE_CHECKING:
     import random
 
-    from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.planner import Planner, PlannerEvent
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RangerMount, RobotModel
 
 STEP_S = 0.02

@@ -20,7 +20,7 @@ from support.kit_script import NO_RANGE, TOLD, Readings, Step, Told, read
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from protocol.schema.message import Message
 
 PERIOD_US = 10_000

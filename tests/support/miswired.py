@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.floorplan import parse_floorplan
+from bridge.floor_plan.floor_plan import parse_floorplan
 from sim_device.contacts import Bumpers
 from sim_device.device import VirtualSweeper
 from sim_device.imu import ImuCounts

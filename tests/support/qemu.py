@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bridge.coverage.metrics import CoverageMeter
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from sim_device.ports import ask_control
 from support.c_build import ROOT, run, tool

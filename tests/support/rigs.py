@@ -18,7 +18,7 @@ from sim_device.rig import Rig
 from support.sim_body import room
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.session_events import SessionEvent
     from protocol.link import LinkBase
     from protocol.schema.message import Message

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Self
 
-from bridge.coverage.floorplan import parse_floorplan
+from bridge.floor_plan.floor_plan import parse_floorplan
 from sim_device.device import VirtualSweeper
 from sim_device.ports import PtyPort, Stopper, serve
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bridge.coverage.floorplan import FloorPlan, Polygon
+from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from sim_device.chassis import Chassis

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.motion.estimator import PoseEstimator
-from bridge.motion.relocalise import Relocaliser
+from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.robot_model import RobotModel
 from sim_device.wheel_control import WheelControl
 from support.sim_body import plant, sensors
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
 
 MODEL = RobotModel()
 _G, _LSB_G, _LSB_DEG = 9.80665, 16384.0, 131.0

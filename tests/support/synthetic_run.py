@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.config import to_toml
-from bridge.coverage.floorplan import FloorPlan
 from bridge.coverage.planner import PlannerState
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.telemetry import (

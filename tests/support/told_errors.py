@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
     from tools.virtual_run import VirtualRun
 

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from bridge.motion.estimation.pose_filter import PoseFilter
+from bridge.motion.estimation.wall_map import WallMap
+from bridge.motion.estimation.wall_measurements import LineSight
 from bridge.motion.geometry import Pose2
-from bridge.motion.pose_filter import PoseFilter
-from bridge.motion.wall_map import WallMap
-from bridge.motion.wall_sight import LineSight
 
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 DEGREE = math.radians(1.0)

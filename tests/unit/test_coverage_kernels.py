@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from bridge.coverage.floorplan import parse_floorplan
-from bridge.coverage.metrics import CoverageMeter
-from bridge.coverage.raster_kernel import deepest, pieces
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.evaluation.raster_kernel import deepest, pieces
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 
 if TYPE_CHECKING:

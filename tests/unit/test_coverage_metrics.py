@@ -14,16 +14,16 @@ from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon
 from shapely.ops import unary_union
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.metrics import CoverageMeter
-from bridge.coverage.raster import Raster
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.evaluation.raster import Raster
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-    from bridge.coverage.floorplan import Polygon as Corners
+    from bridge.floor_plan.floor_plan import Polygon as Corners
 
 MODEL = RobotModel()
 Track = list[tuple[float, float, float, float]]

@@ -8,13 +8,13 @@ import random
 
 import pytest
 
-from bridge.coverage.lanes import LaneOptions
-from bridge.coverage.paper import PaperOptions, PaperPlanner
+from bridge.coverage.baselines.lanes import LaneOptions
+from bridge.coverage.baselines.paper import PaperOptions, PaperPlanner
+from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
+from bridge.coverage.baselines.u_shape import UShapePlanner
 from bridge.coverage.planner import Finish, Planner, PlannerEvent
-from bridge.coverage.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.registry import PLANNERS, UnknownPlannerError, make_planner
 from bridge.coverage.runner import PlanRunner
-from bridge.coverage.u_shape import UShapePlanner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Turn
 from bridge.motion.observation import HALT, Observation

@@ -7,11 +7,11 @@ from functools import cache
 
 import pytest
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.metrics import CoverageMeter
-from bridge.coverage.paper import PaperOptions, PaperPlanner
-from bridge.coverage.random_bounce import RandomOptions, RandomPlanner
+from bridge.coverage.baselines.paper import PaperOptions, PaperPlanner
+from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.registry import make_planner
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import IDEAL, TYPICAL, KinematicWorld, Run, WorldNoise, run_plan

@@ -27,7 +27,7 @@ from support.sim_body import box, room
 from support.wire_host import WireHost
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
 
 NUMBERS = {p.name: i for i, p in enumerate(table(RobotModel(), 1))}
 BOTH_ENCODERS = Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT

@@ -6,7 +6,7 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-from bridge.coverage.paper import PaperOptions
+from bridge.coverage.baselines.paper import PaperOptions
 from tools.experiment.layouts import LAYOUTS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "paper.md"

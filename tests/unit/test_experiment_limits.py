@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.regions import find_regions
+from bridge.evaluation.regions import find_regions
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from tools.experiment.limits import CAUSES, classify, forbidden_axle
 
 if TYPE_CHECKING:
-    from bridge.coverage.raster import Mask
+    from bridge.evaluation.raster import Mask
 
 MODEL = RobotModel()
 SIDE_M = 2.0

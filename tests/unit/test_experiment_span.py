@@ -7,9 +7,9 @@ import math
 
 import pytest
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.metrics import CoverageMeter
-from bridge.coverage.random_bounce import RandomOptions, RandomPlanner
+from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from sim_device.chassis import Chassis

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.coverage.floorplan import FloorPlan, FloorPlanError, parse_floorplan
-from bridge.coverage.metrics import CoverageMeter
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from sim_device.world import World

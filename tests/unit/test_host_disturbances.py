@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.coverage.room_generator import generate_room
 from bridge.host_records import HostRecords
-from bridge.motion.disturbance import Disturbance, DisturbanceKind
+from bridge.motion.estimation.disturbance import Disturbance, DisturbanceKind
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.telemetry import EventRecord
+from tools.experiment.room_generator import generate_room
 from tools.virtual_run import run_virtual
 
 BUMP = Disturbance(DisturbanceKind.BUMP, 1.0, 0.0312)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.motion.pose_filter import PoseFilter
+from bridge.motion.estimation.pose_filter import PoseFilter
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from tools.rooms import load_room

@@ -9,9 +9,9 @@ from array import array
 import pytest
 from rich.console import Console
 
-from bridge.coverage.floorplan import parse_floorplan
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from tools.live import LivePicture, Teller

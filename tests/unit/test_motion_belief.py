@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.motion.belief import Belief
+from bridge.motion.estimation.belief import Belief
 
 
 def test_a_state_appended_shares_the_doubt_that_it_was_made_of() -> None:

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.motion.contact_doubt import (
+from bridge.motion.estimation.contact_doubt import (
     GRAZE_M_SQRT_M,
     PRESS_SHARE,
     SLIDE_AHEAD,
     SLIDE_ASIDE,
     ContactDoubt,
 )
-from bridge.motion.drift_model import DriftModel
-from bridge.motion.estimator import PoseEstimator
+from bridge.motion.estimation.drift_model import DriftModel
+from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.sim_body import box, room

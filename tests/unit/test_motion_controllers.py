@@ -6,12 +6,12 @@ import math
 
 import pytest
 
+from bridge.motion.control.pid import Pid, PidGains
+from bridge.motion.control.point_to_point import PointToPointController
+from bridge.motion.control.range_filter import RangeAhead
+from bridge.motion.control.rotary import RotaryController
+from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.geometry import Pose2
-from bridge.motion.pid import Pid, PidGains
-from bridge.motion.point_to_point import PointToPointController
-from bridge.motion.range_filter import RangeAhead
-from bridge.motion.rotary import RotaryController
-from bridge.motion.smoothing import VelocitySmoother
 
 
 def test_pid_is_the_papers_sum() -> None:

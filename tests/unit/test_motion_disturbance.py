@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from bridge.motion.disturbance import (
+from bridge.motion.estimation.disturbance import (
     BumpDetector,
     DisturbanceKind,
     InertialBridge,

@@ -8,8 +8,8 @@ import random
 import numpy as np
 import pytest
 
-from bridge.motion.drift_model import DriftModel
-from bridge.motion.estimator import PoseEstimator
+from bridge.motion.estimation.drift_model import DriftModel
+from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 

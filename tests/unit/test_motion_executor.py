@@ -8,8 +8,8 @@ import random
 
 import pytest
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.motion.executor import LegExecutor
+from bridge.floor_plan.floor_plan import FloorPlan
+from bridge.motion.control.executor import LegExecutor
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Turn
 from bridge.motion.observation import HALT, Observation

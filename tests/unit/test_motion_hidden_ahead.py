@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from bridge.motion.braking import Braking
-from bridge.motion.hidden_ahead import TOUCH_M_S, HiddenAhead, contact_speed
+from bridge.motion.control.braking import Braking
+from bridge.motion.control.hidden_ahead import TOUCH_M_S, HiddenAhead, contact_speed
 from bridge.motion.robot_model import RobotModel
 
 MODEL = RobotModel()

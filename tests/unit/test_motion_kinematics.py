@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from bridge.motion.estimation.odometry import advance_arc, advance_midpoint, sinc
 from bridge.motion.geometry import Pose2
 from bridge.motion.kinematics import (
     body_motion,
@@ -14,7 +15,6 @@ from bridge.motion.kinematics import (
     wheel_motion,
     wheel_travel_m,
 )
-from bridge.motion.odometry import advance_arc, advance_midpoint, sinc
 from bridge.motion.robot_model import RobotModel
 
 MODEL = RobotModel()

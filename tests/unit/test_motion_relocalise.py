@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.motion.estimator import PoseEstimator
+from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.pose_filter import STATES
+from bridge.motion.estimation.relocalise import Relocaliser
+from bridge.motion.estimation.wall_map import GATE_M, WallMap
+from bridge.motion.estimation.wall_measurements import FrontSight, LineSight
 from bridge.motion.geometry import Pose2
-from bridge.motion.pose_filter import STATES
-from bridge.motion.relocalise import Relocaliser
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.wall_map import GATE_M, WallMap
-from bridge.motion.wall_sight import FrontSight, LineSight
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.motion.room_ahead import RoomAhead
+from bridge.motion.control.room_ahead import RoomAhead
 
 STOP_M, LEAST_M, STEP_S = 0.05, 0.002, 0.02
 

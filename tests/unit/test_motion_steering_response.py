@@ -8,14 +8,14 @@ from dataclasses import replace
 import pytest
 
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.motion.executor import FOLLOW_TUNING, LegExecutor
+from bridge.motion.control.executor import FOLLOW_TUNING, LegExecutor
+from bridge.motion.control.pid import PidGains
+from bridge.motion.control.point_to_point import BEARING_GAINS
+from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, GoTo, Leg
 from bridge.motion.observation import Observation
-from bridge.motion.pid import PidGains
-from bridge.motion.point_to_point import BEARING_GAINS
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.rotary import ROTARY_GAINS
 from bridge.motion.steering_response import (
     BEARING_BAND_RAD,
     WALL_BAND_M,

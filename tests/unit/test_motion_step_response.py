@@ -6,15 +6,15 @@ import math
 
 import pytest
 
-from bridge.motion.braking import Braking
-from bridge.motion.executor import LegExecutor
+from bridge.motion.control.braking import Braking
+from bridge.motion.control.executor import LegExecutor
+from bridge.motion.control.pid import PidGains
+from bridge.motion.control.point_to_point import DISTANCE_GAINS
+from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive
 from bridge.motion.observation import Observation
-from bridge.motion.pid import PidGains
-from bridge.motion.point_to_point import DISTANCE_GAINS
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.rotary import ROTARY_GAINS
 from bridge.motion.step_response import (
     BAND_RAD,
     DEAD_S,
@@ -25,9 +25,9 @@ from bridge.motion.step_response import (
     rotary_step,
     smoothing_series,
 )
-from bridge.motion.u_cycles import PAPER_CYCLES, CycleOffset, UCycles
 from support.sim_body import room
 from support.sim_drive import SimDrive
+from tools.experiment.u_cycles import PAPER_CYCLES, CycleOffset, UCycles
 
 MODEL = RobotModel()
 

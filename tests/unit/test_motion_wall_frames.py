@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bridge.motion.wall_map import MAX_WALLS
+from bridge.motion.estimation.wall_map import MAX_WALLS
 from support.walled import DEGREE, ORIGIN, Room, line
 
 

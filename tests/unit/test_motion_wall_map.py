@@ -8,10 +8,10 @@ import random
 import numpy as np
 import pytest
 
-from bridge.motion.pose_filter import STATES, THETA
+from bridge.motion.estimation.pose_filter import STATES, THETA
+from bridge.motion.estimation.wall_map import MAX_WALLS
+from bridge.motion.estimation.wall_measurements import FrontSight, LineSight
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.wall_map import MAX_WALLS
-from bridge.motion.wall_sight import FrontSight, LineSight
 from support.walled import DEGREE, ORIGIN, Room, line
 
 MODEL = RobotModel()

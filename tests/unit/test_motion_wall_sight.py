@@ -8,11 +8,9 @@ import random
 import numpy as np
 import pytest
 
-from bridge.motion.estimator import PoseEstimator
-from bridge.motion.geometry import Pose2
-from bridge.motion.relocalise import Relocaliser
-from bridge.motion.robot_model import RobotModel
-from bridge.motion.wall_sight import (
+from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.relocalise import Relocaliser
+from bridge.motion.estimation.wall_measurements import (
     FLAT_M,
     FLAT_RAD,
     WANDER_BOW,
@@ -20,6 +18,8 @@ from bridge.motion.wall_sight import (
     LineSight,
     SideSight,
 )
+from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
 from support.walled import DEGREE, ORIGIN
 
 MODEL = RobotModel()

@@ -6,12 +6,12 @@ import math
 
 import pytest
 
+from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.control.wall_follow import FollowState, Side, WallFollower
+from bridge.motion.control.wall_track import WallTrack
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
-from bridge.motion.smoothing import VelocitySmoother
-from bridge.motion.wall_follow import FollowState, Side, WallFollower
-from bridge.motion.wall_track import WallTrack
 from support.kinematic_world import STEP_S
 
 MODEL = RobotModel()

@@ -9,16 +9,16 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 RECKONING = {
-    "bridge.motion.estimator",
-    "bridge.motion.heading",
+    "bridge.motion.estimation.estimator",
+    "bridge.motion.estimation.standstill",
     "bridge.motion.kinematics",
-    "bridge.motion.odometry",
-    "bridge.motion.relocalise",
-    "bridge.motion.belief",
+    "bridge.motion.estimation.odometry",
+    "bridge.motion.estimation.relocalise",
+    "bridge.motion.estimation.belief",
     "bridge.motion.dead_reckoning",
-    "bridge.motion.pose_filter",
-    "bridge.motion.wall_map",
-    "bridge.motion.wall_sight",
+    "bridge.motion.estimation.pose_filter",
+    "bridge.motion.estimation.wall_map",
+    "bridge.motion.estimation.wall_measurements",
 }
 
 
@@ -92,6 +92,8 @@ def test_what_is_looked_for_is_there() -> None:
     """Or a name that has moved would pass for ever."""
     for module in RECKONING:
         assert file_of(module) is not None, module
-    assert everything_behind({"bridge.motion.estimator"}) & RECKONING
-    assert imports_of("def f():\n from bridge.motion import odometry") >= {"bridge.motion.odometry"}
+    assert everything_behind({"bridge.motion.estimation.estimator"}) & RECKONING
+    assert imports_of("def f():\n from bridge.motion.estimation import odometry") >= {
+        "bridge.motion.estimation.odometry"
+    }
     assert "a" not in imports_of("if TYPE_CHECKING:\n import a")

@@ -10,7 +10,7 @@ import pytest
 from matplotlib import image
 from matplotlib.figure import Figure
 
-from bridge.coverage.floorplan import parse_floorplan
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.record.errors import LogReadError, LogWriteError
 from bridge.record.writer import RunWriter

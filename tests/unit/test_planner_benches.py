@@ -13,10 +13,10 @@ from bench.decisions import Run, Timed, run
 from bench.packed import KEEPINGS, Forgetful, blocks
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.room_generator import generate_room
 from bridge.motion.robot_model import RobotModel
 from support.cli import ROOT
 from support.fast_world import LEVELS, STEP_S, FastRun, run_fast
+from tools.experiment.room_generator import generate_room
 
 pytestmark = pytest.mark.slow
 

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.coverage.lanes import LaneOptions
-from bridge.coverage.paper import PaperOptions, PaperPlanner
+from bridge.coverage.baselines.lanes import LaneOptions
+from bridge.coverage.baselines.paper import PaperOptions, PaperPlanner
+from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.planner_options import (
     NoOptions,
     PlannerOptionError,
     option_names,
     parse_options,
 )
-from bridge.coverage.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.registry import make_planner
 from bridge.motion.robot_model import RobotModel
 

@@ -17,8 +17,8 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2._dynamic import serialize_dynamic
 
 from bridge.config import to_toml
-from bridge.coverage.floorplan import parse_floorplan
 from bridge.coverage.planner import PlannerState
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.ros import OCCUPANCY_GRID, occupancy_grid, parse_occupancy_grid, schema_text

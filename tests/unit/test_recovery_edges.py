@@ -14,7 +14,7 @@ from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.coverage.recovery.window import Buffers, Window
-from bridge.motion.braking import Braking
+from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
 from bridge.motion.observation import Observation

@@ -19,7 +19,7 @@ from bridge.coverage.recovery.evidence_kernels import (
     sweep,
 )
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.motion.braking import Braking
+from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel

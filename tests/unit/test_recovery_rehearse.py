@@ -23,7 +23,7 @@ before = known()
 import numpy as np
 sys.path.insert(0, "tests")
 from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.room_generator import generate_room
+from tools.experiment.room_generator import generate_room
 from support.fast_world import LEVELS, run_fast
 plan = generate_room(3, np.random.default_rng(3), "legs")
 done = run_fast(plan, RecoveryPlanner(RobotModel()), RobotModel(), seed=1,

@@ -16,19 +16,19 @@ from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.coverage.recovery.stretches import OFF_M, Start
-from bridge.coverage.room_generator import generate_room
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, Leg, LegResult, StopReason
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import FastWorld
+from tools.experiment.room_generator import generate_room
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.planner import PlannerEvent
+    from bridge.floor_plan.floor_plan import FloorPlan
 
     Found = TypeVar("Found")
 

@@ -8,19 +8,19 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from bridge.coverage.metrics import CoverageMeter
 from bridge.coverage.planner import Step
 from bridge.coverage.recovery import telling
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.coverage.recovery.shadows import Shadow
-from bridge.coverage.room_generator import generate_room
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult, StopReason
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
+from tools.experiment.room_generator import generate_room
 
 MODEL = RobotModel()
 PLAN = generate_room(7, np.random.default_rng(7), "turned")

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from bridge.coverage.floorplan import FloorPlanError, parse_floorplan
+from bridge.floor_plan.floor_plan import FloorPlanError, parse_floorplan
 
 RADIUS_M = 0.16
 WALLS = [[0, 0], [3, 0], [3, 2], [0, 2]]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.coverage.floorplan import parse_floorplan
-from bridge.coverage.room_generator import KINDS, distance_m, generate_room, rectangle
+from bridge.floor_plan.floor_plan import parse_floorplan
+from tools.experiment.room_generator import KINDS, distance_m, generate_room, rectangle
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from bridge.coverage.floorplan import FloorPlanError, parse_floorplan
-from bridge.coverage.regions import find_regions
+from bridge.evaluation.regions import find_regions
+from bridge.floor_plan.floor_plan import FloorPlanError, parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from sim_device.bumper import RELEASE_M, Bumper

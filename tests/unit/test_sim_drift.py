@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-from bridge.motion.estimator import PoseEstimator
+from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.robot_model import RobotModel
 from support.sim_body import duty, plant, room, sensors

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.coverage.floorplan import Carpet, FloorPlanError, Threshold, parse_floorplan
+from bridge.floor_plan.floor_plan import Carpet, FloorPlanError, Threshold, parse_floorplan
 from sim_device.chassis import Chassis
 from sim_device.motors import MotorParameters
 from support.sim_body import box, duty, plant, room

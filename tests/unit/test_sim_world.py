@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sim_device
-from bridge.coverage.floorplan import FloorPlanError, StartBlockedError, parse_floorplan
+from bridge.floor_plan.floor_plan import FloorPlanError, StartBlockedError, parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from sim_device.world import World
 from support.sim_body import box, room, world

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from bridge.coverage.floorplan import FloorPlan, parse_floorplan
+from bridge.floor_plan.floor_plan import FloorPlan, parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.start_pose import contradictions

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from bridge.coverage.floorplan import parse_floorplan
-from bridge.coverage.metrics import CoverageMeter
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.host import Host
 from bridge.host_options import HostOptions
 from bridge.mission import Ending, Mission

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from bridge.coverage.floorplan import FloorPlan, parse_floorplan
+from bridge.floor_plan.floor_plan import FloorPlan, parse_floorplan
 from bridge.view.picture import draw_plan, plan_legend
 from bridge.view.planning import describe
 

@@ -18,7 +18,7 @@ from tools.console import flush, say, write_line
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.coverage.floorplan import FloorPlan
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
     from bridge.record.writer import RunWriter
     from protocol.link import LinkBase

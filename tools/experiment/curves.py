@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.coverage.metrics import CoverageMeter, CoverageReport
+    from bridge.evaluation.metrics import CoverageMeter, CoverageReport
 
     Track = Sequence[tuple[float, float, float, float]]
 

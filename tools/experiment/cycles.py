@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from bridge.coverage.planner import Script, ScriptedPlanner
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
-from bridge.motion.u_cycles import UCycles
 from tools.experiment.observed import BOOT_S, observe
+from tools.experiment.u_cycles import UCycles
 
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation

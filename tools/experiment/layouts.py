@@ -11,12 +11,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bridge.coverage.floorplan import FloorPlan, FloorPlanError
-from bridge.coverage.room_generator import column, rectangle
+from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError
 from bridge.motion.geometry import Pose2
+from tools.experiment.room_generator import column, rectangle
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import Polygon
+    from bridge.floor_plan.floor_plan import Polygon
 
 LAYOUT = "layout:"
 """Rooms named ``layout:NAME`` are these."""

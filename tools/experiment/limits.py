@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from scipy import ndimage
 
-from bridge.coverage.metrics import CoverageMeter
+from bridge.evaluation.metrics import CoverageMeter
 
 if TYPE_CHECKING:
-    from bridge.coverage.raster import Mask, Raster
-    from bridge.coverage.regions import Regions
-    from bridge.motion.estimator import PoseEstimator
+    from bridge.evaluation.raster import Mask, Raster
+    from bridge.evaluation.regions import Regions
+    from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
     from sim_device.device import VirtualSweeper
     from tools.experiment.observed import Observed

@@ -15,8 +15,8 @@ from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.coverage.floorplan import FloorPlan
     from bridge.coverage.planner import Planner
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.host import Host
     from bridge.motion.geometry import Pose2
     from bridge.telemetry import Record

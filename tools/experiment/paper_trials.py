@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from bridge.coverage.paper import PaperOptions
+from bridge.coverage.baselines.paper import PaperOptions
 from sim_device.noise import NoiseLevel
 from tools.experiment.layouts import LAYOUT, LAYOUTS
 from tools.experiment.trials import OPEN_FLOOR, Kind, Trial

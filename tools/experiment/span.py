@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from bridge.coverage.random_bounce import RandomOptions, RandomPlanner
+from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.registry import make_planner
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.observed import observe
@@ -16,8 +16,8 @@ from tools.experiment.trials import HOUR_S, OPEN_FLOOR, Trial, room_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.coverage.metrics import CoverageMeter
     from bridge.coverage.planner import Planner
+    from bridge.evaluation.metrics import CoverageMeter
     from bridge.motion.robot_model import RobotModel
 
 _LONGEST = 15.0

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.room_generator import KINDS, generate_room
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from tools.experiment.layouts import LAYOUT, layout_plan
+from tools.experiment.room_generator import KINDS, generate_room
 from tools.rooms import load_room
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bridge.coverage.metrics import CoverageMeter
-from bridge.coverage.paper import PaperPlanner
+from bridge.coverage.baselines.paper import PaperPlanner
+from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from tools.experiment import curves
 from tools.experiment.observed import Observed, observe

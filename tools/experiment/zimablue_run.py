@@ -17,16 +17,16 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from bridge.coverage.floorplan import FloorPlan
-from bridge.coverage.metrics import CoverageMeter
 from bridge.errors import BridgeError
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from tools.experiment import curves
 from tools.experiment.trials import Kind, Trial, room_of
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import Polygon
+    from bridge.floor_plan.floor_plan import Polygon
 
 PLANNERS = {"ba_star": "BA*", "epsilon_star": "ε*", "bsa": "BSA", "spiral_stc": "STC"}
 """Its names, and those of the literature."""

@@ -20,14 +20,14 @@ from bridge.coverage.recovery.evidence_kernels import (
     pace,
     sweep,
 )
-from bridge.motion.hidden_ahead import TOUCH_M_S
+from bridge.motion.control.hidden_ahead import TOUCH_M_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.coverage.recovery.packed import PackedMap
-    from bridge.motion.braking import Braking
+    from bridge.motion.control.braking import Braking
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RangerMount, RobotModel

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.motion.braking import Braking
+from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import Observation
 

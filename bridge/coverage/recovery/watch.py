@@ -9,7 +9,7 @@ from bridge.coverage.planner import ScriptedPlanner
 from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.stretches import Stretches
-from bridge.motion.braking import Braking
+from bridge.motion.control.braking import Braking
 
 if TYPE_CHECKING:
     from bridge.coverage.recovery.evidence import EvidenceMap

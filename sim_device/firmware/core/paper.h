@@ -5,7 +5,7 @@
  * Length against the stepping direction, sweep up to the lane that was left, and go on.
  *
  * It is a reference and not to be repaired: where it fails, this must fail. What the paper leaves
- * open is chosen as the host's own planner of that name chooses it (bridge/coverage/paper.py). */
+ * open is chosen as the host's own planner of that name chooses it (bridge/coverage/baselines/paper.py). */
 #ifndef PAPER_H
 #define PAPER_H
 

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bridge.motion.pose_filter import STATES, THETA, WHEEL_SCALE, X, Y
-from bridge.motion.wall_frames import NEW_SPAN_M, SQUARE_RAD, Frames, Wall
+from bridge.motion.estimation.pose_filter import STATES, THETA, WHEEL_SCALE, X, Y
+from bridge.motion.estimation.wall_frames import NEW_SPAN_M, SQUARE_RAD, Frames, Wall
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from bridge.motion.estimation.pose_filter import PoseFilter
+    from bridge.motion.estimation.wall_measurements import FrontSight, LineSight
     from bridge.motion.geometry import Pose2
-    from bridge.motion.pose_filter import PoseFilter
     from bridge.motion.robot_model import RangerMount
-    from bridge.motion.wall_sight import FrontSight, LineSight
 
     Floats = NDArray[np.float64]
 

@@ -5,9 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.braking import Braking
+from bridge.motion.control.braking import Braking
+from bridge.motion.control.hidden_ahead import HiddenAhead
+from bridge.motion.control.point_to_point import PointToPointController
+from bridge.motion.control.range_filter import RangeAhead
+from bridge.motion.control.rotary import RotaryController
+from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.control.tuning import MotionTuning
+from bridge.motion.control.wall_follow import FollowState, FollowTuning, Side, WallFollower
+from bridge.motion.estimation.noise_monitor import RangingNoise
 from bridge.motion.geometry import wrap_angle
-from bridge.motion.hidden_ahead import HiddenAhead
 from bridge.motion.legs import (
     Drive,
     FollowWall,
@@ -18,14 +25,7 @@ from bridge.motion.legs import (
     StopReason,
     Turn,
 )
-from bridge.motion.motion_tuning import MotionTuning
-from bridge.motion.noise_monitor import RangingNoise
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.motion.point_to_point import PointToPointController
-from bridge.motion.range_filter import RangeAhead
-from bridge.motion.rotary import RotaryController
-from bridge.motion.smoothing import VelocitySmoother
-from bridge.motion.wall_follow import FollowState, FollowTuning, Side, WallFollower
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.motion.belief import Belief
-from bridge.motion.drift_model import DriftModel, NoiseScale
+from bridge.motion.estimation.belief import Belief
+from bridge.motion.estimation.drift_model import DriftModel, NoiseScale
+from bridge.motion.estimation.noise_monitor import SlipMonitor, gyro_share
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.noise_monitor import SlipMonitor, gyro_share
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bridge.coverage import raster_kernel as kernel
-from bridge.coverage.regions import find_regions
+from bridge.evaluation import raster_kernel as kernel
+from bridge.evaluation.regions import find_regions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from bridge.coverage.floorplan import FloorPlan
-    from bridge.coverage.raster import Floats, Mask, Raster
+    from bridge.evaluation.raster import Floats, Mask, Raster
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
 
 _new = tuple.__new__

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.braking import Braking
+from bridge.motion.control.braking import Braking
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel

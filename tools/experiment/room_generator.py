@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from bridge.coverage.floorplan import FloorPlan, Point, Polygon, contains
+from bridge.floor_plan.floor_plan import FloorPlan, Point, Polygon, contains
 from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:

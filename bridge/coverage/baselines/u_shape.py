@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from bridge.coverage.lanes import LaneOptions, LanePlanner
+from bridge.coverage.baselines.lanes import LaneOptions, LanePlanner
 from bridge.motion.geometry import wrap_angle
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bridge.coverage import raster_kernel as kernel
+from bridge.evaluation import raster_kernel as kernel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.geometry import wrap_angle
-from bridge.motion.pid import Pid, PidGains
 
 ROTARY_GAINS = PidGains(kp=5.0, td_s=0.03)
 

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from bridge.coverage.lanes import LaneOptions, LanePlanner
+from bridge.coverage.baselines.lanes import LaneOptions, LanePlanner
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import GoTo, Leg, LegResult
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.motion.control.wall_track import infrared_sigma_m
 from bridge.motion.geometry import Pose2
-from bridge.motion.wall_track import infrared_sigma_m
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount

@@ -19,21 +19,21 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.disturbance import (
+from bridge.motion.estimation.disturbance import (
     BumpDetector,
     Disturbance,
     DisturbanceKind,
     InertialBridge,
     SlipDetector,
 )
+from bridge.motion.estimation.odometry import sinc
+from bridge.motion.estimation.pose_filter import BIAS, PoseFilter
+from bridge.motion.estimation.standstill import Standstill
 from bridge.motion.geometry import Pose2, wrap_angle
-from bridge.motion.heading import Standstill
 from bridge.motion.kinematics import encoder_delta
-from bridge.motion.odometry import sinc
-from bridge.motion.pose_filter import BIAS, PoseFilter
 
 if TYPE_CHECKING:
-    from bridge.motion.drift_model import DriftModel
+    from bridge.motion.estimation.drift_model import DriftModel
     from bridge.motion.robot_model import RobotModel
 
 ENCODER_GAP_S = 10.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
+from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.geometry import wrap_angle
-from bridge.motion.pid import Pid, PidGains
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2

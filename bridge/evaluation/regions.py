@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.coverage.raster import Raster
-from bridge.coverage.raster_kernel import pieces
+from bridge.evaluation.raster import Raster
+from bridge.evaluation.raster_kernel import pieces
 
 if TYPE_CHECKING:
-    from bridge.coverage.floorplan import FloorPlan
-    from bridge.coverage.raster import Floats, Mask
+    from bridge.evaluation.raster import Floats, Mask
+    from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
 
 _BOUNDARY_STEP_M = 0.001

@@ -7,12 +7,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.motion.braking import Braking
-from bridge.motion.noise_monitor import RangingNoise
+from bridge.motion.control.braking import Braking
+from bridge.motion.control.pid import Pid, PidGains
+from bridge.motion.control.room_ahead import RoomAhead
+from bridge.motion.control.wall_track import MAX_YAW_RAD, WallTrack
+from bridge.motion.estimation.noise_monitor import RangingNoise
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.motion.pid import Pid, PidGains
-from bridge.motion.room_ahead import RoomAhead
-from bridge.motion.wall_track import MAX_YAW_RAD, WallTrack
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2

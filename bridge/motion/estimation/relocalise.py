@@ -6,10 +6,9 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bridge.motion.contact_doubt import ContactDoubt
-from bridge.motion.geometry import Pose2
-from bridge.motion.wall_map import WallMap
-from bridge.motion.wall_sight import (
+from bridge.motion.estimation.contact_doubt import ContactDoubt
+from bridge.motion.estimation.wall_map import WallMap
+from bridge.motion.estimation.wall_measurements import (
     MAX_SPAN_M,
     MOVING_M_S,
     STEADY_RAD_S,
@@ -18,9 +17,10 @@ from bridge.motion.wall_sight import (
     LineSight,
     SideSight,
 )
+from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:
-    from bridge.motion.estimator import PoseEstimator
+    from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.robot_model import RobotModel
 
 ECHO_AGE_S = 0.03

@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bridge.motion.estimator import PoseEstimator
+    from bridge.motion.estimation.estimator import PoseEstimator
 
 BUMP_SIGMA_M = 0.01
 BUMP_SIGMA_RAD = math.radians(0.5)

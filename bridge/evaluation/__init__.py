@@ -1,0 +1,1 @@
+"""Metrics of a run against the true floor plan; no planner imports this."""

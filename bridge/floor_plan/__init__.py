@@ -1,0 +1,1 @@
+"""Floor plans: walls, obstacles and the start pose."""

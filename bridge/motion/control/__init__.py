@@ -1,0 +1,1 @@
+"""Motion control: legs to velocity setpoints."""

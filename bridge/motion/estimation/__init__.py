@@ -1,0 +1,1 @@
+"""State estimation: pose, gyro bias and walls from encoders, gyro and range sensors."""
