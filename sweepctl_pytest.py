@@ -35,7 +35,12 @@ _KEYS: dict[str, type] = {
     "link": str,
 }
 _LIMITS = {"seed": range(1 << 63), "node": range(1, 16)}
-_OURS = ("protocol.uart.framing", "bridge.session", "sim_device.rig", "tools.virtual_sweeper")
+_OURS = (
+    "protocol.uart.framing",
+    "bridge.session.states",
+    "sim_device.rig",
+    "tools.virtual_sweeper",
+)
 """One module of each of our packages, to be told from a package of the same name."""
 
 

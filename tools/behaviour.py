@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge import (
-    host,
-    round_trip,
-    session,
-    session_agreement,
-    session_bus,
-    session_events,
-    session_handshake,
-)
-from bridge.io import pump
+from bridge.api import pump
+from bridge.run import host
+from bridge.session import agreement as session_agreement
+from bridge.session import discovery as session_bus
+from bridge.session import handshake as session_handshake
+from bridge.session import round_trip, session
+from bridge.session import states as session_events
 from protocol import commands
 from protocol.can import link as can_link
 from protocol.can import stamps as can_stamps
@@ -58,7 +55,7 @@ def _session() -> Machine:
     ]
     return Machine(
         "The host's session",
-        "`bridge.session_events.TRANSITIONS`. A lost device is looked for again; what answers then "
+        "`bridge.session.states.TRANSITIONS`. A lost device is looked for again; what answers then "
         "must be the same device, and agrees anew.",
         session_events.State.CLOSED.value,
         moves,
@@ -196,56 +193,56 @@ def _host_rules() -> Iterator[Rule]:
             "SLOW_PING_NS",
         ),
     ):
-        yield Rule("host", what, _ms(value), f"bridge.session.{source}")
+        yield Rule("host", what, _ms(value), f"bridge.session.session.{source}")
     yield Rule(
         "host",
         f"least round trip of the last {round_trip.PINGS} time requests, the device's turnaround "
         "taken off, that allows motion; no motion before there are as many, and in a run a stop "
         "with cause `link`",
         _ms(round_trip.LIMIT_NS),
-        "bridge.round_trip.LIMIT_NS",
+        "bridge.session.round_trip.LIMIT_NS",
     )
     yield Rule(
         "host",
         "the same stop where no time request is answered within that limit for",
         _ms(round_trip.UNANSWERED_NS),
-        "bridge.round_trip.UNANSWERED_NS",
+        "bridge.session.round_trip.UNANSWERED_NS",
     )
     yield Rule(
         "host",
         "a time request comes early, each by another share of",
         _ms(session.PING_SPREAD_NS),
-        "bridge.session.PING_SPREAD_NS",
+        "bridge.session.session.PING_SPREAD_NS",
     )
     yield Rule(
         "host",
         f"handshakes with a device that begins anew: {session_handshake.HANDSHAKES_AT_ONCE} at "
         "once, then one every",
         _ms(session_handshake.HANDSHAKE_PERIOD_NS),
-        "bridge.session_handshake.HANDSHAKE_PERIOD_NS",
+        "bridge.session.handshake.HANDSHAKE_PERIOD_NS",
     )
     yield Rule(
         "host",
         "questions asked again after",
         _ms(session_handshake.ANSWER_PERIOD_NS),
-        "bridge.session_handshake.ANSWER_PERIOD_NS",
+        "bridge.session.handshake.ANSWER_PERIOD_NS",
     )
     yield Rule(
         "host",
         "questions under way at the same time",
         str(session_agreement.QUESTIONS_AT_ONCE),
-        "bridge.session_agreement.QUESTIONS_AT_ONCE",
+        "bridge.session.agreement.QUESTIONS_AT_ONCE",
     )
     yield Rule(
-        "host", "setpoint, every", _ms(host.CONTROL_PERIOD_NS), "bridge.host.CONTROL_PERIOD_NS"
+        "host", "setpoint, every", _ms(host.CONTROL_PERIOD_NS), "bridge.run.host.CONTROL_PERIOD_NS"
     )
     yield Rule(
         "host",
         "time to live that it gives a setpoint",
         f"{host.SETPOINT_TTL_MS} ms",
-        "bridge.host.SETPOINT_TTL_MS",
+        "bridge.run.host.SETPOINT_TTL_MS",
     )
-    yield Rule("host", "sends nothing older than", _ms(host.LATE_NS), "bridge.host.LATE_NS")
+    yield Rule("host", "sends nothing older than", _ms(host.LATE_NS), "bridge.run.host.LATE_NS")
     for what, value, source in (
         ("first reply to a command awaited for", commands.FIRST_TIMEOUT_US, "FIRST_TIMEOUT_US"),
         (
@@ -275,7 +272,7 @@ def _can_rules() -> Iterator[Rule]:
         "host, on CAN",
         "from the first hello heard, time for other devices to answer",
         _ms(session_bus.SETTLE_NS),
-        "bridge.session_bus.SETTLE_NS",
+        "bridge.session.discovery.SETTLE_NS",
     )
 
 

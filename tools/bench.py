@@ -20,9 +20,9 @@ from tools.stopping import until_signalled
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from bridge.bench.desk import Desk
-    from bridge.bench.recorded import BenchRecords
-    from bridge.bench.wire import Wire
+    from bridge.bringup.desk import Desk
+    from bridge.bringup.desk_wire import Wire
+    from bridge.bringup.recorded import BenchRecords
     from tools.port_options import PortAsked
 
 _LONG_S = 1e6
@@ -42,8 +42,8 @@ def desk_on(asked: PortAsked, log: BenchLog | None = None, robot_toml: str = "")
         LogWriteError: it cannot be written.
 
     """
-    from bridge.bench.desk import Desk
-    from bridge.io.wire import PortWire
+    from bridge.bringup.desk import Desk
+    from bridge.io.desk_wire import PortWire
 
     key = asked.key
     with contextlib.ExitStack() as stack:
@@ -76,11 +76,11 @@ class BenchLog:
 @contextlib.contextmanager
 def _recorded(wire: Wire, port: str, log: BenchLog, robot_toml: str) -> Iterator[BenchRecords]:
     """Records of what passes over a wire, into a file of its own."""
-    from bridge.bench.recorded import BenchRecords
+    from bridge.bringup.recorded import BenchRecords
     from bridge.io import clock
     from bridge.record.policy import RecordOptions, open_log
     from bridge.record.recorder import ThreadedRecorder
-    from bridge.telemetry import RunInfo
+    from bridge.session.records import RunInfo
     from tools.version import VERSION
 
     offset_ns = clock.unix_offset_ns()

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from bridge.bench.applying import Change
-    from bridge.bench.desk import Desk
-    from bridge.bench.person import Person
+    from bridge.bringup.applying import Change
+    from bridge.bringup.desk import Desk
+    from bridge.bringup.person import Person
 
 
 class ByTruth:
@@ -79,8 +79,8 @@ def write_results(
         BridgeError: the device refused, or fell silent.
 
     """
-    from bridge.bench.applying import set_on_device
-    from bridge.bench.values import edited
+    from bridge.bringup.applying import set_on_device
+    from bridge.bringup.values import edited
 
     for change in changes:
         person.tell(change.line)

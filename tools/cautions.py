@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.config import robot_cautions
-from bridge.telemetry import EventRecord, Severity
+from bridge.session.records import EventRecord, Severity
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan

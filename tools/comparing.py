@@ -6,20 +6,20 @@ import contextlib
 import threading
 from typing import TYPE_CHECKING
 
-from bridge.asking import Asker
-from bridge.bench.values import Difference, differences
+from bridge.api.remote import Asker
+from bridge.bringup.values import Difference, differences
 from bridge.errors import BridgeError
 from bridge.io import clock
-from bridge.mission import Phase
-from bridge.session_events import State
-from bridge.start_pose import contradictions
-from bridge.telemetry import Severity
+from bridge.run.mission import Phase
+from bridge.run.start_pose import contradictions
+from bridge.session.records import Severity
+from bridge.session.states import State
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from bridge.api.pump import Pump
     from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.io.pump import Pump
     from bridge.motion.robot_model import RobotModel
 
 _POLL_S = 0.05

@@ -86,7 +86,7 @@ def _sweepctl(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def _picture(log: Path) -> None:
-    from bridge.view.picture import draw_run
+    from bridge.view.report.picture import draw_run
 
     _OUT.print(f"picture  {draw_run(log, log.with_suffix('.png'))}")
 

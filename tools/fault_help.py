@@ -11,7 +11,7 @@ from sim_device.faults.spec import Number
 from tools.console import write_json, write_lines
 
 if TYPE_CHECKING:
-    from bridge.telemetry import EventRecord
+    from bridge.session.records import EventRecord
     from sim_device.faults.injector import FaultEvent
     from sim_device.faults.spec import Argument, FaultKind
 
@@ -69,7 +69,7 @@ def _cell(argument: Argument) -> str:
 
 def fault_record(event: FaultEvent, log_ns: int) -> EventRecord:
     """A fault's beginning or end, for the log's ``/events``."""
-    from bridge.telemetry import EventRecord, Severity
+    from bridge.session.records import EventRecord, Severity
 
     data: dict[str, float | str] = {
         "fault": event.spec.kind.name,

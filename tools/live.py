@@ -18,10 +18,10 @@ from rich.panel import Panel
 from rich.segment import Segments
 from rich.text import Text
 
-from bridge.crash import described
 from bridge.io import clock
-from bridge.session_events import State
-from bridge.telemetry import EventRecord, IdentityRecord, LogRecord, Severity
+from bridge.run.crash import described
+from bridge.session.records import EventRecord, IdentityRecord, LogRecord, Severity
+from bridge.session.states import State
 from tools.console import drop_queued, err, say
 from tools.live_heading import RunFacts, heading
 from tools.live_map import legend, swept_picture
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from bridge.record.sink import Sink
-    from bridge.snapshot import Snapshot
-    from bridge.telemetry import Record
+    from bridge.run.snapshot import Snapshot
+    from bridge.session.records import Record
     from tools.operating import Operating
 
 _STYLES = {

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.snapshot import Snapshot
+    from bridge.run.snapshot import Snapshot
 
 _MARGIN_M, _FINEST_M = 0.1, 0.02
 _ARROWS = "→↗↑↖←↙↓↘"

@@ -13,32 +13,32 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bridge.api.owner_service import OwnerService
+from bridge.api.pump import Pump
 from bridge.coverage.registry import make_planner, rehearse
 from bridge.coverage.runner import PlanRunner
-from bridge.crash import described
-from bridge.dead_man import DeadMan
 from bridge.errors import BridgeError
-from bridge.host import Host
-from bridge.host_options import HostOptions
 from bridge.io import clock
 from bridge.io.gamepad import Gamepad, Sticks
 from bridge.io.owner_socket import OwnerSocket
 from bridge.io.ports import latency_note, link_of
-from bridge.io.pump import Pump
 from bridge.io.reopening import Opener
-from bridge.mission import Ending, Mission, Resume
 from bridge.motion.geometry import Pose2
-from bridge.onboard_mission import OnboardMission
-from bridge.operator import Operator
-from bridge.owner import OwnerService
 from bridge.record.errors import LogGoneError, LogReadError
 from bridge.record.family import parts_of
 from bridge.record.policy import LogWatch, RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
-from bridge.summary import crash_summary, run_summary
+from bridge.run.crash import described
+from bridge.run.dead_man import DeadMan
+from bridge.run.host import Host
+from bridge.run.manual import Operator
+from bridge.run.mission import Ending, Mission, Resume
+from bridge.run.onboard_mission import OnboardMission
+from bridge.run.options import HostOptions
+from bridge.run.summary import crash_summary, run_summary
+from bridge.run.supervision import Watch, go_on
+from bridge.session.records import RoomRecord, RunInfo, Severity
 from bridge.supervise import Supervisor
-from bridge.telemetry import RoomRecord, RunInfo, Severity
-from bridge.watching import Watch, go_on
 from tools.cautions import cautions
 from tools.comparing import compared, start_checked
 from tools.console import is_drawable, say

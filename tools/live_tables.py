@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bridge.io import clock
-from bridge.session_events import State
+from bridge.session.states import State
 from protocol.messages import Encoders, Imu, Power, Range, Status
 from protocol.schema.catalogue import CATALOGUE
 from protocol.values import Contact, Fault, Mode, PlannerPhase, StopCause, flag_labels, label
@@ -17,7 +17,7 @@ from protocol.values import Contact, Fault, Mode, PlannerPhase, StopCause, flag_
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.snapshot import Snapshot
+    from bridge.run.snapshot import Snapshot
     from protocol.schema.message import Message
 
 _RATE_NS = 1_000_000_000

@@ -17,7 +17,7 @@ from tools.console import drop_queued, flush, plain_console, say, write_json, wr
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from bridge.monitor import Monitor, Seen
+    from bridge.session.monitor import Monitor, Seen
     from protocol.clock import HostNs
 
 _REDRAW_NS = 250_000_000

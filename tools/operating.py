@@ -6,21 +6,21 @@ import os
 import signal
 from typing import TYPE_CHECKING
 
-from bridge.dead_man import DIRECTIONS, DeadMan
 from bridge.io import clock
-from bridge.mission import Ending, Phase
-from bridge.onboard_mission import OnboardMission
-from bridge.operator import Hand, Operator
-from bridge.refusals import refusal
-from bridge.telemetry import Severity
+from bridge.run.dead_man import DIRECTIONS, DeadMan
+from bridge.run.manual import Hand, Operator
+from bridge.run.mission import Ending, Phase
+from bridge.run.onboard_mission import OnboardMission
+from bridge.run.refusals import refusal
+from bridge.session.records import Severity
 from protocol.messages import PlannerCommand
 from protocol.values import PlannerAction, PlannerPhase, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.host import Host
-    from bridge.io.pump import Pump
+    from bridge.api.pump import Pump
+    from bridge.run.host import Host
     from protocol.commands import Outcome
     from tools.terminal_keys import Key
 

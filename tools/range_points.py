@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.bench.ranging import Point, point
+from bridge.bringup.ranging import Point, point
 from protocol.messages import Range
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.bench.desk import Desk
-    from bridge.bench.person import Person
+    from bridge.bringup.desk import Desk
+    from bridge.bringup.person import Person
 
 READ_S = 2.0
 """Forty readings."""

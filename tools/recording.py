@@ -86,7 +86,7 @@ def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
     if not view and not serve:
         yield ""
         return
-    from bridge.view.live import LiveViewer
+    from bridge.view.rerun.live import LiveViewer
 
     viewer = LiveViewer(log, serve=serve)
     try:
@@ -107,6 +107,6 @@ def check_view(*, view: bool, serve: bool) -> None:
 
     """
     if view or serve:
-        from bridge.view.live import check
+        from bridge.view.rerun.live import check
 
         check(serve=serve)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.io import clock
 
 if TYPE_CHECKING:
-    from bridge.replay_device import ReplayDevice
+    from bridge.replay.device import ReplayDevice
     from sim_device.ports.base import DevicePort, Stopper
 
 _IDLE_S = 0.1

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
-from bridge.crash import CRASH_CAUSE, crash_ending, traced
 from bridge.errors import BridgeError
 from bridge.evaluation.metrics import CoverageMeter, CoverageTrack
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Ending, Mission
-from bridge.stop_request import StopRequest
+from bridge.run.crash import CRASH_CAUSE, crash_ending, traced
+from bridge.run.host import Host
+from bridge.run.mission import Ending, Mission
+from bridge.run.options import HostOptions
+from bridge.run.supervision import Watch
+from bridge.session.records import RoomRecord, Severity, TruthRecord
+from bridge.session.stop_request import StopRequest
 from bridge.supervise import Supervisor
-from bridge.telemetry import RoomRecord, Severity, TruthRecord
-from bridge.watching import Watch
 from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.values import StopCause

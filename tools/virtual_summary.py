@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.onboard_mission import OnboardMission
-from bridge.summary import run_summary
+from bridge.run.onboard_mission import OnboardMission
+from bridge.run.summary import run_summary
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan

@@ -1,6 +1,6 @@
 """A virtual sweeper with a connected host in one object and in virtual time, for users' tests.
 
-It reads like :class:`bridge.robot.Robot`, so that what is written for a robot can be tried on
+It reads like :class:`bridge.api.robot.Robot`, so that what is written for a robot can be tried on
 it: ``sweeper.enable(); sweeper.drive(0.1, 0.0); sweeper.run(2.0)``. Nothing here waits: a
 simulated minute takes as long as it takes to compute. Equal settings give equal runs.
 """
@@ -12,20 +12,20 @@ import random
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from bridge.api.robot import ManualDrive
 from bridge.config import load_robot
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import DeviceLostError, StoppedForSafetyError
 from bridge.evaluation.metrics import CoverageMeter
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Ending, Mission, Phase
 from bridge.motion.observation import VelocityCommand
 from bridge.record.sink import NullSink
-from bridge.refusals import cannot_move
-from bridge.robot import ManualDrive
-from bridge.session_events import State
-from bridge.summary import run_summary
+from bridge.run.host import Host
+from bridge.run.mission import Ending, Mission, Phase
+from bridge.run.options import HostOptions
+from bridge.run.refusals import cannot_move
+from bridge.run.summary import run_summary
+from bridge.session.states import State
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Link
@@ -61,7 +61,7 @@ T = TypeVar("T", bound="Message")
 
 
 class Newest(Generic[T]):
-    """The newest message of one kind, as :class:`bridge.robot.Latest` gives it."""
+    """The newest message of one kind, as :class:`bridge.api.robot.Latest` gives it."""
 
     def __init__(self, sweeper: SimulatedSweeper, kind: type[T]) -> None:
         self._sweeper = sweeper

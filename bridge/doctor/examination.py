@@ -10,8 +10,8 @@ from bridge.doctor.body_view import BodyView
 from bridge.doctor.findings import Finding
 from bridge.doctor.timing import HOLE_S, Timing, measure
 from bridge.doctor.wire_view import WireView
-from bridge.session_evidence import Evidence, words_of
-from bridge.telemetry import Severity
+from bridge.session.diagnosis import Evidence, words_of
+from bridge.session.records import Severity
 from protocol.link import Medium
 from protocol.schema.catalogue import CATALOGUE
 from protocol.values import ResetCause, StopCause, label

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.telemetry import Severity
+    from bridge.session.records import Severity
 
 ADVICE: Mapping[str, str] = MappingProxyType(
     {

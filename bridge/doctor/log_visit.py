@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+from bridge.convert.sources import readable
 from bridge.doctor.examination import Examination
 from bridge.doctor.findings import Finding
 from bridge.record.reader import LogReader
-from bridge.record.sources import readable
-from bridge.telemetry import Severity
+from bridge.session.records import Severity
 from protocol.can.frames import RECORD
 from protocol.link import Medium
 from protocol.schema.catalogue import CATALOGUE

@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.doctor.examination import Examination
-from bridge.session import Session
-from bridge.session_events import Agreed, Failed, State, StateChanged
+from bridge.session.session import Session
+from bridge.session.states import Agreed, Failed, State, StateChanged
 from protocol.link import Link, LinkBase
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.session_events import SessionEvent
+    from bridge.session.states import SessionEvent
     from protocol.clock import HostNs
 
 

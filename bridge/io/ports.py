@@ -14,7 +14,7 @@ from bridge.errors import KeyExposedError, PortBusyError, PortError
 from bridge.io.device_lock import owner_pid
 from bridge.io.port_names import misspelt, tcp_mistake
 from bridge.io.readable import readable
-from bridge.session_evidence import BEGINNING, words_of
+from bridge.session.diagnosis import BEGINNING, words_of
 from protocol.can.link import CanLink
 from protocol.link import Link, LinkBase
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from bridge.errors import NoDeviceError
 from bridge.io import clock
 from bridge.io.ports import link_of
-from bridge.stop_request import REPEAT_NS, StopRequest
+from bridge.session.stop_request import REPEAT_NS, StopRequest
 from protocol.clock import HostNs
 from protocol.values import StopCause
 

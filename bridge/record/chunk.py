@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import zstandard
 
-from bridge.record.rows import OP_MESSAGE, RECORD_HEAD, Rows
+from bridge.record.encode.rows import OP_MESSAGE, RECORD_HEAD, Rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from bridge.record.rows import RowMessage
+    from bridge.record.encode.rows import RowMessage
 
 CHUNK_BYTES = 256 * 1024
 CHUNK_NS = 250_000_000

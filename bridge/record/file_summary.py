@@ -13,8 +13,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, MetadataIndex, Schema, Statistics
 
-from bridge.record.chunked import MAGIC
 from bridge.record.errors import LogReadError
+from bridge.record.mcap_file import MAGIC
 from bridge.record.scan import Found, first_end, records
 from bridge.record.unpack import DAMAGE, HEAD, MAX_SCHEMA_BYTES
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from bridge.convert.sources import MCAP, kind_of, readable
 from bridge.record.names import DEVICE_METADATA
 from bridge.record.reader import LogMessage, LogReader
-from bridge.record.sources import MCAP, kind_of, readable
 
 if TYPE_CHECKING:
     from pathlib import Path

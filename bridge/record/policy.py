@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bridge.mission import Ending
-from bridge.record.disk import open_log_file
 from bridge.record.errors import LogExistsError
 from bridge.record.family import stray_part
+from bridge.record.log_writer import RunWriter
 from bridge.record.rotation import RotatingWriter
-from bridge.record.writer import RunWriter
-from bridge.telemetry import Severity
+from bridge.record.storage import open_log_file
+from bridge.run.mission import Ending
+from bridge.session.records import Severity
 from protocol.values import StopCause
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.record.recorder import ThreadedRecorder
-    from bridge.telemetry import RunInfo
+    from bridge.session.records import RunInfo
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,13 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from bridge.record.errors import LogWriteError
-from bridge.telemetry import EventRecord, Severity
+from bridge.session.records import EventRecord, Severity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.record.sink import LogWriter
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 QUEUE_LIMIT = 50_000
 """Five seconds of a full 3 Mbaud line; some 20 MB."""

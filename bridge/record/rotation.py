@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from bridge.record.family import part_name
-from bridge.telemetry import (
+from bridge.session.records import (
     ClockRecord,
     CoverageRecord,
     EventRecord,
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from bridge.record.writer import RunWriter
-    from bridge.telemetry import Record, RunInfo
+    from bridge.record.log_writer import RunWriter
+    from bridge.session.records import Record, RunInfo
 
 _NS = 1_000_000_000
 _STATE = (IdentityRecord, RoomRecord, ClockRecord, CoverageRecord, PlannerRecord)

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 
-from bridge.record.chunked import MAGIC
 from bridge.record.errors import LogReadError
+from bridge.record.mcap_file import MAGIC
 from bridge.record.records_kernel import skip_indexes
 from bridge.record.unpack import CHUNK_HEAD, HEAD
 

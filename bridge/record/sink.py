@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 
 class Sink(Protocol):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from bridge.supervise.inputs import Reaction, Watched
 from bridge.supervise.settings import Level, SuperviseSettings, parse_rule, settings_from
 from bridge.supervise.supervisor import Supervisor
-from bridge.supervise.watched import Reaction, Watched
 
 __all__ = [
     "Level",

@@ -13,7 +13,7 @@ from bridge.motion.kinematics import encoder_delta
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
-    from bridge.supervise.watched import Watched
+    from bridge.supervise.inputs import Watched
     from protocol.messages import Encoders, Range
 
 GAP_S = 0.3

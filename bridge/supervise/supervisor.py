@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.supervise.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
-from bridge.supervise.electric import Battery, Reset, Sensor, Silence, Stall
+from bridge.supervise.inputs import Reaction
 from bridge.supervise.measured import GAP_S, Measured
+from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
+from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
+from bridge.supervise.rules.shadow import Shadow
+from bridge.supervise.rules.slip import Slip
 from bridge.supervise.settings import Level, SuperviseSettings
-from bridge.supervise.shadow import Shadow
-from bridge.supervise.slip import Slip
-from bridge.supervise.watched import Reaction
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
-    from bridge.supervise.conditions import Condition
+    from bridge.supervise.inputs import Watched
+    from bridge.supervise.rules.conditions import Condition
     from bridge.supervise.settings import Rule
-    from bridge.supervise.watched import Watched
 
 CALM_S = 1.0
 """So long without its condition, and what comes next is a new occasion."""

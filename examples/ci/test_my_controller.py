@@ -10,7 +10,7 @@ import pytest
 import bridge
 
 if TYPE_CHECKING:
-    from bridge.robot import Robot
+    from bridge.api.robot import Robot
     from tools.virtual_sweeper import SimulatedSweeper
 
 

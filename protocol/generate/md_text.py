@@ -159,7 +159,7 @@ left wheel that turns faster, with where it stands in the code.
    controllers turn the estimated pose into a wanted velocity: 0.2 m/s ahead, −0.1 rad/s.
 3. **Smoothing** (`bridge.motion.control`). A low-pass, then the acceleration limit against the
    last output.
-4. **Session** (`bridge.session.Session.setpoint`). Steps of 0.0001 m/s and 0.0002 rad/s, a time to
+4. **Session** (`bridge.session.session`). Steps of 0.0001 m/s and 0.0002 rad/s, a time to
    live of {ttl_ms} ms, the next counter: the payload `{payload}`.
 5. **Queue** (`protocol.link`). A setpoint that still waits is replaced, so there is never more than
    one; where the loop itself was held up by more than {late_ms} ms, nothing old is sent.

@@ -11,8 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from bridge.record.export import export
-from bridge.record.writer import RunWriter
+from bridge.convert.export import export
+from bridge.record.log_writer import RunWriter
 from support.synthetic_run import EPOCH_NS, run_info, synthetic_run
 
 ROUNDS = 3

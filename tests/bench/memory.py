@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from bridge.config import load_robot
 from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.runner import PlanRunner
-from bridge.mission import Mission
-from bridge.record.writer import RunWriter
-from bridge.telemetry import RunInfo
+from bridge.record.log_writer import RunWriter
+from bridge.run.mission import Mission
+from bridge.session.records import RunInfo
 from tools.rooms import load_room
 from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 
 if TYPE_CHECKING:
-    from bridge.host import Host
+    from bridge.run.host import Host
 
 _EVERY_S = 600.0
 

@@ -10,11 +10,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from bridge.host_records import HostRecords
 from bridge.record.policy import RecordOptions, open_log
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
-from bridge.timesync import TimeSync
+from bridge.run.recording import HostRecords
+from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Link, Received
 from protocol.messages import Imu

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bridge.motion.robot_model import RobotModel
-from bridge.telemetry import CommandRecord, EventRecord, PoseRecord, TruthRecord
+from bridge.session.records import CommandRecord, EventRecord, PoseRecord, TruthRecord
 from protocol.can.link import CanLink
 from protocol.link import Link
 from sim_device.faults.kinds import parse_fault
@@ -35,7 +35,7 @@ from tools.rooms import load_room, shipped_rooms
 from tools.virtual_run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 WINDOW_NS = 30_000_000_000
 """Simulated time between two checkpoints of a fingerprint, ns: short enough to find a difference,

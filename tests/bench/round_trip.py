@@ -25,17 +25,17 @@ from typing import TYPE_CHECKING, Self
 
 import serial
 
-from bridge.host import Host
-from bridge.host_options import HostOptions
+from bridge.api.pump import Pump
 from bridge.io import clock
 from bridge.io.ports import SerialPort
-from bridge.io.pump import Pump
-from bridge.mission import Ending, Mission
 from bridge.motion.robot_model import RobotModel
+from bridge.record.log_writer import RunWriter
 from bridge.record.recorder import ThreadedRecorder
-from bridge.record.writer import RunWriter
-from bridge.session_events import State
-from bridge.telemetry import RunInfo
+from bridge.run.host import Host
+from bridge.run.mission import Ending, Mission
+from bridge.run.options import HostOptions
+from bridge.session.records import RunInfo
+from bridge.session.states import State
 from protocol.link import Link
 from protocol.messages import Ack, SetStreamRate
 from protocol.schema.message import Direction

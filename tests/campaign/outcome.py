@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from bridge.session.records import EventRecord, TruthRecord
 from bridge.supervise import SuperviseSettings
-from bridge.telemetry import EventRecord, TruthRecord
 from campaign.hazards import GRACE_S, Hazard
 from tools.virtual_run import EPOCH_NS
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.motion.geometry import Pose2
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 
 @dataclass(frozen=True)

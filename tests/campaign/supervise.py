@@ -21,11 +21,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bridge.api.robot_parts import planner_number
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.onboard_mission import OnboardMission
-from bridge.robot_parts import planner_number
+from bridge.run.onboard_mission import OnboardMission
 from bridge.supervise import Level, SuperviseSettings, settings_from
 from campaign.hazards import GRACE_S, HAZARDS, HOST, IN_LANES, ONBOARD, ROOMS, SHORT, STAIRS, Hazard
 from campaign.kept import Kept

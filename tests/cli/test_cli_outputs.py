@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import Writer
 
 from bridge.record.errors import LogWriteError
-from bridge.view import screenshot
+from bridge.view.rerun import screenshot
 from support.cli import short_runs, sweepctl
 from tools.sweepctl import run
 
@@ -100,7 +100,7 @@ def test_an_export_that_is_interrupted_says_what_it_left(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bridge.record.export.export", interrupted)
+    monkeypatch.setattr("bridge.convert.export.export", interrupted)
     assert run(["export", str(log), "--out", str(tmp_path / "tables")]) == 1
     said = capsys.readouterr().err
     assert "interrupted: the tables in" in said

@@ -54,7 +54,7 @@ def sweepctl(
 
 
 START = ["click", "tools.console", "bridge", "tools.commands.simulate", "numpy"]
-LATER = ["numpy.linalg", "bridge.config", "bridge.host", "sim_device.device", "llvmlite"]
+LATER = ["numpy.linalg", "bridge.config", "bridge.run.host", "sim_device.device", "llvmlite"]
 
 
 @pytest.mark.parametrize("module", [*START, *LATER])

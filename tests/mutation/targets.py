@@ -56,26 +56,32 @@ TARGETS = (
     ),
     Target(
         "mission",
-        "bridge.mission",
+        "bridge.run.mission",
         _tests("mission", "mission_loss", "link_latency", "stale_samples", "session_again"),
         covered=96.0,
     ),
     Target("measured", "bridge.supervise.measured", _tests("supervise_measured")),
-    Target("slip", "bridge.supervise.slip", _tests("supervise_slip", "supervise_slip_limits")),
     Target(
-        "bodily", "bridge.supervise.bodily", _tests("supervise_bodily", "supervise_bodily_limits")
+        "slip", "bridge.supervise.rules.slip", _tests("supervise_slip", "supervise_slip_limits")
     ),
-    Target("electric", "bridge.supervise.electric", _tests("supervise_electric")),
     Target(
-        "shadow", "bridge.supervise.shadow", _tests("supervise_shadow", "supervise_shadow_limits")
+        "bodily",
+        "bridge.supervise.rules.bodily",
+        _tests("supervise_bodily", "supervise_bodily_limits"),
+    ),
+    Target("electric", "bridge.supervise.rules.electric", _tests("supervise_electric")),
+    Target(
+        "shadow",
+        "bridge.supervise.rules.shadow",
+        _tests("supervise_shadow", "supervise_shadow_limits"),
     ),
     Target("supervisor", "bridge.supervise.supervisor", _tests("supervise_grading")),
-    Target("dead_man", "bridge.dead_man", _tests("dead_man_velocities", "dead_man")),
+    Target("dead_man", "bridge.run.dead_man", _tests("dead_man_velocities", "dead_man")),
     Target("stopping", "bridge.io.stopping", _tests("stopping_alone")),
-    Target("stop", "bridge.stop_request", _tests("stopping_alone")),
+    Target("stop", "bridge.session.stop_request", _tests("stopping_alone")),
     Target(
         "host",
-        "bridge.host",
+        "bridge.run.host",
         _tests(
             *("host_run", "host_disturbances", "host_parameters", "host_warming", "summary"),
             *("link_latency", "stale_samples", "damaged_records", "session_again"),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.mission import Mission
+from bridge.run.mission import Mission
 from protocol.clock import HostNs
 from support.ends import Ends, HostEnd, spinning_host, sweeper
 from support.strategies import cut, damaged, reference_frames, streams

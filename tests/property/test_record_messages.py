@@ -10,9 +10,9 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.record.layout import FlatField, FlatMessage, Kind
-from bridge.record.schemas import DeviceEncoder
-from bridge.telemetry import DeviceMessage
+from bridge.record.encode.layout import FlatField, FlatMessage, Kind
+from bridge.record.encode.schemas import DeviceEncoder
+from bridge.session.records import DeviceMessage
 from protocol.schema.catalogue import CATALOGUE
 from support.strategies import message_of, nodes, seqs, t_us_values, typed_values
 

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from bridge.convert.recover import recover
 from bridge.record.errors import LogReadError
 from bridge.record.info import describe
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from bridge.record.recover import recover
-from bridge.record.writer import RunWriter
 from support.synthetic_run import run_info, summary, synthetic_run
 
 pytestmark = pytest.mark.slow

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bridge.mission import Ending, Phase
-from bridge.session_events import SessionEvent, State, StateChanged
+from bridge.run.mission import Ending, Phase
+from bridge.session.states import SessionEvent, State, StateChanged
 from protocol.values import Mode
 from support.ends import (
     RAMP_US,

@@ -7,7 +7,7 @@ import random
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bridge.timesync import TimeSync
+from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
 
 WRAP = 1 << 32

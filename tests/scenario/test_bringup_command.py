@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.convert.redecode import compare
 from bridge.record.reader import LogReader
-from bridge.record.redecode import compare
 from support.cli import Done, sweepctl
 from support.served import Served
 

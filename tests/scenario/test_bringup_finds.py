@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bench.bringup import BringUp
-from bridge.bench.device_values import list_parameters, set_parameter
-from bridge.bench.wire import InterruptedByPersonError
+from bridge.bringup.desk_wire import InterruptedByPersonError
+from bridge.bringup.device_values import list_parameters, set_parameter
+from bridge.bringup.procedure import BringUp
 from bridge.errors import CommandRejectedError, ParameterError, StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
 from protocol.authentication import key_words
@@ -23,7 +23,7 @@ from support.bench_wire import Scripted, desk_on
 from support.miswired import PLAN, Stand
 
 if TYPE_CHECKING:
-    from bridge.bench.wiring import Finding
+    from bridge.bringup.wiring import Finding
     from sim_device.imu import ImuCounts
 
 pytestmark = pytest.mark.slow

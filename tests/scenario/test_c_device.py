@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import pytest
 
-from bridge.session import Session
-from bridge.session_events import Agreed, CommandEnded, Data, State
+from bridge.session.session import Session
+from bridge.session.states import Agreed, CommandEnded, Data, State
 from protocol.clock import HostNs
 from protocol.messages import (
     ClearStop,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from bridge.session_events import SessionEvent
+    from bridge.session.states import SessionEvent
     from protocol.schema.message import Message
 
 pytestmark = pytest.mark.realtime

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bench.device_values import save_parameters, set_parameter
-from bridge.bench.square import Result, Squares
-from bridge.bench.umbmark import Benchmark, Correction
+from bridge.bringup.device_values import save_parameters, set_parameter
+from bridge.bringup.square import Result, Squares
+from bridge.bringup.umbmark import Benchmark, Correction
 from bridge.config import parse_robot
 from bridge.motion.robot_model import RobotModel
 from protocol.messages import Range

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bench.square import Asked, ByTape, Result, Squares
+from bridge.bringup.square import Asked, ByTape, Result, Squares
 from bridge.errors import BridgeError, StoppedForSafetyError
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
@@ -18,7 +18,7 @@ from sim_device.noise import NoiseLevel
 from support.bench_wire import Scripted, desk_on
 
 if TYPE_CHECKING:
-    from bridge.bench.person import Person
+    from bridge.bringup.person import Person
 
 pytestmark = pytest.mark.slow
 

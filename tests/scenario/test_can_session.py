@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Mission
 from bridge.motion.robot_model import RobotModel
-from bridge.session_events import Agreed, CommandEnded, Data, Failed, Ping, State
-from bridge.telemetry import DeviceMessage, EventRecord, RawCan
+from bridge.run.host import Host
+from bridge.run.mission import Mission
+from bridge.run.options import HostOptions
+from bridge.session.records import DeviceMessage, EventRecord, RawCan
+from bridge.session.states import Agreed, CommandEnded, Data, Failed, Ping, State
 from protocol.can.link import CanLink, CanStatistics
 from protocol.can.load import loads
 from protocol.messages import Encoders, Imu, Range, Stop, Sync, VelocitySetpoint

@@ -292,8 +292,8 @@ def test_a_run_s_log_shows_the_frames_that_went_over_its_line(
 
 def record_line(path: Path, rng: random.Random) -> tuple[int, int]:
     """Log some traffic in reads that end anywhere; gives the messages of both directions."""
-    from bridge.record.writer import RunWriter  # noqa: PLC0415 - slow to load, for one test
-    from bridge.telemetry import RawBytes  # noqa: PLC0415
+    from bridge.record.log_writer import RunWriter  # noqa: PLC0415 - slow to load, for one test
+    from bridge.session.records import RawBytes  # noqa: PLC0415
     from support.synthetic_run import EPOCH_NS, run_info, summary  # noqa: PLC0415
 
     writer = RunWriter(path, run_info())

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.owner import ask
+from bridge.api.owner_service import ask
 from support.cli import sweepctl
 from support.served import Served
 from support.terminal import OnTerminal

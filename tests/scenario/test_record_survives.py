@@ -20,8 +20,8 @@ import resource, signal, sys, time
 from pathlib import Path
 sys.path[:0] = [{root!r}, {tests!r}]
 from bridge.record.recorder import ThreadedRecorder
-from bridge.record.writer import RunWriter
-from bridge.telemetry import LogRecord, RawBytes, Severity
+from bridge.record.log_writer import RunWriter
+from bridge.session.records import LogRecord, RawBytes, Severity
 from support.synthetic_run import run_info
 """
 

@@ -15,7 +15,7 @@ from support.selection import seeds
 from tools.virtual_run import run_virtual
 
 if TYPE_CHECKING:
-    from bridge.host import Host
+    from bridge.run.host import Host
     from tools.virtual_run import VirtualRun
 
 pytestmark = pytest.mark.slow

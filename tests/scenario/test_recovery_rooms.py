@@ -9,15 +9,15 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.telemetry import EventRecord
+from bridge.session.records import EventRecord
 from tools.rooms import load_room
 from tools.virtual_run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.host import Host
-    from bridge.telemetry import Record
+    from bridge.run.host import Host
+    from bridge.session.records import Record
 
 pytestmark = pytest.mark.slow
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.convert.redecode import compare
 from bridge.record.errors import LogReadError
 from bridge.record.reader import LogReader
-from bridge.record.redecode import compare
 from support.cli import Done, end, short_runs, start, sweepctl
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ import pytest
 from mcap.writer import Writer
 
 from bridge.record.reader import LogReader
-from bridge.replay_device import load, replay_device
-from bridge.session import Session
-from bridge.session_events import Data, Ping, State
-from bridge.timesync import TimeSync
+from bridge.replay.device import load, replay_device
+from bridge.session.session import Session
+from bridge.session.states import Data, Ping, State
+from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Link, Received
 from protocol.messages import (
@@ -37,8 +37,8 @@ from support.cli import end, plain_messages, short_runs, start, sweepctl
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bridge.replay_device import ReplayDevice
-    from bridge.session_events import SessionEvent
+    from bridge.replay.device import ReplayDevice
+    from bridge.session.states import SessionEvent
     from protocol.link import LinkEvent
     from protocol.schema.message import Message
 

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 import bridge
+from bridge.api.owner_service import RemoteRobot, reach
+from bridge.api.robot import LET_GO_S, Latest, ManualDrive, Robot
 from bridge.errors import (
     BridgeError,
     CommandRejectedError,
@@ -24,11 +26,9 @@ from bridge.errors import (
 )
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.owner import RemoteRobot, reach
 from bridge.record.errors import LogError, LogExistsError
 from bridge.record.reader import LogReader
-from bridge.robot import LET_GO_S, Latest, ManualDrive, Robot
-from bridge.session_events import State
+from bridge.session.states import State
 from protocol.messages import Encoders, Imu, Range, Status
 from protocol.values import Mode, StopCause
 from sim_device.ports import PtyPort

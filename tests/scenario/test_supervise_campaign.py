@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
+from bridge.session.records import EventRecord, Severity, TruthRecord
 from bridge.supervise.settings import SuperviseSettings
-from bridge.telemetry import EventRecord, Severity, TruthRecord
 from campaign.hazards import HAZARDS, ROOMS
 from campaign.outcome import Alarm, Alarms, Job, Outcome, lane_way_m
 from campaign.supervise import hazard_jobs, keep, kept_at, recalled, run

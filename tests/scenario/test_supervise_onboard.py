@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.floor_plan.floor_plan import parse_floorplan
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Ending, Phase
 from bridge.motion.robot_model import RobotModel
-from bridge.onboard_mission import OnboardMission
 from bridge.remedies import Remedy
-from bridge.session_events import State
+from bridge.run.host import Host
+from bridge.run.mission import Ending, Phase
+from bridge.run.onboard_mission import OnboardMission
+from bridge.run.options import HostOptions
+from bridge.run.supervision import Watch, go_on
+from bridge.session.records import CommandRecord, EventRecord, PlannerRecord
+from bridge.session.states import State
 from bridge.supervise import SuperviseSettings, Supervisor, parse_rule
-from bridge.telemetry import CommandRecord, EventRecord, PlannerRecord
-from bridge.watching import Watch, go_on
 from protocol.messages import VelocitySetpoint
 from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
 from sim_device.device import VirtualSweeper
@@ -271,7 +271,7 @@ def test_a_top_speed_that_could_not_be_given_back_is_told(
 
 
 def test_a_device_that_cannot_be_slowed_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bridge.watching._SPEED", "warp_factor")  # which the device lacks
+    monkeypatch.setattr("bridge.run.supervision._SPEED", "warp_factor")  # which the device lacks
     ends, host, _ = moving()
     alarm = alarmed(host, "SLOW")
     ends.run(1.0)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.mission import Ending, Mission
 from bridge.motion.robot_model import RobotModel
-from bridge.telemetry import DeviceMessage, EventRecord
-from bridge.timesync import TimeSync
+from bridge.run.mission import Ending, Mission
+from bridge.session.records import DeviceMessage, EventRecord
+from bridge.session.timesync import TimeSync
 from sim_device.faults.kinds import parse_fault
 from sim_device.line import LineSettings
 from tools.rooms import load_room
@@ -21,7 +21,7 @@ from tools.virtual_run import EPOCH_NS, run_virtual
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
     from tools.virtual_run import VirtualRun
 
 BAUD = 921_600

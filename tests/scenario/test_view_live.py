@@ -17,19 +17,19 @@ from matplotlib.image import imread
 from rerun.experimental import ViewerClient
 
 from bridge.record.following import Follower, paced
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
-from bridge.record.writer import RunWriter
 from bridge.view.errors import NoDisplayError
-from bridge.view.launch import viewer_environment
-from bridge.view.live import LiveViewer, check
+from bridge.view.rerun.launch import viewer_environment
+from bridge.view.rerun.live import LiveViewer, check
 from support.cli import sweepctl
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 pytestmark = pytest.mark.realtime
 
@@ -149,7 +149,7 @@ def test_without_a_display_it_is_told_before_the_robot_is_spoken_to(
     monkeypatch.chdir(tmp_path)
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("bridge.view.launch.sys.platform", "linux")
+    monkeypatch.setattr("bridge.view.rerun.launch.sys.platform", "linux")
     with pytest.raises(NoDisplayError):
         check(serve=False)
     done = sweepctl("connect", "/dev/none", "--view")

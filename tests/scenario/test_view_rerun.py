@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from bridge.record.errors import LogReadError, LogWriteError
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from bridge.record.writer import RunWriter
 from bridge.view.errors import NoDisplayError, ViewerFailedError, ViewerMissingError
-from bridge.view.launch import open_viewer, viewer_command
+from bridge.view.rerun.launch import open_viewer, viewer_command
 from support.synthetic_run import run_info, summary, synthetic_run
 
 _CHUNK = re.compile(r"with (\d+) rows .* - (/\S*) - data columns: \[(.*)\]")
@@ -135,7 +135,7 @@ def test_the_viewer_listens_on_this_machine_only(tmp_path: Path) -> None:
 
 def test_a_viewer_that_fails_says_why(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program = [sys.executable, "-c", "import sys; sys.exit('Error: no graphics adapter')"]
-    monkeypatch.setattr("bridge.view.launch.viewer_command", lambda *_, **__: program)
+    monkeypatch.setattr("bridge.view.rerun.launch.viewer_command", lambda *_, **__: program)
     with pytest.raises(ViewerFailedError, match="status 1: Error: no graphics adapter"):
         open_viewer(log, serve_web=True)
 

@@ -12,9 +12,9 @@ from matplotlib.image import imread
 
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
-from bridge.record.writer import RunWriter
-from bridge.telemetry import PoseRecord
-from bridge.view.screenshot import save_screenshot
+from bridge.record.log_writer import RunWriter
+from bridge.session.records import PoseRecord
+from bridge.view.rerun.screenshot import save_screenshot
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:

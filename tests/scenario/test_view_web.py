@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from bridge.record.writer import RunWriter
+from bridge.record.log_writer import RunWriter
 from support.browser import Browser
 from support.cli import ROOT
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run

@@ -21,13 +21,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bridge.api.robot_parts import planner_number
 from bridge.motion.robot_model import RobotModel
-from bridge.onboard_mission import OnboardMission
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from bridge.record.writer import RunWriter
-from bridge.robot_parts import planner_number
+from bridge.run.onboard_mission import OnboardMission
+from bridge.session.records import RunInfo
 from bridge.supervise import SuperviseSettings
-from bridge.telemetry import RunInfo
 from sim_device.faults.kinds import KINDS, parse_fault
 from sim_device.faults.spec import FaultSpec, Number
 from sim_device.line import LineSettings

@@ -19,19 +19,19 @@ import time
 import zlib
 from pathlib import Path
 
-from bridge.host import Host
-from bridge.host_options import HostOptions
+from bridge.api.pump import Pump
 from bridge.io import clock
 from bridge.io.ports import SerialPort
-from bridge.io.pump import Pump
-from bridge.mission import Mission
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
-from bridge.record.writer import RunWriter
-from bridge.telemetry import RunInfo
-from bridge.view.run_data import frames_of
+from bridge.run.host import Host
+from bridge.run.mission import Mission
+from bridge.run.options import HostOptions
+from bridge.session.records import RunInfo
+from bridge.view.report.run_data import frames_of
 from soak.day import open_files, resident_mb
 
 FEEDER = Path(__file__).with_name("feeder.py")

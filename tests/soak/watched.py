@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.telemetry import EventRecord, TruthRecord
+from bridge.session.records import EventRecord, TruthRecord
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.motion.geometry import Pose2
     from bridge.record.sink import Sink
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
     from sim_device.device import VirtualSweeper
     from tools.virtual_run import VirtualRun
 

@@ -6,7 +6,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from bridge.motion.robot_model import RobotModel
-from bridge.session_events import Agreed, CommandEnded, Data, State
+from bridge.session.states import Agreed, CommandEnded, Data, State
 from protocol.messages import (
     ClearStop,
     GetParameter,

@@ -6,7 +6,7 @@ import itertools
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bridge.bench.desk import Desk
+from bridge.bringup.desk import Desk
 from protocol.clock import HostNs
 from sim_device.line import STRAIGHT
 from sim_device.rig import Rig

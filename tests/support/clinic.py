@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.doctor import Examination
 from bridge.doctor.visit import Visit as DoctorVisit
 from bridge.motion.robot_model import RobotModel
-from bridge.telemetry import EventRecord, RawBytes
+from bridge.session.records import EventRecord, RawBytes
 from protocol.clock import HostNs
 from protocol.schema.catalogue import CATALOGUE
 from sim_device.device import VirtualSweeper
@@ -26,7 +26,7 @@ from tools.virtual_run import run_virtual
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
     from protocol.schema.catalogue import Catalogue
 
 BOOT_US = 7_000_000

@@ -17,8 +17,8 @@ from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, IndexType, Writer
 
-from bridge.record.recover import recover
-from bridge.record.writer import RunWriter
+from bridge.convert.recover import recover
+from bridge.record.log_writer import RunWriter
 from support.synthetic_run import run_info, synthetic_run
 from support.synthetic_run import summary as run_summary
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from mcap.reader import McapReader
 
-    from bridge.record.recover import Recovery
+    from bridge.convert.recover import Recovery
 
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK = 0x06

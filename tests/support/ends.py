@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from bridge.coverage.planner import PlannerState, ScriptedPlanner
 from bridge.coverage.runner import PlanRunner
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Mission
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import Turn
 from bridge.motion.robot_model import RobotModel
-from bridge.session import Session
+from bridge.run.host import Host
+from bridge.run.mission import Mission
+from bridge.run.options import HostOptions
+from bridge.session.session import Session
 from protocol.authentication import CAN_AUTH_TYPE
 from protocol.clock import HostNs
 from protocol.link import Link, LinkBase, Received, Rejected
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from bridge.coverage.planner import Script
     from bridge.motion.observation import Observation
-    from bridge.session_events import SessionEvent
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
+    from bridge.session.states import SessionEvent
     from protocol.schema.catalogue import Catalogue
     from protocol.schema.message import Message
 

@@ -14,10 +14,10 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from bridge.record import foxglove, schemas
-from bridge.record.layout import FlatField, FlatMessage, Kind
-from bridge.record.packer import Packer
-from bridge.record.ros import OCCUPANCY_GRID, schema_text
+from bridge.record.encode import foxglove, schemas
+from bridge.record.encode.layout import FlatField, FlatMessage, Kind
+from bridge.record.encode.packer import Packer
+from bridge.record.encode.ros import OCCUPANCY_GRID, schema_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -39,7 +39,6 @@ DRAWN = {"contents", "impostors"}
 
 def main() -> None:
     """Each command on each of the files, in a process of its own; how each of them ended."""
-    from bridge.view import report  # noqa: F401, PLC0415 - loaded once for all
     from tools.sweepctl import run  # noqa: F401, PLC0415 - as above
 
     group, folder, files = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])

@@ -8,13 +8,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2.decoder import DecoderFactory as RosFactory
 
-from bridge.record.writer import RunWriter
+from bridge.record.log_writer import RunWriter
 from support.synthetic_run import run_info, summary
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 
 def written(path: Path, *records: Record) -> list[tuple[str, Any, Any]]:

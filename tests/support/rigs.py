@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from bridge.session import Session
-from bridge.session_events import Agreed, Data, Ping, State
+from bridge.session.session import Session
+from bridge.session.states import Agreed, Data, Ping, State
 from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.messages import Imu
@@ -19,7 +19,7 @@ from support.sim_body import room
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.session_events import SessionEvent
+    from bridge.session.states import SessionEvent
     from protocol.link import LinkBase
     from protocol.schema.message import Message
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bridge.motion.geometry import Pose2
+from bridge.supervise.rules.shadow import Shadow
 from bridge.supervise.settings import DisagreementRule
-from bridge.supervise.shadow import Shadow
 from protocol.messages import PlannerState
 from protocol.values import PlannerPhase
 from support.watching import MODEL, STEP_S, Walk, planner, reading

@@ -13,7 +13,7 @@ from bridge.coverage.planner import PlannerState
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.telemetry import (
+from bridge.session.records import (
     ClockRecord,
     CommandRecord,
     CoverageRecord,

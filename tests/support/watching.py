@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from bridge.supervise.inputs import Watched
 from bridge.supervise.measured import Measured
-from bridge.supervise.watched import Watched
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 
 if TYPE_CHECKING:
-    from bridge.supervise.conditions import Condition
+    from bridge.supervise.rules.conditions import Condition
 
 MODEL = RobotModel()
 STEP_S = 0.02

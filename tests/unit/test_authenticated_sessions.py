@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.mission import Phase
-from bridge.session import Session
-from bridge.session_events import CommandEnded, State
+from bridge.run.mission import Phase
+from bridge.session.session import Session
+from bridge.session.states import CommandEnded, State
 from protocol.authentication import (
     key_words,
 )

@@ -7,9 +7,9 @@ import random
 
 import pytest
 
-from bridge.bench.gyro import AxisBias, biases, complaint
-from bridge.bench.ranging import Point, fit, point
-from bridge.bench.wheel_step import as_text, judge_step, wheel_speeds, wheel_steps
+from bridge.bringup.gyro import AxisBias, biases, complaint
+from bridge.bringup.ranging import Point, fit, point
+from bridge.bringup.wheel_step import as_text, judge_step, wheel_speeds, wheel_steps
 from bridge.errors import BridgeError
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from bridge.bench.umbmark import (
+from bridge.bringup.umbmark import (
     Benchmark,
     Correction,
     Run,

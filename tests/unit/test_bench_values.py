@@ -7,11 +7,11 @@ import struct
 
 import pytest
 
-from bridge.bench.values import Difference, differences, edited, file_values, robot_key
+from bridge.bringup.values import Difference, differences, edited, file_values, robot_key
 from bridge.config import parse_robot
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
-from bridge.parameters import Parameter
+from bridge.session.parameters import Parameter
 from sim_device.parameters import ParameterStore, table
 
 MODEL = RobotModel()

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from bridge.record.csv_table import CsvTable
+from bridge.convert.csv_table import CsvTable
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.host_records import GATHER_NS, SHOWN_BYTES, HostRecords
-from bridge.mission import Ending
+from bridge.convert.listening import Listener
 from bridge.motion.robot_model import RobotModel
-from bridge.record.listening import Listener
-from bridge.record.writer import RunWriter
-from bridge.session_events import State
-from bridge.telemetry import EventRecord, RawBytes, RunInfo
-from bridge.view.run_data import frames_of, load_run
+from bridge.record.log_writer import RunWriter
+from bridge.run.mission import Ending
+from bridge.run.recording import GATHER_NS, SHOWN_BYTES, HostRecords
+from bridge.session.records import EventRecord, RawBytes, RunInfo
+from bridge.session.states import State
+from bridge.view.report.run_data import frames_of, load_run
 from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.schema.message import Direction
@@ -24,7 +24,7 @@ from support.hostile import Pipe
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bridge.host import Host
+    from bridge.run.host import Host
 
 LINE_BYTES_S = 300_000
 """Of 3 Mbaud."""

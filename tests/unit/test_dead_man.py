@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 
 from bridge.coverage.planner import PlannerEvent, PlannerState
 from bridge.coverage.runner import PlanRunner
-from bridge.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
 from bridge.errors import PortError
 from bridge.io.gamepad import Gamepad, Layout, PadState, Sticks
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
-from bridge.operator import Hand, Operator
+from bridge.run.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
+from bridge.run.manual import Hand, Operator
 
 if TYPE_CHECKING:
     from pathlib import Path

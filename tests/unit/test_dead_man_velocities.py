@@ -6,8 +6,8 @@ import inspect
 
 import pytest
 
-from bridge.dead_man import DIRECTIONS, DeadMan
 from bridge.motion.observation import HALT, VelocityCommand
+from bridge.run.dead_man import DIRECTIONS, DeadMan
 
 AHEAD = {"up": 1.0, "i": 1.0, "down": -1.0, "k": -1.0}
 TURN = {"left": 1.0, "j": 1.0, "right": -1.0, "l": -1.0}

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bench.wire import InterruptedByPersonError
+from bridge.bringup.desk_wire import InterruptedByPersonError
 from bridge.errors import DeviceLostError
 from protocol.values import Mode, StopCause
 from support.bench_wire import RigWire, desk_on
 from support.ends import sweeper
 
 if TYPE_CHECKING:
-    from bridge.bench.desk import Desk
+    from bridge.bringup.desk import Desk
     from protocol.clock import HostNs
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from bridge.motion.robot_model import RobotModel
-from bridge.session_events import CommandEnded, Data
+from bridge.session.states import CommandEnded, Data
 from protocol.messages import (
     Ack,
     GetParameter,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.session_events import Agreed, Data
+from bridge.session.states import Agreed, Data
 from protocol.messages import (
     Reboot,
     SetMode,

@@ -10,9 +10,9 @@ from zlib import crc32
 import pytest
 from cobs import cobs
 
-from bridge.robot_state import missing_needs
-from bridge.session import Session
-from bridge.session_events import Failed
+from bridge.run.robot_state import missing_needs
+from bridge.session.session import Session
+from bridge.session.states import Failed
 from protocol.clock import HostNs
 from protocol.generate import render
 from protocol.messages import Stop

@@ -6,7 +6,7 @@ import pytest
 
 from bridge.doctor import ADVICE, Examination
 from bridge.doctor.wire_view import Damaged
-from bridge.telemetry import Severity
+from bridge.session.records import Severity
 from campaign.doctor import PATIENTS, uncovered, visit
 from protocol.link import Link
 from protocol.messages import Encoders, Hello, LinkCounters, Power, Status

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
+from bridge.convert.export import export
+from bridge.convert.table_names import table_names
 from bridge.record.errors import LogExistsError
-from bridge.record.export import export
-from bridge.record.table_names import table_names
 from support.cli import sweepctl
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import statistics
 
 import pytest
 
-from bridge.session_events import State
+from bridge.session.states import State
 from protocol.can.link import CanLink
 from protocol.messages import Imu
 from protocol.values import ResetCause

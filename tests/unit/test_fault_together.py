@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bridge.session_events import Agreed
+from bridge.session.states import Agreed
 from sim_device.line import LineSettings
 from support.rigs import Drive, lost_frames, rig
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.session_events import TRANSITIONS
+from bridge.session.states import TRANSITIONS
 from protocol.generate import render
 from protocol.generate.md import Machine, diagram
 from protocol.messages import Imu, Range, VelocitySetpoint

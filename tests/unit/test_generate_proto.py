@@ -10,8 +10,8 @@ import pytest
 from google.protobuf import descriptor_pool, json_format, message_factory
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 
-from bridge.record.schemas import device_encoders
-from bridge.telemetry import DeviceMessage
+from bridge.record.encode.schemas import device_encoders
+from bridge.session.records import DeviceMessage
 from protocol.generate import render
 from protocol.messages import Imu, Range
 from protocol.schema.catalogue import CATALOGUE, Catalogue

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.host_records import HostRecords
 from bridge.motion.estimation.disturbance import Disturbance, DisturbanceKind
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.telemetry import EventRecord
+from bridge.run.recording import HostRecords
+from bridge.session.records import EventRecord
 from tools.experiment.room_generator import generate_room
 from tools.virtual_run import run_virtual
 

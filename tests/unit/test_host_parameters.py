@@ -8,7 +8,7 @@ import math
 import pytest
 
 from bridge.errors import ParameterError
-from bridge.parameters import Parameter, closest
+from bridge.session.parameters import Parameter, closest
 from protocol.messages import ParameterValue
 
 # IEEE 754 binary32, worked out by hand: 0.5 = 2^-1, 0.25 = 2^-2, 2.0 = 2^1.

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.api import pump
+from bridge.api.pump import Pump
 from bridge.errors import DeviceLostError, PortBusyError, PortError
-from bridge.io import clock, pump
-from bridge.io.pump import Pump
-from bridge.mission import Ending
-from bridge.telemetry import EventRecord
+from bridge.io import clock
+from bridge.run.mission import Ending
+from bridge.session.records import EventRecord
 from protocol.clock import HostNs
 from protocol.errors import FieldRangeError
 from protocol.link import Link, Received
@@ -22,8 +23,8 @@ from support.ends import Collector, spinning_host, sweeper
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
-    from bridge.host import Host
-    from bridge.telemetry import Record
+    from bridge.run.host import Host
+    from bridge.session.records import Record
     from sim_device.device import VirtualSweeper
 
 pytestmark = pytest.mark.slow

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.mission import Ending, Phase
-from bridge.session_events import State
-from bridge.telemetry import EventRecord, Record, Severity
+from bridge.run.mission import Ending, Phase
+from bridge.session.records import EventRecord, Record, Severity
+from bridge.session.states import State
 from protocol.clock import HostNs
 from protocol.messages import Hello, Stop, VelocitySetpoint
 from protocol.schema.codec import Codec
@@ -27,7 +27,7 @@ from support.ends import (
 )
 
 if TYPE_CHECKING:
-    from bridge.host import Host
+    from bridge.run.host import Host
 
 CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
 

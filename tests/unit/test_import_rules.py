@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import bridge
-from bridge.robot import Robot
+from bridge.api.robot import Robot
 
 ROOT = Path(__file__).parents[2]
 

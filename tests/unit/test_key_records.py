@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from bridge.errors import KeyExposedError
-from bridge.host_options import HostOptions
-from bridge.host_records import HostRecords
 from bridge.io.ports import check_local
-from bridge.session_events import State
-from bridge.telemetry import RawBytes, RawCan
+from bridge.run.options import HostOptions
+from bridge.run.recording import HostRecords
+from bridge.session.records import RawBytes, RawCan
+from bridge.session.states import State
 from protocol.authentication import key_words
 from protocol.can.frames import RECORD
 from protocol.link import Link, Received

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from bridge.api.robot import Robot
 from bridge.errors import CommandRejectedError, StoppedForSafetyError
-from bridge.mission import Ending
 from bridge.record.errors import LogExistsError
-from bridge.refusals import cannot_move
 from bridge.remedies import Remedy
-from bridge.robot import Robot
+from bridge.run.mission import Ending
+from bridge.run.refusals import cannot_move
 from protocol.messages import Imu, Range, Status
 from tools.remedies import error_line
 

@@ -6,19 +6,19 @@ import itertools
 
 import pytest
 
-from bridge.bench.desk import LINK_S
+from bridge.bringup.desk import LINK_S
 from bridge.coverage.runner import PlanRunner
-from bridge.dead_man import DeadMan
 from bridge.errors import StoppedForSafetyError
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Ending, Mission, Phase
 from bridge.motion.robot_model import RobotModel
-from bridge.onboard_mission import OnboardMission
-from bridge.operator import Operator
-from bridge.round_trip import LIMIT_NS, LinkTrouble, RoundTrip
-from bridge.session_events import State
-from bridge.telemetry import EventRecord
+from bridge.run.dead_man import DeadMan
+from bridge.run.host import Host
+from bridge.run.manual import Operator
+from bridge.run.mission import Ending, Mission, Phase
+from bridge.run.onboard_mission import OnboardMission
+from bridge.run.options import HostOptions
+from bridge.session.records import EventRecord
+from bridge.session.round_trip import LIMIT_NS, LinkTrouble, RoundTrip
+from bridge.session.states import State
 from protocol.can.link import CanLink
 from protocol.link import Link, Received
 from protocol.messages import PlannerCommand, TimeReply, TimeRequest

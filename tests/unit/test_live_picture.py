@@ -10,15 +10,15 @@ from rich.console import Console
 from rich.screen import Screen
 
 from bridge.coverage.swept_map import SweptMap
-from bridge.dead_man import DeadMan
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Mission
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.operator import Operator
 from bridge.record.sink import NullSink
-from bridge.telemetry import EventRecord, LogRecord, Severity
+from bridge.run.dead_man import DeadMan
+from bridge.run.host import Host
+from bridge.run.manual import Operator
+from bridge.run.mission import Mission
+from bridge.run.options import HostOptions
+from bridge.session.records import EventRecord, LogRecord, Severity
 from protocol.messages import Imu, Power, Range, Status
 from tools.console import err
 from tools.live import LivePicture, Teller

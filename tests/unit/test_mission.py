@@ -5,7 +5,11 @@ from __future__ import annotations
 import pytest
 
 from bridge.coverage.runner import PlanRunner
-from bridge.mission import (
+from bridge.motion.geometry import Pose2
+from bridge.motion.observation import HALT, Observation
+from bridge.motion.robot_model import RobotModel
+from bridge.remedies import Remedy
+from bridge.run.mission import (
     DATA_TIMEOUT_S,
     END_TIMEOUT_S,
     LOST_TIMEOUT_S,
@@ -15,10 +19,6 @@ from bridge.mission import (
     Phase,
     Request,
 )
-from bridge.motion.geometry import Pose2
-from bridge.motion.observation import HALT, Observation
-from bridge.motion.robot_model import RobotModel
-from bridge.remedies import Remedy
 from protocol.commands import Outcome
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause

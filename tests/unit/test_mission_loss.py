@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.mission import Ending, Mission, Phase, Request, Resume
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.run.mission import Ending, Mission, Phase, Request, Resume
 from protocol.commands import Outcome
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause
 
 if TYPE_CHECKING:
-    from bridge.runners import Runner
+    from bridge.run.runner import Runner
 
 AHEAD = VelocityCommand(0.2, 0.0)
 OBS = Observation(

@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from bridge.monitor import Monitor, UnknownTypeError
+from bridge.session.monitor import Monitor, UnknownTypeError
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Link

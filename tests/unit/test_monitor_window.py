@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.console import Console
 
-from bridge.monitor import Monitor
+from bridge.session.monitor import Monitor
 from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status

@@ -45,7 +45,12 @@ def test_a_branch_that_no_test_takes_is_below_the_gate(
 
 def test_every_target_has_a_gate_and_its_tests_exist() -> None:
     modules = {target.module for target in TARGETS}
-    assert {"bridge.dead_man", "bridge.io.stopping", "bridge.host", "sim_device.safety"} <= modules
+    assert {
+        "bridge.run.dead_man",
+        "bridge.io.stopping",
+        "bridge.run.host",
+        "sim_device.safety",
+    } <= modules
     for target in TARGETS:
         assert target.path.is_file()
         assert all((ROOT / test).is_file() for test in target.tests), target.name

@@ -9,17 +9,17 @@ import pytest
 
 from bridge.coverage.planner import PlannerEvent, PlannerState
 from bridge.coverage.runner import PlanRunner
-from bridge.dead_man import DeadMan
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Ending, Mission
 from bridge.motion.legs import Drive
 from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
-from bridge.onboard_mission import OnboardMission
-from bridge.operator import Hand, Operator
 from bridge.record.sink import NullSink
-from bridge.telemetry import EventRecord, Severity
+from bridge.run.dead_man import DeadMan
+from bridge.run.host import Host
+from bridge.run.manual import Hand, Operator
+from bridge.run.mission import Ending, Mission
+from bridge.run.onboard_mission import OnboardMission
+from bridge.run.options import HostOptions
+from bridge.session.records import EventRecord, Severity
 from protocol.commands import Outcome
 from protocol.messages import PlannerCommand, Status
 from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from bridge.motion.legs import LegResult
     from bridge.motion.observation import Observation
-    from bridge.snapshot import Snapshot
-    from bridge.telemetry import Record
+    from bridge.run.snapshot import Snapshot
+    from bridge.session.records import Record
 
 MODEL = RobotModel()
 

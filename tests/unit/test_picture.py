@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.record.errors import LogReadError, LogWriteError
-from bridge.record.writer import RunWriter
-from bridge.telemetry import PoseRecord, RunInfo, TruthRecord
-from bridge.view.picture import draw_path, draw_run
-from bridge.view.run_track import load_track
+from bridge.record.log_writer import RunWriter
+from bridge.session.records import PoseRecord, RunInfo, TruthRecord
+from bridge.view.report.picture import draw_path, draw_run
+from bridge.view.report.run_track import load_track
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import pytest
 
-from bridge.session_events import Agreed, CommandEnded, Data, State
+from bridge.session.states import Agreed, CommandEnded, Data, State
 from protocol.link import Rejected
 from protocol.messages import (
     ClearStop,

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.convert.sources import CANDUMP, MCAP, RAW, kind_of, readable
 from bridge.record.errors import LogReadError
 from bridge.record.info import describe_any
 from bridge.record.reader import LogReader
-from bridge.record.sources import CANDUMP, MCAP, RAW, kind_of, readable
 from support.cli import plain_messages, short_runs, sweepctl
 
 if TYPE_CHECKING:

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.reader import make_reader
 
+from bridge.convert.export import export
 from bridge.record.chunk import CHUNK_NS
-from bridge.record.disk import RESERVE_BYTES, LogFile, hold_room, open_log_file
 from bridge.record.errors import LogExistsError, LogGoneError, LogWriteError
-from bridge.record.export import export
 from bridge.record.following import Follower
+from bridge.record.log_writer import RunWriter
 from bridge.record.policy import LogWatch, RecordOptions, open_log
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.rotation import RotatingWriter
-from bridge.record.writer import RunWriter
-from bridge.telemetry import IdentityRecord, LogRecord, Severity
+from bridge.record.storage import RESERVE_BYTES, LogFile, hold_room, open_log_file
+from bridge.session.records import IdentityRecord, LogRecord, Severity
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from _typeshed import ReadableBuffer
 
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 IDENTITY = IdentityRecord(EPOCH_NS, 1, b"\1" * 12, 7, 8, "power", "test 1.0", 9)
 

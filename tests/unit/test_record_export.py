@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from bridge.convert.export import NoSuchTopicError, export
 from bridge.record.errors import LogExistsError
-from bridge.record.export import NoSuchTopicError, export
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from bridge.record.writer import RunWriter
 from support.cli import sweepctl
 from support.exported import table
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run

@@ -17,7 +17,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2.writer import Writer as RosWriter
 
-from bridge.record.export import export
+from bridge.convert.export import export
 from support.exported import table
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from mcap_ros2.decoder import DecoderFactory as RosFactory
 
 from bridge.motion.geometry import Pose2
 from bridge.record.chunk import CHUNK_BYTES
-from bridge.record.chunked import ChunkedFile
 from bridge.record.errors import LogExistsError, LogWriteError
-from bridge.record.writer import RunWriter
-from bridge.telemetry import (
+from bridge.record.log_writer import RunWriter
+from bridge.record.mcap_file import ChunkedFile
+from bridge.session.records import (
     CommandRecord,
     DeviceMessage,
     PoseRecord,

@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from bridge.record import foxglove
-from bridge.record.packer import Packer
+from bridge.record.encode import foxglove
+from bridge.record.encode.packer import Packer
 
 if TYPE_CHECKING:
-    from bridge.record.descriptors import MessageType
+    from bridge.record.encode.descriptors import MessageType
 
 TYPES = [
     (foxglove.LOG, Log),

@@ -11,9 +11,9 @@ from mcap.writer import CompressionType, Writer
 
 from bridge.record.errors import LogReadError
 from bridge.record.info import describe
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from bridge.record.writer import RunWriter
-from bridge.telemetry import RawBytes, TruthRecord
+from bridge.session.records import RawBytes, TruthRecord
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:

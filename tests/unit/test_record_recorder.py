@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.record.errors import LogWriteError
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.sink import NullSink
-from bridge.record.writer import RunWriter
-from bridge.telemetry import LogRecord, Severity, TruthRecord
+from bridge.session.records import LogRecord, Severity, TruthRecord
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.record.sink import Sink
-    from bridge.telemetry import Record
+    from bridge.session.records import Record
 
 
 def line(i: int) -> LogRecord:

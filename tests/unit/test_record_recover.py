@@ -14,10 +14,10 @@ from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
+from bridge.convert.recover import recover
 from bridge.record.errors import LogExistsError, LogReadError, LogWriteError
+from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from bridge.record.recover import recover
-from bridge.record.writer import RunWriter
 from support.cli import sweepctl
 from support.hostile_logs import GOOD, claims_to_be_empty, file_of
 from support.synthetic_run import run_info, summary, synthetic_run

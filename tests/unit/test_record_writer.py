@@ -21,9 +21,14 @@ from bridge.coverage.planner import PlannerState
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.record.ros import OCCUPANCY_GRID, occupancy_grid, parse_occupancy_grid, schema_text
-from bridge.record.writer import RunWriter
-from bridge.telemetry import (
+from bridge.record.encode.ros import (
+    OCCUPANCY_GRID,
+    occupancy_grid,
+    parse_occupancy_grid,
+    schema_text,
+)
+from bridge.record.log_writer import RunWriter
+from bridge.session.records import (
     ClockRecord,
     CommandRecord,
     CoverageRecord,

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import LOST_TIMEOUT_S, Mission, Phase, Resume
 from bridge.motion.robot_model import RobotModel
-from bridge.session_events import Agreed, Failed, State, StateChanged
-from bridge.telemetry import EventRecord
+from bridge.run.host import Host
+from bridge.run.mission import LOST_TIMEOUT_S, Mission, Phase, Resume
+from bridge.run.options import HostOptions
+from bridge.session.records import EventRecord
+from bridge.session.states import Agreed, Failed, State, StateChanged
 from protocol.clock import HostNs
 from protocol.messages import Power
 from protocol.values import Mode, StopCause

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import pytest
 
-from bridge.mission import Phase
-from bridge.robot_state import missing_needs, understood
-from bridge.session_events import Agreed, Data, Failed, State
+from bridge.run.mission import Phase
+from bridge.run.robot_state import missing_needs, understood
+from bridge.session.states import Agreed, Data, Failed, State
 from protocol.link import Link, Received, Rejected
 from protocol.messages import (
     ALL_MESSAGES,

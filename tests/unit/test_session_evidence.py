@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.session_evidence import Evidence
+from bridge.session.diagnosis import Evidence
 from protocol.link import Medium
 
 

@@ -7,8 +7,8 @@ from zlib import crc32
 import pytest
 from cobs import cobs
 
-from bridge.session import AGREE_TIMEOUT_NS, OPEN_TIMEOUT_NS, Session
-from bridge.session_events import (
+from bridge.session.session import AGREE_TIMEOUT_NS, OPEN_TIMEOUT_NS, Session
+from bridge.session.states import (
     TRANSITIONS,
     Agreed,
     CommandEnded,

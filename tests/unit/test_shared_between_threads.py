@@ -19,19 +19,19 @@ from rich.console import Console
 from bridge.coverage.planner import PlannerState
 from bridge.coverage.runner import PlanRunner
 from bridge.coverage.swept_map import SweptMap
-from bridge.dead_man import DIRECTIONS, TURN_RAD_S, DeadMan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.operator import Operator
 from bridge.record.sink import NullSink
-from bridge.snapshot import snapshot
+from bridge.run.dead_man import DIRECTIONS, TURN_RAD_S, DeadMan
+from bridge.run.manual import Operator
+from bridge.run.snapshot import snapshot
 from support.ends import Collector, Ends, HostEnd, Spinning, spinning_host, sweeper
 from tools.live import LivePicture, Teller
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from bridge.host import Host
+    from bridge.run.host import Host
 
 MODEL = RobotModel()
 PATIENCE_S = 60.0

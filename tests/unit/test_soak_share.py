@@ -6,7 +6,7 @@ import random
 
 from bridge.motion.geometry import Pose2
 from bridge.record.sink import NullSink
-from bridge.telemetry import EventRecord, Severity, TruthRecord
+from bridge.session.records import EventRecord, Severity, TruthRecord
 from protocol.values import StopCause
 from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import KINDS, parse_fault

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bench.desk import STALE_S as BENCH_STALE_S
+from bridge.bringup.desk import STALE_S as BENCH_STALE_S
 from bridge.errors import StoppedForSafetyError
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Mission, Phase
 from bridge.motion.robot_model import RobotModel
-from bridge.onboard_mission import PLAN_STALE_S, OnboardMission
-from bridge.robot_state import STALE_S, STATUS_STALE_S
-from bridge.sample_times import RESYNC_S, SampleTimes
-from bridge.telemetry import EventRecord
+from bridge.run.host import Host
+from bridge.run.mission import Mission, Phase
+from bridge.run.onboard_mission import PLAN_STALE_S, OnboardMission
+from bridge.run.options import HostOptions
+from bridge.run.robot_state import STALE_S, STATUS_STALE_S
+from bridge.session.records import EventRecord
+from bridge.session.sample_times import RESYNC_S, SampleTimes
 from protocol.link import Link, Received
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 from protocol.schema.message import Direction

@@ -9,7 +9,7 @@ import pytest
 from bridge.errors import NoDeviceError, PortError
 from bridge.io import clock
 from bridge.io.stopping import CONFIRM_S, send_until_confirmed, stop_device
-from bridge.stop_request import REPEAT_NS, StopRequest
+from bridge.session.stop_request import REPEAT_NS, StopRequest
 from protocol.clock import HostNs
 from protocol.link import NODE_ALL, Link, Received
 from protocol.messages import Ack, Nack, Stop

@@ -7,13 +7,13 @@ from typing import Any
 
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.floor_plan.floor_plan import parse_floorplan
-from bridge.host import Host
-from bridge.host_options import HostOptions
-from bridge.mission import Ending, Mission
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.summary import run_summary, wire_summary
+from bridge.run.host import Host
+from bridge.run.mission import Ending, Mission
+from bridge.run.options import HostOptions
+from bridge.run.summary import run_summary, wire_summary
 from protocol.link import LinkStatistics
 from tools.console import summary_table
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
+from bridge.supervise.inputs import Watched
 from bridge.supervise.measured import Measured
+from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
 from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
-from bridge.supervise.watched import Watched
 from protocol.values import Contact, Fault
 from support.watching import G_LSB, MODEL, Walk, imu, reading, status
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.electric import Battery, Reset, Sensor, Silence, Stall
+from bridge.supervise.inputs import Watched
 from bridge.supervise.measured import Measured
+from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
 from bridge.supervise.settings import BatteryRule, SilenceRule, StallRule
-from bridge.supervise.watched import Watched
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 from protocol.values import Fault
 from support.watching import MODEL, STEP_S, Walk, imu, power, status
 
 if TYPE_CHECKING:
-    from bridge.supervise.conditions import Condition
+    from bridge.supervise.rules.conditions import Condition
 
 # ---- stall -------------------------------------------------------------------------------
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
+from bridge.supervise.inputs import Watched
 from bridge.supervise.measured import Measured
-from bridge.supervise.watched import Watched
 from protocol.messages import Encoders
 from support.watching import MODEL, PER_COUNT_M, STEP_S, Walk, reading
 

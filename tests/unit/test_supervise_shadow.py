@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bridge.motion.geometry import Pose2
+from bridge.supervise.rules.shadow import Shadow
 from bridge.supervise.settings import DisagreementRule
-from bridge.supervise.shadow import Shadow
 from protocol.values import Contact
 from support.sweeping_device import (
     BACK,

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
+from bridge.supervise.inputs import Watched
 from bridge.supervise.measured import Measured
+from bridge.supervise.rules.shadow import Shadow
 from bridge.supervise.settings import DisagreementRule
-from bridge.supervise.shadow import Shadow
-from bridge.supervise.watched import Watched
 from protocol.messages import PlannerState, Range
 from protocol.values import Contact, PlannerPhase
 from support.watching import MODEL, planner, reading

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from bridge.motion.geometry import Pose2
+from bridge.supervise.inputs import Watched
 from bridge.supervise.measured import Measured
+from bridge.supervise.rules.slip import Slip, _lost
 from bridge.supervise.settings import SlipRule
-from bridge.supervise.slip import Slip, _lost
-from bridge.supervise.watched import Watched
 from support.watching import MODEL, reading
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.timesync import STEP_SAMPLES, TimeSync
+from bridge.session.timesync import STEP_SAMPLES, TimeSync
 from protocol.clock import DeviceUs, HostNs
 
 WRAP = 1 << 32

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bridge.session_outbox import Outbox
+from bridge.session.outbox import Outbox
 from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.schema.message import Direction

@@ -10,8 +10,8 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from bridge.floor_plan.floor_plan import FloorPlan, parse_floorplan
-from bridge.view.picture import draw_plan, plan_legend
-from bridge.view.planning import describe
+from bridge.view.report.picture import draw_plan, plan_legend
+from bridge.view.rerun.planning import describe
 
 PLAIN = parse_floorplan('{"walls": [[0,0],[4,0],[4,3],[0,3]], "start": [0.4,0.4,0]}')
 MARKED = parse_floorplan(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bridge.motion.robot_model import RobotModel
-from bridge.view import paths, planning
+from bridge.view.rerun import paths, planning
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -13,10 +13,10 @@ import pytest
 from matplotlib.image import imread
 
 from bridge.record.reader import LogReader
-from bridge.view.report import render
-from bridge.view.report_figures import blank, draw_bounds, room_height
-from bridge.view.report_tables import holes
-from bridge.view.run_data import RunData, load_run
+from bridge.view.report.figures import blank, draw_bounds, room_height
+from bridge.view.report.report import render
+from bridge.view.report.run_data import RunData, load_run
+from bridge.view.report.tables import holes
 from support.cli import Done, case_1, plain_messages, short_runs, sweepctl
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
         return kept[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bridge.view.report.load_run", keeping)
+        patch.setattr("bridge.view.report.report.load_run", keeping)
         done = sweepctl("report", run.log, "--out", html, "--png", png, "--json")
     assert done.status == 0, done.err
     return Reported(run.done.json, kept[0], html, png, done)

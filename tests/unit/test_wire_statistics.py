@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import random
 
-from bridge.timesync import Fit
-from bridge.wire_statistics import MessageStatistics, Spread
+from bridge.session.link_stats import MessageStatistics, Spread
+from bridge.session.timesync import Fit
 from protocol.messages import Ack, Imu
 from protocol.schema.catalogue import CATALOGUE
 

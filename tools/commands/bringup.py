@@ -14,8 +14,8 @@ from tools.console import say_lines, write_json, write_line
 from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
-    from bridge.bench.bringup import BringUp
-    from bridge.bench.wheel_step import WheelStep
+    from bridge.bringup.procedure import BringUp
+    from bridge.bringup.wheel_step import WheelStep
     from tools.bench import BenchLog
 
 _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
@@ -56,8 +56,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     (each in turn), control (step response of the wheel control). Every turn of a wheel is asked
     for first. Status 0: all well; 1: something is wired wrongly.
     """
-    from bridge.bench.bringup import BringUp
-    from bridge.bench.wheel_step import as_text
+    from bridge.bringup.procedure import BringUp
+    from bridge.bringup.wheel_step import as_text
     from bridge.config import load_robot
     from tools.bench import Terminal, desk_on
 

@@ -15,9 +15,9 @@ from tools.console import write_json
 from tools.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
-    from bridge.bench.applying import Change
-    from bridge.bench.square import Result
-    from bridge.bench.umbmark import Benchmark
+    from bridge.bringup.applying import Change
+    from bridge.bringup.square import Result
+    from bridge.bringup.umbmark import Benchmark
     from bridge.motion.robot_model import RangerMount, RobotModel
     from tools.bench import BenchLog
 
@@ -67,8 +67,8 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     Each run measures the bias anew while it waits to start; the stored one is what an estimate
     begins with, and shows how far the chip has wandered since.
     """
-    from bridge.bench.applying import Change
-    from bridge.bench.gyro import biases, complaint
+    from bridge.bringup.applying import Change
+    from bridge.bringup.gyro import biases, complaint
     from bridge.errors import BridgeError
     from protocol.messages import Encoders, Imu
     from tools.bench import Terminal, desk_on
@@ -180,7 +180,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
 
     Status 0: done; 1: the squares driven again refute the values, and nothing was written.
     """
-    from bridge.bench.square import Asked, ByTape, Squares
+    from bridge.bringup.square import Asked, ByTape, Squares
     from tools.bench import Terminal, desk_on
     from tools.calibrating import NOWHERE, ByTruth, load_existing, write_results
 
@@ -207,7 +207,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
 
 
 def _odometry_changes(old: RobotModel, new: RobotModel) -> list[Change]:
-    from bridge.bench.applying import Change
+    from bridge.bringup.applying import Change
 
     return [
         Change("wheel_ratio", "wheel_ratio", "ratio", old.wheel_ratio, new.wheel_ratio),
@@ -311,8 +311,8 @@ def _range(  # noqa: PLR0913 - one parameter per option
     You hold a flat wall at each distance from the sensor's own face. One distance gives an offset,
     two or more a scale too.
     """
-    from bridge.bench.device_values import list_parameters
-    from bridge.bench.ranging import fit
+    from bridge.bringup.device_values import list_parameters
+    from bridge.bringup.ranging import fit
     from tools.bench import Terminal, desk_on
     from tools.calibrating import load_existing, write_results
     from tools.range_points import measured
@@ -347,7 +347,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
 
 
 def _range_changes(name: str, old: tuple[float, float], new: tuple[float, float]) -> list[Change]:
-    from bridge.bench.applying import Change
+    from bridge.bringup.applying import Change
 
     return [
         Change(f"{name}_scale", f"{name}.scale", "ratio", old[0], new[0]),

@@ -100,10 +100,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     can:INTERFACE:CHANNEL for a CAN bus (can:slcan:/dev/ttyACM0, can:socketcan:can0,
     can:udp_multicast:239.74.163.2).
     """
+    from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
-    from bridge.mission import Resume
-    from bridge.robot_parts import planner_number
+    from bridge.run.mission import Resume
     from tools.keyfile import read_key
     from tools.live_run import LiveOptions, run_live
     from tools.rooms import load_room

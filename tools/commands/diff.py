@@ -26,9 +26,9 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
     The difference is B less A; of shares it is in percentage points (from 90 % to 91 % is one),
     with --json as a fraction like the shares themselves.
     """
-    from bridge.record.sources import readable
-    from bridge.view.comparison import compare, rows, write_page
-    from bridge.view.run_data import load_run
+    from bridge.convert.sources import readable
+    from bridge.view.report.comparison import compare, rows, write_page
+    from bridge.view.report.run_data import load_run
     from tools.outputs import PAGE, PNG, check_format, check_outputs
 
     check_outputs([out], [a, b], force=force)

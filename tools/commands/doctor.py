@@ -65,7 +65,7 @@ def command(  # noqa: PLR0913 - what a port can be asked for
 
         return _report(target, "log", examine_log(path), as_json=as_json)
     if find_baud:
-        from bridge.io.attend import find_baud as search
+        from bridge.doctor.attend import find_baud as search
 
         found = search(target, tell=lambda rate: say(f"listening at {rate} baud"))
         if found is None:
@@ -75,7 +75,7 @@ def command(  # noqa: PLR0913 - what a port can be asked for
         baud = found
     import threading
 
-    from bridge.io.attend import attend
+    from bridge.doctor.attend import attend
     from bridge.io.ports import open_port
     from tools.stopping import until_signalled
 

@@ -64,7 +64,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     """
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
-    from bridge.mission import Resume
+    from bridge.run.mission import Resume
     from tools.live_run import LiveOptions, run_live
     from tools.terminal_keys import Keyboard
 

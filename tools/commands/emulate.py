@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.robot_model import RobotModel
-    from bridge.record.writer import RunWriter
+    from bridge.record.log_writer import RunWriter
     from protocol.link import LinkBase
     from sim_device.device import VirtualSweeper
     from sim_device.faults.injector import FaultEvent
@@ -368,8 +368,8 @@ def _truth_writer(  # noqa: PLR0913 - what a log says of itself
     path: Path, robot_toml: str, plan: FloorPlan, seed: int, noise: str, *, force: bool
 ) -> RunWriter:
     from bridge.io import clock
-    from bridge.record.writer import RunWriter
-    from bridge.telemetry import RoomRecord, RunInfo
+    from bridge.record.log_writer import RunWriter
+    from bridge.session.records import RoomRecord, RunInfo
     from tools.version import VERSION
 
     offset_ns = clock.unix_offset_ns()
@@ -382,7 +382,7 @@ def _truth_writer(  # noqa: PLR0913 - what a log says of itself
 
 
 def _recording(writer: RunWriter) -> Callable[[Truth, int], None]:
-    from bridge.telemetry import TruthRecord
+    from bridge.session.records import TruthRecord
 
     period_ms, last_ms = 20, [-20]
 

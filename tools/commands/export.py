@@ -51,9 +51,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     Times are UTC with nanoseconds; fields keep their names, with dots for fields of messages
     within messages. A capture (candump, raw bytes) is decoded first.
     """
-    from bridge.record.export import as_json as exported_json
-    from bridge.record.export import export
-    from bridge.record.sources import readable
+    from bridge.convert.export import as_json as exported_json
+    from bridge.convert.export import export
+    from bridge.convert.sources import readable
 
     try:
         with readable(file) as log:

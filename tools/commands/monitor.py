@@ -12,7 +12,7 @@ from tools.console import flush, plain_console, say, write_json, write_line
 from tools.port_options import PortAsked, port_options
 
 if TYPE_CHECKING:
-    from bridge.monitor import Monitor
+    from bridge.session.monitor import Monitor
     from protocol.clock import HostNs
 
 
@@ -64,10 +64,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     times a second; TYPE, --raw and --node are then refused. With --json one object is printed at
     the end.
     """
+    from bridge.api.owner_service import has_owner
     from bridge.io.listen import Listener
     from bridge.io.ports import link_of
-    from bridge.monitor import Monitor, UnknownTypeError
-    from bridge.owner import has_owner
+    from bridge.session.monitor import Monitor, UnknownTypeError
     from tools.monitor_view import JsonLines, Nothing, Table, TextLines
     from tools.stopping import until_signalled
 
@@ -124,8 +124,8 @@ def _look_on(
     port: str, duration_s: float | None, *, as_json: bool, jsonl: bool, lines: bool
 ) -> int:
     """Show what the process that owns the port knows; the device is not asked for anything."""
+    from bridge.api.owner_service import watch
     from bridge.io import clock
-    from bridge.owner import watch
     from tools.monitor_view import OwnerTable
     from tools.stopping import until_signalled
 

@@ -16,8 +16,8 @@ from tools.port_options import PortAsked, keyed_port_options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.owner import Reached
-    from bridge.parameters import Parameter
+    from bridge.api.owner_service import Reached
+    from bridge.session.parameters import Parameter
 
 _WIDEST = 2000
 
@@ -132,7 +132,7 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
 @options.json_option
 def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
     """Compare a device with a robot file; status 0: the same, 1: they differ."""
-    from bridge.bench.values import differences
+    from bridge.bringup.values import differences
     from bridge.config import load_robot
 
     model, _ = load_robot(file)
@@ -154,7 +154,7 @@ def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
 
 
 def _reach(port: PortAsked) -> Reached:
-    from bridge.owner import reach
+    from bridge.api.owner_service import reach
 
     return reach(port.name, node=port.node, key=port.key, **port.how)
 

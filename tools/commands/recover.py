@@ -25,8 +25,8 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
 
     Damaged chunks are left out, wherever they stand, and it is said what was in them.
     """
+    from bridge.convert.recover import recover
     from bridge.record.family import parts_of
-    from bridge.record.recover import recover
     from tools.outputs import LOG, check_format
 
     check_format("--out", out, *LOG)

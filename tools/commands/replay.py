@@ -60,7 +60,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     whose name is the first line on stdout ("ready PORT"): it sends what it sent, damaged bytes
     included, answers hello and time, and cannot be driven.
     """
-    from bridge.record.sources import MCAP, kind_of, readable
+    from bridge.convert.sources import MCAP, kind_of, readable
 
     if pty_link is not None and link is None:
         raise click.UsageError("--pty-link goes with --link pty")
@@ -86,9 +86,9 @@ def command(  # noqa: PLR0913 - one parameter per option
 
 
 def _check(log: Path, *, as_json: bool) -> int:
+    from bridge.convert.redecode import as_json as comparison_json
+    from bridge.convert.redecode import compare
     from bridge.record.errors import LogReadError
-    from bridge.record.redecode import as_json as comparison_json
-    from bridge.record.redecode import compare
 
     result = compare(log)
     if not result.recorded:
@@ -105,7 +105,7 @@ def _check(log: Path, *, as_json: bool) -> int:
 def _serve(log: Path, pty_link: Path | None) -> int:
     from bridge.errors import PortError
     from bridge.record.reader import LogReader
-    from bridge.replay_device import replay_device
+    from bridge.replay.device import replay_device
     from sim_device.ports.base import PortUnavailableError, Stopper
     from sim_device.ports.pty_port import PtyPort
     from tools.replaying import serve
@@ -130,7 +130,7 @@ def _serve(log: Path, pty_link: Path | None) -> int:
 def _view(log: Path, speed: float, span_s: tuple[float, float | None], *, serve: bool) -> int:
     import threading
 
-    from bridge.view.feeder import FeedOptions, feed
+    from bridge.view.rerun.feeder import FeedOptions, feed
     from tools.recording import check_view
     from tools.stopping import until_signalled
 

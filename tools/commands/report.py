@@ -32,8 +32,8 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     What was run, room and path, coverage against time, holes, energy, wire and clock, faults
     and events, beside the paper's figures and the lower bound of the time.
     """
-    from bridge.record.sources import readable
-    from bridge.view.report import default_path, write_report
+    from bridge.convert.sources import readable
+    from bridge.view.report.report import default_path, write_report
     from tools.outputs import PAGE, PNG, check_format, check_outputs
 
     if not file.name:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.host import Host
-    from bridge.mission import Ending, Mission
+    from bridge.run.host import Host
+    from bridge.run.mission import Ending, Mission
     from sim_device.faults.spec import FaultSpec
     from sim_device.line import LineSettings
     from tools.virtual_run import VirtualRun
@@ -96,8 +96,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     ROOM is a room file, or the name of one that ships with sweepctl.
     """
     from bridge.config import load_robot
-    from bridge.record.writer import RunWriter
-    from bridge.telemetry import RunInfo
+    from bridge.record.log_writer import RunWriter
+    from bridge.session.records import RunInfo
     from tools.cautions import caution_lines, caution_records
     from tools.rooms import load_room
     from tools.supervising import supervise_rules
@@ -170,7 +170,7 @@ def _conclude(
     run: VirtualRun, plan: FloorPlan, planner: str, seed: int, log: str
 ) -> dict[str, Any]:
     """The run's summary; after a crash as much as the failed parts still give."""
-    from bridge.summary import crash_summary
+    from bridge.run.summary import crash_summary
     from tools.virtual_summary import summarise
 
     try:
@@ -194,12 +194,12 @@ def _mission(  # noqa: PLR0913, PLR0917 - what a run can be asked for
     """What the run is to do, on the host or on the device."""
     import random
 
+    from bridge.api.robot_parts import planner_number
     from bridge.coverage.planner_options import PlannerOptionError
     from bridge.coverage.registry import make_planner
     from bridge.coverage.runner import PlanRunner
-    from bridge.mission import Mission, Resume
-    from bridge.onboard_mission import OnboardMission
-    from bridge.robot_parts import planner_number
+    from bridge.run.mission import Mission, Resume
+    from bridge.run.onboard_mission import OnboardMission
 
     if onboard:
         return OnboardMission(planner_number(planner), max_time_s=max_time_s)
@@ -237,7 +237,7 @@ def _line(baud: int | None, latency_ms: float | None) -> LineSettings | None:
 @contextlib.contextmanager
 def _interruptible() -> Iterator[Callable[[], Ending | None]]:
     """Turn Ctrl-C and SIGTERM into an orderly end while the run goes on."""
-    from bridge.mission import Ending
+    from bridge.run.mission import Ending
 
     asked: list[int] = []
     handlers = {

@@ -43,8 +43,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     FILE is a log, a `candump -l` log, or the raw bytes of a serial line. With --save, --png or
     --screenshot, or several of them, files are written and no window opens.
     """
+    from bridge.convert.sources import readable
     from bridge.record.reader import LogReader
-    from bridge.record.sources import readable
     from tools.outputs import PNG, RERUN, check_format, check_outputs
 
     with readable(file) as log:
@@ -57,7 +57,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         if serve:
             _serve(log)
         elif save is None and png is None and screenshot is None:
-            from bridge.view.launch import open_viewer
+            from bridge.view.rerun.launch import open_viewer
 
             open_viewer(log)
     return 0
@@ -66,16 +66,16 @@ def command(  # noqa: PLR0913 - one parameter per option
 def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | None) -> None:
 
     if save is not None:
-        from bridge.view.launch import open_viewer
+        from bridge.view.rerun.launch import open_viewer
 
         open_viewer(log, save=save)
         say(f"wrote {save}")
     if png is not None:
-        from bridge.view.picture import draw_run
+        from bridge.view.report.picture import draw_run
 
         say(f"wrote {draw_run(log, png)}")
     if screenshot is not None:
-        from bridge.view.screenshot import save_screenshot
+        from bridge.view.rerun.screenshot import save_screenshot
 
         save_screenshot(log, screenshot)
         say(f"wrote {screenshot}")
@@ -83,7 +83,7 @@ def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | No
 
 def _serve(log: Path) -> None:
     """Until Ctrl-C."""
-    from bridge.view.feeder import FeedOptions, feed
+    from bridge.view.rerun.feeder import FeedOptions, feed
     from tools.recording import check_view
     from tools.stopping import until_signalled
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from bridge.view.picture import PlotMissingError
+from bridge.view.report.picture import PlotMissingError
 from tools.experiment.compare_tables import display_name, shared
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.cycles import PAPER_END_MM
@@ -189,7 +189,7 @@ def path_picture(row: Row) -> str:
 
 
 def _room(axes: Axes, name: str) -> None:
-    from bridge.view.picture import draw_plan
+    from bridge.view.report.picture import draw_plan
 
     plan = room_of(name)
     draw_plan(axes, plan, obstacles="#c9ced6")

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from bridge.coverage.runner import PlanRunner
-from bridge.mission import Ending
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.telemetry import CommandRecord, TruthRecord
+from bridge.run.mission import Ending
+from bridge.session.records import CommandRecord, TruthRecord
 from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 
 if TYPE_CHECKING:
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from bridge.coverage.planner import Planner
     from bridge.floor_plan.floor_plan import FloorPlan
-    from bridge.host import Host
     from bridge.motion.geometry import Pose2
-    from bridge.telemetry import Record
+    from bridge.run.host import Host
+    from bridge.session.records import Record
     from sim_device.noise import NoiseLevel
     from tools.experiment.trials import Trial
     from tools.virtual_run import VirtualRun

@@ -1,0 +1,1 @@
+"""The public interface, safe to use from several threads."""

@@ -1,0 +1,93 @@
+"""A log of a robot that a program drives: :meth:`bridge.api.robot.Robot.record`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Self
+
+from bridge.record.policy import RecordOptions, open_log
+from bridge.record.recorder import ThreadedRecorder
+from bridge.session.records import RoomRecord
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from types import TracebackType
+
+    from bridge.api.robot_parts import EventTap
+    from bridge.session.records import RunInfo
+
+
+class Recording:
+    """A log that is being written; closed by its ``with`` block, or with the robot."""
+
+    def __init__(
+        self,
+        path: Path,
+        info: RunInfo,
+        tap: EventTap,
+        summarise: Callable[[str | None, str], dict[str, Any]],
+        *,
+        force: bool,
+    ) -> None:
+        """Create the file and take every record from now on.
+
+        Raises:
+            LogExistsError: the file exists and ``force`` is not set.
+            LogWriteError: it cannot be opened or written.
+
+        """
+        self.path = path
+        """The log's file."""
+        self._plan = info.plan
+        self._summarise = summarise
+        self._tap = tap
+        self._recorder = ThreadedRecorder(open_log(path, info, RecordOptions(), force=force))
+        self._closed = False
+        if info.plan is not None:
+            self._recorder.write(RoomRecord(info.opened_unix_ns, info.plan))
+        identity = tap.newest_identity
+        if identity is not None:  # the session began before the log
+            self._recorder.write(identity._replace(log_ns=info.opened_unix_ns))
+        tap.attach(self._recorder)
+
+    @property
+    def dropped(self) -> int:
+        """Number of records that did not reach the file."""
+        return self._recorder.dropped
+
+    @property
+    def error(self) -> Exception | None:
+        """Why the file cannot be written any more; None: it can. The robot drives on."""
+        return self._recorder.error
+
+    def close(self) -> None:
+        """Write what is queued and the summary, and close the log whole; again is no error.
+
+        Raises:
+            LogError: the log could not be written to its end; :attr:`dropped` counts what it lacks.
+
+        """
+        if not self._closed:
+            self._closed = True
+            self._tap.detach(self._recorder)
+            room = None if self._plan is None else self._plan.name
+            self._recorder.close(self._summarise(room, str(self.path)))
+            if self._recorder.error is not None:
+                raise self._recorder.error
+
+    def __enter__(self) -> Self:
+        """Nothing happens: it records already."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the log; an error of the block comes before one of the log."""
+        try:
+            self.close()
+        except Exception:
+            if kind is None:
+                raise

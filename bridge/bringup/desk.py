@@ -1,0 +1,435 @@
+"""One device in hand: ask it, listen to it, move it a little; time passes only in calls.
+
+Sans-I/O: a :class:`bridge.bringup.desk_wire.Wire` carries bytes and tells the time, so that the
+same procedure runs on a port and in virtual time against the emulated device. Single-threaded,
+without planner, log or estimate: for those there is :class:`bridge.run.host.Host`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Self, TypeVar
+
+from bridge.bringup.desk_wire import InterruptedByPersonError
+from bridge.errors import (
+    BridgeError,
+    DeviceLostError,
+    DisagreementError,
+    NoDeviceError,
+    PortError,
+    SeveralDevicesError,
+    StoppedForSafetyError,
+)
+from bridge.remedies import Remedy
+from bridge.run.refusals import check_known, check_outcome
+from bridge.session.sample_times import SampleTimes
+from bridge.session.session import Session
+from bridge.session.states import Agreed, CommandEnded, Data, Failed, State, StateChanged
+from bridge.session.stop_request import StopRequest
+from protocol.clock import DeviceUs, HostNs, extend_us
+from protocol.messages import (
+    ClearStop,
+    Encoders,
+    Hello,
+    LogText,
+    SetMode,
+    Status,
+)
+from protocol.values import Mode, StopCause, label
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import TracebackType
+
+    from bridge.bringup.desk_wire import Wire
+    from bridge.bringup.recorded import BenchRecords
+    from bridge.session.states import SessionEvent
+    from protocol.commands import Outcome
+    from protocol.schema.message import Message
+
+CYCLE_NS = 20_000_000
+"""Velocities and duties are repeated at 50 Hz, as the catalogue's default has it."""
+TTL_MS = 200
+CONFIRM_S = 1.0
+"""Time that a device has to confirm a stop, s: as long as a run waits at its end."""
+ANSWER_S = 8.0
+"""Six tries with the timeout doubling, and a flash that erases."""
+STALE_S = 0.3
+"""Age of an encoder reading, by its stamp, at which what moves is stopped, s: fifteen readings."""
+LINK_S = 4.0
+"""Time for the link to prove quick enough before the first motion, s; four pings take 0.4 s."""
+SILENT_NS = 100_000_000
+"""Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
+judges a silence, within a second."""
+_DISAGREES = frozenset({"disagreement", "version"})
+"""Failures of a session in which a device answers and does not agree."""
+M = TypeVar("M", bound="Message")
+
+
+class Desk:
+    """A session with one device; use it as a context manager, which leaves it stopped."""
+
+    def __init__(  # noqa: PLR0913 - what a session can be begun with
+        self,
+        wire: Wire,
+        new_session_id: Callable[[], int],
+        *,
+        node: int | None = None,
+        key: bytes | None = None,
+        timeout_s: float = 10.0,
+        records: BenchRecords | None = None,
+    ) -> None:
+        """Agree with the device; nothing moves. ``key`` signs what moves it, where it has one.
+
+        ``records`` gets all that passes.
+
+        Raises:
+            NoDeviceError: none answered.
+            DisagreementError: it speaks another protocol.
+
+        """
+        self._wire, self._records = wire, records
+        self._new_session_id = new_session_id
+        self.session = Session(
+            new_session_id, name="sweepctl bench", node=node, link=wire.link, key=key
+        )
+        self.newest: dict[type[Message], Message] = {}
+        self._times = SampleTimes()
+        self._taps: list[tuple[tuple[type[Message], ...], list[tuple[float, Message]]]] = []
+        self._duty: tuple[float, float] | None = None
+        self._steer: Callable[[], tuple[float, float]] | None = None
+        self._outcomes: dict[int, Outcome] = {}
+        self._failed: Failed | None = None
+        self._moved = self._interrupted = False
+        self._free = False
+        """No stop should be latched: one that is has come from the device."""
+        self._cause = StopCause.SESSION_END
+        """The gravest cause for a stop so far."""
+        self._cycle_ns = wire.now()
+        self._t_us = DeviceUs(0)
+        self.lines: list[str] = []
+        """What the device said for people."""
+        self._polled_ns = wire.now()
+        if records is not None:
+            records.opened(self._polled_ns)
+        self.session.open(self._polled_ns)
+        if not self._spin(timeout_s, lambda: self.ready):
+            wire.close()
+            raise self._nobody(timeout_s)
+
+    def _nobody(self, timeout_s: float) -> BridgeError:
+        failed = self._failed
+        if failed is None:
+            return NoDeviceError(f"no sweeper answered within {timeout_s:g} s")
+        if failed.kind == "several":
+            error = SeveralDevicesError(failed.text)
+            error.remedy = Remedy.NODE
+            return error
+        kind = DisagreementError if failed.kind in _DISAGREES else NoDeviceError
+        return kind(failed.text)
+
+    @property
+    def ready(self) -> bool:
+        """Whether both ends agree."""
+        return self.session.state is State.READY
+
+    @property
+    def now_s(self) -> float:
+        """The wire's time, seconds."""
+        return self._wire.now() / 1e9
+
+    # ---- time -----------------------------------------------------------------------------
+
+    def run(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Let time pass; True once ``until`` holds, False where the time ran out before.
+
+        Raises:
+            DeviceLostError: the device fell silent or booted anew.
+            StoppedForSafetyError: it latched a stop by itself, or its encoders fell silent.
+            InterruptedByPersonError: see :meth:`interrupt`.
+
+        """
+        held = self._spin(duration_s, until)
+        self._check()
+        return held
+
+    def interrupt(self) -> None:
+        """End at the next turn of the loop; from a signal handler."""
+        self._interrupted = True
+
+    def _spin(self, duration_s: float, until: Callable[[], bool]) -> bool:
+        wire, session = self._wire, self.session
+        end_ns = wire.now() + round(duration_s * 1e9)
+        while not until():
+            now_ns = wire.now()
+            if now_ns >= end_ns or self._interrupted or self._failed is not None:
+                return False
+            if now_ns >= self._cycle_ns:
+                self._cycle_ns = HostNs(max(self._cycle_ns + CYCLE_NS, now_ns))
+                self._cycle(now_ns)
+                if not self._well(now_ns):
+                    return False
+            due_ns = session.next_deadline() or end_ns
+            until_ns = HostNs(min(end_ns, self._cycle_ns, max(due_ns, now_ns)))
+            going = session.data_to_send()
+            if going and self._records is not None:  # as of when the session made it
+                self._records.passed(going, self._polled_ns, outgoing=True)
+            came = wire.turn(going, until_ns)
+            now_ns = wire.now()
+            if came and self._records is not None:
+                self._records.passed(came, now_ns, outgoing=False)
+            self._digest(session.receive(came, now_ns), now_ns)
+            self._digest(session.poll(now_ns), now_ns)
+            self._polled_ns = now_ns
+        return True
+
+    def _cycle(self, now_ns: HostNs) -> None:
+        if not self.ready:
+            return
+        if self._duty is not None:
+            self.session.duty(*self._duty, TTL_MS, now_ns)
+        elif self._steer is not None:
+            self.session.setpoint(*self._steer(), TTL_MS, now_ns)
+
+    def _well(self, now_ns: HostNs) -> bool:
+        link = self.session.round_trip.trouble(now_ns) if self._free and self.ready else None
+        if link is not None and now_ns - self.session.heard_ns <= SILENT_NS:
+            self._cause = StopCause.LINK
+            self._failed = Failed("slow", link.text)
+            return False
+        moving = self._duty is not None or self._steer is not None
+        now_s = now_ns / 1e9
+        if moving and now_s - self._times.taken_s.get(Encoders, now_s) > STALE_S:
+            self._failed = Failed("stale", "no fresh encoder readings from the device any more")
+            return False
+        return True
+
+    def _check(self) -> None:
+        if self._interrupted:
+            raise InterruptedByPersonError("ended by Ctrl-C")
+        failed = self._failed
+        if failed is None:
+            return
+        if failed.kind in {"latched", "stale", "slow"}:
+            raise StoppedForSafetyError(failed.text)
+        raise DeviceLostError(failed.text)
+
+    # ---- news -----------------------------------------------------------------------------
+
+    def told(self, text: str) -> None:
+        """Put on record what the person is told."""
+        if self._records is not None:
+            self._records.told(text)
+
+    def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
+        if events and self._records is not None:
+            self._records.heard(events, now_ns)
+        for event in events:
+            match event:
+                case Data():
+                    self._take(event, now_ns)
+                case CommandEnded():
+                    command_id: int = event.outcome.message.command_id  # type: ignore[attr-defined]  # of every command
+                    self._outcomes[command_id] = event.outcome
+                case Failed():
+                    self._failed = event
+                case StateChanged() if event.old is State.READY and event.new is not State.CLOSED:
+                    self._failed = Failed("lost", f"the device was lost: {event.why}")
+                    self._times.forget()
+                case Agreed():
+                    self.newest[Hello] = event.hello
+                case _:
+                    pass
+
+    def _take(self, event: Data, now_ns: HostNs) -> None:
+        message, t_us = event.received.message, event.received.frame.t_us
+        self._t_us = extend_us(self._t_us, t_us)
+        kind = type(message)
+        self.newest[kind] = message
+        self._times.take(kind, self._t_us, now_ns / 1e9)
+        for kinds, kept in self._taps:
+            if kind in kinds:
+                kept.append((self._t_us / 1e6, message))
+        if isinstance(message, LogText):
+            self.lines.append(message.line)
+        elif isinstance(message, Status) and self._free and message.stop_cause != StopCause.NONE:
+            cause = label(StopCause, message.stop_cause)
+            told = [line for line in self.lines if not line.startswith("stop latched")]
+            why = f": {told[-1]}" if told else ""
+            self._free = False
+            self._failed = Failed("latched", f"the device latched a stop (cause: {cause}){why}")
+
+    def latest(self, kind: type[M]) -> M | None:
+        """The newest message of a kind."""
+        return found if isinstance(found := self.newest.get(kind), kind) else None
+
+    def await_newest(self, kind: type[M], timeout_s: float = 3.0) -> M:
+        """The newest message of a kind, waited for where there is none yet.
+
+        Raises:
+            DeviceLostError: none came.
+
+        """
+        self.run(timeout_s, lambda: kind in self.newest)
+        found = self.latest(kind)
+        if found is None:
+            raise DeviceLostError(f"no {kind.__name__.lower()} data from the device")
+        return found
+
+    def collect(self, kind: type[M], duration_s: float) -> list[tuple[float, M]]:
+        """Messages of one kind for so long, each with the device's time (s)."""
+        kept: list[tuple[float, Message]] = []
+        tap = ((kind,), kept)
+        self._taps.append(tap)
+        try:
+            self.run(duration_s)
+        finally:
+            self._taps.remove(tap)
+        return [(t_s, message) for t_s, message in kept if isinstance(message, kind)]
+
+    def watch(self, *kinds: type[Message]) -> list[tuple[float, Message]]:
+        """A list that fills with these messages from now on; see :meth:`unwatch`."""
+        kept: list[tuple[float, Message]] = []
+        self._taps.append((kinds, kept))
+        return kept
+
+    def unwatch(self, kept: list[tuple[float, Message]]) -> None:
+        """Let a list fill no more."""
+        self._taps = [tap for tap in self._taps if tap[1] is not kept]
+
+    # ---- commands -------------------------------------------------------------------------
+
+    def ask(self, what: str, kind: type[Message], *fields: int) -> None:
+        """Send a command and wait until the device has carried it out.
+
+        Raises:
+            CommandRejectedError: it refused; the text has its reason.
+            DeviceLostError: it did not answer.
+
+        """
+        check_known(what, kind, self.session.link)
+        command_id = self.session.command(kind, fields, self._wire.now())
+        self._outcomes.pop(command_id, None)
+        self.run(ANSWER_S, lambda: command_id in self._outcomes)
+        check_outcome(what, self._outcomes.pop(command_id, None))
+
+    def enable(self, mode: Mode, *, clear_stop: bool = False) -> None:
+        """Ask for leave to move in this mode.
+
+        A stop is cleared only where it ended a session in order, or with ``clear_stop``.
+
+        Raises:
+            StoppedForSafetyError: another stop is latched, or the link is too slow.
+            CommandRejectedError: the device refused.
+
+        """
+        trip, now = self.session.round_trip, self._wire.now
+        if not self.run(LINK_S, lambda: trip.trouble(now()) is None):
+            link = trip.trouble(now())
+            raise StoppedForSafetyError("the link was lost" if link is None else link.text)
+        status = self.await_newest(Status)
+        if status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END} and not clear_stop:
+            cause = label(StopCause, status.stop_cause)
+            held = StoppedForSafetyError(
+                f"the robot holds a stop (cause: {cause}); see that it is safe"
+            )
+            held.remedy = Remedy.CLEAR_STOP
+            raise held
+        self._moved = True
+        if status.stop_cause != StopCause.NONE:
+            self.ask("clear stop", ClearStop, status.stop_cause)
+        self.ask(f"{label(Mode, mode)} mode", SetMode, mode)
+        self.run(1.0, lambda: self._in_mode(mode))
+        self._free = True
+
+    def _in_mode(self, mode: Mode) -> bool:
+        status = self.latest(Status)
+        return status is not None and status.mode == mode and status.stop_cause == StopCause.NONE
+
+    def duties(self, left: float, right: float) -> None:
+        """Repeat these motor duties (-1..1, capped by the device) while time passes."""
+        self._steer = None
+        self._duty = (left, right)
+
+    def steer(self, wanted: Callable[[], tuple[float, float]]) -> None:
+        """Repeat what this gives, speed (m/s) and yaw rate (rad/s), while time passes."""
+        self._duty = None
+        self._steer = wanted
+
+    def let_go(self) -> None:
+        """Send neither duties nor velocities any more: the device ramps to rest."""
+        self._duty = self._steer = None
+
+    def stop(self, cause: StopCause = StopCause.SESSION_END) -> None:
+        """Latch a stop; returns once the device has confirmed it.
+
+        Where the session gets no confirmation, or is lost, the stop is sent without it.
+
+        Raises:
+            DeviceLostError: the device has not confirmed it.
+            PortError: the port is gone.
+
+        """
+        self.let_go()
+        self._free = False
+        self._interrupted = False
+        self._failed = None
+        cause = max(cause, self._cause)
+        if not (self.ready and self._stop_in_session(cause)) and not self._stop_without(cause):
+            raise DeviceLostError("the device did not confirm the stop; see that the robot stands")
+
+    def _stop_in_session(self, cause: StopCause) -> bool:
+        self.newest.pop(Status, None)  # what it said before counts no more
+        try:
+            command_id = self.session.stop(cause, self._wire.now())
+            self._spin(CONFIRM_S, lambda: command_id in self._outcomes)
+        except PortError:
+            raise
+        except Exception:  # noqa: BLE001 - whatever fails in the session, the robot must stop
+            return False
+        outcome = self._outcomes.get(command_id)
+        return outcome is not None and outcome.accepted
+
+    def _stop_without(self, cause: StopCause) -> bool:
+        """Repeat a stop that needs no session; True once it is confirmed."""
+        wire = self._wire
+        stop = StopRequest(wire.link, cause, self._new_session_id(), self.session.node)
+        end_ns = wire.now() + round(CONFIRM_S * 1e9)
+        while stop.confirmed_by is None and wire.now() < end_ns:
+            going = stop.data_to_send(wire.now())
+            came = wire.turn(going, HostNs(min(end_ns, stop.next_deadline())))
+            stop.receive(came, wire.now())
+        return stop.confirmed_by is not None
+
+    # ---- its end --------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Stop where anything was enabled, and give the wire back.
+
+        Raises:
+            DeviceLostError: the device has not confirmed the stop.
+            PortError: the port is gone.
+
+        """
+        try:
+            if self._moved:
+                self._moved = False
+                self.stop()
+        finally:
+            self.session.close()
+            self._wire.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self.close()
+        except PortError as failed:
+            if isinstance(error, BridgeError) and str(error) != str(failed):
+                raise DeviceLostError(f"{error}; {failed}") from error
+            raise

@@ -1,0 +1,92 @@
+"""What is done at the bench, on record: bytes, messages, the clock, and what a person was told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.run.recording import HostRecords
+from bridge.session.records import Severity
+from bridge.session.states import Agreed, Data, Failed, Ping, Restless, StateChanged
+from bridge.session.timesync import TimeSync
+from protocol.can.link import CanLink
+from protocol.messages import LogText
+from protocol.uart.framing import DamagedFrame
+
+if TYPE_CHECKING:
+    from bridge.bringup.desk_wire import Wire
+    from bridge.record.sink import Sink
+    from bridge.session.states import SessionEvent
+    from protocol.clock import HostNs
+
+_CLOCK_NS = 1_000_000_000
+"""The clock's fit is recorded each second, as in a run."""
+
+
+class BenchRecords:
+    """Puts on record what passes between a desk and its device."""
+
+    def __init__(self, wire: Wire, sink: Sink, unix_offset_ns: int) -> None:
+        """``unix_offset_ns`` makes Unix time of the wire's."""
+        self._wire, self._sync = wire, TimeSync()
+        is_bus = issubclass(wire.link, CanLink)
+        self._records = HostRecords(sink, unix_offset_ns, "", bus=is_bus)
+        self._tap = self._records.can if is_bus else self._records.uart
+        self._clock_ns = wire.now()
+        self._agreed: Agreed | None = None
+
+    def opened(self, now_ns: HostNs) -> None:
+        """Note that a session begins."""
+        self._records.event(now_ns, Severity.INFO, "session", "opening", "at the bench")
+
+    def passed(self, data: bytes, now_ns: HostNs, *, outgoing: bool) -> None:
+        """Note bytes that were sent, or that came."""
+        self._tap(data, now_ns, outgoing=outgoing)
+        self._records.flush(now_ns)
+
+    def closed(self) -> None:
+        """Record what was gathered of damaged frames."""
+        self._records.flush(self._wire.now(), at_once=True)
+
+    def told(self, text: str) -> None:
+        """Note a line that a person was told."""
+        self._records.event(self._wire.now(), Severity.INFO, "bench", "told", text)
+
+    def heard(self, events: list[SessionEvent], now_ns: HostNs) -> None:
+        """Note what a session had to say, all of one moment."""
+        stamp, mapped = None, None
+        for event in events:
+            match event:
+                case Data():
+                    message, frame, _ = event.received
+                    if frame.t_us != stamp:  # one moment, one mapping
+                        stamp = frame.t_us
+                        _, mapped = self._sync.observe(stamp, now_ns)
+                    self._records.message(event.received, mapped, now_ns)
+                    if isinstance(message, LogText):
+                        self._records.log_text(message, now_ns)
+                case _:
+                    self._happened(event, now_ns)
+        if self._agreed is not None and now_ns - self._clock_ns >= _CLOCK_NS:
+            self._clock_ns = now_ns
+            self._records.clock(self._sync, self._agreed.hello, now_ns)
+
+    def _happened(self, event: SessionEvent, now_ns: HostNs) -> None:
+        match event:
+            case Ping():
+                device = self._sync.extend(event.received_us), self._sync.extend(event.replied_us)
+                self._sync.exchange(event.sent_ns, *device, event.arrived_ns)
+            case Agreed():
+                self._agreed = event
+                self._records.identity(event, now_ns)
+                if event.rebooted:
+                    self._sync.reset()
+            case DamagedFrame():
+                self._records.damaged([event], now_ns)
+            case StateChanged():
+                self._records.event(now_ns, Severity.INFO, "session", event.new.value, event.why)
+            case Restless():
+                self._records.event(now_ns, Severity.WARNING, "session", "restless", event.text)
+            case Failed():
+                self._records.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
+            case _:
+                pass

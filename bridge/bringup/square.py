@@ -1,0 +1,298 @@
+"""UMBmark's driving: a straight way and squares, steered by the wheels' odometry alone.
+
+The gyro has no say here: what the wheels get wrong is what is looked for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from bridge.bringup.umbmark import (
+    Benchmark,
+    Correction,
+    Run,
+    benchmark,
+    borenstein,
+    refine,
+    refutation,
+    scatter_m,
+    straight_scale,
+)
+from bridge.errors import BridgeError, StoppedForSafetyError
+from bridge.motion.control.executor import LegExecutor
+from bridge.motion.estimation.odometry import advance_arc
+from bridge.motion.geometry import Pose2, wrap_angle
+from bridge.motion.kinematics import encoder_delta
+from bridge.motion.legs import Drive, Leg, LegResult, StopReason, Turn
+from bridge.motion.observation import Observation
+from protocol.messages import Encoders, Range
+from protocol.values import Contact, Mode, StopCause
+
+if TYPE_CHECKING:
+    from bridge.bringup.desk import Desk
+    from bridge.bringup.person import Person
+    from bridge.motion.robot_model import RobotModel
+    from protocol.schema.message import Message
+
+REST_S = 0.6
+_LEG_S = 120.0
+_FINE = frozenset({StopReason.DONE, StopReason.DISTANCE})
+_LOWPASS = 0.5
+_SCALE_ROUNDS = 3
+
+
+class Measure(Protocol):
+    """Tells where the robot really is."""
+
+    def begin(self) -> None:
+        """The robot stands on its mark."""
+
+    def end(self) -> tuple[float, float]:
+        """Where it stands now from there: ahead and to the left, metres."""
+
+
+class ByTape:
+    """A person with a tape."""
+
+    def __init__(self, person: Person) -> None:
+        self._person = person
+
+    def begin(self) -> None:
+        """The person has said so."""
+
+    def end(self) -> tuple[float, float]:
+        """Ask for millimetres."""
+        ahead = self._person.number("How far AHEAD of its mark does it stand (mm; behind: -)")
+        left = self._person.number("How far to the LEFT of its mark (mm; to the right: -)")
+        return 0.001 * ahead, 0.001 * left
+
+
+class Result(NamedTuple):
+    """What came of it."""
+
+    scale: float | None
+    """E_s, where a straight way was measured."""
+    runs: tuple[Run, ...]
+    before: Benchmark
+    first: Correction
+    """The source's closed form."""
+    correction: Correction
+    """The same refined; what ``model`` holds."""
+    after: Benchmark
+    """The same runs, read with ``model``."""
+    model: RobotModel
+    verified: Benchmark | None = None
+    """New runs, driven and read with ``model``."""
+    refuted: str | None = None
+    """Why the new runs contradict ``model``; such a result is not to be written."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """How the squares are driven."""
+
+    side_m: float = 2.0
+    runs: int = 5
+    """In each direction."""
+    speed_m_s: float = 0.15
+    straight: bool = True
+    verify: bool = False
+
+
+class Wheels:
+    """Odometry of one drive, from the encoder readings as they come."""
+
+    def __init__(self, desk: Desk, model: RobotModel) -> None:
+        """The pose is the origin now."""
+        self._model = model
+        self._kept: list[tuple[float, Message]] = desk.watch(Encoders)
+        self._last = desk.await_newest(Encoders)
+        self._last_s: float | None = None
+        self.counts: list[tuple[int, int]] = []
+        self.pose = Pose2(0.0, 0.0, 0.0)
+        self.v_m_s = self.yaw_rate_rad_s = 0.0
+
+    @property
+    def kept(self) -> list[tuple[float, Message]]:
+        """The list that the desk fills."""
+        return self._kept
+
+    def update(self) -> None:
+        """Take what has come."""
+        model = self._model
+        for t_s, message in self._kept:
+            if not isinstance(message, Encoders):
+                continue
+            step = (
+                encoder_delta(self._last.left, message.left),
+                encoder_delta(self._last.right, message.right),
+            )
+            self.counts.append(step)
+            left = model.left_metres_per_count * step[0]
+            right = model.right_metres_per_count * step[1]
+            way, turn = 0.5 * (left + right), (right - left) / model.wheel_base_m
+            self.pose = advance_arc(self.pose, way, turn)
+            if self._last_s is not None and t_s > self._last_s:
+                dt_s = t_s - self._last_s
+                self.v_m_s += _LOWPASS * (way / dt_s - self.v_m_s)
+                self.yaw_rate_rad_s += _LOWPASS * (turn / dt_s - self.yaw_rate_rad_s)
+            self._last, self._last_s = message, t_s
+        self._kept.clear()
+
+
+class Squares:
+    """The procedure."""
+
+    def __init__(
+        self,
+        desk: Desk,
+        person: Person,
+        model: RobotModel,
+        measure: Measure,
+        *,
+        clear_stop: bool = False,
+    ) -> None:
+        """Do nothing yet."""
+        self._desk, self._person, self._measure = desk, person, measure
+        self._model = model
+        self._clear_stop = clear_stop
+
+    def run(self, asked: Asked) -> Result:
+        """Drive and work it out.
+
+        Raises:
+            BridgeError: the person says no, or a run went wrong.
+            StoppedForSafetyError: something was touched, or the device stopped.
+            DeviceLostError: it fell silent.
+
+        """
+        model, side_m = self._model, asked.side_m
+        room_m = side_m + 2.0 * model.robot_diameter_m
+        self._agree(
+            f"The robot will DRIVE squares of {side_m:g} m at {asked.speed_m_s:g} m/s, first to "
+            f"its right, then to its left: it needs {room_m:.1f} m of free floor on both sides. "
+            "Is it free?"
+        )
+        straight = self._straight(model, asked) if asked.straight else None
+        runs = self._squares(model, asked)
+        before = benchmark(model, runs)
+        first = borenstein(model, runs, side_m)
+        scaled, scale, correction = model, 1.0, refine(model, runs, first)
+        if straight is not None:
+            # A robot with uneven wheels drives an arc: its chord tells the scale only once the
+            # ratio is known, and the base is known only with the scale.
+            for _ in range(_SCALE_ROUNDS):
+                scale *= straight_scale(correction.applied_to(scaled), *straight)
+                scaled = replace(model, wheel_diameter_m=model.wheel_diameter_m * scale)
+                correction = refine(scaled, runs, correction)
+        corrected = correction.applied_to(scaled)
+        result = Result(
+            None if straight is None else scale,
+            runs,
+            before,
+            first,
+            correction,
+            benchmark(corrected, runs),
+            corrected,
+        )
+        if asked.verify:
+            self._person.tell("The same again with the corrected model.")
+            again = self._squares(corrected, asked)
+            verified = benchmark(corrected, again)
+            scattered = [scatter_m(corrected, each) for each in (runs, again)]
+            centre_m = math.hypot(*scattered) / math.sqrt(asked.runs)
+            refuted = refutation(before, result.after, verified, centre_m)
+            result = result._replace(verified=verified, refuted=refuted)
+        return result
+
+    def _agree(self, text: str) -> None:
+        if not self._person.confirm(text):
+            raise BridgeError("ended: nothing was driven and nothing changed")
+
+    def _straight(
+        self, model: RobotModel, asked: Asked
+    ) -> tuple[tuple[tuple[int, int], ...], float]:
+        """Counts of a straight way, and how far the robot really went, metres."""
+        self._agree("STRAIGHT AHEAD next. Put the robot on its mark. Ready?")
+        self._measure.begin()
+        counts = self._drive(model, asked, (Drive(0.0, asked.side_m, asked.speed_m_s),))
+        return counts, math.hypot(*self._measure.end())
+
+    def _squares(self, model: RobotModel, asked: Asked) -> tuple[Run, ...]:
+        runs = []
+        for clockwise in (True, False):
+            way = "to the RIGHT (clockwise)" if clockwise else "to the LEFT"
+            for number in range(asked.runs):
+                self._agree(
+                    f"Square {number + 1} of {asked.runs} {way}. Put the robot on its mark. Ready?"
+                )
+                self._measure.begin()
+                counts = self._drive(
+                    model, asked, square(asked.side_m, asked.speed_m_s, clockwise=clockwise)
+                )
+                runs.append(Run(clockwise, counts, *self._measure.end()))
+        return tuple(runs)
+
+    def _drive(
+        self, model: RobotModel, asked: Asked, legs: tuple[Leg, ...]
+    ) -> tuple[tuple[int, int], ...]:
+        """Drive legs by the wheels alone; what they counted."""
+        desk = self._desk
+        desk.enable(Mode.VELOCITY, clear_stop=self._clear_stop)
+        tuned = replace(model, cruise_speed_m_s=min(asked.speed_m_s, model.max_speed_m_s))
+        wheels, executor = Wheels(desk, model), LegExecutor(tuned)
+
+        def steer() -> tuple[float, float]:
+            wheels.update()
+            command = executor.step(self._observe(wheels))
+            return command.v_m_s, command.yaw_rate_rad_s
+
+        desk.steer(lambda: (0.0, 0.0))
+        desk.run(REST_S)
+        wheels.update()
+        for leg in legs:
+            executor.start(leg, self._observe(wheels))
+            desk.steer(steer)
+            desk.run(_LEG_S, lambda: executor.result is not None)
+            self._check(leg, executor.result)
+        desk.steer(lambda: (0.0, 0.0))
+        desk.run(REST_S)
+        wheels.update()
+        desk.unwatch(wheels.kept)
+        desk.stop()
+        return tuple(wheels.counts)
+
+    def _check(self, leg: Leg, result: LegResult | None) -> None:
+        if result is None or result.reason not in _FINE:
+            why = "never ended" if result is None else f"ended: {result.reason.value}"
+            self._desk.stop(StopCause.SUPERVISE)
+            raise StoppedForSafetyError(f"a {leg.purpose} of the square {why}")
+
+    def _observe(self, wheels: Wheels) -> Observation:
+        reading = self._desk.latest(Range)
+        bits = 0 if reading is None else reading.contacts
+        return Observation(
+            self._desk.now_s,
+            wheels.pose,
+            wheels.v_m_s,
+            wheels.yaw_rate_rad_s,
+            None if reading is None else reading.ultrasonic_m,
+            None,
+            None,
+            bool(bits & Contact.BUMPER_LEFT),
+            bool(bits & Contact.BUMPER_RIGHT),
+            bool(bits & Contact.CLIFF),
+        )
+
+
+def square(side_m: float, speed_m_s: float, *, clockwise: bool) -> tuple[Leg, ...]:
+    """Four sides and four turns from a pose along x."""
+    legs: list[Leg] = []
+    heading = 0.0
+    for _ in range(4):
+        legs.append(Drive(heading, side_m, speed_m_s, purpose="side"))
+        heading = wrap_angle(heading + (-0.5 if clockwise else 0.5) * math.pi)
+        legs.append(Turn(heading))
+    return tuple(legs)

@@ -1,0 +1,150 @@
+"""Step response of the device's own wheel control, seen through the encoders. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.bringup.wiring import Finding, good, wrong
+from bridge.motion.kinematics import encoder_delta
+from bridge.motion.step_response import StepResponse
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+WINDOW_S = 0.04
+"""Speeds are means over this: a count in 10 ms is 13 mm/s."""
+STEADY_S = 0.4
+"""The last of the step is taken as steady."""
+STEADY_SHARE = 0.06
+OVERSHOOT_SHARE = 0.30
+SETTLED_S = 0.8
+BAND_SHARE = 0.12
+"""One count of the window at 0.15 m/s is 2 %; what is kept within is the loop's."""
+
+
+class WheelStep(NamedTuple):
+    """One wheel's answer to a step of the velocity wanted."""
+
+    wheel: str
+    response: StepResponse
+    """Time from the step (s), speed (m/s), target as command."""
+
+    @property
+    def steady_m_s(self) -> float:
+        """Mean speed at the end of the step."""
+        times, values = self.response.time_s, self.response.value
+        last = [v for t, v in zip(times, values, strict=True) if t > times[-1] - STEADY_S]
+        return sum(last) / len(last)
+
+    @property
+    def rise_s(self) -> float:
+        """From 10 to 90 % of the target; inf: it never got there."""
+        return self.response.rise_s
+
+    @property
+    def overshoot(self) -> float:
+        """Greatest excess over the target, relative to it."""
+        return self.response.overshoot
+
+    @property
+    def settled_s(self) -> float:
+        """When it stays within 12 % of the target."""
+        return self.response.settled_s(BAND_SHARE * abs(self.response.target))
+
+
+def wheel_speeds(
+    samples: Sequence[tuple[float, int, int]], metres_per_count: float
+) -> list[tuple[float, float, float]]:
+    """Speeds (m/s) of both wheels over the last 40 ms, from device time (s) and raw counts."""
+    found = []
+    for i, (t_s, left, right) in enumerate(samples):
+        j = i
+        while j > 0 and samples[j][0] > t_s - WINDOW_S + 1e-9:
+            j -= 1
+        before_s, before_left, before_right = samples[j]
+        dt_s = t_s - before_s
+        if dt_s <= 0.0:
+            continue
+        found.append(
+            (
+                t_s,
+                metres_per_count * encoder_delta(before_left, left) / dt_s,
+                metres_per_count * encoder_delta(before_right, right) / dt_s,
+            )
+        )
+    return found
+
+
+def wheel_steps(
+    samples: Sequence[tuple[float, int, int]],
+    step_s: float,
+    target_m_s: float,
+    metres_per_count: float,
+) -> tuple[WheelStep, WheelStep]:
+    """Both wheels' responses to a step at ``step_s`` of device time.
+
+    Raises:
+        ValueError: nothing was sampled after the step.
+
+    """
+    speeds = [row for row in wheel_speeds(samples, metres_per_count) if row[0] >= step_s]
+    if not speeds:
+        raise ValueError("no encoder readings after the step")
+    times = [t - step_s for t, _, _ in speeds]
+    commands = [target_m_s] * len(times)
+    left = StepResponse(times, [row[1] for row in speeds], commands, target_m_s)
+    right = StepResponse(times, [row[2] for row in speeds], commands, target_m_s)
+    return WheelStep("left", left), WheelStep("right", right)
+
+
+def judge_step(step: WheelStep) -> Finding:
+    """Say whether a wheel's control does what it should, and what to turn if not."""
+    name = f"wheel control {step.wheel}"
+    target = step.response.target
+    error = step.steady_m_s / target - 1.0
+    figures = (
+        f"rises in {_seconds(step.rise_s)}, overshoots {100 * step.overshoot:.0f} %, "
+        f"settles in {_seconds(step.settled_s)}, {100 * error:+.1f} % at the end"
+    )
+    if abs(step.steady_m_s) < 0.1 * abs(target):
+        return wrong(name, f"does not follow: {figures}", "see motor and encoder above")
+    if error < -1.5:  # noqa: PLR2004 - the other way, and faster than was asked for
+        return wrong(name, f"runs away: {figures}", "motor or encoder is the wrong way round")
+    if abs(error) > STEADY_SHARE:
+        return wrong(name, figures, "does not reach its speed: more integral or feed-forward")
+    if step.overshoot > OVERSHOOT_SHARE:
+        return wrong(name, figures, "overshoots: less proportional or integral gain")
+    if step.settled_s > SETTLED_S:
+        return wrong(name, figures, "settles late: see docs on tuning")
+    return good(name, figures)
+
+
+def _seconds(value: float) -> str:
+    return "no time" if math.isinf(value) else f"{value:.2f} s"
+
+
+def as_text(steps: Sequence[WheelStep], *, width: int = 64, height: int = 12) -> str:
+    """Plot both wheels in characters: l, r, x where they are one, and the target as dashes."""
+    target = steps[0].response.target
+    end_s = max(step.response.time_s[-1] for step in steps)
+    top = 1.25 * max([abs(target), *(abs(v) for s in steps for v in s.response.value)])
+    rows = [[" "] * width for _ in range(height)]
+
+    def row(value: float) -> int:
+        share = math.copysign(1.0, target) * value / top
+        return min(height - 1, max(0, height - 1 - round(share * (height - 1))))
+
+    rows[row(target)] = ["-"] * width
+    for step in steps:
+        mark = step.wheel[0]
+        for t, v in zip(step.response.time_s, step.response.value, strict=True):
+            column = min(width - 1, int(t / end_s * (width - 1)))
+            at = rows[row(v)]
+            at[column] = mark if at[column] in {" ", "-", mark} else "x"
+    lines = [f"{'':8}{''.join(r)}" for r in rows]
+    lines[0] = f"{math.copysign(top, target):+7.3f} " + lines[0][8:]
+    lines[row(target)] = f"{target:+7.3f} " + lines[row(target)][8:]
+    lines[-1] = f"{0.0:7.3f} " + lines[-1][8:]
+    axis = f"{'m/s':>7} {'0':<{width - 8}}{end_s:6.2f} s"
+    return "\n".join([*lines, axis])

@@ -1,0 +1,1 @@
+"""Logs into other forms: tables, recovered files, logs of captures."""

@@ -1,0 +1,153 @@
+"""Bytes of a wire that other programs recorded, read as a log: candump and raw captures.
+
+``candump -l`` names a moment for every frame. A raw capture (what a terminal program saves) has
+none: the device's own stamps give the times between its frames, and the file's date the end.
+Whatever is decoded goes into an MCAP file as a run's own log has it, so that everything that
+reads logs reads captures too.
+"""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass
+from itertools import chain, islice
+from typing import TYPE_CHECKING
+
+from bridge.config import to_toml
+from bridge.convert.listening import Listener
+from bridge.convert.sources import CANDUMP, LOG_LINE, SHOWN_LINE, kind_of
+from bridge.motion.robot_model import RobotModel
+from bridge.record.errors import LogReadError
+from bridge.record.log_writer import RunWriter
+from bridge.record.names import readable_name
+from bridge.session.records import RunInfo
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
+from protocol.clock import DeviceUs, HostNs, extend_us
+from protocol.link import Link, Received
+from protocol.schema.message import Direction
+from protocol.uart.framing import CRC, HEADER
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from protocol.link import LinkBase
+
+MAX_RAW_BYTES = 256 << 20
+"""Fifteen hours of a robot at its default rates; its bytes are held in memory."""
+_READ = 1 << 20
+_SECOND_NS = 1_000_000_000
+_EXTENDED, _REMOTE = 0x8000_0000, 0x4000_0000
+_STANDARD_DIGITS = 3
+_MAX_CLASSIC = 8
+_SHORTEST = 1 + HEADER.size + CRC.size + 1
+"""Bytes of a frame without a payload: COBS's own, header, CRC, zero."""
+_LATEST_NS = (1 << 63) - 1
+MAX_LINE = 512
+"""Bytes of a line of candump's; the longest of a classic frame has some hundred."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """What arrived in one moment; of a bus one frame."""
+
+    host_ns: int
+    data: bytes
+
+
+def convert(source: Path, target: Path) -> None:
+    """Write a capture as a log: raw bytes, device messages, clock and estimate.
+
+    Raises:
+        LogReadError: it cannot be read, or holds nothing of a sweeper.
+        LogWriteError: the log cannot be written.
+
+    """
+    kind = kind_of(source)
+    link: LinkBase = (CanLink if kind == CANDUMP else Link)(Direction.HOST)
+    try:
+        _write(source, target, kind, link)
+    except OSError as error:
+        raise LogReadError(source, error.strerror or str(error)) from None
+
+
+def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
+    """Piece by piece: a capture may be much larger than what should be held in memory."""
+    pieces = _candump(source) if kind == CANDUMP else _raw(source)
+    first = next(pieces, None)
+    if first is None:
+        raise LogReadError(
+            source, "it is no MCAP file, no candump log, and holds no frame of a sweeper"
+        )
+    model = RobotModel()
+    info = RunInfo(
+        *(readable_name(source.name), "", None, "", first.host_ns, 0, to_toml(model), None),
+        {"captured_by": "candump" if kind == CANDUMP else "raw capture"},
+    )
+    writer = RunWriter(target, info)
+    try:
+        listener = Listener(writer, model, link)
+        for piece in chain((first,), pieces):
+            listener.received(piece.data, HostNs(piece.host_ns))
+        listener.close()
+        if not listener.messages:
+            raise LogReadError(source, "none of its frames is a sweeper's")
+    finally:
+        writer.close()
+
+
+def _candump(path: Path) -> Iterator[_Piece]:
+    """Every classic frame, in the file's order; other lines are passed over."""
+    with path.open("rb") as file:
+        # Of a longer line the first part is looked at, and is no frame: it is too long for one.
+        for line in iter(lambda: file.readline(MAX_LINE), b""):
+            match = LOG_LINE.match(line) or SHOWN_LINE.match(line)
+            if match is None:
+                continue
+            seconds, fraction, name, remote, hexed = match.groups()
+            data = bytes.fromhex(hexed.decode())
+            if len(data) > _MAX_CLASSIC:
+                continue
+            can_id = int(name, 16)
+            if len(name) > _STANDARD_DIGITS:
+                can_id |= _EXTENDED
+            if remote:
+                can_id |= _REMOTE
+            host_ns = int(seconds) * _SECOND_NS + int(fraction.ljust(9, b"0"))
+            if host_ns <= _LATEST_NS:
+                yield _Piece(host_ns, RECORD.pack(can_id, len(data), data))
+
+
+def _raw(path: Path) -> Iterator[_Piece]:
+    """A piece for every frame of the device, at the moment that its stamp says."""
+    with path.open("rb") as file:  # not by its size: a device file says 0
+        reads = iter(lambda: file.read(_READ), b"")
+        data = b"".join(islice(reads, MAX_RAW_BYTES // _READ + 1))
+    if len(data) > MAX_RAW_BYTES:
+        raise LogReadError(path, f"a raw capture has at most {MAX_RAW_BYTES >> 20} MiB")
+    stamps, ends = array("Q"), array("Q")
+    known: DeviceUs | None = None
+    link = Link(Direction.HOST)
+    begun = 0
+    while begun < len(data):
+        # No frame ends sooner: zeros and other rubbish go together, and cost no more than frames.
+        end = data.find(b"\0", begun + _SHORTEST - 1) + 1 or len(data)
+        stretch = data[begun:end]
+        for event in link.receive(stretch) if stretch.strip(b"\0") else ():
+            if isinstance(event, Received):
+                stamp = event.frame.t_us
+                known = DeviceUs(stamp) if known is None else extend_us(known, stamp)
+        stamps.append(known or 0)
+        ends.append(end)
+        begun = end
+    if known is None:
+        return
+    first_us = next(us for us in stamps if us)
+    # The last frame came when the file was last written to, or not long before.
+    offset_ns = path.stat().st_mtime_ns - known * 1000
+    latest_ns = begun = 0
+    for us, end in zip(stamps, ends, strict=True):
+        latest_ns = max(latest_ns, max(us, first_us) * 1000 + offset_ns)
+        yield _Piece(latest_ns, data[begun:end])
+        begun = end

@@ -1,0 +1,88 @@
+"""What the live bridge would have put on record, by listening alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.geometry import Pose2
+from bridge.run.recording import HostRecords
+from bridge.session.records import Severity
+from bridge.session.timesync import TimeSync
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
+from protocol.clock import HostNs
+from protocol.link import Received, Rejected
+from protocol.messages import Encoders, Hello, Imu, LogText
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
+    from bridge.record.sink import Sink
+    from protocol.link import LinkBase
+
+
+class Listener:
+    """Records bytes and what they mean, without a word to anybody."""
+
+    def __init__(self, sink: Sink, model: RobotModel, link: LinkBase) -> None:
+        """``link`` is the host's end; times are Unix time."""
+        self.messages = 0
+        """Of the device, so far."""
+        self._link = link
+        self._heard_ns = HostNs(0)
+        self._records = HostRecords(sink, 0, "")
+        self._sync = TimeSync()
+        self._estimator = PoseEstimator(model, Pose2(0.0, 0.0, 0.0))
+        self._sends = {s.type_id for s in link.codec.catalogue if s.direction is Direction.HOST}
+
+    def received(self, data: bytes, now_ns: HostNs) -> None:
+        """Record what came; of a bus, frames of either side."""
+        if isinstance(self._link, CanLink):
+            for begin in range(0, len(data), RECORD.size):
+                frame = data[begin : begin + RECORD.size]
+                can_id, _, _ = RECORD.unpack(frame)
+                self._records.can(frame, now_ns, outgoing=can_id >> 4 in self._sends)
+        else:
+            self._records.uart(data, now_ns, outgoing=False)
+        self._heard_ns = now_ns
+        self._records.flush(now_ns)
+        damaged: list[DamagedFrame] = []
+        for event in self._link.receive(data, now_ns // 1000):
+            match event:
+                case Received():
+                    self._message(event, now_ns)
+                case DamagedFrame():
+                    damaged.append(event)
+                case Rejected() if event.reason != "direction":
+                    self._records.rejected(event, now_ns)
+
+        if damaged:
+            self._records.damaged(damaged, now_ns)
+
+    def close(self) -> None:
+        """Record what was gathered of damaged frames."""
+        self._records.flush(self._heard_ns, at_once=True)
+
+    def _message(self, received: Received, now_ns: HostNs) -> None:
+        message, frame, _ = received
+        self.messages += 1
+        device_us, mapped = self._sync.observe(frame.t_us, now_ns)
+        self._records.message(received, mapped, now_ns)
+        match message:
+            case Imu():
+                self._estimator.on_imu(
+                    device_us * 1e-6,
+                    *(message.gyro_z_rad_s, message.accel_x_m_s2, message.accel_y_m_s2),
+                    message.temperature_deg_c,
+                )
+            case Encoders():
+                self._estimator.on_encoders(device_us * 1e-6, message.left, message.right)
+                if self._estimator.known:
+                    self._records.pose(self._estimator.pose, self._estimator, now_ns)
+            case LogText():
+                self._records.log_text(message, now_ns)
+            case Hello() if message.catalogue_hash != self._link.codec.catalogue.hash:
+                text = "the device has another catalogue; fields may be missing or misread"
+                self._records.event(now_ns, Severity.WARNING, "session", "schema", text)

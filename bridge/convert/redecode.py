@@ -1,0 +1,241 @@
+"""Decoding a log's raw bytes again, as the live bridge did: the proof that nothing was lost.
+
+The recorded bytes are handed to a session and a clock of their own, each at the moment of its
+record; what the host sent says when the session had its turns, and which session ids it drew.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from contextlib import suppress
+from dataclasses import dataclass, field
+from struct import error as StructError  # noqa: N812 - it is a class
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.record.encode.schemas import device_encoders
+from bridge.record.reader import MISREAD, LogReader
+from bridge.session.discovery import LISTEN_NS
+from bridge.session.records import DeviceMessage
+from bridge.session.session import Session
+from bridge.session.states import Agreed, Data, Ping
+from bridge.session.timesync import TimeSync
+from protocol.can.frames import RECORD
+from protocol.can.link import CanLink
+from protocol.clock import HostNs
+from protocol.link import Link, Received
+from protocol.messages import HostHello
+from protocol.schema.message import Direction
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+    from bridge.record.reader import LogMessage
+    from protocol.link import LinkBase
+
+RAW_TOPICS = frozenset({"/raw/uart/rx", "/raw/uart/tx", "/raw/can"})
+
+
+class WireRecord(NamedTuple):
+    """Bytes of a wire and the moment of their record."""
+
+    log_ns: int
+    outgoing: bool
+    data: bytes
+    """Of a bus: frames in 16 bytes each."""
+    is_can: bool
+
+
+class Decoded(NamedTuple):
+    """A device message as a log has it."""
+
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+@dataclass(slots=True)
+class Comparison:
+    """Recorded messages against the same bytes decoded again."""
+
+    recorded: int = 0
+    equal: int = 0
+    differing: dict[str, int] = field(default_factory=dict)
+    """By topic: messages that differ, are missing or too many."""
+    first: str = ""
+    """The first difference, in words."""
+
+    @property
+    def same(self) -> bool:
+        """Bit for bit, all of them."""
+        return not self.differing
+
+
+def wire_records(messages: Iterable[LogMessage]) -> Iterator[WireRecord]:
+    """The raw bytes among a log's messages; another program's topics of that name have none."""
+    for message in messages:
+        topic = message.channel.topic
+        if topic in RAW_TOPICS:
+            with suppress(*MISREAD, StructError):
+                yield _wire_record(message, topic)
+
+
+def _wire_record(message: LogMessage, topic: str) -> WireRecord:
+    raw = message.decoded
+    if not isinstance(raw.data, bytes | bytearray | list | tuple):
+        raise TypeError("its data are no bytes")  # a number would become as many zeros
+    if topic == "/raw/can":
+        data = RECORD.pack(raw.can_id, len(raw.data), raw.data)
+        return WireRecord(message.log_ns, bool(raw.outgoing), data, is_can=True)
+    return WireRecord(message.log_ns, topic.endswith("tx"), bytes(raw.data), is_can=False)
+
+
+def compare(path: Path) -> Comparison:
+    """Decode a log's raw bytes again and compare with its ``/device/*`` messages.
+
+    Raises:
+        LogReadError: the file is missing, cannot be read, or is no MCAP file.
+
+    """
+    reader = LogReader(path)
+    recorded: dict[str, list[Decoded]] = defaultdict(list)
+    for message in reader.messages(_DeviceTopics()):
+        topic = message.channel.topic
+        recorded[topic].append(Decoded(topic, *message[1:]))
+    again: dict[str, list[Decoded]] = defaultdict(list)
+    for decoded in redecode(reader):
+        again[decoded.topic].append(decoded)
+    result = Comparison(sum(map(len, recorded.values())))
+    for topic in sorted({*recorded, *again}):
+        then, now = recorded[topic], again[topic]
+        equal = sum(a == b for a, b in zip(then, now, strict=False))
+        result.equal += equal
+        wrong = max(len(then), len(now)) - equal
+        if wrong:
+            result.differing[topic] = wrong
+            result.first = result.first or _difference(topic, then, now)
+    return result
+
+
+def redecode(reader: LogReader) -> Iterator[Decoded]:
+    """Every ``/device/*`` message that a log's raw bytes hold, as the live bridge gave it."""
+    offset_ns = _number(reader.run.get("clock_offset_ns")) or 0
+    records = sorted(wire_records(reader.messages(RAW_TOPICS)), key=in_order)
+    if not records:
+        return
+    link = CanLink if records[0].is_can else Link
+    ids = _session_ids(records, link)
+    session = Session(lambda: next(ids, 1), node=_node(reader), link=link)
+    sync, encoders = TimeSync(), device_encoders()
+    session.open(HostNs(_opened_ns(reader, records) - offset_ns))
+    for record in records:
+        now_ns = HostNs(record.log_ns - offset_ns)
+        if record.outgoing:
+            events = session.poll(now_ns)
+            session.data_to_send()
+        else:
+            events = session.receive(record.data, now_ns)
+        stamp, mapped = None, None
+        for event in events:
+            match event:
+                case Data():
+                    message, frame, spec = event.received
+                    if frame.t_us != stamp:  # as the host does: one moment, one mapping
+                        stamp = frame.t_us
+                        _, mapped = sync.observe(stamp, now_ns)
+                    publish_ns = bound_ns = None
+                    if mapped is not None:
+                        publish_ns, bound_ns = mapped.host_ns + offset_ns, mapped.bound_ns
+                    made = DeviceMessage(
+                        *(record.log_ns, publish_ns, bound_ns, frame.node, frame.seq, frame.t_us),
+                        *(spec.name, message),
+                    )
+                    data = encoders[spec.name].encode(made)
+                    time_ns = record.log_ns if publish_ns is None else publish_ns
+                    yield Decoded(f"/device/{spec.name}", record.log_ns, time_ns, frame.seq, data)
+                case Ping():
+                    received, replied = (
+                        sync.extend(event.received_us),
+                        sync.extend(event.replied_us),
+                    )
+                    sync.exchange(event.sent_ns, received, replied, event.arrived_ns)
+                case Agreed() if event.rebooted:
+                    sync.reset()
+
+
+def in_order(record: WireRecord) -> tuple[int, bool]:
+    """What came in was heard before an answer went out in the same moment."""
+    return record.log_ns, record.outgoing
+
+
+class _DeviceTopics:
+    def __contains__(self, topic: object) -> bool:
+        return str(topic).startswith("/device/")
+
+
+def _session_ids(records: list[WireRecord], link: type[LinkBase]) -> Iterator[int]:
+    """The ids that the host's hellos named, each once, in their order."""
+    peer = link(Direction.DEVICE)
+    last = 0
+    found = []
+    for record in records:
+        if not record.outgoing:
+            continue
+        for event in peer.receive(record.data, record.log_ns // 1000):
+            if isinstance(event, Received) and isinstance(event.message, HostHello):
+                if event.message.session_id != last:
+                    found.append(event.message.session_id)
+                last = event.message.session_id
+    return iter(found)
+
+
+def _node(reader: LogReader) -> int | None:
+    """Which device of several the run talked to."""
+    return _number(reader.metadata.get("device", {}).get("node"))
+
+
+def _number(text: str | None) -> int | None:
+    """Of a log's metadata; None where another program wrote something else there."""
+    try:
+        return None if text is None else int(text)
+    except ValueError:
+        return None
+
+
+def _opened_ns(reader: LogReader, records: list[WireRecord]) -> int:
+    """When the session was opened: its first event says so, where that was told at once."""
+    opened_ns = records[0].log_ns
+    if records[0].is_can:  # it listens for so long before it says anything
+        sent = (record.log_ns for record in records if record.outgoing)
+        opened_ns = min(opened_ns, next(sent, opened_ns + LISTEN_NS) - LISTEN_NS)
+    for message in reader.messages({"/events"}):
+        with suppress(*MISREAD):
+            event = message.decoded
+            if event.source == "session" and event.kind == "opening":
+                return min(message.log_ns, opened_ns)
+    return opened_ns
+
+
+def _difference(topic: str, then: list[Decoded], now: list[Decoded]) -> str:
+    for index, (a, b) in enumerate(zip(then, now, strict=False)):
+        if a != b:
+            names = ("topic", "log time", "publish time", "sequence", "content")
+            what = [name for name, x, y in zip(names, a, b, strict=True) if x != y]
+            return f"{topic}: message {index} differs in {', '.join(what)}"
+    return f"{topic}: {len(then)} recorded, {len(now)} in the raw bytes"
+
+
+def as_json(result: Comparison) -> str:
+    """The comparison as one JSON object."""
+    return json.dumps(
+        {
+            "recorded": result.recorded,
+            "equal": result.equal,
+            "same": result.same,
+            "differing": result.differing,
+            "first_difference": result.first or None,
+        }
+    )

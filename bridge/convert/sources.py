@@ -1,0 +1,66 @@
+"""What a named file is, and a log to read it by: itself, or one made from a capture."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.record.errors import LogReadError
+from bridge.record.mcap_file import MAGIC
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CANDUMP, RAW, MCAP = "candump", "raw", "mcap"
+_SNIFFED = 1 << 16
+_LINE = 512
+LOG_LINE = re.compile(
+    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)"
+)
+"""As ``candump -l`` and ``-L`` write it."""
+SHOWN_LINE = re.compile(
+    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+(?:[RT]X\s+\S*\s+)?"
+    rb"\[\d+\]\s*(remote)?\s*((?:[0-9A-Fa-f]{2} ?)*)"
+)
+"""As ``candump -ta`` shows it."""
+
+
+def kind_of(path: Path) -> str:
+    """What a file is by its first bytes: ``mcap``, ``candump`` or ``raw``.
+
+    Raises:
+        LogReadError: it cannot be read.
+
+    """
+    try:
+        with path.open("rb") as file:
+            begin = file.read(_SNIFFED)
+    except OSError as error:
+        raise LogReadError(path, error.strerror or str(error)) from None
+    if begin.startswith(MAGIC[:5]):
+        return MCAP
+    first = begin.lstrip().split(b"\n", 1)[0][:_LINE]
+    return CANDUMP if LOG_LINE.match(first) or SHOWN_LINE.match(first) else RAW
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[Path]:
+    """An MCAP file of what a file holds: itself, or one made from a capture while needed.
+
+    Raises:
+        LogReadError: it cannot be read, or holds nothing of a sweeper.
+
+    """
+    if kind_of(path) == MCAP:
+        yield path
+        return
+    # Decoding takes what a live run does, which the reading of a log need not wait for.
+    from bridge.convert.captures import convert  # noqa: PLC0415
+
+    with tempfile.TemporaryDirectory(prefix="sweepctl-capture-") as folder:
+        made = Path(folder) / f"{path.stem}.mcap"
+        convert(path, made)
+        yield made

@@ -1,0 +1,1 @@
+"""Columns of logged messages: many messages of one shape at once."""

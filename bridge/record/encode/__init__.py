@@ -1,0 +1,1 @@
+"""Records as Foxglove and ROS messages."""

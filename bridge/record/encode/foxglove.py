@@ -1,0 +1,169 @@
+"""Poses, transforms and log lines in Foxglove's protobuf types, as forms of fixed length.
+
+A pose is one ``struct.pack``: numbers that protobuf would leave out where they are 0 are
+written out, and the two integers of a time stamp in five bytes each, which protobuf's
+variable-length integers allow. Google's library takes 1 µs for it, and 0.1 s to be imported.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from bridge.record.encode.descriptors import (
+    WIRE_FIXED64,
+    FieldType,
+    MessageType,
+    Type,
+    delimited,
+    descriptor_set,
+    tag,
+    varint,
+)
+from bridge.record.encode.packer import Packer, Part
+from bridge.record.encode.ros import BODY_FRAME, MAP_FRAME
+from bridge.session.records import Severity
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RangerMount
+    from bridge.session.records import LogRecord
+
+_NANOSECONDS = 1_000_000_000
+
+# ---- the types, as Foxglove declares them ----------------------------------------------------
+
+
+def _doubles(*names: str) -> tuple[FieldType, ...]:
+    return tuple(FieldType(name, i, Type.DOUBLE) for i, name in enumerate(names, 1))
+
+
+def _message(name: str, number: int, of: MessageType) -> FieldType:
+    return FieldType(name, number, Type.MESSAGE, f".{of.full_name}")
+
+
+def _declared(name: str, *fields: FieldType, uses: tuple[MessageType, ...] = ()) -> MessageType:
+    return MessageType(f"foxglove/{name}.proto", "foxglove", name, fields, uses=uses)
+
+
+_TIMESTAMP = MessageType(
+    "google/protobuf/timestamp.proto",
+    "google.protobuf",
+    "Timestamp",
+    (FieldType("seconds", 1, Type.INT64), FieldType("nanos", 2, Type.INT32)),
+)
+_QUATERNION = _declared("Quaternion", *_doubles("x", "y", "z", "w"))
+_VECTOR3 = _declared("Vector3", *_doubles("x", "y", "z"))
+_POSE = _declared(
+    "Pose",
+    _message("position", 1, _VECTOR3),
+    _message("orientation", 2, _QUATERNION),
+    uses=(_QUATERNION, _VECTOR3),
+)
+POSE_IN_FRAME = _declared(
+    "PoseInFrame",
+    _message("timestamp", 1, _TIMESTAMP),
+    FieldType("frame_id", 2, Type.STRING),
+    _message("pose", 3, _POSE),
+    uses=(_POSE, _TIMESTAMP),
+)
+FRAME_TRANSFORM = _declared(
+    "FrameTransform",
+    _message("timestamp", 1, _TIMESTAMP),
+    FieldType("parent_frame_id", 2, Type.STRING),
+    FieldType("child_frame_id", 3, Type.STRING),
+    _message("translation", 4, _VECTOR3),
+    _message("rotation", 5, _QUATERNION),
+    uses=(_QUATERNION, _VECTOR3, _TIMESTAMP),
+)
+LOG = MessageType(
+    "foxglove/Log.proto",
+    "foxglove",
+    "Log",
+    (
+        _message("timestamp", 1, _TIMESTAMP),
+        FieldType("level", 2, Type.ENUM, ".foxglove.Log.Level"),
+        FieldType("message", 3, Type.STRING),
+        FieldType("name", 4, Type.STRING),
+        FieldType("file", 5, Type.STRING),
+        FieldType("line", 6, Type.FIXED32),
+    ),
+    uses=(_TIMESTAMP,),
+    enums={"Level": ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")},
+)
+_LEVELS = {Severity.DEBUG: 1, Severity.INFO: 2, Severity.WARNING: 3, Severity.ERROR: 4}
+
+
+def schema(message: MessageType) -> tuple[str, str, bytes]:
+    """Name, encoding and data of a type's MCAP schema."""
+    return message.full_name, "protobuf", descriptor_set(message)
+
+
+# ---- forms of fixed length -------------------------------------------------------------------
+
+_STAMP = struct.Struct("<BIBBIB")
+STAMP_CODE = f"{_STAMP.size}s"
+
+
+@lru_cache(maxsize=8)  # truth, pose and transform of one moment
+def timestamp(time_ns: int) -> bytes:
+    """A ``google.protobuf.Timestamp`` of Unix nanoseconds, always twelve bytes long."""
+    s, n = divmod(time_ns, _NANOSECONDS)
+    # Seven bits go into each byte; all but the fifth have the bit that says "more follows".
+    return _STAMP.pack(
+        0x08,
+        s & 0x7F | s << 1 & 0x7F00 | s << 2 & 0x7F0000 | s << 3 & 0x7F000000 | 0x80808080,
+        s >> 28,
+        0x10,
+        n & 0x7F | n << 1 & 0x7F00 | n << 2 & 0x7F0000 | n << 3 & 0x7F000000 | 0x80808080,
+        n >> 28,
+    )
+
+
+def _stamp_parts() -> tuple[Part, ...]:
+    return tag(1, 2), varint(_STAMP.size), STAMP_CODE
+
+
+def _vector_parts(number: int, names: str) -> tuple[Part, ...]:
+    """A message of doubles: fields numbered as the letters of ``xyzw`` stand."""
+    parts: list[Part] = []
+    for name in names:
+        parts += (tag(1 + "xyzw".index(name), WIRE_FIXED64), "d")
+    return tag(number, 2), varint(9 * len(names)), *parts
+
+
+_POSITION, _ROTATION = _vector_parts(1, "xy"), _vector_parts(2, "zw")
+POSE_PARTS: tuple[Part, ...] = (
+    *_stamp_parts(),
+    delimited(2, MAP_FRAME),
+    tag(3, 2),
+    varint(2 * (2 + 2 * 9)),
+    *_POSITION,
+    *_ROTATION,
+)
+"""``PoseInFrame`` in the map frame: stamp, x (m), y (m), sine and cosine of half the yaw."""
+
+
+def _transform_parts(parent: str, child: str) -> tuple[Part, ...]:
+    frames = delimited(2, parent) + delimited(3, child)
+    return *_stamp_parts(), frames, *_vector_parts(4, "xy"), *_vector_parts(5, "zw")
+
+
+TRANSFORM_PARTS = _transform_parts(MAP_FRAME, BODY_FRAME)
+"""``FrameTransform`` from the map to the robot's body; values as in ``POSE_PARTS``."""
+
+
+def mount(time_ns: int, name: str, mount: RangerMount) -> bytes:
+    """``FrameTransform`` from the body to a range sensor."""
+    form = Packer(_transform_parts(BODY_FRAME, f"range_{name}"))
+    half = 0.5 * mount.yaw_rad
+    values = (timestamp(time_ns), mount.x_m, mount.y_m, math.sin(half), math.cos(half))
+    return form.pack(values)
+
+
+def log(record: LogRecord) -> bytes:
+    """``Log``."""
+    text = record.text.encode(errors="replace")  # a lone surrogate must not end a recording
+    head = delimited(1, timestamp(record.log_ns)) + tag(2, 0) + varint(_LEVELS[record.severity])
+    return head + delimited(3, text) + delimited(4, record.source)

@@ -1,0 +1,124 @@
+"""Flat protobuf messages of fixed layout: descriptor and encoder from one list of fields.
+
+Integers go as fixed-width protobuf types, so that a message without text is one
+``struct.pack`` call with its tags as constants between the values. Measured on the IMU
+message (16 fields): 1.9 µs, against 8.4 µs to build and serialise a google.protobuf message
+and 6.3 µs to refill one. What fixed width costs in bytes, zstd takes back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from bridge.record.encode.descriptors import (
+    WIRE_DELIMITED,
+    WIRE_FIXED32,
+    WIRE_FIXED64,
+    FieldType,
+    MessageType,
+    Type,
+    descriptor_set,
+    tag,
+    varint,
+)
+from bridge.record.encode.packer import Packer, Part
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+PACKAGE = "sweepctl"
+
+
+class Kind(Enum):
+    """A protobuf type: its descriptor's number, wire type and ``struct`` code."""
+
+    DOUBLE = (Type.DOUBLE, WIRE_FIXED64, "d")
+    FIXED32 = (Type.FIXED32, WIRE_FIXED32, "I")
+    SFIXED32 = (Type.SFIXED32, WIRE_FIXED32, "i")
+    FIXED64 = (Type.FIXED64, WIRE_FIXED64, "Q")
+    SFIXED64 = (Type.SFIXED64, WIRE_FIXED64, "q")
+    STRING = (Type.STRING, WIRE_DELIMITED, "")
+    BYTES = (Type.BYTES, WIRE_DELIMITED, "")
+
+    def __init__(self, proto_type: Type, wire_type: int, code: str) -> None:
+        self.proto_type = proto_type
+        self.wire_type = wire_type
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class FlatField:
+    """One field of a flat message."""
+
+    name: str
+    kind: Kind
+    number: int
+
+    @property
+    def tag(self) -> bytes:
+        """The key that stands before the value."""
+        return tag(self.number, self.kind.wire_type)
+
+
+class FlatMessage:
+    """A protobuf message of scalars, text and bytes; a value of None is left out."""
+
+    def __init__(self, name: str, fields: Sequence[FlatField]) -> None:
+        self.name = name
+        self.fields = tuple(fields)
+        self._fixed = [i for i, f in enumerate(fields) if f.kind.code]
+        self._variable = [(i, f.tag, f.kind) for i, f in enumerate(fields) if not f.kind.code]
+        self._packers: dict[tuple[int, ...], Packer] = {}
+        self.all_parts = self.parts(self._fixed)
+        """The form of all fields that are neither text nor bytes."""
+        self._all = Packer(self.all_parts)
+
+    @property
+    def is_fixed(self) -> bool:
+        """No text and no bytes in it: its length depends only on which fields are there."""
+        return not self._variable
+
+    def parts(self, present: Iterable[int]) -> list[Part]:
+        """The form of these fields, by index: each one's key, then its value."""
+        fields = [self.fields[i] for i in present]
+        return [part for f in fields for part in (f.tag, f.kind.code)]
+
+    @property
+    def full_name(self) -> str:
+        """Package and name, as a schema is called."""
+        return f"{PACKAGE}.{self.name}"
+
+    def descriptor_set(self) -> bytes:
+        """The message's ``FileDescriptorSet``, as an MCAP schema holds it."""
+        # In proto2 every field may be absent, and says so.
+        fields = tuple(FieldType(f.name, f.number, f.kind.proto_type) for f in self.fields)
+        file = f"{PACKAGE}/{self.name}.proto"
+        return descriptor_set(MessageType(file, PACKAGE, self.name, fields, "proto2"))
+
+    def encode(self, values: list[Any]) -> bytes:
+        """Serialise one value per field, in the fields' order."""
+        if self._variable:
+            fixed = [values[i] for i in self._fixed]
+            return self._encode_fixed(fixed) + self._encode_variable(values)
+        return self._encode_fixed(values)
+
+    def _encode_fixed(self, values: list[Any]) -> bytes:
+        if None not in values:
+            return self._all.pack(values)
+        present = tuple(i for i, v in zip(self._fixed, values, strict=True) if v is not None)
+        packer = self._packers.get(present)
+        if packer is None:
+            packer = self._packers[present] = Packer(self.parts(present))
+        return packer.pack(v for v in values if v is not None)
+
+    def _encode_variable(self, values: list[Any]) -> bytes:
+        out = b""
+        for index, key, kind in self._variable:
+            value = values[index]
+            if value is not None:
+                # A lone surrogate must not end a recording.
+                data = value.encode(errors="replace") if kind is Kind.STRING else value
+                out += key + varint(len(data)) + data
+        return out

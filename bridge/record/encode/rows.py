@@ -1,0 +1,175 @@
+"""Messages of fixed length that always come together: kept as numbers, packed a chunk at a time.
+
+A message costs what it takes to append its numbers to an array; a compiled kernel makes the
+records, headers included, when the chunk closes, in the places where they were expected.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from bridge.record.encode import rows_kernel as kernel
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from bridge.record.encode.packer import Part
+
+OP_MESSAGE = 0x05
+"""MCAP's opcode of a message."""
+RECORD_HEAD = 9
+"""Opcode and length, which the length does not count."""
+_HEAD = struct.Struct("<BQH")
+_FIXED = 22
+"""Bytes of a message before its data."""
+
+
+class Source(NamedTuple):
+    """Where a value comes from."""
+
+    kind: int
+    """Of ``rows_kernel``."""
+    column: int = 0
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+def whole(column: int) -> Source:
+    """Give an integer as it is, of the width that the form has for it."""
+    return Source(kernel.WHOLE, column)
+
+
+def scaled(column: int, gain: float, offset: float = 0.0) -> Source:
+    """Give an integer in SI units."""
+    return Source(kernel.SCALED, column, gain, offset)
+
+
+def real(column: int) -> Source:
+    """Give a float as it is."""
+    return Source(kernel.FLOAT, column)
+
+
+def ros_stamp(column: int) -> tuple[Source, Source]:
+    """Give a time in nanoseconds as seconds and the rest of them."""
+    return Source(kernel.SECONDS, column), Source(kernel.NANOSECONDS, column)
+
+
+def proto_stamp(column: int) -> Source:
+    """Give a time in nanoseconds as a ``google.protobuf.Timestamp`` of twelve bytes."""
+    return Source(kernel.STAMP, column)
+
+
+def half_angle(column: int) -> tuple[Source, Source]:
+    """Give sine and cosine of half an angle: z and w of a turn about z."""
+    return Source(kernel.SIN_HALF, column), Source(kernel.COS_HALF, column)
+
+
+class Head(NamedTuple):
+    """Where a message's header comes from: log and publish time, and the sequence if it has one."""
+
+    log: int
+    publish: int
+    sequence: int | None = None
+
+
+class RowMessage(NamedTuple):
+    """One of the messages of a row."""
+
+    channel_id: int
+    head: Head
+    form: Sequence[Part]
+    sources: Sequence[Source]
+    """One for each value of the form, in their order."""
+
+
+class Packed(NamedTuple):
+    """Where a chunk's rows are."""
+
+    entries: NDArray[np.int64]
+    """For each message its log times and places in the chunk, ``(messages, rows, 2)``."""
+    first_ns: int
+    last_ns: int
+
+
+class Rows:
+    """What waits of messages that always come together; ``ChunkedFile.rows`` makes it."""
+
+    def __init__(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> None:
+        """Declare how many integers and floats a row has, and the messages that it makes.
+
+        The first of the integers is its place in the chunk.
+        """
+        self._columns = ints, floats
+        self.ints = array("q")
+        """Of the rows that wait, one after the other."""
+        self.floats = array("d")
+        self.channels: list[int] = []
+        """Of each message."""
+        places: list[int] = []
+        template = b""
+        ops: list[tuple[int, int, int, int]] = []
+        scales: list[tuple[float, float]] = []
+        for channel_id, head, form, sources in messages:
+            self._log_column = head.log
+            self.channels.append(channel_id)
+            places.append(len(template))
+            size = _FIXED + sum(_size(part) for part in form)
+            parts = [_HEAD.pack(OP_MESSAGE, size, channel_id), "I", "Q", "Q", *form]
+            sequence = Source(-1) if head.sequence is None else whole(head.sequence)
+            wanted = iter((sequence, whole(head.log), whole(head.publish), *sources))
+            for part in parts:
+                if isinstance(part, str):
+                    kind, column, gain, offset = next(wanted)
+                    if kind >= 0:
+                        ops.append((len(template), kind, column, _size(part)))
+                        scales.append((gain, offset))
+                template += part if isinstance(part, bytes) else bytes(_size(part))
+        self.size = len(template)
+        """Bytes of a row's records."""
+        self._template = np.frombuffer(template, dtype=np.uint8).copy()
+        self._places = np.array(places, dtype=np.int64)
+        self._ops = np.array(ops, dtype=np.int64)
+        self._scales = np.array(scales, dtype=np.float64)
+
+    def take(self, chunk: NDArray[np.uint8]) -> Packed:
+        """Write the records of all rows into their chunk; they are forgotten."""
+        ints, floats = self._columns
+        table = np.frombuffer(self.ints, dtype=np.int64).reshape(-1, ints)
+        count = len(table)
+        if floats:
+            reals = np.frombuffer(self.floats, dtype=np.float64).reshape(-1, floats)
+        else:
+            reals = np.zeros((count, 1))
+        index = np.empty((len(self.channels), count, 2), dtype=np.int64)
+        first_ns, last_ns = kernel.pack_rows(
+            table,
+            reals,
+            self._template,
+            self._ops,
+            self._scales,
+            chunk,
+            self._log_column,
+            self._places,
+            index,
+        )
+        # Arrays that are looked at cannot be emptied.
+        self.ints, self.floats = array("q"), array("d")
+        return Packed(index, first_ns, last_ns)
+
+
+def rehearse() -> None:
+    """Have the kernel loaded: before a run, whose first chunk would wait for it."""
+    rows = Rows(2, 1, [RowMessage(0, Head(1, 1), [], [])])
+    rows.ints.extend((0, 0))
+    rows.floats.append(0.0)
+    rows.take(np.zeros(rows.size, dtype=np.uint8))
+
+
+def _size(part: Part) -> int:
+    return len(part) if isinstance(part, bytes) else struct.calcsize(f"<{part}")

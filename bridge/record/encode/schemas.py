@@ -1,0 +1,276 @@
+"""Our own protobuf messages: one for every message of the catalogue, and the host's.
+
+Field numbers are fixed by position and fields are append-only, so a number keeps its
+meaning in every version of a message.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from bridge.record.encode.descriptors import varint
+from bridge.record.encode.layout import FlatField, FlatMessage, Kind
+from bridge.record.encode.rows import scaled, whole
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
+
+if TYPE_CHECKING:
+    from bridge.record.encode.rows import Source
+    from bridge.session.records import (
+        ClockRecord,
+        DeviceMessage,
+        EventRecord,
+        PlannerRecord,
+        PoseRecord,
+        RawCan,
+    )
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.fields import Field
+    from protocol.schema.message import MessageSpec
+
+_T_US, _NODE, _BOUND = 1, 2, 3
+_FIRST_FIELD = 4
+"""Field i of the wire has number 4 + 2i, its value in SI units 5 + 2i."""
+
+
+def _raw_kind(field: Field) -> Kind:
+    if field.wire.is_text:
+        return Kind.STRING
+    if not field.wire.is_integer:
+        return Kind.BYTES
+    return Kind.SFIXED32 if field.wire.low < 0 else Kind.FIXED32
+
+
+class DeviceEncoder:
+    """``/device/<name>``: raw wire values by name, and beside them what they mean in SI units.
+
+    A field that the device does not know, an SI value that a sentinel says is not there, and
+    ``bound_ns`` while no clock mapping exists are absent.
+    """
+
+    def __init__(self, spec: MessageSpec) -> None:
+        raw = [
+            FlatField(f.name, _raw_kind(f), _FIRST_FIELD + 2 * i) for i, f in enumerate(spec.fields)
+        ]
+        scaled = [(i, f) for i, f in enumerate(spec.fields) if f.si_suffix is not None]
+        self.layout = FlatMessage(
+            spec.cls.__name__,
+            [
+                FlatField("t_us", Kind.FIXED32, _T_US),
+                FlatField("node", Kind.FIXED32, _NODE),
+                FlatField("bound_ns", Kind.FIXED64, _BOUND),
+                *raw,
+                *(
+                    FlatField(f"{f.name}{f.si_suffix}", Kind.DOUBLE, _FIRST_FIELD + 2 * i + 1)
+                    for i, f in scaled
+                ),
+            ],
+        )
+        # Plain gains where a value is always there: half the time of the checked form.
+        self._gains = [(i, f.si_gain, f.si_offset) for i, f in scaled]
+        self._sentinels = {i: f.none for i, f in scaled if f.none is not None}
+
+    def encode(self, record: DeviceMessage) -> bytes:
+        """Serialise one message."""
+        return self.layout.encode(self.values(record))
+
+    def values(self, record: DeviceMessage) -> list[Any]:
+        """One value for each field of the layout, None where it is absent."""
+        _, _, bound_ns, node, _, t_us, _, message = record
+        raw: tuple[Any, ...] = message  # type: ignore[assignment]  # what it is at run time
+        if self._sentinels or None in raw:
+            si = [self._si_or_none(raw[i], i, gain, offset) for i, gain, offset in self._gains]
+        else:
+            si = [raw[i] * gain + offset for i, gain, offset in self._gains]
+        return [t_us, node, bound_ns, *raw, *si]
+
+    def sources(self, head: tuple[int, int, int], raw: int) -> list[Source]:
+        """Where each field's value is in a row.
+
+        Args:
+            head: Columns of ``t_us``, ``node`` and ``bound_ns``.
+            raw: Column of the first of the wire's fields.
+
+        """
+        return [
+            *(whole(column) for column in head),
+            *(whole(raw + i) for i in range(len(self.layout.fields) - 3 - len(self._gains))),
+            *(scaled(raw + i, gain, offset) for i, gain, offset in self._gains),
+        ]
+
+    def _si_or_none(self, raw: int | None, index: int, gain: float, offset: float) -> float | None:
+        if raw is None or raw == self._sentinels.get(index):
+            return None
+        return raw * gain + offset
+
+
+def device_encoders(catalogue: Catalogue = CATALOGUE) -> dict[str, DeviceEncoder]:
+    """One encoder for every message of a catalogue, by the message's name."""
+    return {spec.name: DeviceEncoder(spec) for spec in catalogue}
+
+
+def catalogue_json(catalogue: Catalogue = CATALOGUE) -> str:
+    """Every declaration of the wire, as a log keeps it: enough to decode the raw bytes again."""
+    return json.dumps(
+        {
+            "protocol_version": PROTOCOL_VERSION,
+            "hash": f"{catalogue.hash:08x}",
+            "messages": [_message_json(spec) for spec in catalogue],
+        },
+        indent=1,
+    )
+
+
+def _message_json(spec: MessageSpec) -> dict[str, Any]:
+    return {
+        "type": spec.type_id,
+        "name": spec.name,
+        "direction": spec.direction.value,
+        "rate": spec.rate.value,
+        "default_hz": spec.default_hz,
+        "bootstrap": spec.bootstrap,
+        "doc": spec.doc,
+        "fields": [_field_json(field) for field in spec.fields],
+    }
+
+
+def _field_json(field: Field) -> dict[str, Any]:
+    return {
+        "name": field.name,
+        "wire": field.wire.name,
+        "unit": field.unit,
+        "scale": str(field.scale),
+        "offset": str(field.offset),
+        "low": field.low,
+        "high": field.high,
+        "none": field.none,
+        "values": {e.name.lower(): int(e) for e in field.enum} if field.enum else None,
+        "doc": field.doc,
+    }
+
+
+def _flat(name: str, **kinds: Kind) -> FlatMessage:
+    return FlatMessage(name, [FlatField(f, k, i) for i, (f, k) in enumerate(kinds.items(), 1)])
+
+
+RAW_BYTES = _flat("RawBytes", data=Kind.BYTES)
+"""``/raw/uart/rx`` and ``tx``: one read or write of the port, every byte as it was."""
+
+RAW_CAN = _flat("RawCan", outgoing=Kind.FIXED32, can_id=Kind.FIXED32, data=Kind.BYTES)
+"""``/raw/can``: one frame; the identifier has SocketCAN's flags in its top bits."""
+
+POSE_ESTIMATE = _flat(
+    "PoseEstimate",
+    x_m=Kind.DOUBLE,
+    y_m=Kind.DOUBLE,
+    theta_rad=Kind.DOUBLE,
+    v_m_s=Kind.DOUBLE,
+    yaw_rate_rad_s=Kind.DOUBLE,
+    covariance_xx=Kind.DOUBLE,
+    covariance_xy=Kind.DOUBLE,
+    covariance_x_theta=Kind.DOUBLE,
+    covariance_yy=Kind.DOUBLE,
+    covariance_y_theta=Kind.DOUBLE,
+    covariance_theta_theta=Kind.DOUBLE,
+    gyro_bias_rad_s=Kind.DOUBLE,
+    wheel_scale=Kind.DOUBLE,
+)
+"""``/pose/estimate``; covariances in m², m·rad and rad²."""
+
+COMMAND = _flat(
+    "Command",
+    v_m_s=Kind.DOUBLE,
+    yaw_rate_rad_s=Kind.DOUBLE,
+    target_v_m_s=Kind.DOUBLE,
+    target_yaw_rate_rad_s=Kind.DOUBLE,
+)
+"""``/cmd``: the velocity sent, and the one wanted before smoothing."""
+
+PLANNER_STATE = _flat(
+    "PlanState",
+    turn_count=Kind.SFIXED32,
+    lane_distance_m=Kind.DOUBLE,
+    previous_lane_distance_m=Kind.DOUBLE,
+    length_m=Kind.DOUBLE,
+    case=Kind.SFIXED32,
+    target_x_m=Kind.DOUBLE,
+    target_y_m=Kind.DOUBLE,
+    planner=Kind.STRING,
+    state=Kind.STRING,
+)
+"""``/planner``: T, D, Prev-D and Length of the paper; no target, no ``target_*`` fields."""
+
+EVENT = _flat(
+    "Event",
+    severity=Kind.STRING,
+    source=Kind.STRING,
+    kind=Kind.STRING,
+    text=Kind.STRING,
+    data_json=Kind.STRING,
+)
+"""``/events``."""
+
+CLOCK_SYNC = _flat(
+    "ClockSync",
+    offset_ns=Kind.SFIXED64,
+    drift_ppm=Kind.DOUBLE,
+    bound_ns=Kind.SFIXED64,
+    round_trip_ns=Kind.SFIXED64,
+    samples=Kind.FIXED32,
+    boot_id=Kind.FIXED32,
+)
+"""``/clock/sync``: Unix time less device time, and how well it is known."""
+
+
+_RAW_KEY = RAW_BYTES.fields[0].tag
+_RAW_HEADS = [_RAW_KEY + varint(size) for size in range(1024)]
+
+
+def encode_raw(data: bytes) -> bytes:
+    """``RawBytes``."""
+    try:
+        return _RAW_HEADS[len(data)] + data
+    except IndexError:
+        return _RAW_KEY + varint(len(data)) + data
+
+
+def encode_raw_can(record: RawCan) -> bytes:
+    """``RawCan``."""
+    return RAW_CAN.encode([int(record.outgoing), record.can_id, bytes(record.data)])
+
+
+def estimate_values(record: PoseRecord) -> tuple[float, ...]:
+    """Of ``PoseEstimate``: of the symmetric covariance, the upper triangle."""
+    _, pose, v_m_s, yaw_rate_rad_s, covariance, bias, scale = record
+    xx, xy, xt, _, yy, yt, _, _, tt = covariance
+    return (*pose, v_m_s, yaw_rate_rad_s, xx, xy, xt, yy, yt, tt, bias, scale)
+
+
+def encode_planner(record: PlannerRecord) -> bytes:
+    """``PlanState``."""
+    state = record.state
+    target_x_m, target_y_m = state.target or (None, None)
+    return PLANNER_STATE.encode(
+        [
+            state.turn_count,
+            state.lane_distance_m,
+            state.previous_lane_distance_m,
+            state.length_m,
+            state.case,
+            target_x_m,
+            target_y_m,
+            record.planner,
+            str(state.state),
+        ]
+    )
+
+
+def encode_event(record: EventRecord) -> bytes:
+    """``Event``; values that JSON has no form for are written as their text."""
+    data = json.dumps(record.data, default=str, sort_keys=True)
+    return EVENT.encode([record.severity.value, record.source, record.kind, record.text, data])
+
+
+def encode_clock(record: ClockRecord) -> bytes:
+    """``ClockSync``."""
+    return CLOCK_SYNC.encode(list(record[1:]))

@@ -1,0 +1,336 @@
+"""A run's log: every record to its topics in one MCAP file."""
+
+from __future__ import annotations
+
+import json
+import platform
+from typing import TYPE_CHECKING, Any
+
+from bridge.config import parse_robot
+from bridge.record.encode import foxglove, ros, schemas
+from bridge.record.encode.device_topics import DeviceTopics
+from bridge.record.encode.occupancy_grid import rasterise
+from bridge.record.encode.rows import Head, RowMessage, half_angle, proto_stamp, real, rehearse
+from bridge.record.errors import LogWriteError
+from bridge.record.mcap_file import ChunkedFile
+from bridge.record.names import (
+    CATALOGUE_ATTACHMENT,
+    DEVICE_METADATA,
+    METADATA,
+    ROBOT_ATTACHMENT,
+    ROOM_ATTACHMENT,
+    SUMMARY_ATTACHMENT,
+)
+from bridge.record.storage import open_log_file
+from bridge.session.records import (
+    ClockRecord,
+    CommandRecord,
+    CoverageRecord,
+    DeviceMessage,
+    EventRecord,
+    IdentityRecord,
+    LogRecord,
+    PlannerRecord,
+    PoseRecord,
+    RawBytes,
+    RawCan,
+    RoomRecord,
+    TruthRecord,
+)
+from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from bridge.record.encode.descriptors import MessageType
+    from bridge.record.encode.layout import FlatMessage
+    from bridge.record.encode.ros import RosTopic
+    from bridge.record.encode.rows import Rows
+    from bridge.record.mcap_file import LogOpener
+    from bridge.session.records import Record, RunInfo
+
+_LOGGED = Head(1, 1)
+"""Log and publish time in the one integer that follows a row's place."""
+_PLANAR = (proto_stamp(1), real(0), real(1), *half_angle(2))
+"""A pose whose x, y and yaw are a row's first floats."""
+
+
+class RunWriter:
+    """Writes a run as it happens; what is older than a chunk survives a kill.
+
+    Not for several threads at once. ``write`` raises :class:`LogWriteError` as soon as the
+    file cannot be written, and again for every record after it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        info: RunInfo,
+        *,
+        force: bool = False,
+        opener: LogOpener = open_log_file,
+    ) -> None:
+        """Create the file and write what it says of itself first.
+
+        Raises:
+            LogExistsError: the file exists and ``force`` is not set.
+            LogWriteError: it cannot be opened or written.
+            ConfigError: ``info.robot_toml`` is no robot file.
+
+        """
+        model = parse_robot(info.robot_toml)
+        rehearse()
+        self.path = path
+        library = f"sweepctl {info.version}"
+        self._file = ChunkedFile(path, force=force, library=library, opener=opener)
+        self._ros = ros.RosTranslator(model)
+        self._ros_channels: dict[str, int] = {}
+        self._device: dict[str, DeviceTopics] = {}
+        self._rows: dict[type, Rows] = {}
+        self._flat_channels: dict[str, int] = {}
+        self._foxglove_channels: dict[str, int] = {}
+        begun_ns = info.opened_unix_ns if info.begun_unix_ns is None else info.begun_unix_ns
+        self._last_ns = begun_ns
+        try:
+            self._write_head(info)
+        except LogWriteError:
+            self._file.finish()
+            if not force:  # it is ours, and says nothing
+                path.unlink(missing_ok=True)
+            raise
+        for name, mount in (
+            ("front", model.ultrasonic),
+            ("left", model.infrared_left),
+            ("right", model.infrared_right),
+        ):
+            data = foxglove.mount(begun_ns, name, mount)
+            self._add_foxglove("/tf_static", foxglove.FRAME_TRANSFORM, begun_ns, data)
+        self._handlers: dict[type, Callable[[Any], None]] = {
+            RawBytes: self._raw,
+            RawCan: self._raw_can,
+            DeviceMessage: self._device_message,
+            PoseRecord: self._pose,
+            TruthRecord: self._truth,
+            CommandRecord: self._command,
+            PlannerRecord: self._planner,
+            EventRecord: self._event,
+            LogRecord: self._log,
+            ClockRecord: self._clock,
+            CoverageRecord: self._coverage,
+            RoomRecord: self._room,
+            IdentityRecord: self._identity,
+        }
+
+    def write(self, record: Record) -> None:
+        """Record one thing on the topics that it belongs to.
+
+        Raises:
+            LogWriteError: the file cannot be written, now or since an earlier record.
+
+        """
+        if self._file.failure is not None:
+            raise self._file.failure
+        self._last_ns = record[0]
+        if record.__class__ is DeviceMessage:  # two of five, and the dearest
+            topics = self._device.get(record[6])
+            if topics is not None:
+                topics.write(record)
+                return
+        self._handlers[record.__class__](record)
+
+    @property
+    def bytes_written(self) -> int:
+        """Length of the file by now."""
+        return self._file.offset
+
+    def flush(self) -> None:
+        """Hand everything so far to the operating system: for when nothing more may come soon.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        self._file.flush()
+
+    def close(self, summary: Mapping[str, Any] | None = None) -> None:
+        """Attach the summary and close the file whole; again is no error.
+
+        After a failed write it does what can still be done, without raising for it again.
+
+        Raises:
+            LogWriteError: the end could not be written; what came before it is readable.
+
+        """
+        if self._file.closed:
+            return
+        try:
+            if summary is not None and self._file.failure is None:
+                data = json.dumps(dict(summary), indent=2, default=str).encode()
+                self._file.add_attachment(
+                    SUMMARY_ATTACHMENT, "application/json", data, self._last_ns
+                )
+        finally:
+            self._file.finish()
+
+    # ---- first in the file
+
+    def _write_head(self, info: RunInfo) -> None:
+        def attach(name: str, media_type: str, text: str) -> None:
+            self._file.add_attachment(name, media_type, text.encode(), info.opened_unix_ns)
+
+        attach(ROBOT_ATTACHMENT, "application/toml", info.robot_toml)
+        if info.plan is not None:
+            attach(ROOM_ATTACHMENT, "application/json", info.plan.to_json())
+        attach(CATALOGUE_ATTACHMENT, "application/json", schemas.catalogue_json())
+        own = {
+            "version": info.version,
+            "python": platform.python_version(),
+            "protocol_version": str(PROTOCOL_VERSION),
+            "catalogue_hash": f"{CATALOGUE.hash:08x}",
+            "port": info.port,
+            "planner": info.planner,
+            "opened_unix_ns": str(info.opened_unix_ns),
+            "clock_offset_ns": str(info.clock_offset_ns),
+        }
+        if info.seed is not None:
+            own["seed"] = str(info.seed)
+        self._file.add_metadata(METADATA, {**info.extra, **own})
+
+    # ---- one for each kind of record
+
+    def _raw(self, record: RawBytes) -> None:
+        log_ns, outgoing, data = record
+        topic = "/raw/uart/tx" if outgoing else "/raw/uart/rx"
+        channel = self._flat_channels.get(topic)
+        if channel is None:
+            channel = self._flat_channel(topic, schemas.RAW_BYTES)
+        self._file.add_message(channel, log_ns, log_ns, 0, schemas.encode_raw(data))
+
+    def _raw_can(self, record: RawCan) -> None:
+        data = schemas.encode_raw_can(record)
+        self._add_flat("/raw/can", schemas.RAW_CAN, record.log_ns, data)
+
+    def _device_message(self, record: DeviceMessage) -> None:
+        """The first of its type; those that follow go straight to its topics."""
+        cls = type(record.message)
+        topics = self._device[record.name] = DeviceTopics(
+            self._file, CATALOGUE.spec(cls), self._ros.form(cls), self._ros_topic
+        )
+        topics.write(record)
+
+    def _pose(self, record: PoseRecord) -> None:
+        rows = self._rows.get(PoseRecord)
+        if rows is None:
+            pose = self._foxglove_channel("/pose", foxglove.POSE_IN_FRAME)
+            estimate = self._flat_channel("/pose/estimate", schemas.POSE_ESTIMATE)
+            transform = self._foxglove_channel("/tf", foxglove.FRAME_TRANSFORM)
+            values = [real(column) for column in range(len(schemas.POSE_ESTIMATE.fields))]
+            rows = self._rows[PoseRecord] = self._file.rows(
+                2,
+                len(values),
+                (
+                    RowMessage(pose, _LOGGED, foxglove.POSE_PARTS, _PLANAR),
+                    RowMessage(estimate, _LOGGED, schemas.POSE_ESTIMATE.all_parts, values),
+                    RowMessage(transform, _LOGGED, foxglove.TRANSFORM_PARTS, _PLANAR),
+                ),
+            )
+        log_ns = record[0]
+        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        rows.ints.extend((place, log_ns))
+        rows.floats.extend(schemas.estimate_values(record))
+
+    def _truth(self, record: TruthRecord) -> None:
+        rows = self._rows.get(TruthRecord)
+        if rows is None:
+            channel = self._foxglove_channel("/truth/pose", foxglove.POSE_IN_FRAME)
+            message = RowMessage(channel, _LOGGED, foxglove.POSE_PARTS, _PLANAR)
+            rows = self._rows[TruthRecord] = self._file.rows(2, 3, (message,))
+        log_ns, pose = record
+        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        rows.ints.extend((place, log_ns))
+        rows.floats.extend(pose)
+
+    def _command(self, record: CommandRecord) -> None:
+        rows = self._rows.get(CommandRecord)
+        if rows is None:
+            channel = self._flat_channel("/cmd", schemas.COMMAND)
+            values = [real(column) for column in range(len(schemas.COMMAND.fields))]
+            message = RowMessage(channel, _LOGGED, schemas.COMMAND.all_parts, values)
+            rows = self._rows[CommandRecord] = self._file.rows(2, len(values), (message,))
+        log_ns = record[0]
+        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        rows.ints.extend((place, log_ns))
+        rows.floats.extend(record[1:])
+
+    def _planner(self, record: PlannerRecord) -> None:
+        data = schemas.encode_planner(record)
+        self._add_flat("/planner", schemas.PLANNER_STATE, record.log_ns, data)
+
+    def _event(self, record: EventRecord) -> None:
+        self._add_flat("/events", schemas.EVENT, record.log_ns, schemas.encode_event(record))
+
+    def _log(self, record: LogRecord) -> None:
+        self._add_foxglove("/log", foxglove.LOG, record.log_ns, foxglove.log(record))
+
+    def _clock(self, record: ClockRecord) -> None:
+        data = schemas.encode_clock(record)
+        self._add_flat("/clock/sync", schemas.CLOCK_SYNC, record.log_ns, data)
+
+    def _coverage(self, record: CoverageRecord) -> None:
+        self._add_grid("/map/coverage", record)
+
+    def _room(self, record: RoomRecord) -> None:
+        self._add_grid("/map/room", rasterise(record.plan, record.log_ns))
+
+    def _identity(self, record: IdentityRecord) -> None:
+        device = {
+            "node": str(record.node),
+            "uid": record.uid.hex(),
+            "boot_id": f"{record.boot_id:08x}",
+            "session_id": f"{record.session_id:08x}",
+            "reset_cause": record.reset_cause,
+            "firmware": record.firmware,
+            "catalogue_hash": f"{record.catalogue_hash:08x}",
+            "log_ns": str(record.log_ns),
+        }
+        self._file.add_metadata(DEVICE_METADATA, device)
+
+    # ---- channels, declared when they are first used
+
+    def _add_flat(self, topic: str, layout: FlatMessage, log_ns: int, data: bytes) -> None:
+        channel = self._flat_channels.get(topic)
+        if channel is None:
+            channel = self._flat_channel(topic, layout)
+        self._file.add_message(channel, log_ns, log_ns, 0, data)
+
+    def _add_foxglove(self, topic: str, message: MessageType, log_ns: int, data: bytes) -> None:
+        channel = self._foxglove_channel(topic, message)
+        self._file.add_message(channel, log_ns, log_ns, 0, data)
+
+    def _foxglove_channel(self, topic: str, message: MessageType) -> int:
+        channel = self._foxglove_channels.get(topic)
+        if channel is None:
+            channel = self._file.add_channel(topic, "protobuf", foxglove.schema(message))
+            self._foxglove_channels[topic] = channel
+        return channel
+
+    def _ros_topic(self, topic: RosTopic) -> int:
+        return self._ros_channel(topic.name, topic.type_name)
+
+    def _add_grid(self, topic: str, record: CoverageRecord) -> None:
+        channel = self._ros_channel(topic, ros.OCCUPANCY_GRID)
+        data = ros.occupancy_grid(record)
+        self._file.add_message(channel, record.log_ns, record.log_ns, 0, data)
+
+    def _flat_channel(self, topic: str, layout: FlatMessage) -> int:
+        schema = (layout.full_name, "protobuf", layout.descriptor_set())
+        channel = self._flat_channels[topic] = self._file.add_channel(topic, "protobuf", schema)
+        return channel
+
+    def _ros_channel(self, topic: str, type_name: str) -> int:
+        channel = self._ros_channels.get(topic)
+        if channel is None:
+            schema = (type_name, "ros2msg", ros.schema_text(type_name).encode())
+            channel = self._ros_channels[topic] = self._file.add_channel(topic, "cdr", schema)
+        return channel

@@ -1,0 +1,1 @@
+"""A recorded robot that answers like a live one."""

@@ -1,0 +1,268 @@
+"""A recorded robot that answers: what it sent comes again at its time, on a serial line.
+
+Sans-I/O. Telemetry and damaged bytes are those of the log, payloads and stamps untouched;
+what belongs to a conversation (hello, time, acknowledgements) is made anew for the host that
+is there now. It cannot be driven: commands that would move or change it are refused.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from bridge.convert.redecode import RAW_TOPICS, in_order, wire_records
+from bridge.record.errors import LogReadError
+from protocol.can.link import CanLink
+from protocol.clock import DeviceUs, HostNs, extend_us
+from protocol.link import Link, Received, addresses
+from protocol.messages import (
+    Ack,
+    Challenge,
+    ClearStop,
+    Describe,
+    DescribeReply,
+    Encoders,
+    Hello,
+    HostHello,
+    Imu,
+    Nack,
+    ParameterValue,
+    Power,
+    Range,
+    Status,
+    Stop,
+    TimeReply,
+    TimeRequest,
+)
+from protocol.schema.agreement import describe
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import Direction
+from protocol.uart.framing import DamagedFrame
+from protocol.values import NackReason
+
+if TYPE_CHECKING:
+    from bridge.convert.redecode import WireRecord
+    from bridge.record.reader import LogReader
+    from protocol.link import LinkBase
+    from protocol.schema.message import Message
+
+_CONVERSATION = (Hello, DescribeReply, Ack, Nack, TimeReply, ParameterValue, Challenge)
+_NOBODY = Hello(CATALOGUE.hash, bytes(12), 1, 0, 0, 0, 0, 0, 0, "recorded")
+"""Of a capture that began later than the conversation."""
+_STANDING = (Status, Encoders, Imu, Range, Power)
+"""What is repeated after the recording's end: a robot that stands still."""
+_HELLO_NS = 1_000_000_000
+_STANDING_NS = 50_000_000
+_WRAP_US = 1 << 32
+_BEFORE_US = 60_000_000
+"""By this much the stamps before the playing lie before the recording's first moment.
+
+When it will begin is not known then. A stamp that is too early bounds the clock loosely; one
+that is too late would be a clock that jumps as the playing begins.
+"""
+
+
+class Played(NamedTuple):
+    """One thing that the robot sent."""
+
+    log_ns: int
+    node: int
+    type_id: int
+    t_us: int
+    """Wraps undone."""
+    payload: bytes
+    """Of a frame; of damaged bytes, those themselves."""
+    is_damaged: bool
+
+
+class Recording(NamedTuple):
+    """What a robot sent, and who it was."""
+
+    hello: Hello
+    node: int
+    played: list[Played]
+    duration_s: float
+
+
+def load(reader: LogReader) -> Recording:
+    """Read a log's received bytes.
+
+    Raises:
+        LogReadError: it holds none.
+
+    """
+    loader = _Loader()
+    for record in sorted(wire_records(reader.messages(RAW_TOPICS)), key=in_order):
+        if not record.outgoing:
+            loader.take(record)
+    if not loader.played:
+        raise LogReadError(reader.path, "it holds no raw bytes of a robot")
+    first, last = loader.played[0], loader.played[-1]
+    duration_s = (last.log_ns - first.log_ns) / 1e9
+    return Recording(loader.hello or _NOBODY, loader.node, loader.played, duration_s)
+
+
+class _Loader:
+    def __init__(self) -> None:
+        self.hello: Hello | None = None
+        self.node = 1
+        self.played: list[Played] = []
+        self._known: DeviceUs | None = None
+        self._link: LinkBase | None = None
+
+    def take(self, record: WireRecord) -> None:
+        if self._link is None:
+            self._link = CanLink(Direction.HOST) if record.is_can else Link(Direction.HOST)
+        for event in self._link.receive(record.data, record.log_ns // 1000):
+            if isinstance(event, DamagedFrame):
+                stamp = self._known or 0
+                self.played.append(Played(record.log_ns, 0, 0, stamp, event.data, is_damaged=True))
+            elif isinstance(event, Received):
+                self._message(event, record.log_ns)
+
+    def _message(self, received: Received, log_ns: int) -> None:
+        message, frame, spec = received
+        stamp = DeviceUs(frame.t_us) if self._known is None else extend_us(self._known, frame.t_us)
+        self._known = stamp
+        if isinstance(message, Hello):
+            self.hello, self.node = self.hello or message, frame.node
+        elif not isinstance(message, _CONVERSATION):
+            assert self._link is not None  # noqa: S101 - it gave the message
+            payload = self._link.codec.encode(message)[1]
+            self.played.append(
+                Played(log_ns, frame.node, spec.type_id, stamp, payload, is_damaged=False)
+            )
+
+
+class ReplayDevice:
+    """The device's end of a line, playing a recording once a host has agreed."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.session_id = 0
+        """Of the host that has agreed; 0: none."""
+        self._link = Link(Direction.DEVICE)
+        self._first_ns = recording.played[0].log_ns
+        # Its clock, by the time since the beginning: no stamp may lie in the future.
+        self._clock_us = max(p.t_us - (p.log_ns - self._first_ns) // 1000 for p in recording.played)
+        self._begun_ns: HostNs | None = None
+        self._opened_ns: HostNs | None = None
+        self._next = 0
+        self._hello_ns = 0
+        self._standing_ns = 0
+        self._out = bytearray()
+        self._last = {p.type_id: p for p in recording.played if not p.is_damaged}
+
+    @property
+    def is_over(self) -> bool:
+        """Everything was played."""
+        return self._next >= len(self.recording.played)
+
+    def receive(self, data: bytes, now_ns: HostNs) -> None:
+        """Take what the host sends."""
+        for event in self._link.receive(data):
+            if isinstance(event, Received) and addresses(
+                event.frame, event.spec, self.recording.node
+            ):
+                self._answer(event.message, now_ns)
+
+    def poll(self, now_ns: HostNs) -> None:
+        """Send what is due."""
+        if self._opened_ns is None:
+            self._opened_ns = now_ns
+        if self._begun_ns is None:
+            if now_ns >= self._hello_ns:
+                self._hello_ns = now_ns + _HELLO_NS
+                self._send_hello(now_ns)
+            return
+        played, at_ns = self.recording.played, now_ns - self._begun_ns + self._first_ns
+        while self._next < len(played) and played[self._next].log_ns <= at_ns:
+            self._play(played[self._next])
+            self._next += 1
+            self._standing_ns = now_ns + _STANDING_NS
+        if self.is_over and now_ns >= self._standing_ns:
+            self._standing_ns = now_ns + _STANDING_NS
+            self._stand(now_ns)
+
+    def next_deadline(self) -> HostNs:
+        """When :meth:`poll` has work next."""
+        if self._begun_ns is None:
+            return HostNs(self._hello_ns)
+        if self.is_over:
+            return HostNs(self._standing_ns)
+        due_ns = self.recording.played[self._next].log_ns - self._first_ns
+        return HostNs(self._begun_ns + due_ns)
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the line."""
+        self._drain()
+        data = bytes(self._out)
+        self._out.clear()
+        return data
+
+    # ---- inside ---------------------------------------------------------------------------
+
+    def _device_us(self, now_ns: HostNs) -> int:
+        """The device's clock, as it goes on the wire."""
+        if self._begun_ns is None:
+            return (self._clock_us - _BEFORE_US) % _WRAP_US
+        return (self._clock_us + (now_ns - self._begun_ns) // 1000) % _WRAP_US
+
+    def _drain(self) -> None:
+        self._out += self._link.data_to_send()
+
+    def _play(self, played: Played) -> None:
+        if played.is_damaged:
+            self._drain()
+            # Between delimiters, so that it damages no neighbour that was whole.
+            self._out += b"\0" + played.payload.replace(b"\0", b"\1") + b"\0"
+        else:
+            stamp = played.t_us % _WRAP_US
+            self._link.send_payload(played.type_id, played.payload, stamp, played.node)
+
+    def _stand(self, now_ns: HostNs) -> None:
+        """Repeat the last of each kind: the robot is there and does not move."""
+        stamp = self._device_us(now_ns)
+        for message in _STANDING:
+            last = self._last.get(CATALOGUE.spec(message).type_id)
+            if last is not None:
+                self._link.send_payload(last.type_id, last.payload, stamp, last.node)
+
+    def _send(self, message: Message, now_ns: HostNs) -> None:
+        stamp = self._device_us(now_ns)
+        self._link.send(message, stamp, node=self.recording.node)
+
+    def _send_hello(self, now_ns: HostNs) -> None:
+        # Messages are encoded by our own catalogue, whatever the recorded device's was.
+        _, uid, boot_id, _, *others = tuple(self.recording.hello)
+        self._send(Hello(CATALOGUE.hash, uid, boot_id, self.session_id, *others), now_ns)
+
+    def _answer(self, message: Message, now_ns: HostNs) -> None:
+        match message:
+            case HostHello():
+                self.session_id = message.session_id
+                self._send_hello(now_ns)
+                if message.agreed and self._begun_ns is None:
+                    self._begun_ns = now_ns
+            case TimeRequest():
+                self._send(TimeReply(message.ping, self._device_us(now_ns)), now_ns)
+            case Describe():
+                self._send(describe(CATALOGUE, message), now_ns)
+            case Stop() | ClearStop():
+                type_id = CATALOGUE.spec(type(message)).type_id
+                self._send(Ack(message.command_id, type_id), now_ns)
+            case _:
+                command_id = getattr(message, "command_id", None)
+                if command_id is not None:
+                    type_id = CATALOGUE.spec(type(message)).type_id
+                    refusal = Nack(command_id, type_id, NackReason.UNSUPPORTED)
+                    self._send(refusal, now_ns)
+
+
+def replay_device(reader: LogReader) -> ReplayDevice:
+    """A device out of a log.
+
+    Raises:
+        LogReadError: it holds no raw bytes of a robot.
+
+    """
+    return ReplayDevice(load(reader))

@@ -1,0 +1,1 @@
+"""One robot's run, sans-I/O: state, mission, supervision and summary."""

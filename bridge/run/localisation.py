@@ -1,0 +1,73 @@
+"""What a robot's samples say of it: its newest state, and where it is by our estimate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.motion.estimation.estimator import PoseEstimator
+from bridge.motion.estimation.relocalise import Relocaliser
+from bridge.run.robot_state import RobotState
+from protocol.values import Contact
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+    from protocol.clock import DeviceUs, HostNs
+    from protocol.messages import Encoders, Imu, Range, TimeReply
+    from protocol.schema.message import Message
+
+
+class HostSenses:
+    """The part of a host that listens to sensors."""
+
+    def __init__(self, model: RobotModel, start: Pose2) -> None:
+        self.model = model
+        self.state = RobotState()
+        self.estimator = PoseEstimator(model, start)
+        self.encoders_us = 0
+        """Device time of the newest encoder sample: the estimate's position is of then."""
+        self._walls = Relocaliser(model, self.estimator)
+
+    def _booted(self) -> None:
+        """Its clock and its wheel counts began anew; the robot has not moved for that."""
+        self.estimator = PoseEstimator(self.model, self.estimator.pose)
+        self._walls = Relocaliser(self.model, self.estimator)
+
+    def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
+        self.state.take(message, device_us, now_ns / 1e9)
+
+    def _time_reply(self, message: TimeReply, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+        self.state.times.hear(device_us, now_ns / 1e9)
+
+    def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
+        if not self.state.take(message, device_us, now_ns / 1e9):
+            return
+        self.estimator.on_imu(
+            device_us * 1e-6,
+            message.gyro_z_rad_s,
+            message.accel_x_m_s2,
+            message.accel_y_m_s2,
+            message.temperature_deg_c,
+        )
+
+    def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
+        if not self.state.take(message, device_us, now_ns / 1e9):
+            return
+        self.encoders_us = device_us
+        self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
+
+    @property
+    def heading_doubt_rad(self) -> float:
+        """Standard deviation of the heading against the walls found square; 0: there are none."""
+        return self._walls.walls.heading_doubt_rad
+
+    def _see_walls(self, message: Range, device_us: DeviceUs) -> None:
+        """Let walls that are seen again correct the estimate."""
+        self._walls.update(
+            message.ultrasonic_m,
+            message.infrared_left_m,
+            message.infrared_right_m,
+            bumper_left=bool(message.contacts & Contact.BUMPER_LEFT),
+            bumper_right=bool(message.contacts & Contact.BUMPER_RIGHT),
+            t_s=device_us * 1e-6,
+        )

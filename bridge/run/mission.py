@@ -1,0 +1,528 @@
+"""One run with motion: from asking leave to move, through the plan, to an orderly end.
+
+Pure: it is told the time, the session's news and an observation, and answers with requests.
+Nothing moves unless the device has confirmed every step before it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from bridge.motion.observation import HALT, Observation, VelocityCommand
+from bridge.remedies import Remedy
+from bridge.run.refusals import refusal, refusal_remedy
+from bridge.run.robot_state import NEEDS
+from bridge.run.runner import hold, release
+from protocol.messages import ClearStop, SetMode, Status, Stop
+from protocol.values import Mode, NackReason, StopCause, label, latched_cause
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bridge.run.runner import Runner
+    from bridge.session.round_trip import LinkTrouble
+    from protocol.commands import Outcome
+    from protocol.schema.message import Message
+
+SETTLE_S = 2.5
+"""At rest before the first move: the gyro's bias is averaged over 250 samples."""
+DATA_TIMEOUT_S = 3.0
+"""For the first status, and after settling for the data that driving needs: thirty periods."""
+END_TIMEOUT_S = 1.0
+SLOW_LIMIT_S = 4.0
+"""Time for which the link may be too slow before a run's first move, s: both ends may be held up
+while they start, on a busy machine for seconds. Nothing moves meanwhile."""
+LOST_TIMEOUT_S = 30.0
+
+
+class Resume(Enum):
+    """What becomes of a run with motion whose device was lost and is back."""
+
+    NEVER = "never"
+    """It ends."""
+    ASK = "ask"
+    """It holds until a person says to go on, and ends where nobody does."""
+    AUTO = "auto"
+    """It goes on by itself; for simulated runs, which hurt nobody."""
+
+
+class Phase(Enum):
+    """Where the run stands."""
+
+    WAITING = "waiting"
+    """For the session and the first status."""
+    CLEARING = "clearing"
+    ENABLING = "enabling"
+    SETTLING = "settling"
+    DRIVING = "driving"
+    HOLDING = "holding"
+    """The device is lost."""
+    ENDING = "ending"
+    """A stop is on its way."""
+    DONE = "done"
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a run ended."""
+
+    outcome: str
+    """``complete``, ``timeout``, ``stopped`` or ``fault``."""
+    reason: str
+    exit_status: int
+    cause: StopCause = StopCause.SESSION_END
+    """What is latched on the device for it."""
+    latched: StopCause = StopCause.NONE
+    """What the device has latched by itself, where that ended the run."""
+    remedy: Remedy | None = None
+    """What the caller can do, where something can be done."""
+
+    @property
+    def gravity(self) -> StopCause:
+        """The cause by which this end is judged: the graver of the host's and the device's."""
+        return max(self.cause, self.latched)
+
+    def outranks(self, other: Ending | None) -> bool:
+        """Whether this end takes the place of another one that it coincides with.
+
+        The order of gravity is the protocol's (:func:`protocol.values.by_gravity`), here as on
+        the device. Of two causes of equal gravity the first one stays.
+        """
+        return other is None or self.gravity > other.gravity
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What the run asks of the session: ``clear``, ``mode``, ``planner`` or ``stop``."""
+
+    kind: str
+    value: int
+    """A stop's cause, a mode, or what the device's own planner is to do."""
+    planner: int = 0
+    """Which of the device's own planners."""
+
+
+_BEFORE_MOTION = {Phase.WAITING, Phase.CLEARING, Phase.ENABLING, Phase.SETTLING}
+
+
+def _too_slow(link: LinkTrouble) -> Ending:
+    """End a run whose link does not allow motion."""
+    return Ending("stopped", link.text, 5, StopCause.LINK)
+
+
+class Mission:
+    """The phases of a run; without a plan it only watches."""
+
+    def __init__(
+        self,
+        runner: Runner | None,
+        *,
+        clear_stop: bool = False,
+        max_time_s: float | None = None,
+        settle_s: float = SETTLE_S,
+        resume: Resume = Resume.NEVER,
+    ) -> None:
+        """``clear_stop`` allows causes other than an orderly end to be cleared.
+
+        ``resume`` says what becomes of the run after a loss.
+        """
+        self.runner = runner
+        self.phase = Phase.WAITING
+        self.ending: Ending | None = None
+        self.drive_started_s: float | None = None
+        self.drive_ended_s: float | None = None
+        self.stop_cause = StopCause.NONE
+        """The gravest cause whose stop this run has asked for at its end."""
+        self.confirmed = StopCause.NONE
+        """The gravest cause whose stop the device has acknowledged at this run's end."""
+        self.signed = False
+        """What is asked for is signed with a key, which may be another than the device's."""
+        self.link: LinkTrouble | None = None
+        """Why nothing may move over the link now; the host sets it at each control step."""
+        self.asking = False
+        """The device is back, and a person is asked whether to go on."""
+        self._resume = resume
+        self._resumed = False
+        """Somebody said so: the stop that the loss has latched may be cleared."""
+        self._clear_any = clear_stop
+        self._max_time_s = max_time_s
+        self._settle_s = settle_s
+        self._since_s = 0.0
+        self._asked_s: float | None = None
+        """Since when there is a plan that waits for the device's status."""
+        self._slow_s: float | None = None
+        """Since when the link is too slow for a first move."""
+        self._ready = False
+        self._was_ready = False
+        self._latched = False
+        """The newest status of the device shows a latched stop."""
+        self.pending: list[Request] = []
+        """What :meth:`requests` would give: asked at every turn of a loop."""
+
+    @property
+    def _drives_in(self) -> Mode | None:
+        """Mode in which the device must be while the run drives; None: it may change it."""
+        return Mode.VELOCITY
+
+    @property
+    def needs(self) -> Mapping[type[Message], float]:
+        """Streams that the run depends on now, with the age (s) at which a sample is stale."""
+        return NEEDS
+
+    @property
+    def done(self) -> bool:
+        """True when nothing is left to do."""
+        return self.phase is Phase.DONE
+
+    @property
+    def under_way(self) -> bool:
+        """True from the first move until the run has ended."""
+        return self.drive_started_s is not None and not self.done
+
+    @property
+    def ends_s(self) -> float | None:
+        """When a run that lost its device ends by itself; None: it does not hold."""
+        return self._since_s + LOST_TIMEOUT_S if self.phase is Phase.HOLDING else None
+
+    def start(self, runner: Runner, *, clear_stop: bool = False) -> None:
+        """Give a run that only watched something to do; begins with the next status."""
+        if self.runner is None and self.phase is Phase.WAITING:
+            self.runner = runner
+            self._clear_any = clear_stop
+
+    @property
+    def stop_confirmed(self) -> bool:
+        """True when the device has acknowledged the stop of the gravest cause that came up."""
+        return self.ending is not None and self.confirmed >= self.stop_cause
+
+    def requests(self) -> list[Request]:
+        """Fetch and forget what the session should do."""
+        requests = self.pending
+        if requests:
+            self.pending = []
+            return requests
+        return []
+
+    # ---- news -----------------------------------------------------------------------------
+
+    def on_ready(self, now_s: float) -> None:
+        """The session has agreed with a device."""
+        self._ready, self._latched = True, False
+        self._slow_s = None
+        if self._was_ready and self.runner is not None and self.ending is None:
+            self._back(now_s)
+            return
+        self._was_ready = True
+        if self.phase in {Phase.HOLDING, Phase.WAITING}:
+            self._go(Phase.WAITING, now_s)
+
+    def _back(self, now_s: float) -> None:
+        """The device that a run depends on is there again, and stands."""
+        if self._resume is Resume.NEVER:
+            ending = Ending("stopped", "the device was lost and is back; look, then start anew", 5)
+            self._end(now_s, ending)
+        elif self._resume is Resume.ASK:
+            self._go(Phase.HOLDING, now_s)
+            self.asking = True
+        else:
+            self._resumed = True
+            self._go(Phase.WAITING, now_s)
+
+    def resume(self, now_s: float) -> bool:
+        """Go on after a loss: a person has looked. False where nothing was asked."""
+        if not (self.asking and self._ready and self.phase is Phase.HOLDING):
+            return False
+        self.asking, self._resumed = False, True
+        self._go(Phase.WAITING, now_s)
+        return True
+
+    def on_lost(self, now_s: float) -> None:
+        """The device fell silent or forgot us."""
+        self._ready = self.asking = False
+        if self.phase is Phase.ENDING:
+            self._unconfirmed()
+            self._finish(now_s)
+        elif self.phase is Phase.DONE:
+            return
+        elif self._was_ready:
+            if self.phase is Phase.DRIVING:
+                hold(self.runner)
+            self._go(Phase.HOLDING, now_s)
+
+    def on_failed(
+        self, text: str, exit_status: int, now_s: float, remedy: Remedy | None = None
+    ) -> None:
+        """The session cannot go on."""
+        if self.ending is None:
+            self.ending = Ending("fault", text, exit_status, remedy=remedy)
+            if self.under_way:
+                self._unconfirmed()
+        self._finish(now_s)
+
+    def on_status(self, status: Status, now_s: float) -> None:
+        """The device's own account of itself."""
+        self._latched = status.stop_cause != StopCause.NONE
+        if self.runner is None or not self._ready:
+            return
+        cause = status.stop_cause
+        if self.phase is Phase.WAITING:
+            if self._may_start:
+                self._start(cause, now_s)
+        elif self.phase in {Phase.SETTLING, Phase.DRIVING} and cause != StopCause.NONE:
+            name = label(StopCause, cause)
+            text = f"the device latched a stop (cause: {name})"
+            self._end(
+                now_s, Ending("stopped", text, 5, latched=latched_cause(StopCause.NONE, cause))
+            )
+        elif self.phase is Phase.DRIVING and self._drives_in is not None:
+            self._check_mode(status.mode, self._drives_in, now_s)
+
+    def _check_mode(self, mode: int, wanted: Mode, now_s: float) -> None:
+        """End a drive whose device is in another mode than the one that it acknowledged."""
+        if mode != wanted:
+            found, needed = label(Mode, mode), label(Mode, wanted)
+            text = f"the device is in mode {found}, and the run needs {needed}"
+            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+
+    def on_command(self, outcome: Outcome, now_s: float) -> None:
+        """A command of ours ended."""
+        message = outcome.message
+        if isinstance(message, Stop):
+            self._stopped(message.cause, now_s, accepted=outcome.accepted)
+            return
+        if self.phase not in {Phase.CLEARING, Phase.ENABLING}:
+            return
+        if not outcome.accepted:
+            what = "clear stop" if isinstance(message, ClearStop) else "velocity mode"
+            if outcome.reason is None:
+                hint = "; is this the key that it has?" if self.signed else ""
+                ending = Ending("fault", f"the device did not answer {what}{hint}", 4)
+            else:
+                text = f"the device refused {what}: {refusal(outcome.reason)}"
+                stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}
+                ending = Ending("stopped", text, 5) if stopped else Ending("fault", text, 4)
+                ending = replace(ending, remedy=refusal_remedy(outcome.reason))
+            self._end(now_s, ending)
+        elif isinstance(message, ClearStop):
+            self._enable(now_s)
+        elif isinstance(message, SetMode):
+            self._go(Phase.SETTLING, now_s)
+
+    def _stopped(self, cause: int, now_s: float, *, accepted: bool) -> None:
+        """The device's answer to a stop; that of a lesser cause than the end's ends nothing."""
+        if accepted:
+            self.confirmed = latched_cause(self.confirmed, cause)
+        if self.phase is Phase.ENDING and cause >= self.stop_cause:
+            if not accepted:
+                self._unconfirmed()
+            self._finish(now_s)
+
+    def request_end(self, ending: Ending, now_s: float) -> None:
+        """End the run in order: the robot stops first.
+
+        A graver cause replaces the one that the run ends for, while its stop is on its way and
+        after it: the stop of the graver one is sent too, and its own confirmation awaited.
+        """
+        if self.phase is Phase.DONE and not self._ready:
+            return
+        present = self.ending
+        if present is None or ending.outranks(present):
+            self._end(now_s, ending)
+        elif ending.cause > present.cause:  # the device has latched a graver one by itself
+            self._stop(now_s, ending.cause)
+
+    def end_unheard(self, ending: Ending, now_s: float) -> None:
+        """End a run whose device is not there to confirm a stop."""
+        if self.phase is not Phase.DONE:
+            self.on_lost(now_s)
+        self.ending = ending
+        if self._was_ready and self.runner is not None:
+            self._unconfirmed()
+        self._finish(now_s)
+
+    def crashed(self, ending: Ending, confirmed: StopCause, now_s: float) -> None:
+        """The loop has failed and ended the run without this object's help."""
+        self.ending = ending
+        if self.drive_started_s is not None and self.drive_ended_s is None:
+            self.drive_ended_s = now_s
+        self.confirmed = max(self.confirmed, confirmed)
+        self.phase = Phase.DONE
+
+    # ---- time -----------------------------------------------------------------------------
+
+    def step(
+        self, obs: Observation | None, stale: str | None, now_s: float
+    ) -> VelocityCommand | None:
+        """One control step; a velocity to send, or None where none may be sent."""
+        link = self.link
+        if self.phase is Phase.DRIVING:  # nearly always
+            if link is None:
+                return self._drive(obs, stale, now_s)
+            self._end(now_s, _too_slow(link))
+            return HALT
+        if link is not None and link.known:
+            self._await_quicker(link, now_s)
+        else:
+            self._slow_s = None
+        elapsed_s = now_s - self._since_s
+        match self.phase:
+            case Phase.WAITING:
+                self._wait(now_s)
+            case Phase.SETTLING:
+                return self._settle(elapsed_s, obs, stale, now_s)
+            case Phase.HOLDING:
+                self._hold(elapsed_s, now_s)
+            case Phase.ENDING:
+                if elapsed_s > END_TIMEOUT_S:
+                    self._unconfirmed()
+                    self._finish(now_s)
+            case _:
+                pass
+        return None
+
+    def _hold(self, elapsed_s: float, now_s: float) -> None:
+        if elapsed_s <= LOST_TIMEOUT_S:
+            return
+        if self.asking:
+            text = "the device was lost and is back, and nobody said to go on"
+            self._end(now_s, Ending("stopped", text, 5))
+            return
+        self.ending = Ending("fault", "the device was lost for 30 s", 3)
+        self._finish(now_s)
+
+    def _await_quicker(self, link: LinkTrouble, now_s: float) -> None:
+        """The link is too slow before the first move: end the run where it stays so."""
+        if self.runner is None or not self._ready or self.phase not in _BEFORE_MOTION:
+            self._slow_s = None
+        elif self._slow_s is None:
+            self._slow_s = now_s
+        elif now_s - self._slow_s > SLOW_LIMIT_S:
+            self._end(now_s, _too_slow(link))
+
+    @property
+    def _may_start(self) -> bool:
+        """Whether the link allows to ask for leave to move; before motion it is judged again."""
+        return self.link is None or not self.link.known
+
+    def _wait(self, now_s: float) -> None:
+        if self.runner is None or not self._ready:
+            return
+        if self._asked_s is None:
+            self._asked_s = now_s
+        elif now_s - self._asked_s > DATA_TIMEOUT_S:
+            if self.link is not None:
+                self._end(now_s, _too_slow(self.link))
+            else:
+                self._end(now_s, Ending("fault", "no status from the device", 3))
+
+    def _settle(
+        self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
+    ) -> VelocityCommand | None:
+        if elapsed_s >= self._settle_s:
+            if obs is not None and stale is None and self.link is None:
+                if self.drive_started_s is None:
+                    self.drive_started_s = now_s
+                if self._resumed:
+                    release(self.runner)
+                self._resumed = False
+                self._go(Phase.DRIVING, now_s)
+            elif elapsed_s > self._settle_s + DATA_TIMEOUT_S:
+                text = f"no {stale or 'range'} data from the device"
+                ending = Ending("stopped", text, 5)
+                if self.link is not None and obs is not None and stale is None:
+                    ending = _too_slow(self.link)
+                self._end(now_s, ending)
+        return HALT
+
+    def _drive(
+        self, obs: Observation | None, stale: str | None, now_s: float
+    ) -> VelocityCommand | None:
+        runner = self.runner
+        if runner is None or obs is None:
+            return HALT
+        if stale is not None:
+            self._end(
+                now_s,
+                Ending("stopped", f"no {stale} data from the device", 5, StopCause.SUPERVISE),
+            )
+            return HALT
+        command = runner.step(obs)
+        if runner.finished:
+            self._end(now_s, Ending("complete", runner.finish_reason or "finished", 0))
+        elif (
+            self._max_time_s is not None
+            and self.drive_started_s is not None
+            and now_s - self.drive_started_s > self._max_time_s
+        ):
+            self._end(now_s, Ending("timeout", f"not finished after {self._max_time_s:g} s", 1))
+            return HALT
+        return command
+
+    # ---- inside ---------------------------------------------------------------------------
+
+    def _go(self, phase: Phase, now_s: float) -> None:
+        self.phase = phase
+        self._since_s = now_s
+        self._asked_s = None
+
+    def _start(self, cause: int, now_s: float) -> None:
+        if cause == StopCause.NONE:
+            self._enable(now_s)
+        elif (
+            cause == StopCause.SESSION_END
+            or self._clear_any
+            or (self._resumed and cause == StopCause.LINK)
+        ):
+            self.pending.append(Request("clear", cause))
+            self._go(Phase.CLEARING, now_s)
+        else:
+            name = label(StopCause, cause)
+            self._end(
+                now_s,
+                Ending(
+                    "stopped",
+                    f"the robot holds a stop (cause: {name}); see that it is safe",
+                    5,
+                    latched=latched_cause(StopCause.NONE, cause),
+                    remedy=Remedy.CLEAR_STOP,
+                ),
+            )
+
+    def _enable(self, now_s: float) -> None:
+        self.pending.append(Request("mode", Mode.VELOCITY))
+        self._go(Phase.ENABLING, now_s)
+
+    def _end(self, now_s: float, ending: Ending) -> None:
+        self.ending = ending
+        if self.drive_started_s is not None and self.drive_ended_s is None:
+            self.drive_ended_s = now_s
+        if self._ready:
+            self._stop(now_s, ending.cause)
+        else:
+            self._finish(now_s)
+
+    def _stop(self, now_s: float, cause: StopCause) -> None:
+        if cause > self.stop_cause:
+            self.stop_cause = cause
+            self.pending.append(Request("stop", cause))
+            self._go(Phase.ENDING, now_s)
+
+    def _unconfirmed(self) -> None:
+        """The run ends without the device's word that it stands; its own watchdog stops it."""
+        ending = self.ending
+        if ending is None:
+            return
+        reason = f"{ending.reason}; the device did not confirm the stop"
+        self.ending = replace(ending, reason=reason)
+        if self._latched:
+            return  # it did not answer, and its own status shows that it stands
+        # Before the first move as well, where the end was one in order: the device may be enabled.
+        if self.drive_started_s is not None or not (self.runner is None or ending.exit_status):
+            self.ending = replace(self.ending, outcome="fault", exit_status=3)
+
+    def _finish(self, now_s: float) -> None:
+        if self.drive_started_s is not None and self.drive_ended_s is None:
+            self.drive_ended_s = now_s
+        self._go(Phase.DONE, now_s)

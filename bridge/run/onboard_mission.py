@@ -1,0 +1,181 @@
+"""A run in which the device plans for itself: started, followed by what it tells, and ended.
+
+The host sends no velocity. It keeps the session alive, estimates the pose from the device's
+telemetry as in any run, and ends the run when the device's planner has, or when it is told to.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from bridge.coverage.planner import PlannerEvent
+from bridge.coverage.planner import PlannerState as RunnerState
+from bridge.motion.observation import HALT
+from bridge.run.mission import DATA_TIMEOUT_S, Ending, Mission, Phase, Request
+from bridge.run.refusals import refusal, refusal_remedy
+from bridge.run.robot_state import STATUS_STALE_S
+from protocol.messages import PlannerCommand, PlannerState, SetMode, Status
+from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause, label
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bridge.motion.observation import Observation, VelocityCommand
+    from protocol.commands import Outcome
+    from protocol.schema.message import Message
+    from protocol.values import OnboardPlanner
+
+_HALF_COUNT = 128
+PLAN_STALE_S = 2.0
+"""Age at which the device's planner state is stale, s: ten of them. It ends a plan that is not seen
+any more, and outlasts a few lost frames on a bad line."""
+_REPORTS: Mapping[type[Message], float] = MappingProxyType(
+    {Status: STATUS_STALE_S, PlannerState: PLAN_STALE_S}
+)
+LEFT_S = 1.0
+"""Ten statuses, five planner states: out of its mode for so long without an end is an abort."""
+
+
+class OnboardRun:
+    """The device's plan as the host's records see any: by what the device tells of it."""
+
+    target = HALT
+    lane_length_m = 0.0
+
+    def __init__(self) -> None:
+        self.state = RunnerState("onboard")
+        self.turns = 0
+        self.finished = False
+        self.finish_reason: str | None = None
+        self._told: PlannerState | None = None
+        self._events: list[PlannerEvent] = []
+
+    def take(self, message: PlannerState) -> None:
+        """A planner state of the device, the same one any number of times."""
+        before, self._told = self._told, message
+        if message is before:
+            return
+        phase = label(PlannerPhase, message.phase)
+        if before is not None:
+            turned = (message.turn_count - before.turn_count) & 0xFF
+            self.turns += turned if turned < _HALF_COUNT else 0  # T begins anew with a new pass
+        if before is None or before.phase != message.phase:
+            self._events.append(PlannerEvent("phase", f"the device's planner: {phase}"))
+        self.state = RunnerState(
+            phase,
+            turn_count=message.turn_count,
+            lane_distance_m=message.lane_distance_m,
+            previous_lane_distance_m=message.previous_lane_distance_m,
+            length_m=message.length_m,
+            case=message.lane_case,
+            target=(message.target_x_m, message.target_y_m),
+        )
+
+    def step(self, obs: Observation) -> VelocityCommand:  # noqa: ARG002 - of every runner
+        """The device moves by itself."""
+        return HALT
+
+    def drain_events(self) -> list[PlannerEvent]:
+        """Its changes of phase since the last call."""
+        events, self._events = self._events, []
+        return events
+
+
+class OnboardMission(Mission):
+    """Clears what an explicit motion command may, starts the device's planner, and follows it."""
+
+    def __init__(
+        self,
+        planner: OnboardPlanner,
+        *,
+        clear_stop: bool = False,
+        max_time_s: float | None = None,
+    ) -> None:
+        """``clear_stop`` and ``max_time_s`` are those of any mission."""
+        self.onboard = OnboardRun()
+        super().__init__(self.onboard, clear_stop=clear_stop, max_time_s=max_time_s)
+        self.planner = planner
+        self._left_s: float | None = None
+
+    def on_planner(self, message: PlannerState) -> None:
+        """What the device last told of its plan, since this run started it."""
+        if self.phase in {Phase.SETTLING, Phase.DRIVING}:
+            self.onboard.take(message)
+
+    def on_command(self, outcome: Outcome, now_s: float) -> None:
+        """A command of ours ended."""
+        message, enabling = outcome.message, self.phase is Phase.ENABLING
+        if enabling and isinstance(message, SetMode) and outcome.accepted:
+            self.pending.append(Request("planner", PlannerAction.START, self.planner))
+        elif enabling and isinstance(message, PlannerCommand):
+            if outcome.accepted:
+                self._go(Phase.SETTLING, now_s)
+            else:
+                reason = outcome.reason
+                why = "no answer" if reason is None else refusal(reason)
+                text = f"the device did not start its planner: {why}"
+                self._end(now_s, Ending("fault", text, 4, remedy=refusal_remedy(reason)))
+        else:
+            super().on_command(outcome, now_s)
+
+    def on_status(self, status: Status, now_s: float) -> None:
+        """The device's own account of itself."""
+        super().on_status(status, now_s)
+        if self.phase is not Phase.DRIVING or status.mode == Mode.ONBOARD:
+            self._left_s = None
+        elif self._left_s is None:
+            self._left_s = now_s
+
+    @property
+    def needs(self) -> Mapping[type[Message], float]:
+        """Under way the device's own word of its plan; the sensors are for supervision to judge."""
+        return _REPORTS if self.phase is Phase.DRIVING else super().needs
+
+    @property
+    def _drives_in(self) -> None:
+        """None: the device leaves its mode by itself once its planner has finished."""
+        return
+
+    @property
+    def _may_start(self) -> bool:
+        """Once started, the device moves by itself: the link is measured before."""
+        return self.link is None
+
+    def _enable(self, now_s: float) -> None:
+        self.pending.append(Request("mode", Mode.ONBOARD))
+        self._go(Phase.ENABLING, now_s)
+
+    def _settle(
+        self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
+    ) -> None:
+        if elapsed_s >= self._settle_s and obs is not None and stale is None:
+            self.drive_started_s = now_s
+            self._go(Phase.DRIVING, now_s)
+        elif elapsed_s > self._settle_s + DATA_TIMEOUT_S:
+            text = f"no {stale or 'range'} data from the device"
+            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+
+    def _drive(self, obs: Observation | None, stale: str | None, now_s: float) -> None:
+        phase = self.onboard.state.state
+        started_s, left_s = self.drive_started_s, self._left_s
+        if phase == "finished":
+            self._finished("the device's planner has finished")
+            self._end(now_s, Ending("complete", "the device's planner has finished", 0))
+        elif phase == "aborted":
+            self._end(now_s, Ending("stopped", "the device's planner was aborted", 5))
+        elif left_s is not None and now_s - left_s > LEFT_S:
+            text = "the device has left its planner without a word"
+            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+        elif stale is not None and obs is not None:
+            text = f"no {stale} data from the device"
+            self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
+        elif (
+            self._max_time_s is not None
+            and started_s is not None
+            and now_s - started_s > self._max_time_s
+        ):
+            self._end(now_s, Ending("timeout", f"not finished after {self._max_time_s:g} s", 1))
+
+    def _finished(self, reason: str) -> None:
+        self.onboard.finished, self.onboard.finish_reason = True, reason

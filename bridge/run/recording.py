@@ -1,0 +1,330 @@
+"""What a host puts on record, and in which form."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import takewhile
+from typing import TYPE_CHECKING
+
+from bridge.motion.estimation.disturbance import DisturbanceKind
+from bridge.session.records import (
+    ClockRecord,
+    CommandRecord,
+    CoverageRecord,
+    DeviceMessage,
+    EventRecord,
+    IdentityRecord,
+    LogRecord,
+    PlannerRecord,
+    PoseRecord,
+    RawBytes,
+    RawCan,
+    Severity,
+)
+from bridge.session.redaction import KeyRedactor, redacted_can
+from protocol.can.frames import RECORD
+from protocol.values import Fault as DeviceFault
+from protocol.values import LogLevel, ResetCause, StopCause, flag_labels, label
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from bridge.coverage.planner import PlannerState
+    from bridge.coverage.swept_map import SweptMap
+    from bridge.motion.estimation.disturbance import Disturbance
+    from bridge.motion.estimation.estimator import PoseEstimator
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.observation import VelocityCommand
+    from bridge.record.sink import Sink
+    from bridge.run.runner import Runner
+    from bridge.session.link_stats import WireStatistics
+    from bridge.session.states import Agreed
+    from bridge.session.timesync import Mapped, TimeSync
+    from protocol.link import Received, Rejected
+    from protocol.messages import Hello, LogText, Status
+    from protocol.uart.framing import DamagedFrame
+
+_LEVELS = {
+    LogLevel.DEBUG: Severity.DEBUG,
+    LogLevel.INFO: Severity.INFO,
+    LogLevel.WARNING: Severity.WARNING,
+    LogLevel.ERROR: Severity.ERROR,
+}
+_FELT = {
+    DisturbanceKind.BUMP: "the robot bumped into something and lost {:.3f} m/s at once",
+    DisturbanceKind.STALL: "the robot stands while its wheels turn at {:.3f} m/s",
+    DisturbanceKind.SLIP_LEFT: "the left wheel slips, {:.3f} m/s between the wheels",
+    DisturbanceKind.SLIP_RIGHT: "the right wheel slips, {:.3f} m/s between the wheels",
+}
+LINK_PERIOD_NS = 10_000_000_000
+GATHER_NS = 250_000_000
+"""Time over which damaged frames, and rejected ones, are gathered into one record, ns. The raw
+bytes are on record by themselves; a full 3 Mbaud line may carry 75 000 damaged frames a second."""
+SHOWN_BYTES = 16
+"""Bytes of the first damaged frame that its record shows."""
+_new = tuple.__new__
+
+
+class Tally:
+    """Frames that are gathered into one record.
+
+    The first is recorded at once, then there is at most one record each :data:`GATHER_NS`.
+    """
+
+    def __init__(self) -> None:
+        """None so far."""
+        self.counts: Counter[str] = Counter()
+        """By what is wrong with them."""
+        self.length = 0
+        """Bytes of all of them."""
+        self.first: dict[str, int | str] = {}
+        """Of the first of them."""
+        self.due_ns = 0
+        """When the next record may be written."""
+
+    def take(self, now_ns: int) -> tuple[int, int, str, dict[str, int | str]]:
+        """Frames, bytes, what is wrong in words, and all of it as data; begins anew."""
+        counts, length = self.counts, self.length
+        frames = counts.total()
+        kinds = next(iter(counts))
+        if frames > 1:
+            kinds = ", ".join(f"{kind} {count}" for kind, count in counts.most_common())
+        data = {**self.first, "frames": frames, "bytes": length, **counts}
+        self.counts, self.length, self.first = Counter(), 0, {}
+        self.due_ns = now_ns + GATHER_NS
+        return frames, length, kinds, data
+
+
+class HostRecords:
+    """Writes a host's records; takes the host's clock and gives them Unix time."""
+
+    def __init__(self, sink: Sink, unix_offset_ns: int, planner: str, *, bus: bool = False) -> None:
+        self._write = sink.write
+        self._unix_offset_ns = unix_offset_ns
+        self._planner = planner
+        self._planner_state: PlannerState | None = None
+        self._bus = bus
+        self._link_ns = 0
+        self._faults = 0
+        self._stop_cause = -1
+        self._other_host = False
+        self._disturbance: Disturbance | None = None
+        self._damaged, self._rejected = Tally(), Tally()
+        self._keys = KeyRedactor()
+
+    def event(
+        self,
+        now_ns: int,
+        severity: Severity,
+        source: str,
+        kind: str,
+        text: str,
+        **data: float | str | bool,
+    ) -> None:
+        """Something worth finding again."""
+        log_ns = now_ns + self._unix_offset_ns
+        self._write(EventRecord(log_ns, severity, source, kind, text, data))
+
+    def damaged(self, found: Sequence[DamagedFrame], now_ns: int) -> None:
+        """Bytes that are no frames, of one moment."""
+        tally = self._damaged
+        tally.counts.update(event.damage.value for event in found)
+        tally.length += sum(event.length for event in found)
+        if not tally.first:
+            first = found[0]
+            tally.first = {"offset": first.offset, "first": first.data[:SHOWN_BYTES].hex()}
+        if now_ns >= tally.due_ns:
+            self._tell_damaged(now_ns)
+
+    def rejected(self, event: Rejected, now_ns: int) -> None:
+        """An intact frame that was of no use."""
+        if self._bus and event.reason == "direction" and not self._other_host:
+            self._other_host = True
+            text = "another host talks on this bus, and a bus has one: end it"
+            self.event(now_ns, Severity.WARNING, "link", "other_host", text)
+        tally, frame = self._rejected, event.frame
+        tally.counts[event.reason] += 1
+        tally.length += len(frame.payload)
+        if not tally.first:
+            tally.first = {"type": frame.type_id, "first": frame.payload[:SHOWN_BYTES].hex()}
+        if now_ns >= tally.due_ns:
+            self._tell_rejected(now_ns)
+
+    def flush(self, now_ns: int, *, at_once: bool = False) -> None:
+        """Put on record what was gathered of damaged and rejected frames, where it is time."""
+        if self._damaged.counts and (at_once or now_ns >= self._damaged.due_ns):
+            self._tell_damaged(now_ns)
+        if self._rejected.counts and (at_once or now_ns >= self._rejected.due_ns):
+            self._tell_rejected(now_ns)
+
+    def _tell_damaged(self, now_ns: int) -> None:
+        frames, length, kinds, data = self._damaged.take(now_ns)
+        stretches = "" if frames == 1 else f" in {frames} stretches"
+        text = f"{length} bytes{stretches} that are no frame ({kinds})"
+        self.event(now_ns, Severity.DEBUG, "link", "damaged", text, **data)
+
+    def _tell_rejected(self, now_ns: int) -> None:
+        frames, _, kinds, data = self._rejected.take(now_ns)
+        what = "frame" if frames == 1 else f"{frames} frames, the first"
+        text = f"{what} of type {data['type']:#04x} not used: {kinds}"
+        self.event(now_ns, Severity.DEBUG, "link", "rejected", text, **data)
+
+    def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
+        """What a serial port gave or took, without a key."""
+        data = self._keys.outgoing(data) if outgoing else self._keys.incoming(data)
+        self._write(_new(RawBytes, (now_ns + self._unix_offset_ns, outgoing, data)))
+
+    def can(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
+        """Frames that a bus gave or took, without a key."""
+        log_ns = now_ns + self._unix_offset_ns
+        for can_id, length, content in RECORD.iter_unpack(data):
+            self._write(RawCan(log_ns, outgoing, can_id, redacted_can(can_id, content[:length])))
+
+    def message(self, received: Received, mapped: Mapped | None, now_ns: int) -> None:
+        """A message of the device, with its moment on our clock where that is known."""
+        message, frame, spec = received
+        _, node, _, seq, t_us, _ = frame
+        offset_ns = self._unix_offset_ns
+        publish_ns = bound_ns = None
+        if mapped is not None:
+            host_ns, bound_ns = mapped
+            publish_ns = host_ns + offset_ns
+        log_ns = now_ns + offset_ns
+        row = (log_ns, publish_ns, bound_ns, node, seq, t_us, spec.name, message)
+        self._write(_new(DeviceMessage, row))
+
+    def log_text(self, message: LogText, now_ns: int) -> None:
+        """A line of the device's own log."""
+        severity = _LEVELS.get(LogLevel(message.level & 3), Severity.INFO)
+        log_ns = now_ns + self._unix_offset_ns
+        self._write(LogRecord(log_ns, severity, "device", message.line))
+
+    def status(self, status: Status, now_ns: int) -> None:
+        """What is new in a status: faults and the latch; the message itself is on record."""
+        faults = status.faults
+        if faults != self._faults:
+            new = flag_labels(DeviceFault, faults & ~self._faults)
+            if new:
+                self.event(now_ns, Severity.WARNING, "device", "fault", ", ".join(new))
+            self._faults = faults
+        if status.stop_cause != self._stop_cause:
+            self._stop_cause = status.stop_cause
+            name = label(StopCause, status.stop_cause)
+            self.event(now_ns, Severity.INFO, "safety", "latch", f"stop cause is now {name}")
+
+    def link(self, wire: WireStatistics, now_ns: int) -> None:
+        """What the link was like so far, every ten seconds."""
+        if now_ns >= self._link_ns:
+            self._link_ns = now_ns + LINK_PERIOD_NS
+            log_ns = now_ns + self._unix_offset_ns
+            text = "rate, loss, order and age of each message, and the round trip"
+            self._write(
+                EventRecord(log_ns, Severity.DEBUG, "link", "statistics", text, wire.to_dict())
+            )
+
+    def again(self, event: Agreed, now_ns: int) -> None:
+        """The device that was lost is back: the same, in another boot, or with other messages."""
+        hello = event.hello
+        if event.rebooted:
+            cause = label(ResetCause, hello.reset_cause)
+            text = f"the device has booted anew since (cause: {cause})"
+            self.event(now_ns, Severity.WARNING, "session", "new_boot", text, reset_cause=cause)
+        else:
+            text = "the same device is back, in the same boot"
+            self.event(now_ns, Severity.INFO, "session", "same_boot", text)
+        if event.other_schema:
+            text = f"the device declares its messages otherwise now ({hello.catalogue_hash:08x})"
+            self.event(now_ns, Severity.WARNING, "session", "new_schema", text)
+
+    def asking(self, now_ns: int) -> None:
+        """A run that lost its device waits for a person."""
+        text = "look at the robot, then press r to let it go on, or s to end the run (30 s)"
+        self.event(now_ns, Severity.WARNING, "session", "asking", text)
+
+    def identity(self, event: Agreed, now_ns: int) -> None:
+        """The device that a session agreed with."""
+        hello = event.hello
+        self._write(
+            IdentityRecord(
+                now_ns + self._unix_offset_ns,
+                event.node,
+                hello.uid,
+                hello.boot_id,
+                hello.session_id,
+                label(ResetCause, hello.reset_cause),
+                f"{hello.name} {hello.version_major}.{hello.version_minor}.{hello.version_patch}",
+                hello.catalogue_hash,
+            )
+        )
+
+    def command(self, command: VelocityCommand, target: VelocityCommand, now_ns: int) -> None:
+        """A velocity that was sent, and the one wanted before smoothing."""
+        self._write(_new(CommandRecord, (now_ns + self._unix_offset_ns, *command, *target)))
+
+    def pose(self, pose: Pose2, estimator: PoseEstimator, now_ns: int) -> None:
+        """The estimate of a control step."""
+        (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = estimator.covariance
+        self._write(
+            _new(
+                PoseRecord,
+                (
+                    now_ns + self._unix_offset_ns,
+                    pose,
+                    estimator.v_m_s,
+                    estimator.yaw_rate_rad_s,
+                    (xx, xy, xt, yx, yy, yt, tx, ty, tt),
+                    estimator.gyro_bias_rad_s,
+                    estimator.wheel_scale,
+                ),
+            )
+        )
+
+    def disturbances(self, found: Sequence[Disturbance], now_ns: int) -> None:
+        """Bumps, stalls and slips that the estimator found since the last call."""
+        last, self._disturbance = self._disturbance, found[-1] if found else self._disturbance
+        fresh = list(takewhile(lambda each: each is not last, reversed(found)))
+        for each in reversed(fresh):
+            kind, text = each.kind.value, _FELT[each.kind].format(each.size)
+            self.event(now_ns, Severity.INFO, "estimator", kind, text, size=round(each.size, 3))
+
+    def plan(self, runner: Runner, now_ns: int) -> None:
+        """The planner's decisions since the last call, and its state where that has changed."""
+        for decision in runner.drain_events():
+            self.event(
+                now_ns, Severity.INFO, "planner", decision.kind, decision.reason, **decision.data
+            )
+        state, known = runner.state, self._planner_state
+        if state is not known and state != known:
+            self._planner_state = state
+            self._write(PlannerRecord(now_ns + self._unix_offset_ns, self._planner, state))
+
+    def swept(self, swept: SweptMap, now_ns: int) -> None:
+        """The map of the swept floor so far."""
+        grid = swept.to_occupancy()
+        self._write(
+            CoverageRecord(
+                now_ns + self._unix_offset_ns,
+                grid.cells,
+                grid.origin_x_m,
+                grid.origin_y_m,
+                grid.resolution_m,
+            )
+        )
+
+    def clock(self, sync: TimeSync, hello: Hello, now_ns: int) -> None:
+        """The fit of the device's clock to ours, once there is one."""
+        fit = sync.fit
+        if fit is None:
+            return
+        offset_ns = self._unix_offset_ns
+        self._write(
+            ClockRecord(
+                now_ns + offset_ns,
+                round(fit.host_ns) + offset_ns - fit.device_us * 1000,
+                fit.drift * 1e6,
+                round(fit.bound_ns),
+                sync.round_trip_ns,
+                sync.samples,
+                hello.boot_id,
+            )
+        )

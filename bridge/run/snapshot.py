@@ -1,0 +1,179 @@
+"""What is known of a robot now, for other threads and other processes.
+
+The loop makes a :class:`Snapshot` and replaces it as a whole; nothing in it changes afterwards.
+Every other thread reads the newest one, and none reads the host itself. Its parts have the names of
+the host's.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from bridge.run.summary import wire_summary
+from protocol.values import Fault, Mode, ResetCause, StopCause, flag_labels, label
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from bridge.coverage.planner import PlannerState as RunnerState
+    from bridge.coverage.swept_map import SweptMap
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+    from bridge.run.mission import Ending, Phase
+    from bridge.session.round_trip import LinkTrouble
+    from bridge.session.states import State
+    from bridge.session.timesync import Fit
+    from protocol.link import LinkStatistics
+    from protocol.messages import Encoders, Hello, Imu, PlannerState, Power, Range, Status
+    from protocol.schema.message import Message
+
+
+class StateSnapshot(NamedTuple):
+    """The newest messages, and when their samples were taken (host seconds)."""
+
+    imu: Imu | None
+    encoders: Encoders | None
+    range: Range | None
+    power: Power | None
+    status: Status | None
+    planner: PlannerState | None
+    """Of the device's own planner."""
+    arrived_s: Mapping[type[Message], float]
+
+
+class RunnerSnapshot(NamedTuple):
+    """What decides the velocity."""
+
+    state: RunnerState
+    turns: int
+    lane_length_m: float
+
+
+class MissionSnapshot(NamedTuple):
+    """Where the run stands."""
+
+    phase: Phase
+    ending: Ending | None
+    runner: RunnerSnapshot | None
+    asking: bool
+    """The device is back, and a person is asked whether to go on."""
+    link: LinkTrouble | None
+    """Why nothing may move over the link now."""
+    ends_s: float | None
+    """Host time at which a run that lost its device ends by itself; None: it does not hold."""
+
+    def holds_for_s(self, now_s: float) -> float | None:
+        """Seconds until a run that lost its device ends by itself; None: it does not hold."""
+        return None if self.ends_s is None else max(0.0, self.ends_s - now_s)
+
+
+class LinkSnapshot(NamedTuple):
+    """The link's counts, at most 0.1 s old."""
+
+    statistics: LinkStatistics
+
+
+class SessionSnapshot(NamedTuple):
+    """Where the session stands."""
+
+    state: State
+    node: int | None
+    link: LinkSnapshot
+    signs: bool
+    """What moves the robot is signed: there is a key, and the device's challenge."""
+
+
+class EstimatorSnapshot(NamedTuple):
+    """The estimate."""
+
+    pose: Pose2
+    v_m_s: float
+    yaw_rate_rad_s: float
+
+
+class SyncSnapshot(NamedTuple):
+    """The clocks."""
+
+    round_trip_ns: int
+    fit: Fit | None
+
+
+class Snapshot(NamedTuple):
+    """A robot and its run at one moment."""
+
+    model: RobotModel
+    state: StateSnapshot
+    mission: MissionSnapshot
+    session: SessionSnapshot
+    estimator: EstimatorSnapshot
+    sync: SyncSnapshot
+    hello: Hello | None
+    path_m: float
+    holding: bool
+    """Supervision has paused the run, and a person is asked."""
+    swept: SweptMap
+    """The loop's own: only its copy and its area may be asked for."""
+
+
+def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
+    """Session, device, run, sensors, pose and wire; None for what is not known.
+
+    ``now_s`` is host time; ages are in seconds since the sample was taken.
+    """
+    state, mission, sync = seen.state, seen.mission, seen.sync
+    status, power, ranges, imu = state.status, state.power, state.range, state.imu
+    pose, runner = seen.estimator.pose, mission.runner
+    ages = {kind.__name__.lower(): round(now_s - at_s, 3) for kind, at_s in state.arrived_s.items()}
+    return {
+        "session": seen.session.state.value,
+        "run": mission.phase.value,
+        "device": None if seen.hello is None else _device(seen.hello, seen.session.node),
+        "mode": None if status is None else label(Mode, status.mode),
+        "stop": None if status is None else label(StopCause, status.stop_cause),
+        "faults": None if status is None else flag_labels(Fault, status.faults),
+        "load_percent": None if status is None else status.load,
+        "pose": {"x_m": pose.x_m, "y_m": pose.y_m, "theta_rad": pose.theta_rad},
+        "v_m_s": seen.estimator.v_m_s,
+        "yaw_rate_rad_s": seen.estimator.yaw_rate_rad_s,
+        "path_m": seen.path_m,
+        "planner": None if runner is None else runner.state.state,
+        "range": None
+        if ranges is None
+        else {
+            "ultrasonic_m": ranges.ultrasonic_m,
+            "infrared_left_m": ranges.infrared_left_m,
+            "infrared_right_m": ranges.infrared_right_m,
+            "contacts": ranges.contacts,
+        },
+        "imu": None
+        if imu is None
+        else {
+            "accel_m_s2": [imu.accel_x_m_s2, imu.accel_y_m_s2, imu.accel_z_m_s2],
+            "gyro_rad_s": [imu.gyro_x_rad_s, imu.gyro_y_rad_s, imu.gyro_z_rad_s],
+        },
+        "power": None
+        if power is None
+        else {
+            "battery_v": power.battery_v,
+            "logic_v": power.logic_v,
+            "motor_left_a": power.motor_left_a,
+            "motor_right_a": power.motor_right_a,
+        },
+        "age_s": ages,
+        "clock": {
+            "round_trip_ms": sync.round_trip_ns / 1e6,
+            "bound_ms": None if sync.fit is None else sync.fit.bound_ns / 1e6,
+        },
+        "wire": wire_summary(seen.session.link.statistics),
+    }
+
+
+def _device(hello: Hello, node: int | None) -> dict[str, Any]:
+    return {
+        "node": node,
+        "uid": hello.uid.hex(),
+        "boot_id": hello.boot_id,
+        "firmware": f"{hello.name} {hello.version_major}.{hello.version_minor}."
+        f"{hello.version_patch}",
+        "reset_cause": label(ResetCause, hello.reset_cause),
+    }

@@ -1,0 +1,126 @@
+"""A run in one JSON object; what cannot be known is None."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from bridge.evaluation.metrics import CoverageReport
+    from bridge.run.host import Host
+    from protocol.link import LinkStatistics
+
+
+_COVERAGES = ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
+
+
+def wire_summary(statistics: LinkStatistics) -> dict[str, Any]:
+    """Frames and bytes by direction as the host saw them, losses and bad checks."""
+    return {
+        "frames": {"rx": statistics.frames_in, "tx": statistics.frames_out},
+        "lost": statistics.lost,
+        "crc_errors": statistics.damaged,
+        "bytes": {"rx": statistics.bytes_in, "tx": statistics.bytes_out},
+        "reordered": statistics.reordered,
+        "rejected": statistics.rejected,
+        "superseded": statistics.superseded,
+    }
+
+
+def link_summary(host: Host) -> dict[str, Any]:
+    """:func:`wire_summary` with round trip, commands, and each kind of message, counted now.
+
+    Only where nobody else counts: in the loop's thread, or after it has ended.
+    """
+    host.wire.count(host.sync)
+    return {
+        **wire_summary(host.session.link.statistics),
+        "commands": asdict(host.session.command_counts),
+        **host.wire.to_dict(),
+    }
+
+
+def run_summary(  # noqa: PLR0913 - a summary's parts
+    host: Host,
+    *,
+    room: str | None,
+    planner: str | None,
+    seed: int | None,
+    log: str | None,
+    report: CoverageReport | None = None,
+    error_m: tuple[float | None, float | None] = (None, None),
+    collisions: int | None = None,
+    contact_s: float | None = None,
+    energy_wh: float | None = None,
+) -> dict[str, Any]:
+    """The contract's object for a run, finished or not.
+
+    ``error_m`` is the distance of estimate and truth at the end, and the greatest.
+    """
+    mission = host.mission
+    ending = mission.ending
+    duration_s = None
+    if mission.drive_started_s is not None and mission.drive_ended_s is not None:
+        duration_s = round(mission.drive_ended_s - mission.drive_started_s, 3)
+    runner = mission.runner
+    coverage: dict[str, float | None] = dict.fromkeys(_COVERAGES)
+    if report is not None:
+        coverage = {key: _round(value) for key, value in report.coverage.to_dict().items()}
+    return {
+        "room": room,
+        "planner": planner,
+        "seed": seed,
+        "outcome": ending.outcome if ending else "stopped",
+        "reason": ending.reason if ending else None,
+        "duration_s": duration_s,
+        "path_m": _round(report.path_m if report else _way_m(host), 3),
+        "turns": runner.turns if runner else None,
+        "collisions": collisions,
+        "contact_s": _round(contact_s, 3),
+        "energy_wh": _round(energy_wh),
+        "pose_error_m": {
+            "end": _round(error_m[0]),
+            "max": _round(error_m[1]),
+        },
+        "coverage": coverage,
+        "t90_s": _round(report.t90_s if report else None, 2),
+        "t99_s": _round(report.t99_s if report else None, 2),
+        "largest_hole_cm2": _round(report.largest_hole_cm2 if report else None, 1),
+        "hole_inradius_m": _round(report.hole_inradius_m if report else None),
+        "repeat_ratio": _round(report.repeat_ratio if report else None),
+        "wire": link_summary(host),
+        "log": log,
+    }
+
+
+_UNKNOWN = (
+    *("duration_s", "path_m", "turns", "collisions", "contact_s", "energy_wh"),
+    *("t90_s", "t99_s", "largest_hole_cm2", "hole_inradius_m", "repeat_ratio"),
+)
+
+
+def crash_summary(
+    host: Host, *, room: str | None, planner: str | None, seed: int | None, log: str | None
+) -> dict[str, Any]:
+    """The contract's object for a run whose own objects have failed: its end, and the link."""
+    ending = host.mission.ending
+    return {
+        "room": room,
+        "planner": planner,
+        "seed": seed,
+        "outcome": "fault",
+        "reason": ending.reason if ending else None,
+        **dict.fromkeys(_UNKNOWN),
+        "pose_error_m": {"end": None, "max": None},
+        "coverage": dict.fromkeys(_COVERAGES),
+        "wire": wire_summary(host.session.link.statistics),
+        "log": log,
+    }
+
+
+def _way_m(host: Host) -> float | None:
+    return None if host.drive_pose is None else host.path_m
+
+
+def _round(value: float | None, digits: int = 4) -> float | None:
+    return None if value is None else round(value, digits)

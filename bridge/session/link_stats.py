@@ -1,0 +1,177 @@
+"""What a link was like, message by message: rate, loss, order, age; and its round trip.
+
+What is heard is only put aside as it comes, and counted once a second: the path of a message
+from port to planner stays as short as it was.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from bridge.session.states import Data
+from protocol.schema.message import RateClass
+
+if TYPE_CHECKING:
+    from bridge.session.states import SessionEvent
+    from bridge.session.timesync import Fit, TimeSync
+    from protocol.schema.message import MessageSpec
+
+_SPAN, _HALF = 1 << 32, 1 << 31
+_ALIKE = 0.1
+"""Two gaps that differ by less are a stream's period."""
+_QUICKER, _SLOWER = 2, 5
+"""Gaps alike in a row that are a new period; two holes of one length may follow each other."""
+_BREAK_US = 10_000_000
+"""A longer gap is a break in the session, not messages that were lost."""
+_STEPS = 8
+"""Bins of a time for each doubling: a percentile is known to 9 %."""
+_BINS = 30 * _STEPS
+"""Up to a quarter of an hour in microseconds."""
+
+
+class Spread:
+    """How a time is spread, in a memory that does not grow; in nanoseconds."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.least_ns = 0
+        self.most_ns = 0
+        self._bins = [0] * _BINS
+
+    def add(self, value_ns: float) -> None:
+        """Count one."""
+        if not self.count or value_ns < self.least_ns:
+            self.least_ns = round(value_ns)
+        self.most_ns = max(self.most_ns, round(value_ns))
+        self.count += 1
+        place = int(_STEPS * math.log2(value_ns / 1000.0)) + 1 if value_ns > 1000.0 else 0  # noqa: PLR2004 - a microsecond
+        self._bins[min(place, _BINS - 1)] += 1
+
+    def percentile_ns(self, percent: float) -> int:
+        """So many of a hundred were no more than this."""
+        wanted, seen = math.ceil(self.count * percent / 100.0), 0
+        for place, count in enumerate(self._bins):
+            seen += count
+            if seen >= wanted:
+                edge_ns = math.ceil(1000.0 * 2 ** (place / _STEPS))
+                return max(self.least_ns, min(self.most_ns, edge_ns))
+        return self.most_ns
+
+    def to_dict(self) -> dict[str, float | int | None]:
+        """In milliseconds; None where nothing was counted."""
+        known = self.count > 0
+        return {
+            "count": self.count,
+            "min": _ms(self.least_ns) if known else None,
+            "p50": _ms(self.percentile_ns(50.0)) if known else None,
+            "p99": _ms(self.percentile_ns(99.0)) if known else None,
+            "max": _ms(self.most_ns) if known else None,
+        }
+
+
+def _ms(value_ns: float) -> float:
+    return round(value_ns / 1e6, 3)
+
+
+class MessageStatistics:
+    """One kind of message, by the stamps that the device put on it."""
+
+    __slots__ = (
+        "_age_count", "_age_most_ns", "_age_sum_ns", "_alike", "_candidate_us",
+        "_last_us", "_period_us", "_spent_us", "_stream", "count", "lost", "name", "reordered",
+    )  # fmt: skip
+
+    def __init__(self, spec: MessageSpec) -> None:
+        self.name = spec.name
+        self.count = self.lost = self.reordered = 0
+        self._stream = spec.rate is RateClass.STREAM
+        self._last_us = 0
+        self._spent_us = 0
+        """Time over which messages came, breaks left out."""
+        self._period_us = self._candidate_us = 0.0
+        self._alike = 0
+        self._age_count = 0
+        self._age_sum_ns = self._age_most_ns = 0.0
+
+    def take(self, t_us: int, arrived_ns: int, fit: Fit | None) -> None:
+        """One message, with its 32-bit stamp."""
+        if self.count:
+            gap_us = (t_us - self._last_us + _HALF) % _SPAN - _HALF
+            if gap_us < 0:
+                self.reordered += 1
+                self.count += 1
+                return
+            if gap_us < _BREAK_US:
+                self._spent_us += gap_us
+                if self._stream:
+                    self._gap(gap_us)
+        self.count += 1
+        self._last_us = t_us
+        if fit is not None:
+            since_us = (t_us - fit.device_us + _HALF) % _SPAN - _HALF
+            age_ns = arrived_ns - fit.host_ns - since_us * 1000.0 * (1.0 + fit.drift)
+            self._age_count += 1
+            self._age_sum_ns += age_ns
+            self._age_most_ns = max(self._age_most_ns, age_ns)
+
+    def _gap(self, gap_us: int) -> None:
+        """Take the time since the last one: the stream's period, a new one, or a hole."""
+        period_us = self._period_us
+        if abs(gap_us - period_us) <= _ALIKE * period_us:
+            self._alike = 0
+            return
+        alike = abs(gap_us - self._candidate_us) <= _ALIKE * gap_us
+        self._alike = self._alike + 1 if alike else 1
+        missing = max(0, round(gap_us / period_us) - 1) if period_us else 0
+        self.lost += missing
+        self._candidate_us = float(gap_us)
+        if self._alike >= (_SLOWER if missing else _QUICKER) and gap_us > 0:
+            # Too often alike for chance: the rate was changed, or is known only now.
+            self.lost -= missing * self._alike
+            self._period_us, self._alike = float(gap_us), 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """For the summary; ages in milliseconds, None where no clock mapping was known."""
+        spent_s, counted = self._spent_us / 1e6, self._age_count
+        return {
+            "count": self.count,
+            "rate_hz": round((self.count - 1) / spent_s, 2) if spent_s and self._stream else None,
+            "lost": self.lost if self._stream else None,
+            "reordered": self.reordered,
+            "age_ms": {
+                "mean": _ms(self._age_sum_ns / counted) if counted else None,
+                "max": _ms(self._age_most_ns) if counted else None,
+            },
+        }
+
+
+class WireStatistics:
+    """A host's link: every kind of message, and the round trip of its pings."""
+
+    def __init__(self) -> None:
+        self.round_trip = Spread()
+        self._aside: list[tuple[list[SessionEvent], int]] = []
+        self._kinds: dict[int, MessageStatistics] = {}
+        self.hear = self._aside.append
+        """Put aside what came at once, with when it came: ``hear((events, now_ns))``."""
+
+    def count(self, sync: TimeSync) -> None:
+        """Count what was put aside."""
+        fit, kinds = sync.fit, self._kinds
+        for events, now_ns in self._aside:
+            for event in events:
+                if event.__class__ is Data:
+                    _, frame, spec = event[0]
+                    kind = kinds.get(frame[2])
+                    if kind is None:
+                        kind = kinds[frame[2]] = MessageStatistics(spec)
+                    kind.take(frame[4], now_ns, fit)
+        self._aside.clear()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Round trip (ms) and messages by name, of what was counted."""
+        return {
+            "round_trip_ms": self.round_trip.to_dict(),
+            "messages": {kind.name: kind.to_dict() for kind in self._kinds.values()},
+        }

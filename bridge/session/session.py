@@ -1,0 +1,319 @@
+"""A session with one device: hello, agreement, commands, heartbeats, loss and return.
+
+Sans-I/O. States and the moves between them are a table; whoever owns the port feeds bytes
+and time in and carries events and bytes out.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from bridge.session.diagnosis import Evidence
+from bridge.session.discovery import LISTEN_NS
+from bridge.session.handshake import ANSWER_PERIOD_NS, SessionHandshake
+from bridge.session.round_trip import RoundTrip
+from bridge.session.states import (
+    RESTLESS,
+    CommandEnded,
+    Data,
+    Ping,
+    SessionEvent,
+    State,
+)
+from protocol.clock import HostNs
+from protocol.commands import CommandSender
+from protocol.link import Link, LinkBase, Medium, Received, Rejected
+from protocol.messages import (
+    Ack,
+    Challenge,
+    DescribeReply,
+    Hello,
+    Nack,
+    Stop,
+    TimeReply,
+)
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction, Message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+HELLO_PERIOD_NS = 200_000_000
+OPEN_TIMEOUT_NS = 3_000_000_000
+"""Three of the device's own hellos, which it sends at 1 Hz."""
+AGREE_TIMEOUT_NS = 8_000_000_000
+"""From opening to the first agreement: a device that is heard but never answers us."""
+LOST_AFTER_NS = 1_000_000_000
+FAST_PING_NS = 100_000_000
+FAST_PINGS = 50
+SLOW_PING_NS = 200_000_000
+"""Period of pings after the first fifty, ns: at 5 Hz four pings show within a second that a link
+has become slow, and the device, which holds us lost after 1 s, may lose a few."""
+PING_SPREAD_NS = 16_000_000
+"""By up to so much each comes early, the slowest adapter's period: in step with one that looks
+every so often, each would wait for it as long as the one before, and none be quick."""
+_GOLDEN_NS = round(PING_SPREAD_NS * 0.6180339887)
+"""Moments so far apart fall evenly into a period, and into a whole part of it."""
+_new = tuple.__new__
+_BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
+
+
+class Session(SessionHandshake):
+    """The host's end of a conversation with one device."""
+
+    def __init__(  # noqa: PLR0913 - what a session can be made with
+        self,
+        new_session_id: Callable[[], int],
+        *,
+        name: str = "sweepctl",
+        node: int | None = None,
+        catalogue: Catalogue = CATALOGUE,
+        link: type[LinkBase] = Link,
+        key: bytes | None = None,
+    ) -> None:
+        """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids.
+
+        With a ``key`` what moves the robot is signed, where the device asks for it.
+
+        Raises:
+            BadKeyError: the key has not 16 bytes.
+
+        """
+        super().__init__(
+            link(Direction.HOST, codec=Codec(catalogue)),
+            new_session_id,
+            name=name,
+            node=node,
+            catalogue=catalogue,
+            key=key,
+        )
+        self._pings = 0
+        self.round_trip = RoundTrip()
+        """Of the pings since both ends agreed."""
+        self._wanted_node = node
+        self._evidence = Evidence()
+        self._heard_ns = HostNs(0)
+        self._handlers: dict[type[Message], Callable[[Any, Received, HostNs], None]] = {
+            Hello: self._hello,
+            DescribeReply: self._answer,
+            Ack: self._reply,
+            Nack: self._reply,
+            TimeReply: self._time_reply,
+            Challenge: self._challenge,
+        }
+        """What the session itself listens to; all else is telemetry."""
+
+    # ---- in and out -----------------------------------------------------------------------
+
+    def open(self, now_ns: HostNs) -> None:
+        """Start to look for a device, any device: what was known of another is forgotten."""
+        if self.state is not State.CLOSED:
+            return
+        self._opened_ns = self._next_ns = now_ns
+        if self.link.medium is Medium.CAN:  # a hello would end another host's session
+            self._next_ns = now_ns + LISTEN_NS
+        self.hello = self._boot_known = self._schema_known = self._open_stop = None
+        self._outbox.node = self._wanted_node
+        self._evidence = Evidence()
+        self._restless = self._renew = False
+        self._answers.clear()
+        self._move("open", "opened")
+        self.session_id = self._new_session_id()
+        # Replies name no session: ids that start anywhere are not those of an earlier host.
+        self._outbox.commands = CommandSender(self.session_id & 0xFFFF)
+
+    def close(self) -> None:
+        """End; says nothing to the device."""
+        self.commands.cancel()
+        self._move("close", "closed")
+
+    def unplugged(self, now_ns: HostNs) -> None:
+        """The port has vanished: the device is lost without a second's wait."""
+        if self.state in {State.READY, State.AGREEING}:
+            self._lose(now_ns, "unplugged", "its port is gone")
+        elif self.state is State.OPENING and self._evidence.words is not None:
+            self._no_device()  # what is behind the port gave its reason, and would again
+
+    def replugged(self, now_ns: HostNs) -> None:
+        """A port is there again: ask at once who is on it."""
+        if self.state is State.LOST:
+            self._tries = 0
+            self._next_ns = now_ns
+
+    def receive(self, data: bytes, now_ns: HostNs) -> list[SessionEvent]:
+        """Take bytes from the port."""
+        ready = State.READY
+        if self.state is not ready:
+            self._evidence.hear(data)
+        events, handlers = self._events, self._handlers
+        for event in self.link.receive(data, now_ns // 1000):
+            if type(event) is Received:
+                node = self._outbox.node
+                if node is None or event[1][1] == node:
+                    self._heard_ns = now_ns
+                    if self.state is ready and event[0].__class__ not in handlers:
+                        events.append(_new(Data, (event, now_ns)))  # nearly all of them
+                    else:
+                        self._handle(event, now_ns)
+                elif self.state is State.OPENING:
+                    self._evidence.nodes.add(event[1][1])
+            elif not isinstance(event, Received):
+                if isinstance(event, Rejected):
+                    self._evidence.note(event)
+                self._events.append(event)
+        return self._drain()
+
+    def poll(self, now_ns: HostNs) -> list[SessionEvent]:
+        """Do what time asks for: hellos, questions, pings, retries, and noticing silence."""
+        state = self.state
+        if (  # what it nearly always is, said first: this is asked at every turn of a loop
+            state is State.READY
+            and now_ns < self._next_ns
+            and now_ns - self._heard_ns <= LOST_AFTER_NS
+            and self._outbox.commands.rests(now_ns // 1000)
+        ):
+            return self._drain()
+        self._notice(now_ns)
+        if now_ns >= self._next_ns:
+            self._periodic(now_ns)
+        if self.state is State.READY:
+            self._events += map(CommandEnded, self._outbox.repeat(now_ns))
+        return self._drain()
+
+    def _notice(self, now_ns: HostNs) -> None:
+        """Draw conclusions from silence, and from what was heard by now."""
+        if self.state in {State.READY, State.AGREEING}:
+            if now_ns - self._heard_ns > LOST_AFTER_NS:
+                self._lose(now_ns)
+        elif self._others_talk:
+            self._no_device()
+        elif self._answers.settled_ns is not None and now_ns >= self._answers.settled_ns:
+            self._choose(now_ns)
+        elif self.state is State.OPENING and now_ns - self._opened_ns > OPEN_TIMEOUT_NS:
+            self._no_device()
+        if (
+            self.state in {State.AGREEING, State.LOST}
+            and self._boot_known is None
+            and now_ns - self._opened_ns > AGREE_TIMEOUT_NS
+        ):
+            if self._restless:
+                self._fail("give_up", "restless", RESTLESS)
+            else:
+                self._fail(
+                    "give_up",
+                    "deaf",
+                    "the device is heard but does not answer; check the wire from this host's TX "
+                    "to its RX",
+                )
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the port."""
+        return self.link.data_to_send()
+
+    def next_deadline(self) -> HostNs | None:
+        """When :meth:`poll` has work next; None where nothing is awaited."""
+        state = self.state
+        if state is State.CLOSED or state is State.FAILED:
+            return None
+        deadline_ns = self._next_ns
+        settled_ns = self._answers.settled_ns
+        if settled_ns is not None and settled_ns < deadline_ns:
+            deadline_ns = settled_ns
+        if state is State.READY:
+            due_us = self._outbox.commands.next_deadline_us()
+            if due_us is not None and (due_us + 1) * 1000 < deadline_ns:
+                deadline_ns = (due_us + 1) * 1000
+        return HostNs(deadline_ns)
+
+    @property
+    def heard_ns(self) -> HostNs:
+        """When the device's last intact frame came; 0: never."""
+        return self._heard_ns
+
+    # ---- inside ---------------------------------------------------------------------------
+
+    def _drain(self) -> list[SessionEvent]:
+        events = self._events
+        if events:
+            self._events = []
+            return events
+        return []
+
+    def _periodic(self, now_ns: HostNs) -> None:
+        match self.state:
+            case State.OPENING:
+                self._send_hello(now_ns, agreed=0)
+                self._next_ns = now_ns + HELLO_PERIOD_NS
+            case State.AGREEING:
+                if self._greeted:
+                    self._ask(now_ns)
+                    self._next_ns = now_ns + ANSWER_PERIOD_NS
+                else:
+                    self._greet(now_ns)
+            case State.READY:
+                self._outbox.ping(now_ns)
+                fast = self._tries < FAST_PINGS
+                self._tries += 1
+                self._pings += 1
+                early_ns = self._pings * _GOLDEN_NS % PING_SPREAD_NS
+                self._next_ns = now_ns + (FAST_PING_NS if fast else SLOW_PING_NS) - early_ns
+            case State.LOST:
+                self._send_hello(now_ns, agreed=0)
+                self._next_ns = now_ns + _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]
+                self._tries += 1
+            case _:
+                pass
+
+    def _handle(self, event: Received, now_ns: HostNs) -> None:
+        handler = self._handlers.get(event.message.__class__)
+        if handler is not None:
+            handler(event.message, event, now_ns)
+        elif self.state is State.AGREEING and self._agreement.settled and self._joined:
+            if not self._key.allows(self.hello):
+                return  # the next hello brings the challenge
+            # Telemetry flows once the device knows that we agree; but what comes before it has
+            # named our session may still be of an earlier one.
+            self._ready(now_ns)
+            self.round_trip.begin(now_ns)
+        state = self.state
+        if state is State.READY or (state is State.AGREEING and handler == self._hello):
+            self._events.append(Data(event, now_ns))
+
+    def _reply(self, reply: Ack | Nack, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+        outcome = self._outbox.commands.reply(reply, now_ns // 1000)
+        if outcome is not None:
+            message = outcome.message
+            if (
+                isinstance(message, Stop)
+                and outcome.accepted
+                and message.cause >= (self._open_stop or 0)
+            ):
+                self._open_stop = None
+            self._outbox.counts.refused += not outcome.accepted
+            self._events.append(CommandEnded(outcome))
+
+    def _time_reply(self, reply: TimeReply, event: Received, now_ns: HostNs) -> None:
+        sent_ns = self._outbox.pinged_ns(reply.ping)
+        if sent_ns is not None:
+            turnaround_us = (event.frame.t_us - reply.received_us) & 0xFFFF_FFFF
+            self.round_trip.answered(sent_ns, now_ns, turnaround_us)
+            self._events.append(Ping(sent_ns, reply.received_us, event.frame.t_us, now_ns))
+
+    @property
+    def _others_talk(self) -> bool:
+        """On a bus that we are about to use, another host does."""
+        bus = self.link.medium is Medium.CAN
+        return bus and self.state is State.OPENING and self._evidence.echoes > 0
+
+    def _lose(
+        self, now_ns: HostNs, what: str = "silence", why: str = "nothing heard for 1 s"
+    ) -> None:
+        self._tries = 0
+        self._next_ns = now_ns
+        self.commands.cancel()
+        self._move(what, why)
+
+    def _no_device(self) -> None:
+        kind, text = self._evidence.verdict(self.link.medium, self.link.statistics.damaged)
+        self._fail("no_device", kind, text)

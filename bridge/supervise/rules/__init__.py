@@ -1,0 +1,1 @@
+"""Conditions under which the supervisor reacts."""

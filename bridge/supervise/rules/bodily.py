@@ -1,0 +1,270 @@
+"""Conditions on the body: how it stands, what it touches, where it is."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.floor_plan.floor_plan import contains
+from protocol.values import Contact, Fault
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+    from bridge.supervise.inputs import Scalar, Watched
+    from bridge.supervise.measured import Measured
+    from bridge.supervise.rules.conditions import Evidence
+    from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
+    from protocol.messages import Imu
+
+_BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
+_CLIFF = int(Contact.CLIFF)
+_LIFTED = int(Fault.LIFTED)
+TILT_SMOOTH_S = 0.2
+"""The accelerometer's time constant: bumps are shorter, a lean is longer."""
+JOLT_M_S2 = 1.5
+JOLT_S = 1.0
+"""A cliff within this of a jolt up or down is no cliff: it was taken up."""
+_G_M_S2 = 9.80665
+FOLLOWS_M, FOLLOWS_M_S = (0.004, 0.03), 0.06
+"""A touch so little ahead of the one before, and so slowly reached, is the same contact, followed
+along a wall: the switch taps three times a second. Who bumps comes from further, or backed off."""
+
+
+class Tilt:
+    """Gravity lies off the body's own upright axis, as the accelerometer measures it."""
+
+    grave = False
+
+    def __init__(self, rule: TiltRule) -> None:
+        """Keep the limit."""
+        self._least_cos = math.cos(math.radians(rule.angle_deg))
+        self.restart()
+
+    def restart(self) -> None:
+        """Gravity is not known."""
+        self._imu: Imu | None = None
+        self._mean: tuple[float, float, float] | None = None
+        self._cos = 1.0
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """Smooth the accelerometer and compare it with the body's own upright axis."""
+        imu = watched.imu
+        if imu is None or imu is self._imu:
+            return self._cos < self._least_cos
+        self._imu = imu
+        now = (float(imu.accel_x), float(imu.accel_y), float(imu.accel_z))
+        mean = now if self._mean is None else self._mean
+        share = min(measured.step_s / TILT_SMOOTH_S, 1.0)
+        x, y, z = (m + share * (n - m) for m, n in zip(mean, now, strict=True))
+        self._mean = (x, y, z)
+        norm = math.sqrt(x * x + y * y + z * z)
+        self._cos = z / norm if norm > 0.0 else 1.0
+        return self._cos < self._least_cos
+
+    def tell(self) -> Evidence:
+        """By how much."""
+        angle_deg = math.degrees(math.acos(self._cos))
+        return f"it leans by {angle_deg:.0f}°", {"angle_deg": round(angle_deg, 1)}
+
+
+class Lifted:
+    """The device says so, or the floor went away in a jolt."""
+
+    grave = False
+
+    def __init__(self) -> None:
+        """On the floor."""
+        self.restart()
+
+    def restart(self) -> None:
+        """On the floor."""
+        self._jolt_s = -math.inf
+        self._up = False
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """See the fault bit; and the cliff sensor against jolts."""
+        del measured
+        imu, reading, status = watched.imu, watched.range, watched.status
+        if imu is not None and abs(imu.accel_z_m_s2 - _G_M_S2) > JOLT_M_S2:
+            self._jolt_s = watched.time_s
+        if reading is None or not reading.contacts & _CLIFF:
+            self._up = False
+        elif watched.time_s - self._jolt_s < JOLT_S:
+            self._up = True
+        self._told = status is not None and status.faults & _LIFTED != 0
+        return self._told or self._up
+
+    def tell(self) -> Evidence:
+        """By whose finding."""
+        if self._told:
+            return "the device says that it is lifted", {"by": "device"}
+        return "a jolt, and no floor since: it is lifted", {"by": "host"}
+
+
+class Bump:
+    """Too many contacts in the window, or one that does not end."""
+
+    grave = False
+
+    def __init__(self, rule: BumpRule) -> None:
+        """Keep the limits."""
+        self._rule = rule
+        self.restart()
+
+    def restart(self) -> None:
+        """No contact."""
+        self._onsets: list[float] = []
+        self._touch: tuple[float, float] | None = None
+        """When the last touch was, and the odometry then."""
+        self._pressed = 0
+        self._since_s = [math.inf, math.inf]
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """Count onsets of contact; and how long each half has been pressed."""
+        reading, now_s = watched.range, watched.time_s
+        if reading is not None:
+            pressed = reading.contacts & _BUMPERS
+            if pressed and not self._pressed:
+                if not self._follows(now_s, measured.way_m):
+                    self._onsets.append(now_s)
+                self._touch = now_s, measured.way_m
+            for half in (0, 1):
+                if not pressed >> half & 1:
+                    self._since_s[half] = math.inf
+                elif self._since_s[half] == math.inf:
+                    self._since_s[half] = now_s
+            self._pressed = pressed
+        while self._onsets and self._onsets[0] < now_s - self._rule.window_s:
+            self._onsets.pop(0)
+        self._held_s = now_s - min(self._since_s)
+        return self._held_s >= self._rule.held_s or len(self._onsets) >= self._rule.count
+
+    def _follows(self, now_s: float, way_m: float) -> bool:
+        """Whether a touch goes on with the one before."""
+        if self._touch is None:
+            return False
+        before_s, before_m = self._touch
+        made_m, (least_m, most_m) = way_m - before_m, FOLLOWS_M
+        return least_m < made_m < min(most_m, FOLLOWS_M_S * (now_s - before_s))
+
+    def tell(self) -> Evidence:
+        """How many, or how long."""
+        data: dict[str, Scalar] = {
+            "count": len(self._onsets),
+            "window_s": self._rule.window_s,
+            "held_s": round(max(self._held_s, 0.0), 2),
+        }
+        if self._held_s >= self._rule.held_s:
+            return f"a bumper has been pressed for {self._held_s:.0f} s", data
+        return f"{len(self._onsets)} bumps in {self._rule.window_s:.0f} s", data
+
+
+class Cliff:
+    """No floor ahead; grave where it drives on."""
+
+    grave: bool
+
+    def __init__(self, rule: CliffRule) -> None:
+        """Keep the limit."""
+        self._rule = rule
+        self.restart()
+
+    def restart(self) -> None:
+        """There is floor."""
+        self._seen_m: float | None = None
+        self._ahead_m = 0.0
+        self.grave = False
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """See the cliff bit, and how far it goes ahead with it."""
+        reading = watched.range
+        if reading is None or not reading.contacts & _CLIFF:
+            self.restart()
+            return False
+        if self._seen_m is None:
+            self._seen_m = measured.way_m
+        self._ahead_m = max(self._ahead_m, measured.way_m - self._seen_m)
+        self.grave = self._ahead_m > self._rule.ahead_m
+        return True
+
+    def tell(self) -> Evidence:
+        """How far it went."""
+        data: dict[str, Scalar] = {"ahead_m": round(self._ahead_m, 3)}
+        if self.grave:
+            return f"no floor ahead, and it drove on by {100 * self._ahead_m:.0f} cm", data
+        return "no floor ahead", data
+
+
+class Progress:
+    """It has not left a small square for a long time."""
+
+    grave = False
+    _box: tuple[float, float, float, float]
+
+    def __init__(self, rule: ProgressRule) -> None:
+        """Keep the limits."""
+        self._rule = rule
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin a square where it is."""
+        self._since_s: float | None = None
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """Let a square grow around it; begin anew once it is larger than allowed."""
+        del measured
+        x, y, _ = watched.pose
+        if self._since_s is None:
+            self._since_s, self._box = watched.time_s, (x, y, x, y)
+        left, low, right, high = self._box
+        left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
+        self._box = left, low, right, high
+        if max(right - left, high - low) > self._rule.least_m:
+            self._since_s, self._box = watched.time_s, (x, y, x, y)
+        self._for_s = watched.time_s - self._since_s
+        return self._for_s > self._rule.window_s
+
+    def tell(self) -> Evidence:
+        """For how long."""
+        least_cm = 100.0 * self._rule.least_m
+        text = f"it has been within {least_cm:.0f} cm for {self._for_s:.0f} s"
+        return text, {"for_s": round(self._for_s, 1), "least_m": self._rule.least_m}
+
+
+class Fence:
+    """Outside of where it may be: as grave at once as the rule says."""
+
+    grave = False
+    _pose: Pose2
+    _how: str
+
+    def __init__(self, rule: FenceRule) -> None:
+        """Keep the fence."""
+        self._rule = rule
+        self._start: Pose2 | None = None
+
+    def restart(self) -> None:
+        """The fence stands where it stood."""
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """Compare the estimate with the fence."""
+        del measured
+        rule = self._rule
+        pose = self._pose = watched.pose
+        if self._start is None:
+            self._start = pose
+        if 0.0 < rule.radius_m < self._start.distance_m(pose):
+            self._how = f"further than {rule.radius_m:g} m from where it began"
+            return True
+        if rule.polygon and not contains(rule.polygon, pose.x_m, pose.y_m):
+            self._how = "outside of the fence"
+            return True
+        return False
+
+    def tell(self) -> Evidence:
+        """Where it is."""
+        data: dict[str, Scalar] = {
+            "x_m": round(self._pose.x_m, 3),
+            "y_m": round(self._pose.y_m, 3),
+        }
+        return f"it is {self._how}", data

@@ -1,0 +1,250 @@
+"""A shadow of the device's planner: every decision is checked, then taken over as it was told.
+
+Nothing is predicted. Where a lane has ended, its D is held against the odometry, its case
+worked out again from D, Prev-D and Φ, and Length from W and T; between decisions, what the
+device says that it does is held against what is measured. After each check the shadow goes on
+from the device's own figures, so that one disagreement is one finding.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from protocol.values import Contact, PlannerPhase, label
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+    from bridge.supervise.inputs import Scalar, Watched
+    from bridge.supervise.measured import Measured
+    from bridge.supervise.rules.conditions import Evidence
+    from bridge.supervise.settings import DisagreementRule
+    from protocol.messages import PlannerState
+
+_LANE, _TURN, _STEP = PlannerPhase.LANE, PlannerPhase.TURN, PlannerPhase.STEP
+_STILL = frozenset(
+    {PlannerPhase.IDLE, PlannerPhase.PAUSED, PlannerPhase.FINISHED, PlannerPhase.ABORTED}
+)
+_STRAIGHT = frozenset({_LANE, _STEP})
+_LANES = frozenset({"paper", "u-shape"})
+"""Planners that sweep in straight lanes, and tell D, Prev-D and T of them."""
+_BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
+GAP_S = 0.7
+"""Between two planner states, of 5 Hz: longer, and a decision may have passed unseen."""
+KEEP_S = 2.0
+"""How long a finding is held, for the rule that watches it."""
+_MM = 0.001 + 1e-9
+"""Two figures rounded to a millimetre differ by so much less or more than they say."""
+_LENGTH_STEP_M = 0.02
+"""Of the wire; the last step says "that or more"."""
+_LENGTH_MOST = 255
+STANDS_M_S, STANDS_RAD_S = 0.03, 0.15
+"""Faster is motion: three times what an estimate makes of a robot at rest."""
+SLIPS_M_S = 0.012
+"""Between the rims: what slips more makes the way doubtful. Twice what a hard floor brings."""
+TURN_M = 0.06
+"""Way in a second that a turn in place may make."""
+BEND_RAD = 0.6
+"""Turn in a second that a straight run may make."""
+
+
+@dataclass(slots=True)
+class _Lane:
+    """A lane: where it began, and how far it has got."""
+
+    since_s: float
+    began_m: float
+    """Odometry where it began."""
+    far_m: float
+    """The furthest since then."""
+    start: Pose2
+    """The estimate where it began."""
+    made_m: float = 0.0
+    """The furthest along it, by the estimate: after a bump the wheels turn on."""
+    doubt_m: float = 0.0
+    """Way since then that a slip, or pushing against something, has put in doubt."""
+
+
+class Shadow:
+    """Judges the device's planner; for none it holds nothing."""
+
+    grave = False
+    _state_s: float
+    """When the newest state came."""
+    _found_s: float
+    _claim_s: float
+    _mark_m: float
+    _mark_rad: float
+    """When the present claim was last tested, and the odometry then."""
+
+    def __init__(self, rule: DisagreementRule, model: RobotModel) -> None:
+        """Keep the limits."""
+        self._rule = rule
+        self._diameter_m = model.robot_diameter_m
+        self._width_m = model.cleaning_width_m
+        self.restart()
+
+    def restart(self) -> None:
+        """Take over whatever the device says next."""
+        self._state: PlannerState | None = None
+        self._lane: _Lane | None = None
+        self._found: Evidence | None = None
+
+    # ---- each step ------------------------------------------------------------------------
+
+    def holds(self, watched: Watched, measured: Measured) -> bool:
+        """Take a step; whether a disagreement was found of late."""
+        told, now_s = watched.planner, watched.time_s
+        if told is None or not watched.onboard:
+            return False
+        if self._lane is not None:
+            _go_on(self._lane, watched, measured)
+        if told is not self._state:
+            self._hear(told, watched, measured)
+        self._test_claim(told, watched, measured)
+        if self._found is not None and now_s - self._found_s > KEEP_S:
+            self._found = None
+        return self._found is not None
+
+    def tell(self) -> Evidence:
+        """The newest disagreement."""
+        return self._found or ("", {})
+
+    def _note(self, now_s: float, text: str, **data: Scalar) -> None:
+        self._found, self._found_s = (text, data), now_s
+
+    # ---- a decision -----------------------------------------------------------------------
+
+    def _hear(self, told: PlannerState, watched: Watched, measured: Measured) -> None:
+        before, now_s = self._state, watched.time_s
+        whole = before is not None and now_s - self._state_s <= GAP_S
+        self._state, self._state_s = told, now_s
+        if before is None or told.phase != before.phase:
+            self._claim_s = now_s
+            self._mark_m, self._mark_rad = measured.travel_m, measured.turn_rad
+        if watched.onboard in _LANES and before is not None and whole:
+            if before.phase == _LANE and told.phase != _LANE and told.phase not in _STILL:
+                self._judge(before, told, now_s, paper=watched.onboard == "paper")
+            elif told.turn_count > before.turn_count + 1:
+                text = f"T went from {before.turn_count} to {told.turn_count} in one step"
+                self._note(now_s, text, T=told.turn_count, T_before=before.turn_count)
+        if told.phase != _LANE:
+            # A turn in place makes no way: the lane begins where the turn before it ended.
+            self._lane = _Lane(now_s, measured.way_m, measured.way_m, watched.pose)
+        elif not whole:
+            self._lane = None
+
+    def _judge(
+        self, before: PlannerState, told: PlannerState, now_s: float, *, paper: bool
+    ) -> None:
+        distance_m, lane = told.lane_distance_m, self._lane
+        if lane is not None:
+            ways_m = lane.far_m - lane.began_m, lane.made_m
+            driven_m = min(ways_m, key=lambda way_m: abs(distance_m - way_m))
+            if abs(distance_m - driven_m) > self._rule.distance_m + lane.doubt_m:
+                self._note(
+                    now_s,
+                    f"it says D = {distance_m:.3f} m, odometry {driven_m:.3f} m",
+                    D_m=distance_m,
+                    odometry_m=round(driven_m, 3),
+                    for_s=round(now_s - lane.since_s, 2),
+                )
+        previous_m = before.lane_distance_m
+        first = not (before.lane_distance or before.lane_case or before.turn_count)
+        if told.previous_lane_distance not in {told.lane_distance, before.lane_distance}:
+            self._note(
+                now_s,
+                f"it says Prev-D = {told.previous_lane_distance_m:.3f} m, "
+                f"and had said D = {previous_m:.3f} m of the lane before",
+                Prev_D_m=told.previous_lane_distance_m,
+                D_before_m=previous_m,
+            )
+        if paper:
+            self._judge_case(told, distance_m if first else previous_m, now_s)
+
+    def _judge_case(self, told: PlannerState, previous_m: float, now_s: float) -> None:
+        distance_m, case = told.lane_distance_m, told.lane_case
+        # At a limit either side may be right.
+        cases = {self._case(distance_m, previous_m + off) for off in (-_MM, 0.0, _MM)}
+        if case not in cases:
+            expected = min(cases)
+            self._note(
+                now_s,
+                f"it says case {case}; D = {distance_m:.3f} m after {previous_m:.3f} m "
+                f"is case {expected}",
+                case=case,
+                expected=expected,
+                D_m=distance_m,
+                Prev_D_m=previous_m,
+            )
+        elif case == 3 and told.length != _LENGTH_MOST:  # noqa: PLR2004 - the paper's own number
+            length_m = self._width_m * told.turn_count
+            if abs(told.length_m - length_m) > 0.5 * _LENGTH_STEP_M + _MM:
+                self._note(
+                    now_s,
+                    f"it says Length = {told.length_m:.2f} m; W·T is {length_m:.2f} m",
+                    Length_m=told.length_m,
+                    expected_m=round(length_m, 3),
+                    T=told.turn_count,
+                )
+
+    def _case(self, distance_m: float, previous_m: float) -> int:
+        """The paper's case of a lane after another; 0: none of them."""
+        if distance_m + self._diameter_m < previous_m:
+            return 2
+        if distance_m - self._diameter_m > previous_m:
+            return 3
+        return 1 if abs(distance_m - previous_m) <= self._rule.equal_m else 0
+
+    # ---- what it says that it does --------------------------------------------------------
+
+    def _test_claim(self, told: PlannerState, watched: Watched, measured: Measured) -> None:
+        """Once the claim is old enough: what was measured since the last test."""
+        now_s, rule = watched.time_s, self._rule
+        for_s = now_s - self._claim_s
+        if for_s < rule.motion_s:
+            return
+        way_m = measured.travel_m - self._mark_m
+        turn_rad = measured.turn_rad - self._mark_rad
+        self._claim_s = now_s
+        self._mark_m, self._mark_rad = measured.travel_m, measured.turn_rad
+        phase = told.phase
+        wrong = ""
+        if phase in _STILL:
+            if way_m > STANDS_M_S * for_s or abs(turn_rad) > STANDS_RAD_S * for_s:
+                wrong = "moves"
+        elif watched.onboard in _LANES and phase in _STRAIGHT:
+            if abs(turn_rad) > BEND_RAD * for_s:
+                wrong = "turns"
+        elif phase == _TURN and way_m > TURN_M * for_s:
+            wrong = "drives"
+        if wrong:
+            name = label(PlannerPhase, phase).replace("_", " ")
+            self._note(
+                now_s,
+                f"it says {name}, and {wrong}: {100 * way_m:.0f} cm and "
+                f"{turn_rad:.2f} rad in {for_s:.1f} s",
+                phase=name,
+                way_m=round(way_m, 3),
+                turn_rad=round(turn_rad, 3),
+                for_s=round(for_s, 2),
+            )
+
+
+def _go_on(lane: _Lane, watched: Watched, measured: Measured) -> None:
+    """A step further along a lane."""
+    lane.far_m = max(lane.far_m, measured.way_m)
+    lane.made_m = max(lane.made_m, _along(lane.start, watched.pose))
+    if abs(measured.slip_m_s) > SLIPS_M_S:
+        lane.doubt_m += abs(measured.slip_m_s) * measured.step_s
+    reading = watched.range
+    if reading is not None and reading.contacts & _BUMPERS:
+        lane.doubt_m += 0.5 * abs(measured.left_m + measured.right_m)
+
+
+def _along(start: Pose2, pose: Pose2) -> float:
+    """Way ahead from a pose, along its heading."""
+    c, s = math.cos(start.theta_rad), math.sin(start.theta_rad)
+    return (pose.x_m - start.x_m) * c + (pose.y_m - start.y_m) * s

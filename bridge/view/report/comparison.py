@@ -1,0 +1,215 @@
+"""Two runs beside each other: figures in one table, paths and curves in one picture."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from bridge.record.errors import LogExistsError
+from bridge.view.report import figures as report_figures
+from bridge.view.report import report
+from bridge.view.report.page import document, section, table
+from bridge.view.report.picture import draw_plan, drawn_text, plan_legend
+from bridge.view.report.run_data import load_run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+
+    from bridge.view.report.run_data import RunData
+
+_COLOURS = (report_figures.BLUE, report_figures.ORANGE)
+_PERCENT = (
+    "coverage.mouth_sweepable",
+    "coverage.mouth_free",
+    "coverage.body_reachable",
+    "coverage.body_free",
+    "coverage.eq8",
+    "repeat_ratio",
+)
+_POINTS = "Shares differ by percentage points: from 90 % to 91 % is +1 point."
+
+
+def figures_of(data: RunData) -> dict[str, float | None]:
+    """Every figure of a run that can be held against another's."""
+    measured = data.coverage
+    made: dict[str, float | None] = {
+        "duration_s": data.figure("duration_s"),
+        "path_m": data.figure("path_m"),
+        "turns": data.figure("turns"),
+    }
+    shares = measured.coverage.to_dict() if measured is not None else {}
+    for name in ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8"):
+        told = data.figure("coverage", name)
+        made[f"coverage.{name}"] = told if told is not None else shares.get(name)
+    for name in ("t90_s", "t99_s", "largest_hole_cm2", "hole_inradius_m", "repeat_ratio"):
+        told = data.figure(name)
+        made[name] = told if told is not None else getattr(measured, name, None)
+    made |= {
+        "time_ratio": measured.time_ratio if measured is not None else None,
+        "collisions": data.figure("collisions"),
+        "contact_s": data.figure("contact_s"),
+        "energy_wh": data.figure("energy_wh"),
+        "motor_wh": data.motor_wh,
+        "pose_error_m.end": data.figure("pose_error_m", "end"),
+        "pose_error_m.max": data.figure("pose_error_m", "max"),
+        "frames_lost": float(data.lost) if data.link else None,
+        "crc_errors": data.figure("wire", "crc_errors"),
+        "clock_bound_ms": data.clock[-1][1] if data.clock else None,
+        "events": float(len(data.happenings)),
+    }
+    return made
+
+
+def compare(a: RunData, b: RunData) -> dict[str, Any]:
+    """Both runs' figures and what the second has more of, as plain values."""
+    first, second = figures_of(a), figures_of(b)
+    changed = {}
+    for key, one in first.items():
+        two = second[key]
+        changed[key] = None if one is None or two is None else round(two - one, 6)
+    return {
+        "a": {"log": str(a.path), "title": report.title(a), **_named(a), "figures": first},
+        "b": {"log": str(b.path), "title": report.title(b), **_named(b), "figures": second},
+        "difference": changed,
+    }
+
+
+def _named(data: RunData) -> dict[str, Any]:
+    return {"outcome": data.summary.get("outcome"), "whole": data.whole}
+
+
+def rows(a: RunData, b: RunData) -> list[tuple[str, ...]]:
+    """The table's lines: figure, first run, second run, difference; what both lack is left out."""
+    first, second = figures_of(a), figures_of(b)
+    lines: list[tuple[str, ...]] = [
+        (
+            "outcome",
+            str(a.summary.get("outcome") or "not told"),
+            str(b.summary.get("outcome") or "not told"),
+            "",
+        )
+    ]
+    for key, one in first.items():
+        two = second[key]
+        if one is None and two is None:
+            continue
+        delta = "" if one is None or two is None else _form(key, two - one, sign=True)
+        lines.append((_label(key), _form(key, one), _form(key, two), delta))
+    return lines
+
+
+def _label(key: str) -> str:
+    name, _, unit = key.rpartition("_")
+    if unit in {"s", "m", "wh", "cm2", "ms"}:
+        unit = {"wh": "Wh", "cm2": "cm²"}.get(unit, unit)
+        return f"{name.replace('.', ' ').replace('_', ' ')}, {unit}"
+    return key.replace(".", " ").replace("_", " ")
+
+
+def _form(key: str, value: float | None, *, sign: bool = False) -> str:
+    if value is None:
+        return "not known"
+    plus = "+" if sign else ""
+    if key in _PERCENT:
+        return f"{100 * value:{plus}.2f} {'points' if sign else '%'}"
+    if float(value).is_integer():
+        return f"{value:{plus}.0f}"
+    return f"{value:{plus}.4g}" if abs(value) < 1 else f"{value:{plus}.2f}"
+
+
+def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str, Any]:
+    """Write both runs on one page, or as a picture where ``out`` ends with .png.
+
+    Raises:
+        LogReadError: a log cannot be read.
+        LogExistsError: the page exists and ``force`` is not set.
+        LogWriteError: it cannot be written.
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    if out.exists() and not force:
+        raise LogExistsError(out)
+    runs = load_run(a), load_run(b)
+    content = (
+        picture(*runs) if out.suffix.lower() == ".png" else render(*runs).encode(errors="replace")
+    )
+    report.write(out, content)
+    return compare(*runs)
+
+
+def render(a: RunData, b: RunData) -> str:
+    """The page as HTML."""
+    runs = (a, b)
+    parts = [table("Figures", ("", "A", "B", "B less A"), rows(a, b), note=_POINTS)]
+    if any(run.track.best for run in runs):
+        note = "Both paths in the room of A. Where the rooms differ, so does what is compared."
+        parts.append(
+            section("Paths", report_figures.svg(6.6, 7.0, lambda axes: _paths(axes, a, b)), note)
+        )
+    if any(run.coverage is not None for run in runs):
+        parts.append(
+            section(
+                "Coverage against time",
+                report_figures.svg(7.6, 3.8, lambda axes: _curves(axes, a, b)),
+            )
+        )
+    lead = f"<p><b>A</b>: {escape(report.title(a))}, {escape(report.when(a))}.</p>"
+    lead += f"<p><b>B</b>: {escape(report.title(b))}, {escape(report.when(b))}.</p>"
+    return document("Two runs compared", f"{a.path.name} and {b.path.name}", lead, [], parts)
+
+
+def picture(a: RunData, b: RunData) -> bytes:
+    """Paths and curves as a PNG."""
+    figure = report_figures.blank(14.0, 6.6)
+    left, right = figure.subplots(1, 2)
+    if any(run.track.best for run in (a, b)):
+        _paths(left, a, b)
+    else:
+        _nothing(left, "no pose in either log")
+    if any(run.coverage is not None for run in (a, b)):
+        _curves(right, a, b)
+    else:
+        _nothing(right, "the coverage of neither run is known")
+    titles = f"A: {report.title(a)}      B: {report.title(b)}"
+    figure.suptitle(drawn_text(titles), fontsize=10)
+    return report_figures.as_png(figure)
+
+
+def _nothing(axes: Axes, why: str) -> None:
+    axes.text(0.5, 0.5, why, ha="center", transform=axes.transAxes)
+    axes.set_axis_off()
+
+
+def _paths(axes: Axes, a: RunData, b: RunData) -> None:
+    plan = a.track.plan or b.track.plan
+    if plan is not None:
+        draw_plan(axes, plan, obstacles="#c9ced6")
+    for name, run, colour in zip("AB", (a, b), _COLOURS, strict=True):
+        poses = [pose for _, pose in run.track.best]
+        if poses:
+            xs, ys = [p.x_m for p in poses], [p.y_m for p in poses]
+            label = drawn_text(f"{name}: {run.track.name}")
+            axes.plot(xs, ys, color=colour, lw=1.0, alpha=0.85, label=label)
+            axes.plot(xs[-1], ys[-1], "s", color=colour, mec="white", ms=8)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    lines, _ = axes.get_legend_handles_labels()
+    axes.legend(
+        handles=[*lines, *plan_legend(plan)],
+        frameon=False,
+        fontsize=8,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=2,
+    )
+
+
+def _curves(axes: Axes, a: RunData, b: RunData) -> None:
+    for name, run, colour in zip("AB", (a, b), _COLOURS, strict=True):
+        if run.coverage is not None:
+            label = drawn_text(f"{name}: {run.track.name}")
+            report_figures.draw_coverage(axes, run, colour=colour, label=label)
+    report_figures.finish_coverage(axes)

@@ -1,0 +1,249 @@
+"""A report's figures: the room, coverage against time, power, clock and wire."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bridge.view.report.picture import PlotMissingError, draw_floor, draw_path, floor_legend
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from bridge.view.report.run_data import RunData
+
+INK, SOFT, BLUE, RED, GREEN, ORANGE = (
+    "#20262c",
+    "#5d6670",
+    "#1f4e79",
+    "#c0504d",
+    "#3f8f5f",
+    "#e08a2e",
+)
+OTHER = "#b03a48"
+_POINTS = 400
+_ROOM_HEIGHTS, _ROOM_REST = (2.6, 9.0), 1.0
+"""Inches: what a page has room for, and what legend and axis take."""
+_DPI = 110
+
+
+def blank(width: float, height: float) -> Figure:
+    """A figure of this size in inches, for no display.
+
+    Raises:
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra
+        from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise PlotMissingError from None
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def svg(width: float, height: float, draw: Callable[[Axes], None]) -> str:
+    """One figure as SVG text, the same text for the same data."""
+    figure = blank(width, height)
+    draw(figure.add_subplot())
+    return as_svg(figure)
+
+
+def as_svg(figure: Figure) -> str:
+    """A figure as SVG text, to stand within a page."""
+    import matplotlib as mpl  # noqa: PLC0415 - an extra
+
+    out = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "sweepctl", "svg.fonttype": "path"}):
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    text = out.getvalue()
+    return text[text.index("<svg") :]
+
+
+def as_png(figure: Figure) -> bytes:
+    """A figure as a PNG."""
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=_DPI)
+    return out.getvalue()
+
+
+def room_ratio(data: RunData) -> float:
+    """Height of the room over its width; of the path where the room is not known."""
+    plan = data.track.plan
+    points = plan.walls if plan is not None else [(p.x_m, p.y_m) for _, p in data.track.best]
+    (x0, y0), (x1, y1) = np.min(points, axis=0), np.max(points, axis=0)
+    return float((y1 - y0) / max(x1 - x0, 1e-3))
+
+
+def room_height(data: RunData, width: float) -> float:
+    """How high a figure of this width must be for the room to fill it, in inches."""
+    low, high = _ROOM_HEIGHTS
+    return min(max(width * room_ratio(data) + _ROOM_REST, low), high)
+
+
+def draw_room(axes: Axes, data: RunData) -> None:
+    """The room with what was swept and missed, the path, and a legend below."""
+    meter, report = data.meter, data.coverage
+    measured = None if meter is None or report is None else (meter, report)
+    draw_floor(axes, data.track, measured)
+    draw_path(axes, data.track)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    lines, _ = axes.get_legend_handles_labels()
+    # Of the figure: below axes as low as those of a corridor one would lie on their label.
+    axes.figure.legend(
+        handles=[*lines, *floor_legend(data.track)],
+        loc="outside lower center",
+        ncols=3,
+        frameon=False,
+        fontsize=8,
+    )
+
+
+def draw_holes(axes: Axes, holes: Sequence[tuple[float, float, float, float]]) -> None:
+    """Numbers at the largest unswept pieces: x, y (m), area (cm²), inradius (m) of each."""
+    for number, (x_m, y_m, _, _) in enumerate(holes, 1):
+        axes.annotate(
+            str(number),
+            (x_m, y_m),
+            xytext=(9, 9),
+            textcoords="offset points",
+            fontsize=8,
+            color=INK,
+            zorder=7,
+            bbox={"boxstyle": "circle,pad=0.15", "fc": "white", "ec": ORANGE, "lw": 1},
+            arrowprops={"arrowstyle": "-", "color": ORANGE, "lw": 1},
+        )
+
+
+def coverage_curve(data: RunData) -> tuple[list[float], list[float]]:
+    """Times from the first pose (s) and the main figure there (%)."""
+    report, meter = data.coverage, data.meter
+    if report is None or meter is None:
+        return [], []
+    times = np.linspace(0.0, max(report.duration_s, 1e-3), _POINTS).tolist()
+    return times, [100.0 * share for share in meter.share_at(report, times)]
+
+
+def draw_coverage(axes: Axes, data: RunData, *, colour: str = BLUE, label: str = "swept") -> None:
+    """The main figure against time."""
+    times, shares = coverage_curve(data)
+    axes.plot(times, shares, color=colour, lw=1.8, label=label)
+
+
+def draw_bounds(axes: Axes, data: RunData, paper_share: float | None) -> None:
+    """The lower bound of time, the paper's level, and the two marks at 90 and 99 %."""
+    report = data.coverage
+    if report is None:
+        return
+    bound = report.min_time_s
+    axes.plot(
+        [0.0, bound, max(bound, report.duration_s)],
+        [0.0, 100.0, 100.0],
+        color=SOFT,
+        lw=1.0,
+        ls="--",
+        label=f"lower bound: top speed, no floor twice ({bound:.0f} s)",
+    )
+    for share, time_s, face in ((90, report.t90_s, "white"), (99, report.t99_s, ORANGE)):
+        if time_s is not None:
+            text = f"{share} % after {time_s:.0f} s"
+            axes.plot([time_s], [share], "o", ms=6, mec=ORANGE, mfc=face, ls="none", label=text)
+    if paper_share is not None:
+        axes.axhline(
+            100.0 * paper_share, color=RED, lw=0.8, ls=":", label="the paper (body over floor)"
+        )
+
+
+def finish_coverage(axes: Axes) -> None:
+    """Axes, grid and legend of a coverage plot."""
+    axes.set_xlabel("time since the drive began (s)")
+    axes.set_ylabel("swept of what is reachable, %")
+    axes.set_ylim(0, 103)
+    axes.set_xlim(left=0)
+    tidy(axes)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+
+
+def tidy(axes: Axes) -> None:
+    """A light grid and no frame."""
+    axes.grid(alpha=0.25)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def draw_power(data: RunData, axes: Axes) -> None:
+    """Battery voltage, and what the motors draw beside it."""
+    times, volts, left, right = np.array(data.power).T
+    axes.plot(times, volts, color=GREEN, lw=1.2)
+    axes.set_ylabel("battery (V)", color=GREEN)
+    axes.set_xlabel("time in the log (s)")
+    tidy(axes)
+    beside = axes.twinx()
+    beside.plot(times, left + right, color=ORANGE, lw=0.8, alpha=0.9)
+    beside.set_ylabel("both motors (A)", color=ORANGE)
+    beside.set_ylim(bottom=0)
+    beside.spines[["top"]].set_visible(False)
+
+
+def draw_clock(data: RunData, axes: Axes) -> None:
+    """How well the device's clock is known, and how long an answer takes."""
+    times, bound, trip, _ = np.array(data.clock).T
+    axes.plot(times, bound, color=BLUE, lw=1.2, label="error bound")
+    axes.plot(times, trip, color=SOFT, lw=0.9, label="round trip")
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("milliseconds")
+    axes.set_xlabel("time in the log (s)")
+    tidy(axes)
+    axes.legend(frameon=False, fontsize=8)
+
+
+def draw_link(data: RunData, axes: Axes) -> None:
+    """Frames each second, and those that are missing."""
+    seconds, frames, lost = np.array(data.link).T
+    whole = slice(-1)  # the last second has just begun as the log ends
+    axes.plot(seconds[whole], frames[whole], color=BLUE, lw=1.2, label="frames a second")
+    axes.fill_between(seconds, 0, lost, color=RED, lw=0, label="lost", step="mid")
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("time in the log (s)")
+    tidy(axes)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
+
+
+def draw_pose_error(data: RunData, axes: Axes) -> None:
+    """Distance of the estimate from the truth."""
+    times, error = np.array(data.pose_error).T
+    axes.plot(times, 1000.0 * error, color=OTHER, lw=1.2)
+    axes.set_ylim(bottom=0)
+    axes.set_ylabel("estimate off by (mm)")
+    axes.set_xlabel("time since the first pose (s)")
+    tidy(axes)
+
+
+Panel = tuple[str, str, "Callable[[RunData, Axes], None]"]
+"""Heading, note and drawing."""
+
+
+def panels(data: RunData) -> list[Panel]:
+    """Heading, note and drawing of each plot that the log has data for."""
+    made: list[Panel] = []
+    if len(data.power) > 1:
+        note = "A fresh 16 V pack sags by some tenths of a volt while the motors push."
+        made.append(("Power", note, draw_power))
+    if len(data.pose_error) > 1:
+        note = "Only a simulated run knows the truth; on a real robot this is not to be had."
+        made.append(("Where it believed to be", note, draw_pose_error))
+    if len(data.clock) > 1:
+        note = "The bound is how far a sample's time may be off; below 2 ms is good."
+        made.append(("Clock", note, draw_clock))
+    if len(data.link) > 2:  # noqa: PLR2004 - two whole seconds make a line
+        note = "A level line is a healthy wire; red is what never came."
+        made.append(("Wire", note, draw_link))
+    return made

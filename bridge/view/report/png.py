@@ -1,0 +1,82 @@
+"""A run's report as one picture."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING
+
+from bridge.view.report import figures as report_figures
+from bridge.view.report import report
+from bridge.view.report import tables as report_tables
+from bridge.view.report.picture import drawn_text
+
+if TYPE_CHECKING:
+    from bridge.view.report.run_data import RunData
+    from bridge.view.report.tables import Hole
+
+_WIDTH, _HEIGHT = 14.0, 10.0
+_HEAD = 0.16
+"""Share of the height for title and story."""
+_BAND = 0.55
+"""A room lower than this, over its width, goes across the sheet."""
+_LETTERS = 165
+
+
+def picture(data: RunData, found: list[Hole]) -> bytes:
+    """Draw room, curve and health side by side; gives the PNG.
+
+    Raises:
+        PlotMissingError: matplotlib is not installed.
+
+    """
+    panels = report_figures.panels(data)[:3]
+    figure = report_figures.blank(_WIDTH, _HEIGHT)
+    heights = [_HEAD, 1.0 - _HEAD]
+    top, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+    top.text(0.012, 0.93, drawn_text(report.title(data)), fontsize=17, weight="bold", va="top")
+    story = " ".join([f"{report.when(data)}.", *report.story(data)])
+    words = "\n".join(textwrap.wrap(story, _LETTERS))
+    top.text(0.012, 0.66, drawn_text(words), fontsize=10, va="top", linespacing=1.5)
+    is_band = bool(data.track.best) and report_figures.room_ratio(data) < _BAND
+    if is_band:
+        band = report_figures.room_height(data, _WIDTH) / _HEIGHT
+        heights = [band, 1.0 - _HEAD - band]
+        left, right = below.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+    else:
+        left, right = below.subfigures(1, 2, squeeze=False)[0]
+    room = left.add_subplot()
+    if data.track.best:
+        report_figures.draw_room(room, data)
+        marks = [(h.x_m, h.y_m, h.area_cm2, h.inradius_m) for h in found]
+        report_figures.draw_holes(room, marks)
+    else:
+        room.text(0.5, 0.5, "no pose in the log", ha="center", transform=room.transAxes)
+        room.set_axis_off()
+    heights = [3, 7] if is_band else [2, 8]
+    tiles, plots = right.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
+    for index, tile in enumerate(report.tiles(data)[:8]):
+        x, y = 0.03 + 0.245 * (index % 4), 0.95 - 0.5 * (index // 4)
+        tiles.text(x, y, tile.value, fontsize=14, weight="bold", va="top")
+        meaning = "\n".join(textwrap.wrap(tile.meaning, 25))
+        tiles.text(x, y - 0.19, meaning, fontsize=7.5, va="top", color=report_figures.SOFT)
+    count = len(panels) + (data.coverage is not None)
+    if count:
+        if is_band:
+            axes = plots.subplots(1, count, squeeze=False, width_ratios=_shares(count, data))[0]
+        else:
+            axes = plots.subplots(count, 1, squeeze=False, height_ratios=_shares(count, data))[:, 0]
+        at = 0
+        if data.coverage is not None:
+            share = report_tables.paper_share(data)
+            report_figures.draw_coverage(axes[0], data)
+            report_figures.draw_bounds(axes[0], data, share[0] if share else None)
+            report_figures.finish_coverage(axes[0])
+            at = 1
+        for axis, (_, _, draw) in zip(axes[at:], panels, strict=True):
+            draw(data, axis)
+    return report_figures.as_png(figure)
+
+
+def _shares(count: int, data: RunData) -> list[float]:
+    """The curve of coverage has twice the room of the others."""
+    return [2.0, *[1.0] * (count - 1)] if data.coverage is not None else [1.0] * count

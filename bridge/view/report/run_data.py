@@ -1,0 +1,328 @@
+"""All that a report of a run is made of, read from its log in one go."""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+import json
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bridge.evaluation.metrics import CoverageMeter
+from bridge.record.losses import LossCounter
+from bridge.record.reader import LATEST_NS, MISREAD, LogReader
+from bridge.view.report.run_track import load_track
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.message import RateClass
+from protocol.values import Fault, StopCause, flag_labels, label
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from bridge.evaluation.metrics import CoverageReport
+    from bridge.record.reader import LogMessage
+    from bridge.view.report.run_track import RunTrack
+
+_NS = 1e9
+_GAP_PERIODS = 3.0
+"""Three misses, not one: one lost frame is normal on a real line."""
+_RESOLUTION_M = 0.005
+_LARGEST = 1e15
+"""Bound of a value that is drawn: axes cannot be marked for larger ones. NaN is not below it."""
+_MOST_FRAMES = 1 << 32
+"""Most damaged frames that one event is believed to tell of: an hour's at 3 Mbaud are fewer."""
+_MOST_SECONDS = 1_000_000
+"""Longest log whose every second has a row, s: eleven days."""
+_LEVELS = {3: "warning", 4: "error", 5: "error"}
+"""Of foxglove.Log; what is below is no event."""
+
+
+@dataclass(slots=True)
+class Stream:
+    """One kind of the device's messages, as they came."""
+
+    name: str
+    asked_hz: float
+    """Default rate of the catalogue."""
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    gaps: int = 0
+    """Pauses of more than three periods."""
+    longest_s: float = 0.0
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Mean rate between the first and the last."""
+        span_s = (self.last_ns - self.first_ns) / _NS
+        return (self.count - 1) / span_s if self.count > 1 and span_s > 0 else None
+
+    def add(self, log_ns: int) -> None:
+        """Take one more."""
+        if self.count:
+            pause_s = (log_ns - self.last_ns) / _NS
+            self.longest_s = max(self.longest_s, pause_s)
+            if self.asked_hz and pause_s > _GAP_PERIODS / self.asked_hz:
+                self.gaps += 1
+        else:
+            self.first_ns = log_ns
+        self.count += 1
+        self.last_ns = log_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """Something that the log tells of."""
+
+    time_s: float
+    severity: str
+    source: str
+    kind: str
+    text: str
+
+
+@dataclass(slots=True)
+class RunData:
+    """One run. Times are seconds since the log's first message of all those that are read."""
+
+    path: Path
+    track: RunTrack
+    meter: CoverageMeter | None
+    coverage: CoverageReport | None
+    """Of the truth where it is known, else of the estimate; None without a room or a path."""
+    metadata: dict[str, str]
+    whole: bool
+    problems: list[str]
+    file_bytes: int
+    start_ns: int = 0
+    end_ns: int = 0
+    streams: dict[str, Stream] = field(default_factory=dict)
+    power: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """Time, battery (V), left and right motor (A)."""
+    clock: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """Time, bound (ms), round trip (ms), drift (ppm)."""
+    link: list[tuple[float, int, int]] = field(default_factory=list)
+    """Second, frames and lost frames in it."""
+    pose_error: list[tuple[float, float]] = field(default_factory=list)
+    """Time, distance of estimate and truth (m)."""
+    happenings: list[Happening] = field(default_factory=list)
+    damaged: int = 0
+    """Stretches of bytes that were no frame."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """As the run ended; empty where it came to no end."""
+        return self.track.summary
+
+    @property
+    def duration_s(self) -> float:
+        """Of the log."""
+        return (self.end_ns - self.start_ns) / _NS
+
+    @property
+    def lost(self) -> int:
+        """Frames of the device that are missing by their sequence numbers."""
+        return sum(lost for _, _, lost in self.link)
+
+    @property
+    def motor_wh(self) -> float | None:
+        """Energy into the motor drivers: battery voltage times motor currents, summed up."""
+        joules = 0.0
+        for (t0, *_), (t1, volts, left, right) in zip(self.power, self.power[1:], strict=False):
+            joules += (t1 - t0) * volts * (left + right)
+        return joules / 3600.0 if len(self.power) > 1 else None
+
+    def figure(self, *keys: str) -> float | None:
+        """A number of the summary, None where it has none."""
+        value: Any = self.summary
+        for key in keys:
+            value = value.get(key) if isinstance(value, dict) else None
+        return float(value) if isinstance(value, (int, float)) else None
+
+
+def load_run(path: Path) -> RunData:
+    """Read a log.
+
+    Raises:
+        LogReadError: it is missing, cannot be read, or is no MCAP file.
+
+    """
+    reader = LogReader(path)
+    track = load_track(path)
+    meter = report = None
+    if track.plan is not None and track.best:
+        meter = CoverageMeter(track.plan, track.model, _RESOLUTION_M)
+        begin_s, end_s = _drive(reader, track.start_ns)
+        report = meter.measure((t, *pose) for t, pose in track.best if begin_s <= t <= end_s)
+    metadata = {**reader.metadata.get("device", {}), **reader.run}
+    data = RunData(
+        path, track, meter, report, metadata, not reader.truncated, reader.problems, reader.bytes
+    )
+    gather = _Gatherer(data)
+    for message in reader.messages(gather.topics):
+        gather.take(message)
+    gather.finish()
+    data.problems = reader.problems
+    data.pose_error = list(_pose_error(track))
+    return data
+
+
+def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
+    """When the drive began and ended, on the track's clock; all of it where that is not told."""
+    begin_s, end_s = -math.inf, math.inf
+    for message in reader.messages({"/events"}):
+        try:
+            event = message.decoded
+            source, kind, text = event.source, event.kind, event.text
+        except MISREAD:
+            continue
+        if source == "session" and kind == "phase":
+            if text == "run is driving" and begin_s == -math.inf:
+                begin_s = (message.log_ns - start_ns) / _NS
+            elif text == "run is ending":
+                end_s = (message.log_ns - start_ns) / _NS
+    return begin_s, end_s
+
+
+def frames_of(data_json: str) -> int:
+    """How many frames an event about damaged frames is of; in older logs each has its own.
+
+    Raises:
+        ValueError: its data are no JSON: another program's event.
+
+    """
+    data = json.loads(data_json or "{}")
+    frames = data.get("frames") if isinstance(data, dict) else None
+    return min(max(frames, 0), _MOST_FRAMES) if isinstance(frames, int) else 1
+
+
+class _Gatherer:
+    """Takes messages; keeps what a report needs of them."""
+
+    def __init__(self, data: RunData) -> None:
+        self._data = data
+        self._stop, self._faults = -1, 0
+        self._losses, self._second = LossCounter(), 0
+        self._seconds: Counter[int] = Counter()
+        self._lost: Counter[int] = Counter()
+        self._rates = {
+            spec.name: spec.default_hz if spec.rate is RateClass.STREAM else 0.0
+            for spec in CATALOGUE
+        }
+        self.topics = _Wanted()
+
+    def take(self, message: LogMessage) -> None:
+        """Take one message; one that does not decode is left out."""
+        data, topic, log_ns = self._data, message.channel.topic, message.log_ns
+        if log_ns > LATEST_NS:
+            return
+        if data.start_ns == 0:
+            data.start_ns = log_ns
+        data.end_ns = max(data.end_ns, log_ns)
+        if topic.startswith("/device/"):
+            self._count(message, topic.removeprefix("/device/"))
+        with contextlib.suppress(*MISREAD):
+            self._read(topic, (log_ns - data.start_ns) / _NS, message)
+
+    def _read(self, topic: str, time_s: float, message: LogMessage) -> None:
+        data = self._data
+        match topic:
+            case "/device/power":
+                power = message.decoded
+                left_a, right_a = _number(power.motor_left_a), _number(power.motor_right_a)
+                data.power.append((time_s, _number(power.battery_v), left_a, right_a))
+            case "/device/status":
+                self._status(time_s, message.decoded)
+            case "/clock/sync":
+                sync = message.decoded
+                bound_ms, trip_ms = sync.bound_ns * 1e-6, sync.round_trip_ns * 1e-6
+                drift_ppm = _number(sync.drift_ppm)
+                data.clock.append((time_s, _number(bound_ms), _number(trip_ms), drift_ppm))
+            case "/events":
+                event = message.decoded
+                if event.source == "link" and event.kind == "damaged":
+                    data.damaged += frames_of(event.data_json)
+                told = event.severity, event.source, event.kind, event.text
+                data.happenings.append(Happening(time_s, *map(str, told)))
+            case "/log" if (level := _LEVELS.get(message.decoded.level)) is not None:
+                line = message.decoded
+                told = level, line.name, "log", line.message
+                data.happenings.append(Happening(time_s, *map(str, told)))
+
+    def _count(self, message: LogMessage, name: str) -> None:
+        stream = self._data.streams.get(name)
+        if stream is None:
+            stream = self._data.streams[name] = Stream(name, self._rates.get(name, 0.0))
+        stream.add(message.log_ns)
+        second = int((message.log_ns - self._data.start_ns) // 1_000_000_000)
+        self._seconds[second] += 1
+        if second != self._second:
+            self._lost[self._second] += self._losses.settle()
+            self._second = second
+        self._losses.add(message.sequence)
+
+    def _status(self, time_s: float, status: Any) -> None:  # noqa: ANN401 - decoded
+        if status.stop_cause != self._stop:
+            if self._stop >= 0 or status.stop_cause:
+                name = label(StopCause, status.stop_cause)
+                self._note(time_s, "info", "stop", f"the device's stop cause is now {name}")
+            self._stop = status.stop_cause
+        new = flag_labels(Fault, status.faults & ~self._faults)
+        if new:
+            self._note(time_s, "warning", "new fault", f"the device reports: {', '.join(new)}")
+        self._faults = status.faults
+
+    def _note(self, time_s: float, severity: str, kind: str, text: str) -> None:
+        self._data.happenings.append(Happening(time_s, severity, "device", kind, text))
+
+    def finish(self) -> None:
+        """Put the seconds in a row, and leave out what the host has told already."""
+        data = self._data
+        self._lost[self._second] += self._losses.settle()
+        told = {(happening.source, happening.kind) for happening in data.happenings}
+        double = set()
+        if ("safety", "latch") in told:
+            double = {("device", "stop"), ("device", "new fault")}
+        data.happenings = [h for h in data.happenings if (h.source, h.kind) not in double]
+        last = max(self._seconds, default=-1)
+        # A stamp that nobody meant is years away: then only the seconds that have a frame count.
+        seconds = range(last + 1) if last < _MOST_SECONDS else sorted(self._seconds)
+        self._data.link = [(float(s), self._seconds[s], self._lost[s]) for s in seconds]
+
+
+def _number(value: Any) -> float:  # noqa: ANN401 - of a decoded message
+    """A value that a curve can show.
+
+    Raises:
+        ValueError: it is none.
+
+    """
+    number = float(value)
+    if not abs(number) < _LARGEST:
+        raise ValueError(f"{number} is no measurement")
+    return number
+
+
+class _Wanted:
+    def __contains__(self, topic: object) -> bool:
+        return topic in _TOPICS or str(topic).startswith("/device/")
+
+
+_TOPICS = {"/events", "/log", "/clock/sync"}
+
+
+def _pose_error(track: RunTrack) -> Iterator[tuple[float, float]]:
+    """Distance of each estimate from the truth at its moment."""
+    times = [t for t, _ in track.truth]
+    for time_s, pose in track.estimate:
+        at = bisect.bisect_right(times, time_s)
+        if not 0 < at < len(times):
+            continue
+        (t0, p0), (t1, p1) = track.truth[at - 1], track.truth[at]
+        share = (time_s - t0) / (t1 - t0) if t1 > t0 else 0.0
+        x_m = p0.x_m + share * (p1.x_m - p0.x_m)
+        y_m = p0.y_m + share * (p1.y_m - p0.y_m)
+        yield time_s, math.hypot(x_m - pose.x_m, y_m - pose.y_m)

@@ -1,0 +1,216 @@
+"""What stands in a report's tables, and the unswept pieces of floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+if TYPE_CHECKING:
+    from bridge.view.report.run_data import Happening, RunData
+
+Row = tuple[str, ...]
+Rows = tuple[Row, list[Row]]
+"""Heads of the columns, and the lines."""
+
+PAPER_SHARES = {
+    "case-1": (0.9466, "Table 2, mean of five tests by division"),
+    "case-2": (0.94, "section 5.2: “fluctuated around 94 %”"),
+    "comprehensive": (0.9461, "section 5.3"),
+}
+"""The paper's coverage by its eq. 9, which we read as the body's footprint over the floor."""
+_HOLES = 8
+_LEAST_HOLE_CM2 = 1.0
+_MOST_EVENTS = 200
+_KEYS = ("version", "port", "noise", "firmware", "uid", "boot_id", "reset_cause")
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """A piece of floor that the mouth could have reached and did not."""
+
+    x_m: float
+    y_m: float
+    area_cm2: float
+    inradius_m: float
+
+
+def holes(data: RunData) -> list[Hole]:
+    """The largest unswept pieces, largest first."""
+    report, meter = data.coverage, data.meter
+    if report is None or meter is None:
+        return []
+    left = meter.regions.sweepable & ~np.isfinite(report.first_swept_s)
+    labels, count = ndimage.label(left)
+    if not count:
+        return []
+    cell_cm2 = report.resolution_m**2 * 1e4
+    areas = np.bincount(labels.ravel(), minlength=count + 1)[1:] * cell_cm2
+    depth = ndimage.distance_transform_edt(np.pad(left, 1))[1:-1, 1:-1]
+    found = []
+    for index in np.argsort(-areas)[:_HOLES]:
+        if areas[index] < _LEAST_HOLE_CM2:
+            break
+        own = np.where(labels == index + 1, depth, 0.0)
+        row, column = np.unravel_index(int(own.argmax()), own.shape)
+        x0, y0 = report.origin_m
+        size = report.resolution_m
+        inradius_m = max(float(own.max()) - 0.5, 0.0) * size
+        found.append(
+            Hole(
+                x0 + (int(column) + 0.5) * size,
+                y0 + (int(row) + 0.5) * size,
+                float(areas[index]),
+                inradius_m,
+            )
+        )
+    return found
+
+
+def paper_share(data: RunData) -> tuple[float, str] | None:
+    """The paper's figure for this room, and where it stands."""
+    return PAPER_SHARES.get(str(data.summary.get("room")))
+
+
+def comparison(data: RunData) -> Rows:
+    """The run beside the paper, the bounds that no run can beat, and the reference lanes."""
+    report = data.coverage
+    assert report is not None  # noqa: S101 - asked by the caller
+    share = paper_share(data)
+    eq8 = data.figure("coverage", "eq8")
+    rows: list[Row] = [
+        (
+            "body over floor (eq. 9)",
+            f"{100 * report.coverage.body_free:.2f} %",
+            f"{100 * share[0]:.2f} % ({share[1]})" if share else "not in the paper",
+            "100 %",
+        ),
+        (
+            "mouth over what it can reach",
+            f"{100 * report.coverage.mouth_sweepable:.2f} %",
+            "not given",
+            "100 %",
+        ),
+        (
+            "mouth over the whole floor",
+            f"{100 * report.coverage.mouth_free:.2f} %",
+            "not given",
+            f"{100 * report.sweepable_m2 / report.free_m2:.1f} % (corners stay out of reach)",
+        ),
+        (
+            "lane lengths (eq. 8)",
+            "not known" if eq8 is None else f"{100 * eq8:.2f} %",
+            "not given",
+            "100 %",
+        ),
+        (
+            "time",
+            f"{report.duration_s:.0f} s",
+            "not given",
+            (
+                f"bound {report.min_time_s:.0f} s at top speed, "
+                f"reference {report.reference_time_s:.0f} s at cruise speed"
+            ),
+        ),
+        (
+            "way",
+            f"{report.path_m:.1f} m",
+            "not given",
+            (
+                f"reference {report.path_m / report.path_ratio:.1f} m"
+                if report.path_ratio
+                else "not known"
+            ),
+        ),
+        (
+            "90 % and 99 % swept after",
+            f"{_time(report.t90_s)} and {_time(report.t99_s)}",
+            "not given",
+            f"bound {0.9 * report.min_time_s:.0f} s and {0.99 * report.min_time_s:.0f} s",
+        ),
+    ]
+    return ("", "this run", "the paper", "bound or reference"), rows
+
+
+def _time(seconds: float | None) -> str:
+    return "never" if seconds is None else f"{seconds:.0f} s"
+
+
+def hole_rows(found: list[Hole]) -> Rows:
+    """The pieces that were missed."""
+    rows: list[Row] = [
+        (str(n), f"{h.area_cm2:.0f}", f"{1000 * h.inradius_m:.0f}", f"{h.x_m:.2f}, {h.y_m:.2f}")
+        for n, h in enumerate(found, 1)
+    ]
+    return ("piece", "area, cm²", "fits a disc of radius, mm", "at x, y (m)"), rows
+
+
+def stream_rows(data: RunData) -> Rows:
+    """How each kind of message came."""
+    rows: list[Row] = []
+    for name, stream in sorted(data.streams.items()):
+        rate = "" if stream.rate_hz is None else f"{stream.rate_hz:.1f}"
+        gaps, longest = (
+            ("", "")
+            if not stream.asked_hz
+            else (
+                str(stream.gaps),
+                f"{1000 * stream.longest_s:.0f}",
+            )
+        )
+        asked = f"{stream.asked_hz:g}" if stream.asked_hz else ""
+        rows.append((name, str(stream.count), rate if asked else "", asked, gaps, longest))
+    return ("message", "count", "rate, Hz", "by itself, Hz", "gaps", "longest pause, ms"), rows
+
+
+def event_rows(data: RunData) -> Rows:
+    """What happened, in order."""
+    shown = _shown(data)
+    rows: list[Row] = [(f"{h.time_s:.2f}", h.severity, h.source, h.kind, h.text) for h in shown]
+    return ("at, s", "", "from", "what", "in words"), rows
+
+
+def _shown(data: RunData) -> list[Happening]:
+    """All of them, or where they are too many, those that matter most."""
+    told = data.happenings
+    if len(told) <= _MOST_EVENTS:
+        return told
+    rank = {"error": 0, "warning": 1, "info": 2}
+    best = sorted(told, key=lambda h: rank.get(h.severity, 3))[:_MOST_EVENTS]
+    return sorted(best, key=lambda h: h.time_s)
+
+
+def event_note(data: RunData) -> str:
+    """What was asked for, and what is left out."""
+    faults = data.metadata.get("faults")
+    note = f"Faults that were asked for: {faults}. " if faults else ""
+    if len(data.happenings) > _MOST_EVENTS:
+        note += f"The {_MOST_EVENTS} that matter most of {len(data.happenings)}."
+    return note
+
+
+def settings(data: RunData) -> list[Row]:
+    """What was run, with which robot, in which file."""
+    model = data.track.model
+    rows: list[Row] = [
+        ("log", f"{data.path} ({data.file_bytes / 1e6:.1f} MB, {data.duration_s:.1f} s)"),
+        ("closed in order", "yes" if data.whole else "no: its end is missing"),
+        *(("damage in the file", problem) for problem in data.problems),
+    ]
+    rows += [(key.replace("_", " "), data.metadata[key]) for key in _KEYS if data.metadata.get(key)]
+    size = f"Φ {model.radius_m * 2:.2f} m, mouth {model.cleaning_width_m:.2f} m wide"
+    rows.append(("robot", f"{size}, cruise {model.cruise_speed_m_s:.2f} m/s"))
+    if data.coverage is not None:
+        c = data.coverage
+        rows.append(
+            ("floor", f"{c.free_m2:.2f} m² free, {c.sweepable_m2:.2f} m² within the mouth's reach")
+        )
+    if data.clock:
+        bounds = sorted(bound for _, bound, _, _ in data.clock)
+        at = bounds[min(len(bounds) - 1, int(0.95 * len(bounds)))]
+        rows.append(
+            ("clock", f"95 % of fits within {at:.3f} ms, drift {data.clock[-1][3]:+.1f} ppm")
+        )
+    return rows

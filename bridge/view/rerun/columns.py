@@ -1,0 +1,163 @@
+"""Collecting a log's values into columns, which Rerun takes a thousand times faster than rows.
+
+Each collector forgets what it has sent, so that the same serve a run that is still going on.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun as rr
+
+from bridge.view.rerun import paths
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+_NANOSECONDS = 1e9
+
+
+class Recording:
+    """A Rerun recording and the moment that its run began."""
+
+    def __init__(self, stream: rr.RecordingStream, start_ns: int) -> None:
+        self.stream = stream
+        self.start_ns = start_ns
+        self._styled: set[str] = set()
+
+    def send(self, entity: str, times_ns: list[int], columns: Iterable[rr.ComponentColumn]) -> None:
+        """Send columns whose rows are at these moments (Unix time)."""
+        times: NDArray[np.int64] = np.asarray(times_ns, dtype=np.int64)
+        self.stream.send_columns(
+            entity,
+            [
+                rr.TimeColumn(
+                    paths.TIMELINE, duration=(times - self.start_ns).astype("timedelta64[ns]")
+                ),
+                rr.TimeColumn(paths.UNIX_TIMELINE, timestamp=times.astype("datetime64[ns]")),
+            ],
+            columns,
+        )
+
+    def log_static(self, entity: str, *parts: rr.AsComponents) -> None:
+        """Log what holds for the whole run."""
+        self.stream.log(entity, *parts, static=True)
+
+    def style(self, entity: str, *parts: rr.AsComponents) -> None:
+        """Log once how all of an entity looks."""
+        if entity not in self._styled:
+            self._styled.add(entity)
+            self.log_static(entity, *parts)
+
+    def seconds(self, time_ns: int) -> float:
+        """Since the run began."""
+        return (time_ns - self.start_ns) / _NANOSECONDS
+
+
+class Series:
+    """Curves of one plot that share their moments; NaN is a gap."""
+
+    def __init__(self, entity: str, **curves: paths.Colour) -> None:
+        self._entity = entity
+        self._curves = curves
+        self._times: list[int] = []
+        self._values: list[tuple[float, ...]] = []
+
+    def add(self, time_ns: int, *values: float | None) -> None:
+        """One value a curve, in the order of the curves; None is a gap."""
+        row = tuple(np.nan if v is None else float(v) for v in values)
+        self._times.append(time_ns)
+        self._values.append(row)
+
+    def send(self, recording: Recording) -> None:
+        """Send what was collected, if anything."""
+        if not self._times:
+            return
+        values = np.array(self._values, dtype=np.float64)
+        for index, (name, colour) in enumerate(self._curves.items()):
+            entity = f"{self._entity}/{name}"
+            label = name.replace("_", " ")
+            recording.style(entity, rr.SeriesLines(colors=colour, names=label, widths=1.5))
+            recording.send(entity, self._times, rr.Scalars.columns(scalars=values[:, index]))
+        self._times, self._values = [], []
+
+
+class States:
+    """A value that changes now and then, by name."""
+
+    def __init__(self, entity: str) -> None:
+        self._entity = entity
+        self._times: list[int] = []
+        self._states: list[str] = []
+        self._last: str | None = None
+
+    def add(self, time_ns: int, state: str) -> None:
+        """Note the state; kept only where it differs from the last."""
+        if self._last != state:
+            self._last = state
+            self._times.append(time_ns)
+            self._states.append(state)
+
+    def send(self, recording: Recording) -> None:
+        """Send what was collected, if anything."""
+        if self._times:
+            recording.send(self._entity, self._times, rr.StateChange.columns(state=self._states))
+            self._times, self._states = [], []
+
+
+class TextLines:
+    """Lines of text with their severity."""
+
+    def __init__(self, entity: str) -> None:
+        self._entity = entity
+        self._times: list[int] = []
+        self._lines: list[str] = []
+        self._levels: list[rr.components.TextLogLevel] = []
+
+    def add(self, time_ns: int, level: str, line: str) -> None:
+        """Add one line."""
+        self._times.append(time_ns)
+        self._lines.append(line)
+        self._levels.append(_LEVELS.get(level, rr.TextLogLevel.INFO))
+
+    def send(self, recording: Recording) -> None:
+        """Send what was collected, if anything."""
+        if self._times:
+            columns = rr.TextLog.columns(text=self._lines, level=self._levels)
+            recording.send(self._entity, self._times, columns)
+            self._times, self._lines, self._levels = [], [], []
+
+
+class Document:
+    """A text that changes now and then, in Markdown."""
+
+    def __init__(self, entity: str) -> None:
+        self._entity = entity
+        self._times: list[int] = []
+        self._texts: list[str] = []
+
+    def add(self, time_ns: int, text: str) -> None:
+        """From this moment it reads so."""
+        self._times.append(time_ns)
+        self._texts.append(text)
+
+    def send(self, recording: Recording) -> None:
+        """Send what was collected, if anything."""
+        if self._times:
+            recording.style(
+                self._entity, rr.TextDocument.from_fields(media_type=rr.MediaType.MARKDOWN)
+            )
+            columns = rr.TextDocument.columns(text=self._texts)
+            recording.send(self._entity, self._times, columns)
+            self._times, self._texts = [], []
+
+
+_LEVELS = {
+    "debug": rr.TextLogLevel.DEBUG,
+    "info": rr.TextLogLevel.INFO,
+    "warning": rr.TextLogLevel.WARN,
+    "error": rr.TextLogLevel.ERROR,
+}

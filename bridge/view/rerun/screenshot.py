@@ -1,0 +1,92 @@
+"""What ``view`` shows, as a picture, without a display: the viewer itself draws off screen."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bridge.io import clock
+from bridge.io.free_port import free_tcp_port
+from bridge.record.names import readable_name
+from bridge.view.errors import ViewerFailedError
+from bridge.view.report.report import write
+from bridge.view.rerun.launch import viewer_command, viewer_environment, write_rerun_file
+
+if TYPE_CHECKING:
+    from rerun.experimental import ViewerClient
+
+    from bridge.record.reader import LogReader
+
+SETTLE_S = 1.0
+TRIES = 40
+"""Software drawing of a whole run takes some seconds on a small machine."""
+
+
+def save_screenshot(path: Path, png: Path) -> LogReader:
+    """Draw a log as the viewer shows it; needs a graphics driver, one in software will do.
+
+    Raises:
+        ViewerMissingError: Rerun is not installed.
+        LogReadError: the log cannot be read.
+        LogWriteError: the picture cannot be written.
+        ViewerFailedError: the viewer has nothing to draw with, or never came to rest.
+
+    """
+    with tempfile.TemporaryDirectory(prefix="sweepctl-view-") as folder:
+        file = Path(folder) / f"{readable_name(path.stem)}.rrd"
+        reader = write_rerun_file(path, file)
+        port = free_tcp_port()
+        command = [
+            *(part for part in viewer_command(file, serve_web=False) if part != "--new"),
+            *("--headless", "--port", str(port)),
+        ]
+        with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours
+            command,
+            env=viewer_environment("error"),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        ) as viewer:
+            try:
+                _when_at_rest(_client(viewer, port), Path(folder) / "shot.png", png)
+            finally:
+                viewer.terminate()
+    return reader
+
+
+def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
+    """A connection to the viewer, once it answers."""
+    from rerun.experimental import ViewerClient  # noqa: PLC0415 - optional, and slow to load
+
+    for _ in range(TRIES):
+        if viewer.poll() is not None:
+            told = (viewer.stderr.read() if viewer.stderr else b"").decode("utf-8", "replace")
+            lines = [line.strip() for line in told.splitlines() if line.strip()]
+            raise ViewerFailedError(viewer.returncode, lines[0] if lines else "no reason given")
+        try:
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            client.get_state()
+        except (RuntimeError, OSError, ValueError):
+            clock.pause(SETTLE_S)
+        else:
+            return client
+    raise ViewerFailedError(1, "it did not answer")
+
+
+def _when_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
+    """Take pictures until two in a row are the same: everything is loaded and drawn then."""
+    last = b""
+    for _ in range(TRIES):
+        try:
+            viewer.save_screenshot(str(shot))
+        except (RuntimeError, ValueError, OSError) as error:  # a slow machine's is a TimeoutError
+            told = str(error).strip().splitlines()
+            raise ViewerFailedError(1, told[0] if told else "it drew nothing") from None
+        image = shot.read_bytes()
+        if image == last:
+            write(png, image)
+            return
+        last = image
+        clock.pause(SETTLE_S)
+    raise ViewerFailedError(1, f"its picture did not come to rest in {TRIES} tries")
