@@ -38,7 +38,7 @@ test: lint types imports unit ## lint, types, import rules, tests: seven minutes
 nightly: covered statistics campaign mutants ## what `test` leaves out: hours
 
 demo: venv ## a simulated clean, then a live one over a pseudo-terminal
-	@$(BIN)/python -m tools.demo
+	@$(BIN)/python -m tools.dev.demo
 
 lint: venv ## ruff: rules and format
 	@echo '== lint'
@@ -87,7 +87,7 @@ bench: venv ## speed of wire, round trip, runs, recording, export, decisions; me
 firmware: venv ## the firmware for its chips, in build/firmware: flash, RAM, stack of both boards
 	@$(MAKE) --no-print-directory --silent -C sim_device/firmware -f board.mk programs \
 		BUILD=$(CURDIR)/build/firmware PYTHON=$(CURDIR)/$(BIN)/python
-	@$(BIN)/python -m tools.firmware_report build/firmware
+	@$(BIN)/python -m tools.dev.firmware_report build/firmware
 
 qemu: venv ## a clean of case 1 by the firmware in QEMU, in real time: four minutes
 	@PYTHONPATH=tests $(BIN)/python -m bench.qemu_clean
@@ -112,7 +112,7 @@ mutants: venv ## change the safety code in every small way and see a test fail: 
 	@PYTHONPATH=tests nice $(BIN)/python -m mutation.run
 
 docs: venv ## the documentation as a site in build/docs; a broken link is an error
-	@$(BIN)/python -m tools.command_help
+	@$(BIN)/python -m tools.dev.command_help
 	@$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 	@echo 'open build/docs/index.html'
 
@@ -150,7 +150,7 @@ $(LOCKED): $(LOCKS)
 $(INSTALLED): $(LOCKED) pyproject.toml
 	@echo '== installing sweepctl itself'
 	@$(call pip_install,--no-deps --no-build-isolation -e .)
-	@$(BIN)/python -m tools.warm
+	@$(BIN)/python -m tools.dev.warm
 	@for flags in '-g -fsanitize=undefined' '-O1 -g -fsanitize=undefined' -Os; do \
 		echo 'int main(void) { return 0; }' \
 		| $(BIN)/python -m ziglang cc $$flags -fsanitize-trap=undefined -x c - -lm -o $(VENV)/.compiled || exit 1; \

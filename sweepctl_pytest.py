@@ -18,8 +18,8 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
 
-    from tools.virtual_settings import Settings
-    from tools.virtual_sweeper import SimulatedSweeper
+    from tools.virtual.settings import Settings
+    from tools.virtual.sweeper import SimulatedSweeper
 
 MARKER = "sweeper"
 LINKS = ("pty", "tcp", "slcan", "udpcan")
@@ -39,7 +39,7 @@ _OURS = (
     "protocol.uart.framing",
     "bridge.session.states",
     "sim_device.rig",
-    "tools.virtual_sweeper",
+    "tools.virtual.sweeper",
 )
 """One module of each of our packages, to be told from a package of the same name."""
 
@@ -61,7 +61,7 @@ def sweeper(request: pytest.FixtureRequest) -> SimulatedSweeper:
     from bridge.floor_plan.floor_plan import FloorPlanError
     from sim_device.faults.spec import FaultSpecError
     from sim_device.noise import UnknownNoiseLevelError
-    from tools.virtual_sweeper import SimulatedSweeper
+    from tools.virtual.sweeper import SimulatedSweeper
 
     try:
         return SimulatedSweeper(settings)
@@ -74,7 +74,7 @@ def sweeper(request: pytest.FixtureRequest) -> SimulatedSweeper:
 def sweeper_port(request: pytest.FixtureRequest) -> Iterator[str]:
     """PORT of an emulator in a process of its own and in real time, for as long as the test."""
     settings = _settings(request)
-    from tools.emulator_process import EmulatorError, EmulatorProcess
+    from tools.virtual.emulator_process import EmulatorError, EmulatorProcess
 
     try:
         emulator = EmulatorProcess(settings, ready_s=READY_S)
@@ -107,7 +107,7 @@ def _check_names() -> None:
 
 def _settings(request: pytest.FixtureRequest) -> Settings:
     _check_names()
-    from tools.virtual_settings import Settings
+    from tools.virtual.settings import Settings
 
     values: dict[str, Any] = {}
     for mark in reversed(list(request.node.iter_markers(MARKER))):  # the nearest has the last word

@@ -11,7 +11,7 @@ import numpy as np
 from protocol.can.frames import RECORD
 from sim_device.faults.damage import Damage, Delay
 from sim_device.faults.injector import FaultInjector
-from sim_device.line import (
+from sim_device.line.line import (
     FIFO_BYTES,
     STRAIGHT,
     CanChannel,
@@ -25,8 +25,8 @@ from sim_device.line import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from sim_device.body.plant import Plant, Truth
     from sim_device.faults.spec import FaultSpec
-    from sim_device.plant import Plant, Truth
     from sim_device.rigged import RiggedDevice
 
 _RETRY_US = 1_000
@@ -54,7 +54,7 @@ class LineCounts:
 
 
 class Rig:
-    """Device, line and faults; steps like :class:`sim_device.device.VirtualSweeper`.
+    """Device, line and faults; steps like :class:`sim_device.sweeper.VirtualSweeper`.
 
     Deterministic for its seed, its faults and the moments of its input.
     """

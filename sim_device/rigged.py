@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from protocol.values import ResetCause
-    from sim_device.clock import DeviceClock
-    from sim_device.plant import Plant, Truth
-    from sim_device.sensors import SensorSuite
+    from sim_device.body.plant import Plant, Truth
+    from sim_device.device.clock import DeviceClock
+    from sim_device.sensors.sensors import SensorSuite
 
 
 class RiggedDevice(Protocol):

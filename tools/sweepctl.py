@@ -20,11 +20,11 @@ from typing import Any, TextIO
 
 import click
 
-from tools.console import complain, flush, say, write_json
-from tools.output_queue import QueuedOutput
+from tools.cli.console import complain, flush, say, write_json
+from tools.cli.output_queue import QueuedOutput
+from tools.cli.visible_text import shortened
 from tools.start import interrupted
 from tools.version import VERSION
-from tools.visible_text import shortened
 
 _COMMANDS = {
     "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
@@ -138,7 +138,7 @@ def _warned(  # noqa: PLR0913, PLR0917 - the library's interface
 def _invoke(arguments: list[str]) -> int:
     from bridge.errors import BridgeError
     from bridge.floor_plan.floor_plan import FloorPlanError
-    from tools.remedies import error_line
+    from tools.cli.remedies import error_line
 
     try:
         result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)

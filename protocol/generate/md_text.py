@@ -175,14 +175,14 @@ left wheel that turns faster, with where it stands in the code.
    damaged frame is counted and gone: the next one comes within {control_ms} ms.
 9. **Session and mode**. Obeyed only from the agreed session, in velocity mode, with no stop
    latched.
-10. **Freshness** (`sim_device.safety`). The counter must advance; the extra delay against the
-    session's quickest frame is taken off the time to live. Whatever is refused is counted in
+10. **Freshness** (`sim_device.device.safety`). The counter must advance; the extra delay against
+    the session's quickest frame is taken off the time to live. Whatever is refused is counted in
     `link_counters.stale`.
 11. **Watchdog**. It holds the velocity for what is left, at most {max_ttl_ms} ms. It is not fed by
     anything but setpoints.
-12. **Wheel control** (`sim_device.wheel_control`), every {tick_ms} ms. The body velocity is clamped
-    and ramped at no more than {decel} m/s²; inverse kinematics gives left and right speed; each
-    wheel's feed-forward and PI on its encoder gives a duty, scaled by the battery's voltage.
+12. **Wheel control** (`sim_device.device.wheel_control`), every {tick_ms} ms. The body velocity is
+    clamped and ramped at no more than {decel} m/s²; inverse kinematics gives left and right speed;
+    each wheel's feed-forward and PI on its encoder gives a duty, scaled by the battery's voltage.
 13. **Motor**. The bridge switches, the wheel speeds up, its encoder counts, and within
     {encoders_ms} ms the counts are on their way back in `encoders`, stamped as they were sampled.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from bridge.motion.robot_model import RobotModel
 from protocol.values import ResetCause
-from sim_device.world import World
+from sim_device.world.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

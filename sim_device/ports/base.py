@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
-from sim_device.line import FIFO_BYTES
+from sim_device.line.line import FIFO_BYTES
 
 if TYPE_CHECKING:
     from types import TracebackType

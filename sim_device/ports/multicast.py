@@ -6,7 +6,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from protocol.can.frames import RECORD
-from sim_device.line import FIFO_BYTES
+from sim_device.line.line import FIFO_BYTES
 from sim_device.ports.base import DevicePort, PortUnavailableError
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from protocol.can.frames import RECORD
-from sim_device.line import FIFO_BYTES
+from sim_device.line.line import FIFO_BYTES
+from sim_device.line.slcan import SHORTEST_LINE, SlcanAdapter
 from sim_device.ports.base import DevicePort, PortUnavailableError
-from sim_device.slcan import SHORTEST_LINE, SlcanAdapter
 
 if TYPE_CHECKING:
     from pathlib import Path

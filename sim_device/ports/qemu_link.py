@@ -17,10 +17,10 @@ from protocol.values import Contact
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from sim_device.contacts import Bumpers
-    from sim_device.imu import ImuCounts
-    from sim_device.power import PowerReading
-    from sim_device.rangers import Ranges
+    from sim_device.body.power import PowerReading
+    from sim_device.sensors.contacts import Bumpers
+    from sim_device.sensors.imu import ImuCounts
+    from sim_device.sensors.rangers import Ranges
 
 VERSION = 1
 CHUNK = 128

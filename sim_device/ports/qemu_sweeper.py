@@ -1,6 +1,6 @@
 """The virtual sweeper's body with the real firmware: its binary runs on a chip that QEMU emulates.
 
-To the line, the faults and the port it is what :class:`sim_device.device.VirtualSweeper` is. The
+To the line, the faults and the port it is what :class:`sim_device.sweeper.VirtualSweeper` is. The
 chip's clock paces the body: before each control period the chip asks for the readings at its
 begin; the plant goes on to that moment, as duties stay until then, and answers. While the chip is
 silent (it boots, is off, or the computer is too busy to run it) the body follows this computer's
@@ -18,13 +18,13 @@ import numpy as np
 from bridge.motion.robot_model import RobotModel
 from protocol.clock import DeviceUs, extend_us
 from protocol.values import ResetCause
-from sim_device.clock import DeviceClock
+from sim_device.body.plant import Plant, Truth
+from sim_device.device.clock import DeviceClock
 from sim_device.noise import noise_level
-from sim_device.plant import Plant, Truth
 from sim_device.ports import qemu_link as link
 from sim_device.ports.qemu_process import QemuGoneError, QemuProcess
-from sim_device.sensors import SensorSuite
-from sim_device.world import World
+from sim_device.sensors.sensors import SensorSuite
+from sim_device.world.world import World
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,7 @@ GATHER_S = 0.0002
 """QEMU hands over byte by byte: wait for the rest of a frame instead of waking for each."""
 POWER_PERIODS = 10
 BROWN_OUT_V, SUPPLY_GOOD_V = 4.0, 4.3
-"""See ``sim_device.device``."""
+"""See ``sim_device.sweeper``."""
 _WRAP = 1 << 32
 
 

@@ -13,8 +13,8 @@ from sim_device.rig import Rig
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sim_device.body.plant import Truth
     from sim_device.faults.injector import FaultEvent
-    from sim_device.plant import Truth
     from sim_device.ports.base import DevicePort, Stopper
     from sim_device.ports.control import ControlServer
     from sim_device.rigged import RiggedDevice

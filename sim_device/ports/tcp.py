@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from protocol.messages import Stop
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.uart.framing import Frame, UartParser, encode_frame
-from sim_device.line import FIFO_BYTES
+from sim_device.line.line import FIFO_BYTES
 from sim_device.ports.base import DevicePort, PortUnavailableError
 
 if TYPE_CHECKING:

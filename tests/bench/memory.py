@@ -17,8 +17,8 @@ from bridge.coverage.runner import PlanRunner
 from bridge.record.log_writer import RunWriter
 from bridge.run.mission import Mission
 from bridge.session.records import RunInfo
-from tools.rooms import load_room
-from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+from tools.cli.rooms import load_room
+from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 
 if TYPE_CHECKING:
     from bridge.run.host import Host

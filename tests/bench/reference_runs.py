@@ -31,8 +31,8 @@ from bridge.session.records import CommandRecord, EventRecord, PoseRecord, Truth
 from protocol.can.link import CanLink
 from protocol.link import Link
 from sim_device.faults.kinds import parse_fault
-from tools.rooms import load_room, shipped_rooms
-from tools.virtual_run import EPOCH_NS, run_virtual
+from tools.cli.rooms import load_room, shipped_rooms
+from tools.virtual.run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
     from bridge.session.records import Record

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from campaign.kept import Kept
 from protocol.messages import Power
 from sim_device.faults.kinds import KINDS
-from sim_device.line import LineSettings
+from sim_device.line.line import LineSettings
 from support.clinic import Visit, examine
 from support.peers import catalogue, longer
 

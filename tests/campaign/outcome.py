@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.session.records import EventRecord, TruthRecord
 from bridge.supervise import SuperviseSettings
 from campaign.hazards import GRACE_S, Hazard
-from tools.virtual_run import EPOCH_NS
+from tools.virtual.run import EPOCH_NS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -34,8 +34,8 @@ from campaign.supervise_page import page
 from protocol.values import StopCause
 from sim_device.faults.kinds import parse_fault
 from support.liar import let_lie
-from tools.rooms import load_room
-from tools.virtual_run import run_virtual
+from tools.cli.rooms import load_room
+from tools.virtual.run import run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -13,7 +13,7 @@ from sim_device.faults.kinds import KINDS, parse_fault
 from sim_device.faults.spec import FaultSpecError
 from support.cli import ROOT, sweepctl
 from support.two_processes import Command, Emulator
-from tools.fault_help import faults_page
+from tools.cli.fault_help import faults_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,7 +36,7 @@ def test_the_list_explains_every_kind() -> None:
 
 def test_the_page_is_fresh() -> None:
     page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
-    assert page == faults_page(), "write it anew: python -m tools.fault_help > docs/faults.md"
+    assert page == faults_page(), "write it anew: python -m tools.cli.fault_help > docs/faults.md"
 
 
 ROWS = re.findall(

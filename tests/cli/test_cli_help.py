@@ -12,7 +12,7 @@ import click
 import pytest
 
 from support.cli import ROOT, sweepctl
-from tools.command_help import PATH
+from tools.dev.command_help import PATH
 from tools.sweepctl import cli
 from tools.version import VERSION
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.cli import sweepctl
-from tools.keyfile import KeyFileError, make_key, read_key
+from tools.cli.keyfile import KeyFileError, make_key, read_key
 
 if TYPE_CHECKING:
     from pathlib import Path

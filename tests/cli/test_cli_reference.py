@@ -13,7 +13,7 @@ import click
 import pytest
 
 from support.cli import ROOT, sweepctl
-from tools.command_help import PATH, reference
+from tools.dev.command_help import PATH, reference
 from tools.sweepctl import cli
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ ALL = dict(commands(cli))
 
 
 def test_the_reference_is_fresh() -> None:
-    text = "run `python -m tools.command_help`"
+    text = "run `python -m tools.dev.command_help`"
     assert PATH.read_text(encoding="utf-8") == reference(), text
 
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.cli import ROOT
-from tools.options import log_path
-from tools.outputs import check_outputs
-from tools.paths import is_file, is_folder, is_there
-from tools.rooms import load_room
+from tools.cli.options import log_path
+from tools.cli.outputs import check_outputs
+from tools.cli.paths import is_file, is_folder, is_there
+from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,8 +53,8 @@ def sweepctl(
     )
 
 
-START = ["click", "tools.console", "bridge", "tools.commands.simulate", "numpy"]
-LATER = ["numpy.linalg", "bridge.config", "bridge.run.host", "sim_device.device", "llvmlite"]
+START = ["click", "tools.cli.console", "bridge", "tools.commands.simulate", "numpy"]
+LATER = ["numpy.linalg", "bridge.config", "bridge.run.host", "sim_device.sweeper", "llvmlite"]
 
 
 @pytest.mark.parametrize("module", [*START, *LATER])
@@ -106,21 +106,22 @@ def test_a_shipped_room_needs_no_working_directory(tmp_path: Path) -> None:
 CLOSED = """
 import json, os, sys
 sys.path[:0] = json.loads(sys.argv[1])
-import click, tools.options, tools.outputs, tools.rooms, tools.sweepctl, bridge.record.errors
+import click, tools.cli.options, tools.cli.outputs, tools.cli.rooms, tools.sweepctl
+import bridge.record.errors
 from pathlib import Path
-tools.rooms.load_room("case-1")  # what is imported late, while it still may be read
-tools.options.log_path(None, "x")
+tools.cli.rooms.load_room("case-1")  # what is imported late, while it still may be read
+tools.cli.options.log_path(None, "x")
 tools.sweepctl.run(["generate", "c", "--out", "before"])
 os.chdir("closed")  # may be entered still
 if os.geteuid() == 0:
     os.setgroups([]); os.setgid({uid}); os.setuid({uid})
-print(tools.rooms.load_room("case-1").name)
+print(tools.cli.rooms.load_room("case-1").name)
 try:
-    tools.outputs.check_outputs([Path("run.html"), Path("../closed/out.png")], [])
+    tools.cli.outputs.check_outputs([Path("run.html"), Path("../closed/out.png")], [])
 except bridge.record.errors.LogWriteError as error:
     print(error)
 try:
-    print(tools.options.log_path(None, "x"))
+    print(tools.cli.options.log_path(None, "x"))
 except bridge.record.errors.LogWriteError as error:
     print(error)
 sys.exit(tools.sweepctl.run(["generate", "c", "--out", "wire"]))

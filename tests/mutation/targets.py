@@ -47,10 +47,10 @@ def _tests(*names: str) -> tuple[str, ...]:
 
 
 TARGETS = (
-    Target("latch", "sim_device.safety", _tests("safety_limits")),
+    Target("latch", "sim_device.device.safety", _tests("safety_limits")),
     Target(
         "modes",
-        "sim_device.modes",
+        "sim_device.device.modes",
         _tests("mode_table", "device_modes"),
         frozenset({"drawn", "refusals"}),  # what is printed
     ),

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.can.frames import RECORD, worst_bits
-from sim_device.line import (
+from sim_device.line.line import (
     CAN_QUEUE,
     FIFO_BYTES,
     PACKET,

@@ -17,14 +17,14 @@ from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.messages import ClearStop, Imu, SetKey
 from protocol.values import Mode, StopCause
-from sim_device.device import VirtualSweeper
 from sim_device.noise import NOISE_LEVELS
+from sim_device.sweeper import VirtualSweeper
 from support.bench_wire import Scripted, desk_on
 from support.miswired import PLAN, Stand
 
 if TYPE_CHECKING:
     from bridge.bringup.wiring import Finding
-    from sim_device.imu import ImuCounts
+    from sim_device.sensors.imu import ImuCounts
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from bridge.config import parse_robot
 from bridge.motion.robot_model import RobotModel
 from protocol.messages import Range
 from protocol.values import ResetCause
-from sim_device.device import VirtualSweeper
+from sim_device.sweeper import VirtualSweeper
 from support.bench_wire import desk_on
 from support.cli import Done, sweepctl
 from support.served import PLAN, Served

@@ -12,9 +12,9 @@ from bridge.errors import BridgeError, StoppedForSafetyError
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from protocol.values import StopCause
-from sim_device import device as device_module
-from sim_device.device import VirtualSweeper
+from sim_device import sweeper as device_module
 from sim_device.noise import NoiseLevel
+from sim_device.sweeper import VirtualSweeper
 from support.bench_wire import Scripted, desk_on
 
 if TYPE_CHECKING:

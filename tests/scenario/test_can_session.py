@@ -24,7 +24,7 @@ from support.ends import Collector, Ends, HostEnd, SessionEnd, check_safe, sessi
 
 if TYPE_CHECKING:
     from protocol.can.frames import CanFrame
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
 
 class BusEnds(Ends):

@@ -21,11 +21,11 @@ from protocol.values import (
     PlannerPhase,
     StopCause,
 )
-from sim_device.device import VirtualSweeper
-from sim_device.onboard import SETTLE_US
+from sim_device.device.onboard import SETTLE_US
+from sim_device.sweeper import VirtualSweeper
 from support.ends import RAMP_US, REST_M_S, sweeper
 from support.wire_host import SESSION, WireHost
-from tools.rooms import load_room
+from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2

@@ -23,7 +23,7 @@ from protocol.messages import (
 )
 from protocol.schema.message import Direction
 from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause
-from sim_device.device import VirtualSweeper
+from sim_device.sweeper import VirtualSweeper
 from support.kit_build import the_kit
 from support.kit_robot import KitRobot
 

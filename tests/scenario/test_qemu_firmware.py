@@ -19,7 +19,7 @@ from support.c_build import ROOT, locked, run, tool
 from support.cli import end, start, sweepctl
 from support.probe import Probe
 from support.qemu import FIRMWARE, READY_S, build, emulated, finish, true_coverage, until
-from tools.firmware_report import BOARDS, taken
+from tools.dev.firmware_report import BOARDS, taken
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

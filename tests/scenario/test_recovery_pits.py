@@ -10,13 +10,13 @@ import pytest
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from sim_device.cliff import wheel_over
+from sim_device.sensors.cliff import wheel_over
 from support.selection import seeds
-from tools.virtual_run import run_virtual
+from tools.virtual.run import run_virtual
 
 if TYPE_CHECKING:
     from bridge.run.host import Host
-    from tools.virtual_run import VirtualRun
+    from tools.virtual.run import VirtualRun
 
 pytestmark = pytest.mark.slow
 

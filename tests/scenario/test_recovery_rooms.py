@@ -10,8 +10,8 @@ import pytest
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.session.records import EventRecord
-from tools.rooms import load_room
-from tools.virtual_run import EPOCH_NS, run_virtual
+from tools.cli.rooms import load_room
+from tools.virtual.run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

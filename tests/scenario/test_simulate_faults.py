@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from support.cli import Done, decoded, plain_messages, sweepctl
-from tools.virtual_run import EPOCH_NS
+from tools.virtual.run import EPOCH_NS
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,8 +13,8 @@ from campaign.hazards import HAZARDS, ROOMS
 from campaign.outcome import Alarm, Alarms, Job, Outcome, lane_way_m
 from campaign.supervise import hazard_jobs, keep, kept_at, recalled, run
 from campaign.supervise_page import page
-from tools.rooms import shipped_rooms
-from tools.virtual_run import EPOCH_NS
+from tools.cli.rooms import shipped_rooms
+from tools.virtual.run import EPOCH_NS
 
 if TYPE_CHECKING:
     from pathlib import Path

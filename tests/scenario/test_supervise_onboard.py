@@ -19,8 +19,8 @@ from bridge.session.states import State
 from bridge.supervise import SuperviseSettings, Supervisor, parse_rule
 from protocol.messages import VelocitySetpoint
 from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
-from sim_device.device import VirtualSweeper
-from sim_device.modes import Event
+from sim_device.device.modes import Event
+from sim_device.sweeper import VirtualSweeper
 from support.ends import Collector, Ends, HostEnd
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def test_a_plan_that_is_aborted_by_others_ends_the_run() -> None:
 
 
 def test_a_planner_that_the_device_lacks_is_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim_device.control.planner_name", lambda _number: None)
+    monkeypatch.setattr("sim_device.device.control.planner_name", lambda _number: None)
     ends, host, _ = started()
     assert ends.run(4.0, lambda: host.mission.done)
     assert ending(host).exit_status == 4

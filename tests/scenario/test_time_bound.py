@@ -14,15 +14,15 @@ from bridge.run.mission import Ending, Mission
 from bridge.session.records import DeviceMessage, EventRecord
 from bridge.session.timesync import TimeSync
 from sim_device.faults.kinds import parse_fault
-from sim_device.line import LineSettings
-from tools.rooms import load_room
-from tools.virtual_run import EPOCH_NS, run_virtual
+from sim_device.line.line import LineSettings
+from tools.cli.rooms import load_room
+from tools.virtual.run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from bridge.session.records import Record
-    from tools.virtual_run import VirtualRun
+    from tools.virtual.run import VirtualRun
 
 BAUD = 921_600
 BYTES = 16

@@ -30,11 +30,11 @@ from bridge.session.records import RunInfo
 from bridge.supervise import SuperviseSettings
 from sim_device.faults.kinds import KINDS, parse_fault
 from sim_device.faults.spec import FaultSpec, Number
-from sim_device.line import LineSettings
+from sim_device.line.line import LineSettings
 from soak.watched import Truth
-from tools.rooms import load_room
-from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
-from tools.virtual_summary import summarise
+from tools.cli.rooms import load_room
+from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+from tools.virtual.summary import summarise
 
 if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan

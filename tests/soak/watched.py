@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.record.sink import Sink
     from bridge.session.records import Record
-    from sim_device.device import VirtualSweeper
-    from tools.virtual_run import VirtualRun
+    from sim_device.sweeper import VirtualSweeper
+    from tools.virtual.run import VirtualRun
 
 MOVES_M_S = 0.03
 """Faster than this is motion: less is what a body settles by after a bump."""

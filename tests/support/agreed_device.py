@@ -25,7 +25,7 @@ from protocol.values import (
     ParameterKind,
     RebootKind,
 )
-from sim_device.parameters import table
+from sim_device.device.parameters import table
 from support.ends import Ends, session_end, sweeper
 
 if TYPE_CHECKING:

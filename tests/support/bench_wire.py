@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from bridge.bringup.desk import Desk
 from protocol.clock import HostNs
-from sim_device.line import STRAIGHT
+from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from protocol.link import LinkBase
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
 BOOT_NS = 7_000_000_000
 LATENCY_US = 1_000

@@ -35,8 +35,8 @@ from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.uart.framing import Frame, UartParser, encode_frame
 from protocol.values import StopCause, by_gravity
-from sim_device.device import VirtualSweeper
-from tools.rooms import load_room
+from sim_device.sweeper import VirtualSweeper
+from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
     from protocol.schema.message import Message

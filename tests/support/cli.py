@@ -19,10 +19,10 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from tools.rooms import load_room
+from tools.cli.rooms import load_room
 from tools.sweepctl import run
-from tools.virtual_run import run_virtual
-from tools.virtual_summary import summarise
+from tools.virtual.run import run_virtual
+from tools.virtual.summary import summarise
 
 if TYPE_CHECKING:
     import signal

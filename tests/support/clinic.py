@@ -16,12 +16,12 @@ from bridge.motion.robot_model import RobotModel
 from bridge.session.records import EventRecord, RawBytes
 from protocol.clock import HostNs
 from protocol.schema.catalogue import CATALOGUE
-from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import parse_fault
-from sim_device.line import LineSettings
+from sim_device.line.line import LineSettings
 from sim_device.rig import Rig
-from tools.rooms import load_room
-from tools.virtual_run import run_virtual
+from sim_device.sweeper import VirtualSweeper
+from tools.cli.rooms import load_room
+from tools.virtual.run import run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -20,8 +20,8 @@ from support.ends import sweeper
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim_device.device import VirtualSweeper
-    from sim_device.virtual_firmware import Firmware
+    from sim_device.device.virtual_firmware import Firmware
+    from sim_device.sweeper import VirtualSweeper
 
 SESSION = 0xABCD
 

@@ -21,7 +21,7 @@ from protocol.messages import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.values import ResetCause
-from sim_device.device import VirtualSweeper
+from sim_device.sweeper import VirtualSweeper
 from support.hostile import Piece, Pipe, Wire
 from support.sim_body import room
 

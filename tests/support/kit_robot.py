@@ -11,10 +11,10 @@ from bridge.motion.robot_model import RobotModel
 from protocol.link import Link, Received
 from protocol.schema.message import Direction
 from protocol.values import Contact
+from sim_device.body.plant import Plant
 from sim_device.noise import noise_level
-from sim_device.plant import Plant
-from sim_device.sensors import SensorSuite
-from sim_device.world import World
+from sim_device.sensors.sensors import SensorSuite
+from sim_device.world.world import World
 from support.kit_script import NO_RANGE, TOLD, Readings, Step, Told, read
 
 if TYPE_CHECKING:

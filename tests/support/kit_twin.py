@@ -10,20 +10,20 @@ from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.link import Link
 from protocol.values import Contact, RebootKind, ResetCause
-from sim_device.contacts import Bumpers
-from sim_device.flash import Flash
-from sim_device.identity import Identity
-from sim_device.imu import ImuCounts
-from sim_device.modes import State
-from sim_device.power import PowerReading
-from sim_device.rangers import Ranges
-from sim_device.virtual_firmware import TICK_US, Firmware
+from sim_device.body.power import PowerReading
+from sim_device.device.flash import Flash
+from sim_device.device.identity import Identity
+from sim_device.device.modes import State
+from sim_device.device.virtual_firmware import TICK_US, Firmware
+from sim_device.sensors.contacts import Bumpers
+from sim_device.sensors.imu import ImuCounts
+from sim_device.sensors.rangers import Ranges
 from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Step, Told
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sim_device.safety import Watchdog
+    from sim_device.device.safety import Watchdog
     from support.kit_script import Act
 
 UID = b"script-board"

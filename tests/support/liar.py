@@ -11,7 +11,7 @@ from protocol.values import PlannerPhase
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
     Lie = Callable[[PlannerState, dict[str, int]], PlannerState]
 

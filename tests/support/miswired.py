@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 from bridge.floor_plan.floor_plan import parse_floorplan
-from sim_device.contacts import Bumpers
-from sim_device.device import VirtualSweeper
-from sim_device.imu import ImuCounts
+from sim_device.sensors.contacts import Bumpers
+from sim_device.sensors.imu import ImuCounts
+from sim_device.sweeper import VirtualSweeper
 
 if TYPE_CHECKING:
-    from sim_device.rangers import Ranges
+    from sim_device.sensors.rangers import Ranges
 
 PLAN = parse_floorplan('{"walls": [[0,0],[8,0],[8,8],[0,8]], "start": [4,4,0]}')
 _TURN_RATE, _TURN_MS = 90.0, 1000

@@ -15,7 +15,7 @@ from bridge.motion.robot_model import RobotModel
 from sim_device.ports import ask_control
 from support.c_build import ROOT, run, tool
 from support.cli import Done, decoded, end, start
-from tools.rooms import load_room
+from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
     import subprocess

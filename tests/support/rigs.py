@@ -11,10 +11,10 @@ from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.messages import Imu
 from protocol.values import Mode, StopCause
-from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import parse_fault
-from sim_device.line import STRAIGHT, LineSettings
+from sim_device.line.line import STRAIGHT, LineSettings
 from sim_device.rig import Rig
+from sim_device.sweeper import VirtualSweeper
 from support.sim_body import room
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 from bridge.motion.geometry import Pose2
-from sim_device.truth import Inertial
+from sim_device.body.truth import Inertial
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sim_device.plant import Plant
-    from sim_device.world import World
+    from sim_device.body.plant import Plant
+    from sim_device.world.world import World
 
 
 def _still(_t_s: float) -> float:

@@ -6,8 +6,8 @@ import threading
 from typing import TYPE_CHECKING, Self
 
 from bridge.floor_plan.floor_plan import parse_floorplan
-from sim_device.device import VirtualSweeper
 from sim_device.ports import PtyPort, Stopper, serve
+from sim_device.sweeper import VirtualSweeper
 
 if TYPE_CHECKING:
     from types import TracebackType

@@ -15,7 +15,7 @@ import numpy as np
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.robot_model import RobotModel
-from sim_device.wheel_control import WheelControl
+from sim_device.device.wheel_control import WheelControl
 from support.sim_body import plant, sensors
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from scipy import stats
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from tools.virtual_run import own_ms, run_virtual
+from tools.virtual.run import own_ms, run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
-    from tools.virtual_run import VirtualRun
+    from tools.virtual.run import VirtualRun
 
     Floats = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from protocol.schema.message import Message
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
 M = TypeVar("M")
 SESSION = 0xBEEF

@@ -28,7 +28,7 @@ from support.ends import Ends, HostEnd, SessionEnd, check_safe, spinning_host, s
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
 pytestmark = pytest.mark.slow
 

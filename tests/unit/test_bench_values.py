@@ -12,7 +12,7 @@ from bridge.config import parse_robot
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RobotModel
 from bridge.session.parameters import Parameter
-from sim_device.parameters import ParameterStore, table
+from sim_device.device.parameters import ParameterStore, table
 
 MODEL = RobotModel()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from protocol.can.frames import RECORD
-from sim_device.slcan import LONGEST_LINE, SlcanAdapter
+from sim_device.line.slcan import LONGEST_LINE, SlcanAdapter
 
 FRAME = RECORD.pack(0x121, 3, b"\x0a\xbc\xff")
 

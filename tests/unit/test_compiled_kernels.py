@@ -301,9 +301,9 @@ def test_code_is_not_kept_beyond_a_number_from_elsewhere(
 def test_a_short_run_needs_no_compiler() -> None:
     """Numba takes a second to import: it is there for what is not compiled yet only."""
     program = (
-        "import sys; from tools.warm import warm; warm(); sys.modules.pop('numba', None);"
+        "import sys; from tools.dev.warm import warm; warm(); sys.modules.pop('numba', None);"
         "import subprocess as s; print(s.run([sys.executable, '-c', "
-        "'import sys; from tools.warm import warm; warm(); print(\"numba\" in sys.modules)'],"
+        "'import sys; from tools.dev.warm import warm; warm(); print(\"numba\" in sys.modules)'],"
         "capture_output=True, text=True, check=True).stdout)"
     )
     root = Path(__file__).parents[2]

@@ -16,12 +16,12 @@ from protocol.values import (
     PlannerPhase,
     StopCause,
 )
-from sim_device.device import VirtualSweeper
-from sim_device.health import STALL_STOP_S
-from sim_device.modes import State
-from sim_device.onboard import SETTLE_US
-from sim_device.parameters import table, to_raw
-from sim_device.rangers import Ranges
+from sim_device.device.health import STALL_STOP_S
+from sim_device.device.modes import State
+from sim_device.device.onboard import SETTLE_US
+from sim_device.device.parameters import table, to_raw
+from sim_device.sensors.rangers import Ranges
+from sim_device.sweeper import VirtualSweeper
 from support.ends import OPEN_FLOOR, REST_M_S
 from support.sim_body import box, room
 from support.wire_host import WireHost

@@ -27,7 +27,7 @@ from protocol.values import (
     RebootKind,
     StopCause,
 )
-from sim_device.parameters import Parameter, ParameterStore, from_raw, table, to_raw
+from sim_device.device.parameters import Parameter, ParameterStore, from_raw, table, to_raw
 from support.agreed_device import BOOL, F32, I32, NUMBERS, U32, Desk, cruise, f32
 from support.ends import REST_M_S
 

@@ -17,7 +17,7 @@ from protocol.values import (
     ResetCause,
     StopCause,
 )
-from sim_device.device import BOOT_US
+from sim_device.sweeper import BOOT_US
 from support.agreed_device import Desk, cruise, f32
 from support.ends import HOST_BOOT_US
 

@@ -22,11 +22,11 @@ from protocol.messages import (
     VelocitySetpoint,
 )
 from protocol.values import Mode, ParameterKind, ResetCause, StopCause
-from sim_device.clock import DeviceClock
-from sim_device.device import BOOT_US, BROWN_OUT_V, SUPPLY_GOOD_V, WATCHDOG_US
-from sim_device.flash import BYTES_PER_MS, ERASE_MS, Flash
-from sim_device.modes import State
-from sim_device.parameters import table, to_raw
+from sim_device.device.clock import DeviceClock
+from sim_device.device.flash import BYTES_PER_MS, ERASE_MS, Flash
+from sim_device.device.modes import State
+from sim_device.device.parameters import table, to_raw
+from sim_device.sweeper import BOOT_US, BROWN_OUT_V, SUPPLY_GOOD_V, WATCHDOG_US
 from support.ends import RAMP_US, REST_M_S, sweeper
 from support.wire_host import WireHost
 

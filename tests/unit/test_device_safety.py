@@ -9,7 +9,7 @@ import pytest
 
 from protocol.messages import VelocitySetpoint
 from protocol.values import StopCause
-from sim_device.safety import MAX_TIME_TO_LIVE_US, Freshness, SetpointWatchdog, StopLatch
+from sim_device.device.safety import MAX_TIME_TO_LIVE_US, Freshness, SetpointWatchdog, StopLatch
 
 CAUSES = [c for c in StopCause if c is not StopCause.NONE]
 WRAP = 1 << 32

@@ -15,11 +15,11 @@ from protocol.link import Link
 from protocol.messages import ClearStop, HostHello, SetMode, TimeRequest, VelocitySetpoint
 from protocol.schema.message import Direction
 from protocol.values import Mode, StopCause
-from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import parse_fault
-from sim_device.line import LineSettings
+from sim_device.line.line import LineSettings
 from sim_device.rig import Rig
-from tools.rooms import load_room
+from sim_device.sweeper import VirtualSweeper
+from tools.cli.rooms import load_room
 
 ROOT = Path(__file__).resolve().parents[2]
 FAULTS = ("bit-flips@1.0:0.6:0.002", "wheel-slip@1.2:0.8:side=left", "jitter@1.4:0.5")

@@ -82,7 +82,7 @@ def test_signals_wait_until_a_worker_is_prepared() -> None:
     begin = """
         import signal, subprocess, sys
         from multiprocessing import resource_tracker
-        from tools.stopping import held_back
+        from tools.cli.signals import held_back
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
         with held_back():
             resource_tracker.ensure_running()  # as a pool does before it begins a process

@@ -12,8 +12,8 @@ from bridge.evaluation.metrics import CoverageMeter
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from sim_device.chassis import Chassis
-from sim_device.motors import MotorParameters
+from sim_device.body.chassis import Chassis
+from sim_device.body.motors import MotorParameters
 from tools.experiment import curves
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.span import cruise_power_w, limit_s, planner_of

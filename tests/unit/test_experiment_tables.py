@@ -12,7 +12,7 @@ from bridge.evaluation.metrics import CoverageMeter
 from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from sim_device.world import World
+from sim_device.world.world import World
 from tools.experiment import curves, report
 from tools.experiment.compare_tables import shared, zimablue_table
 from tools.experiment.cycles import PAPER_END_MM

@@ -10,8 +10,8 @@ from bridge.session.states import State
 from protocol.can.link import CanLink
 from protocol.messages import Imu
 from protocol.values import ResetCause
-from sim_device.device import VirtualSweeper
-from sim_device.line import LineSettings
+from sim_device.line.line import LineSettings
+from sim_device.sweeper import VirtualSweeper
 from support.rigs import Drive, lost_frames, rig
 
 # ---- the line -----------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bridge.session.states import Agreed
-from sim_device.line import LineSettings
+from sim_device.line.line import LineSettings
 from support.rigs import Drive, lost_frames, rig
 
 # ---- together -----------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tools.firmware_stack import Calls, UnboundedStackError, bound
+from tools.dev.firmware_stack import Calls, UnboundedStackError, bound
 
 
 def node(title: str, size: str) -> str:

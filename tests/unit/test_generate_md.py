@@ -18,7 +18,7 @@ from protocol.messages import Imu, Range, VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from support import reference_codec as ref
 from support.peers import catalogue, longer
-from tools.behaviour import wire_behaviour
+from tools.dev.behaviour import wire_behaviour
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

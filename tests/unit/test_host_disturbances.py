@@ -11,7 +11,7 @@ from bridge.record.sink import NullSink
 from bridge.run.recording import HostRecords
 from bridge.session.records import EventRecord
 from tools.experiment.room_generator import generate_room
-from tools.virtual_run import run_virtual
+from tools.virtual.run import run_virtual
 
 BUMP = Disturbance(DisturbanceKind.BUMP, 1.0, 0.0312)
 SLIP = Disturbance(DisturbanceKind.SLIP_LEFT, 2.0, 0.05)

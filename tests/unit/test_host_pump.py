@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from bridge.run.host import Host
     from bridge.session.records import Record
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
 pytestmark = pytest.mark.slow
 

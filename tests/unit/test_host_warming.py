@@ -7,8 +7,8 @@ import pytest
 from bridge.motion.estimation.pose_filter import PoseFilter
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from tools.rooms import load_room
-from tools.virtual_run import run_virtual
+from tools.cli.rooms import load_room
+from tools.virtual.run import run_virtual
 
 
 def test_the_host_follows_the_chip_as_it_warms_up(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tools.lan_risk import bus_risk, port_risk
+from tools.cli.lan_risk import bus_risk, port_risk
 
 
 @pytest.mark.parametrize(

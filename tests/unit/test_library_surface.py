@@ -14,7 +14,7 @@ from bridge.remedies import Remedy
 from bridge.run.mission import Ending
 from bridge.run.refusals import cannot_move
 from protocol.messages import Imu, Range, Status
-from tools.remedies import error_line
+from tools.cli.remedies import error_line
 
 
 @pytest.mark.parametrize("name", ["imu", "encoders", "range", "power", "status", "planner"])

@@ -14,13 +14,13 @@ from bridge.coverage.runner import PlanRunner
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from tools.live import LivePicture, Teller
-from tools.live_heading import LiveCoverage, RunFacts
-from tools.live_map import legend, swept_picture
-from tools.live_tables import planner_table, status_line
-from tools.virtual_run import HOST_BOOT_NS
-from tools.virtual_settings import Settings
-from tools.virtual_sweeper import SimulatedSweeper
+from tools.live.heading import LiveCoverage, RunFacts
+from tools.live.live import LivePicture, Teller
+from tools.live.map import legend, swept_picture
+from tools.live.tables import planner_table, status_line
+from tools.virtual.run import HOST_BOOT_NS
+from tools.virtual.settings import Settings
+from tools.virtual.sweeper import SimulatedSweeper
 
 MODEL = RobotModel()
 PAGE = "http://127.0.0.1:9090/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9876%2Fproxy"

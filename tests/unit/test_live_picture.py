@@ -20,13 +20,13 @@ from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
 from bridge.session.records import EventRecord, LogRecord, Severity
 from protocol.messages import Imu, Power, Range, Status
-from tools.console import err
-from tools.live import LivePicture, Teller
-from tools.live_map import swept_picture
-from tools.live_tables import Rates, status_line
-from tools.operating import Operating
-from tools.visible_console import MAX_COLUMNS, MAX_ROWS, VisibleConsole
-from tools.visible_text import is_visible
+from tools.cli.console import err
+from tools.cli.visible_console import MAX_COLUMNS, MAX_ROWS, VisibleConsole
+from tools.cli.visible_text import is_visible
+from tools.live.live import LivePicture, Teller
+from tools.live.map import swept_picture
+from tools.live.operating import Operating
+from tools.live.tables import Rates, status_line
 
 MODEL = RobotModel()
 

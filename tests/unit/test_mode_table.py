@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from protocol.values import Fault, Mode, NackReason
-from sim_device.modes import (
+from sim_device.device.modes import (
     GUARDED,
     MODE_OF,
     SET_EVENT,

@@ -12,7 +12,7 @@ from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 from protocol.schema.message import Direction
-from tools.monitor_view import Table
+from tools.live.monitor_view import Table
 
 SENT = (
     Encoders(100, 200),

@@ -49,7 +49,7 @@ def test_every_target_has_a_gate_and_its_tests_exist() -> None:
         "bridge.run.dead_man",
         "bridge.io.stopping",
         "bridge.run.host",
-        "sim_device.safety",
+        "sim_device.device.safety",
     } <= modules
     for target in TARGETS:
         assert target.path.is_file()

@@ -23,8 +23,8 @@ from bridge.session.records import EventRecord, Severity
 from protocol.commands import Outcome
 from protocol.messages import PlannerCommand, Status
 from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
-from tools.operating import Operating
-from tools.terminal_keys import Key
+from tools.live.operating import Operating
+from tools.live.terminal_keys import Key
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.cli import ROOT
-from tools.output_queue import QUEUE_BYTES, QueuedOutput, QueuedStream
+from tools.cli.output_queue import QUEUE_BYTES, QueuedOutput, QueuedStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -147,7 +147,7 @@ def test_streams_without_a_descriptor_stay_as_they_are(monkeypatch: pytest.Monke
 ENDS = """
 import sys
 from contextlib import suppress
-from tools.output_queue import QueuedOutput
+from tools.cli.output_queue import QueuedOutput
 with QueuedOutput() as output:
     for stream in (sys.stdout, sys.stderr):
         for number in range(300):

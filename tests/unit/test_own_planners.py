@@ -9,8 +9,8 @@ import pytest
 from bridge.coverage.planner import Finish, PlannerError, PlannerState
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.robot_model import RobotModel
-from tools.virtual_settings import Settings
-from tools.virtual_sweeper import SimulatedSweeper
+from tools.virtual.settings import Settings
+from tools.virtual.sweeper import SimulatedSweeper
 
 MODEL = RobotModel()
 

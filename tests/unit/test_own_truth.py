@@ -75,12 +75,12 @@ def everything_behind(roots: set[str]) -> set[str]:
 
 def test_there_are_kernels_and_the_plant_is_behind_one() -> None:
     kernels = compiled_kernels()
-    assert "sim_device.drive_kernel" in kernels
-    assert kernels & everything_behind({"sim_device.plant"})
+    assert "sim_device.body.drive_kernel" in kernels
+    assert kernels & everything_behind({"sim_device.body.plant"})
 
 
 @pytest.mark.parametrize(
-    "root", sorted({"sim_device.plant", "sim_device.sensors"} | compiled_kernels())
+    "root", sorted({"sim_device.body.plant", "sim_device.sensors.sensors"} | compiled_kernels())
 )
 def test_nothing_of_the_hosts_reckoning_is_behind(root: str) -> None:
     behind = everything_behind({root})

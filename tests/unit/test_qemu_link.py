@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_device.contacts import Bumpers
-from sim_device.imu import ImuCounts
+from sim_device.body.power import PowerReading
 from sim_device.ports import qemu_link as link
-from sim_device.power import PowerReading
-from sim_device.rangers import Ranges
+from sim_device.sensors.contacts import Bumpers
+from sim_device.sensors.imu import ImuCounts
+from sim_device.sensors.rangers import Ranges
 
 
 def framed(kind: int, payload: bytes) -> bytes:

@@ -12,7 +12,7 @@ from protocol.values import ResetCause
 from sim_device.ports import qemu_link as link
 from sim_device.ports import qemu_sweeper
 from sim_device.ports.qemu_process import QemuGoneError
-from tools.rooms import load_room
+from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.replaced_log import ReplacedLog
+from tools.cli.replaced_log import ReplacedLog
 
 
 @pytest.fixture(name="log")

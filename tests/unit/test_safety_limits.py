@@ -9,8 +9,8 @@ import pytest
 
 from protocol.messages import VelocitySetpoint, WheelDuty
 from protocol.values import StopCause
-from sim_device import safety
-from sim_device.safety import DutyWatchdog, Freshness, SetpointWatchdog, StopLatch
+from sim_device.device import safety
+from sim_device.device.safety import DutyWatchdog, Freshness, SetpointWatchdog, StopLatch
 
 
 def test_the_figures() -> None:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim_device.imu import Imu, ImuConfig, ImuConfigError, ImuCounts
 from sim_device.noise import NOISE_LEVELS, NoiseLevel
-from sim_device.sensor_faults import SensorFaults
+from sim_device.sensors.faults import SensorFaults
+from sim_device.sensors.imu import Imu, ImuConfig, ImuConfigError, ImuCounts
 from support.scripted_body import Scripted
 
 NONE = NOISE_LEVELS["none"]

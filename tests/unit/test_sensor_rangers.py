@@ -11,10 +11,10 @@ import pytest
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from sim_device.infrared import Infrared, Reflectances, metres, volts
 from sim_device.noise import NOISE_LEVELS, Draws, NoiseLevel
-from sim_device.rangers import Rangers
-from sim_device.ultrasonic import Ultrasonic
+from sim_device.sensors.infrared import Infrared, Reflectances, metres, volts
+from sim_device.sensors.rangers import Rangers
+from sim_device.sensors.ultrasonic import Ultrasonic
 from support.sim_body import box, room, world
 
 NONE = NOISE_LEVELS["none"]

@@ -28,7 +28,7 @@ from support.ends import (
 from support.peers import EXTRA, catalogue, hints_of, variant
 
 if TYPE_CHECKING:
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
 RicherPower = variant(Power, {**hints_of(Power), "fan": EXTRA})
 

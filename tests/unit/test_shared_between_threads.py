@@ -26,7 +26,7 @@ from bridge.run.dead_man import DIRECTIONS, TURN_RAD_S, DeadMan
 from bridge.run.manual import Operator
 from bridge.run.snapshot import snapshot
 from support.ends import Collector, Ends, HostEnd, Spinning, spinning_host, sweeper
-from tools.live import LivePicture, Teller
+from tools.live.live import LivePicture, Teller
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

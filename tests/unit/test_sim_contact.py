@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from sim_device.contacts import Bumpers, bumpers
-from sim_device.plant import Chassis
+from sim_device.body.plant import Chassis
+from sim_device.sensors.contacts import Bumpers, bumpers
 from support.sim_body import box, duty, plant, room, sensors
 
 WALL_X_M = 2.0

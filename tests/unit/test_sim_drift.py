@@ -14,8 +14,8 @@ from bridge.motion.robot_model import RobotModel
 from support.sim_body import duty, plant, room, sensors
 
 if TYPE_CHECKING:
-    from sim_device.plant import Plant
-    from sim_device.sensors import SensorSuite
+    from sim_device.body.plant import Plant
+    from sim_device.sensors.sensors import SensorSuite
 
 pytestmark = pytest.mark.slow
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sim_device.chassis import Chassis
-from sim_device.motors import MotorParameters
-from sim_device.power import BatteryParameters
+from sim_device.body.chassis import Chassis
+from sim_device.body.motors import MotorParameters
+from sim_device.body.power import BatteryParameters
 from support.sim_body import IDEAL_BATTERY, box, duty, plant, room
 
 if TYPE_CHECKING:
-    from sim_device.plant import Plant
+    from sim_device.body.plant import Plant
 
 CENTRE = room((10.0, 10.0, 0.0))
 MOTOR = MotorParameters()

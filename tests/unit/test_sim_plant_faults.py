@@ -7,9 +7,9 @@ import math
 import pytest
 
 from bridge.motion.robot_model import RobotModel
-from sim_device.chassis import Chassis
-from sim_device.plant import WalkerError
-from sim_device.world import World
+from sim_device.body.chassis import Chassis
+from sim_device.body.plant import WalkerError
+from sim_device.world.world import World
 from support.sim_body import box, duty, plant, room
 
 CENTRE = room((10.0, 10.0, 0.0))

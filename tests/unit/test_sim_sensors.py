@@ -11,13 +11,13 @@ import pytest
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from sim_device.imu import GRAVITY_M_S2
 from sim_device.noise import NOISE_LEVELS, NoiseLevel, UnknownNoiseLevelError, noise_level
-from sim_device.rangers import Rangers, Ranges
+from sim_device.sensors.imu import GRAVITY_M_S2
+from sim_device.sensors.rangers import Rangers, Ranges
 from support.sim_body import box, duty, plant, room, sensors, world
 
 if TYPE_CHECKING:
-    from sim_device.world import World
+    from sim_device.world.world import World
 
 MODEL = RobotModel()
 CENTRE = room((10.0, 10.0, 0.0))

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.floor_plan.floor_plan import Carpet, FloorPlanError, Threshold, parse_floorplan
-from sim_device.chassis import Chassis
-from sim_device.motors import MotorParameters
+from sim_device.body.chassis import Chassis
+from sim_device.body.motors import MotorParameters
 from support.sim_body import box, duty, plant, room
 
 if TYPE_CHECKING:
-    from sim_device.plant import Plant
+    from sim_device.body.plant import Plant
 
 CENTRE = room((10.0, 10.0, 0.0))
 CRUISE = duty(0.2)

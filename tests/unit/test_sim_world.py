@@ -11,7 +11,7 @@ import pytest
 import sim_device
 from bridge.floor_plan.floor_plan import FloorPlanError, StartBlockedError, parse_floorplan
 from bridge.motion.robot_model import RobotModel
-from sim_device.world import World
+from sim_device.world.world import World
 from support.sim_body import box, room, world
 
 ROOMS = sorted((Path(sim_device.__file__).parent / "rooms").glob("*.json"))

@@ -8,11 +8,11 @@ from bridge.motion.geometry import Pose2
 from bridge.record.sink import NullSink
 from bridge.session.records import EventRecord, Severity, TruthRecord
 from protocol.values import StopCause
-from sim_device.device import VirtualSweeper
 from sim_device.faults.kinds import KINDS, parse_fault
+from sim_device.sweeper import VirtualSweeper
 from soak.faults import draw_fault, run
 from soak.watched import RAMP_S, Truth
-from tools.rooms import load_room
+from tools.cli.rooms import load_room
 
 
 def test_random_faults_neither_crash_nor_move_nor_spoil_the_log() -> None:

@@ -12,9 +12,9 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.run.start_pose import contradictions
 from sim_device.noise import noise_level
-from sim_device.rangers import Rangers, Ranges
-from sim_device.world import World
-from tools.rooms import load_room, shipped_rooms
+from sim_device.sensors.rangers import Rangers, Ranges
+from sim_device.world.world import World
+from tools.cli.rooms import load_room, shipped_rooms
 
 MODEL = RobotModel()
 BOX = parse_floorplan(

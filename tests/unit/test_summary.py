@@ -15,7 +15,7 @@ from bridge.run.mission import Ending, Mission
 from bridge.run.options import HostOptions
 from bridge.run.summary import run_summary, wire_summary
 from protocol.link import LinkStatistics
-from tools.console import summary_table
+from tools.cli.console import summary_table
 
 MODEL = RobotModel()
 PLAN = parse_floorplan('{"walls": [[0,0],[2,0],[2,2],[0,2]], "start": [0.3,0.3,0]}')

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tools.terminal_keys import Key, KeyDecoder
+from tools.live.terminal_keys import Key, KeyDecoder
 
 CASES = [
     # any terminal

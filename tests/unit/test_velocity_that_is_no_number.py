@@ -10,8 +10,8 @@ from bridge.session.outbox import Outbox
 from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.schema.message import Direction
-from tools.virtual_settings import Settings
-from tools.virtual_sweeper import SimulatedSweeper
+from tools.virtual.settings import Settings
+from tools.virtual.sweeper import SimulatedSweeper
 
 BAD = [(math.nan, 0.0), (0.0, math.nan)]
 

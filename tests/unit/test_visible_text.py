@@ -18,9 +18,9 @@ from rich.table import Table
 from rich.text import Text
 
 from support.cli import ROOT
-from tools import console
-from tools.visible_console import VisibleConsole
-from tools.visible_text import MAX_LINE, MAX_WORD, is_visible, one_line, visible
+from tools.cli import console
+from tools.cli.visible_console import VisibleConsole
+from tools.cli.visible_text import MAX_LINE, MAX_WORD, is_visible, one_line, visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -12,7 +12,7 @@ from support.cli import ROOT
 
 LIST = """
 import json
-from tools import warm
+from tools.dev import warm
 warm.warm()
 print(json.dumps({kernel.name: kernel.kinds for kernel in warm.kernels().values()}))
 """

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools import options
-from tools.bench import clear_stop_option, log_options
-from tools.console import say_lines, write_json, write_line
-from tools.port_options import PortAsked, keyed_port_options
+from tools.bringup.desk import clear_stop_option, log_options
+from tools.cli import options
+from tools.cli.console import say_lines, write_json, write_line
+from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from bridge.bringup.procedure import BringUp
     from bridge.bringup.wheel_step import WheelStep
-    from tools.bench import BenchLog
+    from tools.bringup.desk import BenchLog
 
 _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
 
@@ -59,7 +59,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.bringup.procedure import BringUp
     from bridge.bringup.wheel_step import as_text
     from bridge.config import load_robot
-    from tools.bench import Terminal, desk_on
+    from tools.bringup.desk import Terminal, desk_on
 
     model, text = load_robot(robot)
     if plot is not None:
@@ -113,7 +113,7 @@ def _check_plot(path: Path) -> None:
     """Complain of a picture that could not be drawn, before a wheel turns for it."""
     from importlib.util import find_spec
 
-    from tools.outputs import check_outputs
+    from tools.cli.outputs import check_outputs
 
     if find_spec("matplotlib") is None:
         raise click.UsageError("--plot needs matplotlib: pip install 'sweepctl[plot]'")

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools import options
-from tools.bench import clear_stop_option, log_options
-from tools.calibrating import writing_options
-from tools.console import write_json
-from tools.port_options import PortAsked, keyed_port_options
+from tools.bringup.calibrating import writing_options
+from tools.bringup.desk import clear_stop_option, log_options
+from tools.cli import options
+from tools.cli.console import write_json
+from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from bridge.bringup.applying import Change
     from bridge.bringup.square import Result
     from bridge.bringup.umbmark import Benchmark
     from bridge.motion.robot_model import RangerMount, RobotModel
-    from tools.bench import BenchLog
+    from tools.bringup.desk import BenchLog
 
 _SENSORS = ("ultrasonic", "infrared-left", "infrared-right")
 _DISTANCES_M = {
@@ -71,8 +71,8 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     from bridge.bringup.gyro import biases, complaint
     from bridge.errors import BridgeError
     from protocol.messages import Encoders, Imu
-    from tools.bench import Terminal, desk_on
-    from tools.calibrating import load_existing, write_results
+    from tools.bringup.calibrating import load_existing, write_results
+    from tools.bringup.desk import Terminal, desk_on
 
     model, text = load_existing(robot)
     with desk_on(port, log, text) as desk:
@@ -181,8 +181,8 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     Status 0: done; 1: the squares driven again refute the values, and nothing was written.
     """
     from bridge.bringup.square import Asked, ByTape, Squares
-    from tools.bench import Terminal, desk_on
-    from tools.calibrating import NOWHERE, ByTruth, load_existing, write_results
+    from tools.bringup.calibrating import NOWHERE, ByTruth, load_existing, write_results
+    from tools.bringup.desk import Terminal, desk_on
 
     model, text = load_existing(robot)
     with desk_on(port, log, text) as desk:
@@ -313,9 +313,9 @@ def _range(  # noqa: PLR0913 - one parameter per option
     """
     from bridge.bringup.device_values import list_parameters
     from bridge.bringup.ranging import fit
-    from tools.bench import Terminal, desk_on
-    from tools.calibrating import load_existing, write_results
-    from tools.range_points import measured
+    from tools.bringup.calibrating import load_existing, write_results
+    from tools.bringup.desk import Terminal, desk_on
+    from tools.bringup.range_points import measured
 
     model, text = load_existing(robot)
     found: dict[str, Any] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from tools.console import write_lines
+from tools.cli.console import write_lines
 
 SHELLS = ("bash", "zsh", "fish")
 VARIABLE = "_SWEEPCTL_COMPLETE"

@@ -8,13 +8,13 @@ from typing import Any
 
 import click
 
-from tools import options
-from tools.adapter_delay import adapter_delay_option
-from tools.completing import complete_room
-from tools.console import complain, print_summary
-from tools.port_options import port_argument
-from tools.recording import recording_options, take_record_options, viewing_options
-from tools.supervising import rule_option
+from tools.cli import options
+from tools.cli.adapter_delay import adapter_delay_option
+from tools.cli.completion import complete_room
+from tools.cli.console import complain, print_summary
+from tools.cli.port_options import port_argument
+from tools.cli.recording import recording_options, take_record_options, viewing_options
+from tools.cli.supervising import rule_option
 
 
 @click.command(
@@ -104,10 +104,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
     from bridge.run.mission import Resume
-    from tools.keyfile import read_key
-    from tools.live_run import LiveOptions, run_live
-    from tools.rooms import load_room
-    from tools.supervising import supervise_rules
+    from tools.cli.keyfile import read_key
+    from tools.cli.rooms import load_room
+    from tools.cli.supervising import supervise_rules
+    from tools.live.run import LiveOptions, run_live
 
     moves = supervise or planner is not None
     if supervise and planner is not None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from tools import options
-from tools.console import plain_console, say, write_json
+from tools.cli import options
+from tools.cli.console import plain_console, say, write_json
 
 
 @click.command("diff", epilog="Example:  sweepctl diff before.mcap after.mcap --out both.html")
@@ -29,7 +29,7 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
     from bridge.convert.sources import readable
     from bridge.view.report.comparison import compare, rows, write_page
     from bridge.view.report.run_data import load_run
-    from tools.outputs import PAGE, PNG, check_format, check_outputs
+    from tools.cli.outputs import PAGE, PNG, check_format, check_outputs
 
     check_outputs([out], [a, b], force=force)
     check_format("--out", out, *PAGE, *PNG)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools import options
-from tools.console import plain_console, say, write_json
-from tools.paths import is_file, is_folder, is_there
+from tools.cli import options
+from tools.cli.console import plain_console, say, write_json
+from tools.cli.paths import is_file, is_folder, is_there
 
 if TYPE_CHECKING:
     from bridge.doctor import Examination, Finding
@@ -77,7 +77,7 @@ def command(  # noqa: PLR0913 - what a port can be asked for
 
     from bridge.doctor.attend import attend
     from bridge.io.ports import open_port
-    from tools.stopping import until_signalled
+    from tools.cli.signals import until_signalled
 
     port = open_port(target, baud=baud, dtr=dtr, rts=rts, bitrate=bitrate, lan=lan)
     note = getattr(port, "latency_note", None)

@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
-from tools import options
-from tools.bench import clear_stop_option
-from tools.console import complain, print_summary
-from tools.port_options import PortAsked, keyed_port_options
-from tools.recording import recording_options, take_record_options
+from tools.bringup.desk import clear_stop_option
+from tools.cli import options
+from tools.cli.console import complain, print_summary
+from tools.cli.port_options import PortAsked, keyed_port_options
+from tools.cli.recording import recording_options, take_record_options
 
 
 @click.command("drive", epilog="Example:  sweepctl drive /dev/ttyUSB0 --gamepad /dev/input/js0")
@@ -65,8 +65,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions
     from bridge.run.mission import Resume
-    from tools.live_run import LiveOptions, run_live
-    from tools.terminal_keys import Keyboard
+    from tools.live.run import LiveOptions, run_live
+    from tools.live.terminal_keys import Keyboard
 
     if gamepad is None and not Keyboard.possible():
         raise click.UsageError("drive needs a terminal's keys, or --gamepad DEVICE")

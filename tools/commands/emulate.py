@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tools import options
-from tools.completing import complete_room
-from tools.console import flush, say, write_line
+from tools.cli import options
+from tools.cli.completion import complete_room
+from tools.cli.console import flush, say, write_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.record.log_writer import RunWriter
     from protocol.link import LinkBase
-    from sim_device.device import VirtualSweeper
+    from sim_device.body.plant import Truth
     from sim_device.faults.injector import FaultEvent
     from sim_device.faults.spec import FaultSpec
-    from sim_device.line import LineSettings
-    from sim_device.plant import Truth
+    from sim_device.line.line import LineSettings
     from sim_device.ports import DevicePort, ServeReport
     from sim_device.ports.qemu_sweeper import QemuSweeper
     from sim_device.rig import Rig
+    from sim_device.sweeper import VirtualSweeper
 
 _LINKS = ("pty", "tcp", "slcan", "udpcan")
 _SERIAL = {"pty", "tcp"}
@@ -139,7 +139,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     The first line on stdout is "ready PORT", where PORT can be passed to connect.
     """
     if list_faults:
-        from tools.fault_help import print_faults
+        from tools.cli.fault_help import print_faults
 
         print_faults(as_json=as_json)
         return 0
@@ -148,9 +148,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     from protocol.can.link import CanLink
     from protocol.link import Link
     from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
-    from tools import qemu_target
-    from tools.keyfile import read_key
-    from tools.rooms import load_room
+    from tools.cli.keyfile import read_key
+    from tools.cli.rooms import load_room
+    from tools.virtual import qemu_target
 
     qemu_target.check(target, link, firmware)
     _check(link, baud, listen, pty_link, lan=lan, as_json=as_json)
@@ -235,7 +235,7 @@ def _sweeper(  # noqa: PLR0913 - what a device is made with
     key: bytes | None,
 ) -> VirtualSweeper:
     from bridge.coverage.registry import rehearse
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
 
     rehearse(options.DEFAULT_PLANNER, model)  # it may be asked to run its own planner
     device = VirtualSweeper(
@@ -278,8 +278,8 @@ def _warn(  # noqa: PLR0913 - everything that can be wrong at the start
     lan: bool,
     keyed: bool,
 ) -> None:
-    from tools.cautions import caution_lines
-    from tools.lan_risk import port_risk
+    from tools.cli.cautions import caution_lines
+    from tools.cli.lan_risk import port_risk
 
     for text in caution_lines(model, plan):
         _tell(text)
@@ -295,7 +295,7 @@ def _signals() -> list[signal.Signals]:
 
 
 def _line(link: str, baud: int | None, latency_ms: float | None, bitrate: int) -> LineSettings:
-    from sim_device.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
+    from sim_device.line.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
 
     default_us = 0 if link == "udpcan" else DEFAULT_LATENCY_US
     latency_us = default_us if latency_ms is None else round(1000.0 * latency_ms)
@@ -334,7 +334,7 @@ def _on_plug(name: str | None) -> None:
 
 
 def _on_fault(writer: RunWriter | None) -> Callable[[FaultEvent, int], None]:
-    from tools.fault_help import fault_record
+    from tools.cli.fault_help import fault_record
 
     def tell(event: FaultEvent, unix_ns: int) -> None:
         _tell(f"fault at {event.t_us / 1e6:.2f} s: {event.text}")

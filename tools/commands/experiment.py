@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tools import options
-from tools.console import complain, say
+from tools.cli import options
+from tools.cli.console import complain, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -129,12 +129,12 @@ def command(  # noqa: PLR0913 - one parameter per option
     Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C (or SIGTERM) keeps what is
     done and reports on it: the same command goes on from there.
     """
+    from tools.cli.signals import leaving_at_once
     from tools.experiment import figures, output
     from tools.experiment.paper_trials import paper_trials
     from tools.experiment.runs import run_all
     from tools.experiment.store import Store, code_version
     from tools.experiment.trials import generated_rooms, room_of
-    from tools.stopping import leaving_at_once
 
     figures.check()
     if zimablue and what != "compare":

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from tools import options
-from tools.console import complain, say, write_line
+from tools.cli import options
+from tools.cli.console import complain, say, write_line
 
 
 @click.command(

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from tools.completing import complete_fault
-from tools.console import write_json, write_line
+from tools.cli.completion import complete_fault
+from tools.cli.console import write_json, write_line
 
 
 @click.command(

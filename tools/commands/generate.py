@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from protocol.generate import GENERATORS, PER_NODE
-from tools.console import complain, write_line
-from tools.paths import is_there
+from tools.cli.console import complain, write_line
+from tools.cli.paths import is_there
 
 
 @click.command("generate", epilog="Example:  sweepctl generate c --out firmware/wire")
@@ -42,7 +42,7 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
         raise click.UsageError("--node goes with dbc: only there does the text name a device")
     options: dict[str, Any] = {}
     if what == "md":
-        from tools.behaviour import wire_behaviour
+        from tools.dev.behaviour import wire_behaviour
 
         options["behaviour"] = wire_behaviour()
     files = render(what, node=node or 1, **options)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tools import options
-from tools.console import plain_console, summary_table, write_json
+from tools.cli import options
+from tools.cli.console import plain_console, summary_table, write_json
 
 if TYPE_CHECKING:
     from bridge.record.info import RunDescription

@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from tools import options
-from tools.console import say, write_json
-from tools.port_options import port_argument
+from tools.cli import options
+from tools.cli.console import say, write_json
+from tools.cli.port_options import port_argument
 
 
 @click.command("key", epilog="Example:  sweepctl key /dev/ttyUSB0 --set robot.key")
@@ -43,7 +43,7 @@ def command(
     import bridge
     from bridge.errors import CommandRejectedError, KeyExposedError
     from bridge.io.ports import check_local
-    from tools.keyfile import make_key, read_key
+    from tools.cli.keyfile import make_key, read_key
 
     if (new is None) == (not clear):
         raise click.UsageError("give --set FILE or --clear")

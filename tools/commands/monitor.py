@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools import options
-from tools.console import flush, plain_console, say, write_json, write_line
-from tools.port_options import PortAsked, port_options
+from tools.cli import options
+from tools.cli.console import flush, plain_console, say, write_json, write_line
+from tools.cli.port_options import PortAsked, port_options
 
 if TYPE_CHECKING:
     from bridge.session.monitor import Monitor
@@ -68,8 +68,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.io.listen import Listener
     from bridge.io.ports import link_of
     from bridge.session.monitor import Monitor, UnknownTypeError
-    from tools.monitor_view import JsonLines, Nothing, Table, TextLines
-    from tools.stopping import until_signalled
+    from tools.cli.signals import until_signalled
+    from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
 
     if as_json and jsonl:
         raise click.UsageError("--json prints one object at the end, --jsonl one for each message")
@@ -126,8 +126,8 @@ def _look_on(
     """Show what the process that owns the port knows; the device is not asked for anything."""
     from bridge.api.owner_service import watch
     from bridge.io import clock
-    from tools.monitor_view import OwnerTable
-    from tools.stopping import until_signalled
+    from tools.cli.signals import until_signalled
+    from tools.live.monitor_view import OwnerTable
 
     say(f"{port} is another sweepctl's: what it knows is shown, not what passes")
     ended: list[bool] = []

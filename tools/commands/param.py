@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools import options
-from tools.completing import complete_parameter, complete_robot
-from tools.console import plain_console, say, write_json, write_line
-from tools.port_options import PortAsked, keyed_port_options
+from tools.cli import options
+from tools.cli.completion import complete_parameter, complete_robot
+from tools.cli.console import plain_console, say, write_json, write_line
+from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tools import options
-from tools.console import plain_console, say, write_json, write_lines
+from tools.cli import options
+from tools.cli.console import plain_console, say, write_json, write_lines
 
 if TYPE_CHECKING:
     from bridge.io.candidates import Candidate

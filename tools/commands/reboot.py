@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools import options
-from tools.console import say, write_json
-from tools.port_options import PortAsked, keyed_port_options
+from tools.cli import options
+from tools.cli.console import say, write_json
+from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
     from bridge.api.owner_service import Reached

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from tools import options
-from tools.console import say, write_json
+from tools.cli import options
+from tools.cli.console import say, write_json
 
 
 @click.command("recover", epilog="Example:  sweepctl recover cut.mcap --out whole.mcap")
@@ -27,7 +27,7 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
     """
     from bridge.convert.recover import recover
     from bridge.record.family import parts_of
-    from tools.outputs import LOG, check_format
+    from tools.cli.outputs import LOG, check_format
 
     check_format("--out", out, *LOG)
     result = recover(file, out, force=force)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from tools import options
-from tools.console import flush, say, write_line
+from tools.cli import options
+from tools.cli.console import flush, say, write_line
 
 
 @click.command(
@@ -108,8 +108,8 @@ def _serve(log: Path, pty_link: Path | None) -> int:
     from bridge.replay.device import replay_device
     from sim_device.ports.base import PortUnavailableError, Stopper
     from sim_device.ports.pty_port import PtyPort
-    from tools.replaying import serve
-    from tools.stopping import until_signalled
+    from tools.cli.signals import until_signalled
+    from tools.virtual.replaying import serve
 
     device = replay_device(LogReader(log))
     stopper = Stopper()
@@ -131,8 +131,8 @@ def _view(log: Path, speed: float, span_s: tuple[float, float | None], *, serve:
     import threading
 
     from bridge.view.rerun.feeder import FeedOptions, feed
-    from tools.recording import check_view
-    from tools.stopping import until_signalled
+    from tools.cli.recording import check_view
+    from tools.cli.signals import until_signalled
 
     check_view(view=True, serve=serve)
     ended = threading.Event()

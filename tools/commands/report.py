@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
-from tools import options
-from tools.console import say, write_json
-from tools.paths import is_there
+from tools.cli import options
+from tools.cli.console import say, write_json
+from tools.cli.paths import is_there
 
 
 @click.command(
@@ -34,7 +34,7 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     """
     from bridge.convert.sources import readable
     from bridge.view.report.report import default_path, write_report
-    from tools.outputs import PAGE, PNG, check_format, check_outputs
+    from tools.cli.outputs import PAGE, PNG, check_format, check_outputs
 
     if not file.name:
         raise click.UsageError("FILE is empty")

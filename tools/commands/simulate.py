@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tools import options
-from tools.completing import complete_room
-from tools.console import complain, err, print_summary, say
-from tools.supervising import rule_option
+from tools.cli import options
+from tools.cli.completion import complete_room
+from tools.cli.console import complain, err, print_summary, say
+from tools.cli.supervising import rule_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from bridge.run.host import Host
     from bridge.run.mission import Ending, Mission
     from sim_device.faults.spec import FaultSpec
-    from sim_device.line import LineSettings
-    from tools.virtual_run import VirtualRun
+    from sim_device.line.line import LineSettings
+    from tools.virtual.run import VirtualRun
 
 
 @click.command("simulate", epilog="Example:  sweepctl simulate case-1 --planner paper --json")
@@ -98,11 +98,11 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.config import load_robot
     from bridge.record.log_writer import RunWriter
     from bridge.session.records import RunInfo
-    from tools.cautions import caution_lines, caution_records
-    from tools.rooms import load_room
-    from tools.supervising import supervise_rules
+    from tools.cli.cautions import caution_lines, caution_records
+    from tools.cli.rooms import load_room
+    from tools.cli.supervising import supervise_rules
     from tools.version import VERSION
-    from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+    from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m)
@@ -171,7 +171,7 @@ def _conclude(
 ) -> dict[str, Any]:
     """The run's summary; after a crash as much as the failed parts still give."""
     from bridge.run.summary import crash_summary
-    from tools.virtual_summary import summarise
+    from tools.virtual.summary import summarise
 
     try:
         return summarise(run, plan, planner, seed, log)
@@ -226,7 +226,7 @@ def _line(baud: int | None, latency_ms: float | None) -> LineSettings | None:
     """The line that was asked for; None: the plain delay of a virtual run."""
     if baud is None and latency_ms is None:
         return None
-    from sim_device.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
+    from sim_device.line.line import DEFAULT_BAUD, DEFAULT_LATENCY_US, LineSettings
 
     return LineSettings(
         DEFAULT_BAUD if baud is None else baud,

@@ -6,9 +6,9 @@ import contextlib
 
 import click
 
-from tools import options
-from tools.console import complain, say, write_json
-from tools.port_options import port_argument
+from tools.cli import options
+from tools.cli.console import complain, say, write_json
+from tools.cli.port_options import port_argument
 
 
 @click.command("stop", epilog="Example:  sweepctl stop /dev/ttyUSB0")

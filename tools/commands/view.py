@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from tools.console import say
+from tools.cli.console import say
 
 
 @click.command("view", epilog="Example:  sweepctl view runs/demo-simulated.mcap")
@@ -45,7 +45,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     """
     from bridge.convert.sources import readable
     from bridge.record.reader import LogReader
-    from tools.outputs import PNG, RERUN, check_format, check_outputs
+    from tools.cli.outputs import PNG, RERUN, check_format, check_outputs
 
     with readable(file) as log:
         LogReader(log)  # a file that is no log is told before a display that is missing
@@ -84,8 +84,8 @@ def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | No
 def _serve(log: Path) -> None:
     """Until Ctrl-C."""
     from bridge.view.rerun.feeder import FeedOptions, feed
-    from tools.recording import check_view
-    from tools.stopping import until_signalled
+    from tools.cli.recording import check_view
+    from tools.cli.signals import until_signalled
 
     check_view(view=False, serve=True)
     ended = threading.Event()

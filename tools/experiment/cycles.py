@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RobotModel
     from tools.experiment.trials import Trial
-    from tools.virtual_run import VirtualRun
+    from tools.virtual.run import VirtualRun
 
 PAPER_END_MM = 7.0
 """Section 5.1: the offset after seven cycles."""

@@ -12,8 +12,8 @@ import os
 import signal
 from typing import TYPE_CHECKING, Any
 
+from tools.cli.signals import let_come
 from tools.experiment.worker import run_trial
-from tools.stopping import let_come
 
 if TYPE_CHECKING:
     from types import FrameType

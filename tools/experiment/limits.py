@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from bridge.evaluation.regions import Regions
     from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
-    from sim_device.device import VirtualSweeper
+    from sim_device.sweeper import VirtualSweeper
     from tools.experiment.observed import Observed
-    from tools.virtual_run import VirtualRun
+    from tools.virtual.run import VirtualRun
 
 CAUSES = {
     "pose": "swept by the robot's own estimate, but not in truth",

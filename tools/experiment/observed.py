@@ -10,7 +10,7 @@ from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.run.mission import Ending
 from bridge.session.records import CommandRecord, TruthRecord
-from tools.virtual_run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bridge.session.records import Record
     from sim_device.noise import NoiseLevel
     from tools.experiment.trials import Trial
-    from tools.virtual_run import VirtualRun
+    from tools.virtual.run import VirtualRun
 
 BOOT_S = HOST_BOOT_NS / 1e9
 """Host's time less the device's, which all times here are of (s)."""

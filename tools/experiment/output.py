@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table as RichTable
 
-from tools.console import plain_console, write_json
+from tools.cli.console import plain_console, write_json
 from tools.experiment import report
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.limits import CAUSES

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from tools.cli.options import DEFAULT_PLANNER
 from tools.experiment import compare_tables, figures, layout_tables, paper_tables, tables
 from tools.experiment.paired import paired_table
 from tools.experiment.trials import Kind
-from tools.options import DEFAULT_PLANNER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from tools.console import err, is_drawable, say
+from tools.cli.console import err, is_drawable, say
+from tools.cli.signals import held_back, until_signalled
 from tools.experiment.ending import prepare_worker, run_until_ended
 from tools.experiment.trials import room_of, work
-from tools.stopping import held_back, until_signalled
 
 if TYPE_CHECKING:
     from rich.progress import Task, TaskID

@@ -13,9 +13,9 @@ import numpy as np
 
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
+from tools.cli.rooms import load_room
 from tools.experiment.layouts import LAYOUT, layout_plan
 from tools.experiment.room_generator import KINDS, generate_room
-from tools.rooms import load_room
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -12,12 +12,12 @@ from tools.experiment import curves
 from tools.experiment.observed import Observed, observe
 from tools.experiment.span import energy_unit_wh, enough, limit_s, planner_of
 from tools.experiment.trials import PERFECT, Kind, Trial, room_of
-from tools.virtual_summary import summarise
+from tools.virtual.summary import summarise
 
 if TYPE_CHECKING:
     from bridge.coverage.planner import Planner
     from sim_device.noise import NoiseLevel
-    from tools.virtual_run import VirtualRun
+    from tools.virtual.run import VirtualRun
 
 _PATH_STEP_M = 0.02
 

@@ -142,7 +142,7 @@ void usart2_handler(void) {
     }
 }
 
-/* QEMU takes each byte at once; the line's own time is the emulator's (sim_device/line.py). */
+/* QEMU takes each byte at once; the line's own time is the emulator's (sim_device/line/line.py). */
 size_t board_uart_room(void) { return 512; }
 
 void board_uart_write(const uint8_t *data, size_t length) {

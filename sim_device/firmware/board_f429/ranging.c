@@ -9,7 +9,7 @@
 #define MM_PER_MS 343u              /* sound at 20 degrees C; there and back: half of it */
 #define ECHO_US_MAX 24000u          /* 4.1 m; 38 ms mean that there was none */
 #define ULTRASONIC_MM_MIN 20u
-#define INFRARED_GAIN_MV_DMM 1225000u /* 0.1225 V m: sim_device/infrared.py */
+#define INFRARED_GAIN_MV_DMM 1225000u /* 0.1225 V m: sim_device/sensors/infrared.py */
 #define INFRARED_OFFSET_DMM 62u
 #define INFRARED_DMM_MIN 400u
 #define INFRARED_DMM_MAX 3000u
@@ -62,7 +62,7 @@ void sonar_millisecond(void) {
 
 uint16_t sonar_mm(void) { return newest_mm; }
 
-/* The inverse of white paper's curve; see sim_device/infrared.py. */
+/* The inverse of white paper's curve; see sim_device/sensors/infrared.py. */
 static uint16_t infrared_dmm(uint32_t mv) {
     if (mv == 0) {
         return BOARD_NO_RANGE;

@@ -1,0 +1,94 @@
+"""The body's mechanical constants, and the faults that its drive may have."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import exp
+from typing import TYPE_CHECKING
+
+from sim_device.body import drive_kernel as k
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from bridge.motion.robot_model import RobotModel
+    from sim_device.body.motors import MotorParameters
+
+_MASSLESS = 1e12
+_set = object.__setattr__
+
+
+@dataclass(frozen=True, slots=True)
+class Chassis:
+    """Forces between the robot, the floor and the walls, and the load of its electronics."""
+
+    traction_n: float = 7.0
+    """Greatest push of one wheel: 3 kg, 80 % of it on the wheels, coefficient 0.6."""
+    wall_friction: float = 0.2
+    """Bumper's plastic on a painted wall."""
+    electronics_w: float = 1.5
+    """Controller, sensors and bridges at rest, drawn from the battery."""
+    mass_kg: float = 3.0
+    """0: no wheel ever spins on free floor, and thresholds weigh nothing."""
+    wheel_share: float = 0.8
+    """Of the weight; the caster carries the rest."""
+    caster_drag_n: float = 0.3
+    """Rolling resistance of the caster, against its way over the floor: 5 % of its load."""
+    caster_x_m: float = 0.115
+    """Ahead of the axle (negative: behind it); not 0."""
+    caster_radius_m: float = 0.015
+
+
+@dataclass(slots=True)
+class PlantFaults:
+    """What is broken now; may be changed at any time between two ``advance_ms``."""
+
+    stuck_left: bool = False
+    """The gearbox is jammed: the wheel does not turn, its motor draws its stall current."""
+    stuck_right: bool = False
+    slip_left: float = 0.0
+    """Extra share of the wheel's travel lost on the floor, 0..1."""
+    slip_right: float = 0.0
+    lifted: bool = False
+    """Held in the air: wheels turn freely, the body stands still and touches nothing."""
+    touched: bool = field(default=True, init=False, repr=False, compare=False)
+    """Whether any of them was set since the plant last looked."""
+
+    def __setattr__(self, name: str, value: float) -> None:
+        _set(self, name, value)
+        if name != "touched":
+            _set(self, "touched", True)  # noqa: FBT003 - what it is set to
+
+
+def fill_parameters(
+    b: NDArray[np.float64], motor: MotorParameters, chassis: Chassis, model: RobotModel
+) -> None:
+    """Fill in what the kernel's body has of the parts."""
+    radius_m = 0.5 * model.wheel_diameter_m
+    b[k.BACK_EMF], b[k.RESISTANCE] = motor.back_emf_v_s, motor.resistance_ohm
+    b[k.FRICTION_V], b[k.DROP_V] = motor.friction_v, model.driver_drop_v
+    b[k.LOAD_V_N] = radius_m * motor.resistance_ohm / motor.back_emf_v_s
+    b[k.BODY_RADIUS], b[k.WALL_FRICTION] = model.radius_m, chassis.wall_friction
+    b[k.TRACTION_N], b[k.ELECTRONICS_W] = chassis.traction_n, chassis.electronics_w
+    mass = chassis.mass_kg
+    b[k.RAD_S_PER_N] = k.TICK_S / (0.5 * mass * radius_m) if mass > 0.0 else _MASSLESS
+    b[k.CASTER_N], b[k.CASTER_X] = chassis.caster_drag_n, chassis.caster_x_m
+
+
+def set_lag(
+    b: NDArray[np.float64],
+    motor: MotorParameters,
+    chassis: Chassis,
+    model: RobotModel,
+    *,
+    lifted: bool,
+) -> None:
+    """Fill in how the wheels lag; in the air they carry their own inertia only."""
+    tau = motor.time_constant_s
+    if lifted:
+        radius_m = 0.5 * model.wheel_diameter_m
+        body = 0.5 * chassis.mass_kg * radius_m**2
+        tau -= body * motor.resistance_ohm / motor.back_emf_v_s**2
+        tau = max(tau, 0.1 * motor.time_constant_s)
+    b[k.TAU], b[k.DECAY] = tau, 1.0 - exp(-k.TICK_S / tau)

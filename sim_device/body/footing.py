@@ -1,0 +1,147 @@
+"""How the wheels stand on the floor: their sizes, slip, carpets and thresholds."""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim_device.body import drive_kernel as k
+from sim_device.body.drive_kernel import TICK_S
+from sim_device.body.slow_kernel import SLOW_MS, tread
+from sim_device.noise import SLIP_TIME_S, Draws
+from sim_device.sensors.cliff import wheel_over
+from sim_device.world.terrain import (
+    AWAY,
+    HEIGHT,
+    LOAD_LEFT,
+    LOAD_RIGHT,
+    PITCH,
+    ROLL,
+    carpet_under,
+    climb,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+    from sim_device.body.chassis import Chassis
+    from sim_device.noise import NoiseLevel
+    from sim_device.world.world import World
+
+    Floats = NDArray[np.float64]
+
+GRAVITY_M_S2 = 9.80665
+_FADE = SLOW_MS * TICK_S / SLIP_TIME_S
+_FASTEST_M_TICK = 0.005
+"""Nothing moves the robot faster than this in a millisecond, a walker who pushes it included."""
+_PERIODS = k.SLIP_DRAWS // 2
+
+
+class Footing:
+    """Tells the kernels what a radian of each wheel is worth, and what holds it back."""
+
+    def __init__(  # noqa: PLR0913, PLR0917 - a robot's parts
+        self,
+        model: RobotModel,
+        chassis: Chassis,
+        noise: NoiseLevel,
+        parts: Draws,
+        slip: Draws,
+        body: Floats,
+    ) -> None:
+        """Draw this robot's wheels from ``parts`` and its slip from ``slip``, which it owns."""
+        common = 1.0 + parts.tolerance(noise.wheel_diameter_error)
+        skew = 0.5 * parts.tolerance(noise.wheel_mismatch)
+        nominal_m = 0.5 * model.wheel_diameter_m
+        self.left_radius_m = nominal_m * common * (1.0 + skew)
+        self.right_radius_m = nominal_m * common * (1.0 - skew)
+        self.wheel_base_m = model.wheel_base_m * (1.0 + parts.tolerance(noise.wheel_base_error))
+        self.pitch_rad = self.roll_rad = self.climb_m_s = 0.0
+        self.fallen = False
+        """Whether a wheel hangs over a cliff: the body lies on its belly."""
+        self.periods_left = 0
+        """For how many more 10 ms there are draws for the slip."""
+        self._normals = slip.normals
+        self._felt = np.zeros(6)
+        self._felt_before_m = 0.0
+        weight_n = chassis.mass_kg * GRAVITY_M_S2
+        share = chassis.wheel_share
+        self._stance = np.array(
+            [
+                self.wheel_base_m,
+                nominal_m,
+                chassis.caster_x_m,
+                chassis.caster_radius_m,
+                0.5 * weight_n * share,
+                weight_n * (1.0 - share),
+            ],
+        )
+        self._b = b = body
+        b[k.WHEEL_BASE] = self.wheel_base_m
+        b[k.RADIUS_L], b[k.RADIUS_R] = self.left_radius_m, self.right_radius_m
+        b[k.SLIP_KICK] = noise.slip_sigma * (2.0 * _FADE) ** 0.5
+        b[k.SLIP_FADE], b[k.UNSLIPPED] = _FADE, 1.0 - noise.slip_mean
+        b[k.SLIP_AT], b[k.WANDERS] = k.SLIP_DRAWS, 1.0
+        tread(b)
+
+    def set_extra_slip(self, left: float, right: float) -> None:
+        """Let each wheel lose this share more of its travel."""
+        self._b[k.EXTRA_L], self._b[k.EXTRA_R] = left, right
+        tread(self._b)
+
+    def draw(self, room: Floats) -> None:
+        """Put new draws for the slip after those that are left in the kernels' ``room``."""
+        used = int(self._b[k.SLIP_AT])
+        if used and self._b[k.SLIP_KICK] > 0.0:
+            slips = room[k.SLIPS : k.SLIPS + k.SLIP_DRAWS]
+            slips[:] = np.concatenate((slips[used:], self._normals(used)))
+            self._b[k.SLIP_AT] = 0.0
+        self.periods_left = _PERIODS
+
+    def look(self, world: World, pose: Pose2) -> bool:
+        """Look what the wheels stand on, carpets and floor; after every ``SLOW_MS``.
+
+        Returns:
+            Whether the robot fell, or has floor under its wheels again: ``fallen`` changed.
+
+        """
+        x_m, y_m, theta_rad = pose
+        carpets, cliffs, half_m = world.carpets, world.plan.cliffs, 0.5 * self.wheel_base_m
+        if len(carpets):
+            dx, dy = -half_m * sin(theta_rad), half_m * cos(theta_rad)
+            b = self._b
+            b[k.CARPET_N_L], b[k.CARPET_L] = carpet_under(x_m + dx, y_m + dy, carpets)
+            b[k.CARPET_N_R], b[k.CARPET_R] = carpet_under(x_m - dx, y_m - dy, carpets)
+            tread(b)
+        was = self.fallen
+        if cliffs or was:
+            self.fallen = wheel_over(pose, half_m, cliffs)
+        return self.fallen != was
+
+    def on_thresholds(self, thresholds: Floats) -> int:
+        """Feel the thresholds for the next millisecond; give how many it holds for."""
+        felt, b = self._felt, self._b
+        climb(b[k.X], b[k.Y], b[k.THETA], self._stance, thresholds, felt)
+        b[k.SLOPE_N_L], b[k.SLOPE_N_R] = felt[LOAD_LEFT], felt[LOAD_RIGHT]
+        self._tilt(float(felt[PITCH]), float(felt[ROLL]))
+        height_m = float(felt[HEIGHT])
+        self.climb_m_s = (height_m - self._felt_before_m) / TICK_S
+        self._felt_before_m = height_m
+        return 1 + int(min(felt[AWAY], 1.0) / _FASTEST_M_TICK)
+
+    def off_floor(self) -> None:
+        """Feel nothing of the floor any more."""
+        b = self._b
+        b[k.SLOPE_N_L] = b[k.SLOPE_N_R] = b[k.CARPET_N_L] = b[k.CARPET_N_R] = 0.0
+        b[k.CARPET_L] = b[k.CARPET_R] = 0.0
+        self._felt_before_m = self.climb_m_s = 0.0
+        self._tilt(0.0, 0.0)
+
+    def _tilt(self, pitch_rad: float, roll_rad: float) -> None:
+        self.pitch_rad, self.roll_rad = pitch_rad, roll_rad
+        self._b[k.TILT_X] = GRAVITY_M_S2 * sin(pitch_rad)
+        self._b[k.TILT_Y] = GRAVITY_M_S2 * sin(roll_rad)

@@ -1,0 +1,134 @@
+"""What the firmware does with each command, and why it refuses.
+
+Everything here has come through the command log: it is new, and the answer is remembered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from protocol.messages import (
+    ClearStop,
+    GetParameter,
+    PlannerCommand,
+    Reboot,
+    SaveParameters,
+    SetKey,
+    SetMode,
+    SetParameter,
+    SetStreamRate,
+    Sync,
+)
+from protocol.values import Mode, NackReason, PlannerAction, RebootKind
+from sim_device.device.modes import SET_EVENT, Event
+
+if TYPE_CHECKING:
+    from protocol.schema.message import Message
+    from sim_device.device.virtual_firmware import Firmware
+
+RATE_MAX = 10_000
+"""Tenths of a hertz, as declared; what is above the tick's rate is sent at each tick."""
+SYNC_RATE_MIN = 40
+"""4 Hz: a stamp on CAN can be extended for 0.5 s after a sync, and one may be lost."""
+
+
+Act = Callable[["Firmware", Any], NackReason | None]
+
+
+def carry_out(firmware: Firmware, command: Message) -> NackReason | None:
+    """Do it, or give the refusal's reason."""
+    if not firmware.agreed:
+        return NackReason.NO_SESSION
+    act = _ACTS.get(type(command))
+    return NackReason.UNKNOWN_COMMAND if act is None else act(firmware, command)
+
+
+def _clear(firmware: Firmware, command: ClearStop) -> NackReason | None:
+    return firmware.control.clear(command.cause)
+
+
+def _choose(firmware: Firmware, command: SetMode) -> NackReason | None:
+    event = SET_EVENT.get(command.mode)
+    return NackReason.BAD_VALUE if event is None else firmware.control.fire(event)
+
+
+def _plan(firmware: Firmware, command: PlannerCommand) -> NackReason | None:
+    control = firmware.control
+    match command.action:
+        case PlannerAction.START:
+            return control.start(command.planner)
+        case PlannerAction.PAUSE:
+            return control.fire(Event.PAUSE)
+        case PlannerAction.RESUME:
+            return control.fire(Event.RESUME)
+        case PlannerAction.ABORT:
+            return control.fire(Event.ABORT)
+        case _:
+            return NackReason.BAD_VALUE
+
+
+def _get(firmware: Firmware, command: GetParameter) -> NackReason | None:
+    known = firmware.parameters.describe(command.parameter) is not None
+    return None if known else NackReason.UNKNOWN_PARAMETER
+
+
+def _set(firmware: Firmware, command: SetParameter) -> NackReason | None:
+    reason = firmware.parameters.set(command.parameter, command.kind, command.value)
+    if reason is None:
+        firmware.control.apply_parameters()
+    return reason
+
+
+def _save(firmware: Firmware, _command: SaveParameters) -> NackReason | None:
+    # While it drives the bus to the flash is not to be shared with the control loop.
+    if firmware.mode is not Mode.IDLE:
+        return NackReason.OTHER_MODE
+    firmware.begin_save()
+    return None
+
+
+def _rate(firmware: Firmware, command: SetStreamRate) -> NackReason | None:
+    spec = firmware.stream_spec(command.stream_type)
+    if spec is None or command.rate > RATE_MAX:
+        return NackReason.BAD_VALUE
+    if command.stream_type not in firmware.schedule:
+        return NackReason.UNSUPPORTED
+    if spec.cls is Sync and command.rate < SYNC_RATE_MIN:
+        return NackReason.BAD_VALUE
+    firmware.schedule.set_rate(command.stream_type, command.rate)
+    return None
+
+
+def _reboot(firmware: Firmware, command: Reboot) -> NackReason | None:
+    if command.kind == RebootKind.BOOTLOADER:
+        return NackReason.UNSUPPORTED
+    if command.kind not in {RebootKind.NORMAL, RebootKind.FACTORY_RESET}:
+        return NackReason.BAD_VALUE
+    if firmware.mode is not Mode.IDLE or firmware.saving:
+        return NackReason.OTHER_MODE
+    if firmware.control.wheels.moving:
+        return NackReason.FAULT
+    firmware.reboot_wanted = RebootKind(command.kind)
+    return None
+
+
+def _key(firmware: Firmware, command: SetKey) -> NackReason | None:
+    # As for saving: the flash is not to be written while the robot may move.
+    if firmware.mode is not Mode.IDLE:
+        return NackReason.OTHER_MODE
+    return firmware.keyring.change(command)
+
+
+_ACTS: dict[type[Message], Act] = {
+    ClearStop: _clear,
+    SetMode: _choose,
+    PlannerCommand: _plan,
+    GetParameter: _get,
+    SetParameter: _set,
+    SaveParameters: _save,
+    SetStreamRate: _rate,
+    Reboot: _reboot,
+    SetKey: _key,
+}
+COMMANDS = tuple(_ACTS)

@@ -1,0 +1,245 @@
+"""What moves the wheels: mode table, latch, watchdogs, own planner and wheel control joined."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.values import Fault, LogLevel, NackReason, StopCause, flag_labels, label
+from sim_device.body.power import PowerReading
+from sim_device.device.health import IMU, Health
+from sim_device.device.modes import MODE_OF, PLANNING, Event, Guard, State
+from sim_device.device.onboard import NO_PLAN, Onboard, planner_name
+from sim_device.device.safety import DutyWatchdog, SetpointWatchdog, StopLatch
+from sim_device.device.wheel_control import WheelControl
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from bridge.motion.robot_model import RobotModel
+    from protocol.messages import PlannerState
+    from protocol.values import Mode
+    from sim_device.device.log_lines import LogLines
+    from sim_device.device.modes import ModeMachine
+    from sim_device.device.parameters import ParameterStore
+    from sim_device.device.safety import Watchdog
+    from sim_device.device.sampling import Around, Sampler
+
+_BRINGUP, _VELOCITY = State.BRINGUP, State.VELOCITY
+_EXPIRED = int(Fault.SETPOINT_EXPIRED)
+_SET_OFF = frozenset({Event.SET_ONBOARD, Event.START, Event.RESUME})
+"""What needs whole senses, no host looking after the heading."""
+
+
+class Control:
+    """Everything between a command and a duty, one instance per boot."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        parameters: ParameterStore,
+        modes: ModeMachine,
+        log: LogLines,
+        seed: int,
+    ) -> None:
+        """Start at rest. ``seed`` is for planners that roll dice."""
+        self.modes = modes
+        self.latch = StopLatch()
+        self.setpoints = SetpointWatchdog()
+        self.duties = DutyWatchdog()
+        self.health = Health()
+        self.onboard: Onboard | None = None
+        """The plan that runs, or the last one."""
+        self._log = log
+        self._seed = seed
+        self._expired = 0
+        self._told_bits = 0
+        self._now_us = 0
+        self.power = PowerReading(model.battery_v, 0.0, 0.0, 0.0)
+        """As last measured."""
+        self._supply_v = model.battery_v
+        self._base = model
+        self._parameters = parameters
+        self._model = parameters.applied_to(model)
+        self.wheels = WheelControl(self._model, parameters.value("stop_deceleration"))
+        self.apply_parameters()
+
+    def apply_parameters(self) -> None:
+        """Keep to what was set, as far as it counts at once."""
+        parameters = self._parameters
+        self._model = parameters.applied_to(self._base)
+        self.wheels.limit(self._model, parameters.value("stop_deceleration"))
+        self._low_v = parameters.value("battery_low")
+        self._empty_v = parameters.value("battery_empty")
+
+    # ---- what is so -----------------------------------------------------------------------
+
+    @property
+    def mode(self) -> Mode:
+        """As the status message says it."""
+        return MODE_OF[self.modes.state]
+
+    @property
+    def fault_bits(self) -> int:
+        """Of ``protocol.values.Fault``."""
+        return self.health.bits | self._expired
+
+    @property
+    def watchdog(self) -> Watchdog:
+        """Of what the host sends cyclically in this mode."""
+        return self.duties if self.modes.state is State.BRINGUP else self.setpoints
+
+    def planner_state(self) -> PlannerState:
+        """Of the plan that runs, or the last one."""
+        return NO_PLAN if self.onboard is None else self.onboard.message()
+
+    # ---- events ---------------------------------------------------------------------------
+
+    def fire(
+        self, event: Event, holding: Collection[Guard] = (), *, planner: str = ""
+    ) -> NackReason | None:
+        """Let an event happen, as the mode table says; a refusal's reason, or None."""
+        before = self.modes.state
+        held = self._stands_against(event)
+        outcome = self.modes.fire(event, (*holding, Guard.FAULT_HOLDS) if held else holding)
+        if not isinstance(outcome, State):
+            return outcome
+        if event is Event.START:
+            self.onboard = Onboard(self._model, planner, self._seed, self._now_us)
+            self._log.add(LogLevel.INFO, f"planner {planner}: at rest first, for the gyro")
+        elif event is Event.PAUSE and self.onboard is not None:
+            self.onboard.pause()
+        elif event is Event.RESUME and self.onboard is not None:
+            self.onboard.resume()
+        elif before in PLANNING and self.onboard is not None:
+            self._end_plan(self.onboard)
+        self.setpoints.halt()
+        self.duties.halt()
+        return None
+
+    def _stands_against(self, event: Event) -> bool:
+        health = self.health
+        return health.stopping is not None or (event in _SET_OFF and bool(health.bits & IMU))
+
+    def _end_plan(self, plan: Onboard) -> None:
+        plan.end()
+        reason = plan.finish_reason
+        how = "aborted" if reason is None else f"finished: {reason}"
+        self._log.add(LogLevel.INFO, f"planner {plan.planner} {how}")
+
+    def stop(self, cause: int, event: Event = Event.STOP) -> None:
+        """Latch a stop and leave any driving mode.
+
+        Of events other than ``STOP`` the table may say that they change nothing: a host that
+        leaves after an orderly end does not turn it into a lost link.
+        """
+        self.fire(event)
+        if self.modes.state is State.STOPPED and (event is Event.STOP or not self.latch.latched):
+            self._latch(cause)
+
+    def _latch(self, cause: int) -> None:
+        if self.latch.latch(cause):
+            self._log.add(LogLevel.WARNING, f"stop latched: {label(StopCause, self.latch.cause)}")
+
+    def clear(self, cause: int) -> NackReason | None:
+        """Release the latch if ``cause`` is what holds it and no longer so."""
+        holding = []
+        if cause != self.latch.cause:
+            holding.append(Guard.OTHER_CAUSE)
+        if cause == StopCause.HARDWARE and self.health.stopping is not None:
+            holding.append(Guard.CAUSE_HOLDS)
+        was = self.modes.state
+        reason = self.fire(Event.CLEAR, holding)
+        if reason is None and was is State.STOPPED and self.latch.clear(cause):
+            self._log.add(LogLevel.INFO, f"stop cleared: {label(StopCause, cause)}")
+        return reason
+
+    def start(self, number: int) -> NackReason | None:
+        """Start the planner of this number."""
+        name = planner_name(number)
+        holding = () if name is not None else (Guard.NO_PLANNER,)
+        return self.fire(Event.START, holding, planner=name or "")
+
+    def forget_host(self) -> None:
+        """Nothing that a session sent outlives it."""
+        self.setpoints.reset()
+        self.duties.reset()
+
+    # ---- time -----------------------------------------------------------------------------
+
+    def tick(
+        self, tick: int, now_us: int, sampler: Sampler, around: Around | None
+    ) -> tuple[float, float]:
+        """One control period: left and right duty."""
+        self._now_us = now_us
+        health, wheels, counts, state = self.health, self.wheels, sampler.counts, self.modes.state
+        watchdog: Watchdog = self.duties if state is _BRINGUP else self.setpoints
+        if watchdog.until_us <= now_us and watchdog.expired(now_us):
+            self._expired = _EXPIRED
+        elif self._expired and watchdog.left_us(now_us):
+            self._expired = 0
+        if state is _VELOCITY and not self.latch.cause:
+            v, yaw = self.setpoints.wanted
+            duties = wheels.step(v, yaw, counts, self._supply_v)
+        else:
+            duties = self._drive(tick, now_us, sampler, around)
+        health.tick(sampler.imu, counts, wheels)
+        if around is not None:
+            health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
+        if health.bits != self._told_bits:
+            self._tell_faults(health.bits)
+        if (health.bits or health.battery_empty) and self.modes.state is not State.STOPPED:
+            self._judge()
+        return duties
+
+    def _drive(
+        self, tick: int, now_us: int, sampler: Sampler, around: Around | None
+    ) -> tuple[float, float]:
+        """Duties of any state but a host's velocity, or while something is latched."""
+        counts, supply_v = sampler.counts, self._supply_v
+        v = yaw = 0.0
+        if self.latch.cause:
+            return self.wheels.step(0.0, 0.0, counts, supply_v)
+        if self.modes.state is State.BRINGUP:
+            self.wheels.coast(counts)
+            return self.duties.duties
+        if self.modes.planning and self.onboard is not None:
+            v, yaw = self._run(self.onboard, tick, now_us, sampler, around)
+        return self.wheels.step(v, yaw, counts, supply_v)
+
+    def _run(
+        self, plan: Onboard, tick: int, now_us: int, sampler: Sampler, around: Around | None
+    ) -> tuple[float, float]:
+        wanted = plan.step(tick, now_us, sampler, around)
+        for line in plan.drain_decisions():
+            self._log.add(LogLevel.INFO, line)
+        if plan.finish_reason is not None:
+            self.fire(Event.FINISHED)
+        return wanted
+
+    def on_power(self, reading: PowerReading) -> None:
+        """Take a reading of the supply."""
+        self.power, self._supply_v = reading, reading.battery_v
+        self.health.on_power(reading, self._low_v, self._empty_v)
+
+    def _judge(self) -> None:
+        """End what must not go on with what is broken."""
+        health = self.health
+        why = health.stopping
+        if why is None and health.burning(self.wheels):
+            why = "motor stalled"
+        if why is None and health.bits & IMU and self.modes.state in PLANNING:
+            why = "no heading"
+        if why is None:
+            return
+        before = self.modes.state
+        self.stop(StopCause.HARDWARE, Event.FAULT)
+        if self.modes.state is not before:
+            self._log.add(LogLevel.ERROR, f"stopped by itself: {why}")
+
+    def _tell_faults(self, bits: int) -> None:
+        new, gone = bits & ~self._told_bits, self._told_bits & ~bits
+        self._told_bits = bits
+        if new:
+            self._log.add(LogLevel.WARNING, f"fault: {', '.join(flag_labels(Fault, new))}")
+        if gone:
+            self._log.add(LogLevel.INFO, f"fault gone: {', '.join(flag_labels(Fault, gone))}")

@@ -1,0 +1,247 @@
+"""The firmware's checks of its own hardware: each fault bit, what sets it and what clears it.
+
+Everything here follows from the readings alone, as it does on the robot: a fault is what the
+readings contradict, not what somebody broke.
+
+| bit | set | cleared |
+|---|---|---|
+| imu | at rest a rate above 20 °/s or a gravity off by 0.3 g for 0.3 s; or repeated registers | \
+readings that agree |
+| encoder | a driven wheel without counts for 1 s whose motor draws no stall current | its count |
+| ultrasonic | two blows ahead that it did not see; or an unchanged range over 0.4 m | \
+a blow that it saw, a range that changes |
+| infrared | an unchanged range while turning by 60° in place | a range that changes |
+| motor_stall | a driven wheel that has not turned for 1 s and draws current | it turns or rests |
+| battery_low | below the parameter ``battery_low`` | above it |
+| lifted | no floor ahead after a jolt upwards or down | the floor is back |
+
+``setpoint_expired`` is the setpoint watchdog's (``safety``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from protocol.values import Fault
+
+if TYPE_CHECKING:
+    from sim_device.body.power import PowerReading
+    from sim_device.device.sampling import Around
+    from sim_device.device.wheel_control import WheelControl
+    from sim_device.sensors.imu import ImuCounts
+
+IMU = int(Fault.IMU)
+ENCODER_LEFT, ENCODER_RIGHT = int(Fault.ENCODER_LEFT), int(Fault.ENCODER_RIGHT)
+ULTRASONIC, INFRARED = int(Fault.ULTRASONIC), int(Fault.INFRARED)
+MOTOR_STALL, BATTERY_LOW, LIFTED = (
+    int(Fault.MOTOR_STALL),
+    int(Fault.BATTERY_LOW),
+    int(Fault.LIFTED),
+)
+_ENCODERS = ENCODER_LEFT | ENCODER_RIGHT
+_RANGERS = ULTRASONIC | INFRARED
+_HALF_WRAP, _MASK = 0x8000, 0xFFFF
+
+PERIOD_S = 0.01
+STALL_S = 1.0
+STALL_STOP_S = 3.0
+"""How long a motor is left in its stall current; the planner gives up after half of it."""
+STALL_A = 0.4
+"""A stalled motor draws an ampere and more, one that turns unseen a fifth of this."""
+JOLT_LSB = 2458
+"""0.15 g at ±2 g: above what driving shakes, below what a hand does."""
+JOLT_TICKS = 100
+REST_TICKS = 50
+REST_RATE_LSB = 2620
+"""20 °/s, the data sheet's largest rate at rest (PS-MPU-6000A-00, section 6.1)."""
+GRAVITY_LSB = 16384
+GRAVITY_OFF = 0.3
+STRANGE_TICKS = 30
+REPEAT_TICKS = 50
+QUIET_TICKS = 20
+LEARN_TICKS = 200
+LIVELY_TICKS = 3
+"""A chip whose registers repeated for no longer than this at first has noise, as all have; then
+half a second of repeats is no reading. One without any is held against the wheels."""
+DISAGREE_RAD_S = 0.2
+_GYRO_RAD_S = math.radians(1.0 / 131.0)
+NEAR_M = 0.10
+"""What the ultrasonic reads at most of a wall that both bumper halves touch: 0.04 m and room."""
+BLOWS = 2
+UNCHANGED_M = 0.02
+UNCHANGED_OVER_M = 0.4
+INFRARED_UNCHANGED_M = 0.003
+TURN_RAD = math.radians(60.0)
+CREEP_M = 0.002
+EMPTY_READINGS = 5
+
+
+class Health:
+    """Fault bits, kept from tick to tick."""
+
+    def __init__(self) -> None:
+        """Nothing is known, and nothing is wrong."""
+        self.bits = 0
+        """Of ``protocol.values.Fault``."""
+        self.battery_empty = False
+        self._currents_a = (0.0, 0.0)
+        self._empty = 0
+        self._imu: ImuCounts | None = None
+        self._tick = self._repeats = self._longest = self._disagrees = self._strange = 0
+        self._moved_tick, self._jolt_tick = 0, -JOLT_TICKS
+        """When the wheels last turned, and a jolt was last felt."""
+        self._counts = self._range_counts = (0, 0)
+        self._blows = 0
+        self._touched = False
+        self._sonar_m: float | None = None
+        self._unseen_m = 0.0
+        self._side_m: list[float | None] = [None, None]
+        self._side_rad = [0.0, 0.0]
+
+    @property
+    def stopping(self) -> str | None:
+        """What must not be driven with, in words; None where nothing stands against it."""
+        bits = self.bits
+        if bits & LIFTED:
+            return "lifted"
+        if bits & _ENCODERS:
+            return "encoder"
+        return "battery empty" if self.battery_empty else None
+
+    def _set(self, fault: int, *, present: bool) -> None:
+        self.bits = self.bits | fault if present else self.bits & ~fault
+
+    # ---- each period ----------------------------------------------------------------------
+
+    def tick(self, imu: ImuCounts, counts: tuple[int, int], wheels: WheelControl) -> None:
+        """One 10 ms period, after the wheels were controlled."""
+        self._tick = tick = self._tick + 1
+        if counts != self._counts:
+            self._moved_tick = tick
+            if self.bits & _ENCODERS:
+                self._counted(counts)
+            self._counts = counts
+        up = imu[2] - GRAVITY_LSB
+        if up > JOLT_LSB or up < -JOLT_LSB:
+            self._jolt_tick = tick
+        if imu == self._imu:
+            self._repeats += 1
+            self._judge_imu(imu, wheels)
+        else:
+            self._repeats = 0
+            self._imu = imu
+            if tick - self._moved_tick >= REST_TICKS or self.bits & IMU:
+                self._judge_imu(imu, wheels)
+        if wheels.stalling or self.bits & MOTOR_STALL:
+            self._judge_stall(wheels)
+
+    def _counted(self, counts: tuple[int, int]) -> None:
+        if counts[0] != self._counts[0]:
+            self.bits &= ~ENCODER_LEFT
+        if counts[1] != self._counts[1]:
+            self.bits &= ~ENCODER_RIGHT
+
+    def _judge_imu(self, imu: ImuCounts, wheels: WheelControl) -> None:
+        self._strange = self._strange + 1 if self._strange_at_rest(imu) else 0
+        repeats = self._repeats
+        if self._tick <= LEARN_TICKS:
+            self._longest = max(self._longest, repeats)
+        apart = abs(wheels.yaw_rate_rad_s - imu[6] * _GYRO_RAD_S) > DISAGREE_RAD_S
+        self._disagrees = self._disagrees + 1 if repeats >= QUIET_TICKS and apart else 0
+        lively = self._tick > LEARN_TICKS and self._longest <= LIVELY_TICKS
+        dead = (lively and repeats >= REPEAT_TICKS) or self._disagrees >= STRANGE_TICKS
+        if dead or self._strange >= STRANGE_TICKS:
+            self.bits |= IMU
+        elif not repeats and not self._strange:
+            self.bits &= ~IMU
+
+    def _strange_at_rest(self, imu: ImuCounts) -> bool:
+        """Whether a robot that stands reads what one that stands cannot."""
+        if self._tick - self._moved_tick < REST_TICKS or self.bits & LIFTED:
+            return False
+        gravity = math.sqrt(imu[0] * imu[0] + imu[1] * imu[1] + imu[2] * imu[2]) / GRAVITY_LSB
+        return (
+            max(abs(rate) for rate in imu[4:]) > REST_RATE_LSB or abs(gravity - 1.0) > GRAVITY_OFF
+        )
+
+    def _judge_stall(self, wheels: WheelControl) -> None:
+        stall = False
+        for wheel, current_a, encoder in (
+            (wheels.left, self._currents_a[0], ENCODER_LEFT),
+            (wheels.right, self._currents_a[1], ENCODER_RIGHT),
+        ):
+            if wheel.stalled_s >= STALL_S:
+                if abs(current_a) >= STALL_A:
+                    stall = True
+                else:
+                    self.bits |= encoder
+        self._set(MOTOR_STALL, present=stall)
+
+    @staticmethod
+    def burning(wheels: WheelControl) -> bool:
+        """True where a motor has stood under current for longer than is good for it."""
+        return wheels.stalled_s >= STALL_STOP_S
+
+    # ---- as readings come -----------------------------------------------------------------
+
+    def on_power(self, reading: PowerReading, low_v: float, empty_v: float) -> None:
+        """Take a reading of the supply, five a second."""
+        battery_v = reading.battery_v
+        self._currents_a = reading.left_a, reading.right_a
+        self._set(BATTERY_LOW, present=battery_v < low_v)
+        self._empty = self._empty + 1 if battery_v < empty_v else 0
+        self.battery_empty = self._empty >= EMPTY_READINGS
+
+    def on_around(self, around: Around, wheel_base_m: float, metres_per_count: float) -> None:
+        """Take a reading of rangers and contacts, with how far the wheels went since the last."""
+        sonar_m, left_m, right_m, bumper_left, bumper_right, cliff = around
+        (left, right), (left_0, right_0) = self._counts, self._range_counts
+        self._range_counts = self._counts
+        left = (left - left_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
+        right = (right - right_0 + _HALF_WRAP & _MASK) - _HALF_WRAP
+        ahead_m = 0.5 * (left + right) * metres_per_count
+        turned_rad = (right - left) * metres_per_count / wheel_base_m
+        bits = self.bits & ~_RANGERS
+        if not cliff:
+            bits &= ~LIFTED
+        elif self._tick - self._jolt_tick < JOLT_TICKS:
+            bits |= LIFTED
+        if self._sonar_lies(sonar_m, bumper_left and bumper_right, ahead_m, turned_rad):
+            bits |= ULTRASONIC
+        creeps = -CREEP_M <= ahead_m <= CREEP_M
+        for side, range_m in enumerate((left_m, right_m)):
+            before_m = self._side_m[side]
+            if range_m != before_m and not (
+                creeps
+                and range_m is not None
+                and before_m is not None
+                and abs(range_m - before_m) <= INFRARED_UNCHANGED_M
+            ):
+                self._side_m[side], self._side_rad[side] = range_m, 0.0
+            elif creeps and range_m is not None:
+                self._side_rad[side] += abs(turned_rad)
+            if self._side_rad[side] >= TURN_RAD:
+                bits |= INFRARED
+        self.bits = bits
+
+    def _sonar_lies(
+        self,
+        sonar_m: float | None,
+        touched: bool,  # noqa: FBT001 - a reading
+        ahead_m: float,
+        turned_rad: float,
+    ) -> bool:
+        """Whether the ultrasonic tells what the rest contradicts, for long enough."""
+        if touched and not self._touched:
+            saw = sonar_m is not None and sonar_m <= NEAR_M
+            self._blows = 0 if saw else self._blows + 1
+        self._touched = touched
+        before_m = self._sonar_m
+        if sonar_m is None or before_m is None or abs(sonar_m - before_m) > UNCHANGED_M:
+            if sonar_m is not None and before_m is not None:
+                self._blows = 0
+            self._sonar_m, self._unseen_m = sonar_m, 0.0
+        elif sonar_m > NEAR_M and not touched and abs(turned_rad) <= 0.5 * abs(ahead_m):
+            self._unseen_m += max(0.0, ahead_m)
+        return self._blows >= BLOWS or self._unseen_m >= UNCHANGED_OVER_M

@@ -1,0 +1,68 @@
+"""The key that a device's motion is authenticated with: kept, asked for, never told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from protocol.authentication import GUARDED_TYPES, Authenticator, key_of
+from protocol.link import Medium
+from protocol.messages import Challenge
+from protocol.uart.framing import FLAG_AUTHENTICATED
+from protocol.values import NackReason
+
+if TYPE_CHECKING:
+    from protocol.link import LinkBase
+    from protocol.messages import SetKey
+    from protocol.uart.framing import Frame
+    from sim_device.device.flash import Flash
+
+
+class Keyring:
+    """One boot's use of the key that its flash holds."""
+
+    def __init__(self, flash: Flash, link: LinkBase, boot_id: int, *, local: bool) -> None:
+        """``local``: the link is a wire that somebody must stand beside the robot to reach."""
+        self._flash, self._link, self._boot_id = flash, link, boot_id
+        self._may_set = local and link.medium is Medium.UART
+        self._session_id = 0
+        self._openings = 0
+        self._counter = 0
+        self.take()
+
+    def take(self) -> None:
+        """Use the key that the flash holds now."""
+        key = self._flash.key
+        self._link.key = None if key is None else Authenticator(key)
+
+    def open(self, session_id: int) -> None:
+        """A session begins: frames of another one do not fit any more."""
+        self._session_id = session_id
+        key = self._link.key
+        if key is None:
+            return
+        self._openings += 1
+        self._counter = key.challenge(self._boot_id, session_id, self._openings)
+        key.begin(self._boot_id, session_id, self._counter)
+
+    def close(self) -> None:
+        """No session: nothing that is signed is taken."""
+        if self._link.key is not None:
+            self._link.key.end()
+
+    def challenge(self) -> Challenge:
+        """What a host needs to sign in this session."""
+        return Challenge(self._counter)
+
+    @staticmethod
+    def refuses(frame: Frame) -> bool:
+        """Whether a frame of ours needs a tag, a key being set, and has none."""
+        return frame.type_id in GUARDED_TYPES and not frame.version_flags & FLAG_AUTHENTICATED
+
+    def change(self, command: SetKey) -> NackReason | None:
+        """Set, replace or remove the key; a refusal's reason, or None."""
+        if not self._may_set:
+            return NackReason.UNSUPPORTED
+        self._flash.key = key_of((command.key_0, command.key_1, command.key_2, command.key_3))
+        self.take()
+        self.open(self._session_id)
+        return None

@@ -1,0 +1,104 @@
+"""What the firmware reads from its hardware, and when: each sensor once a period at most."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    from sim_device.body.power import PowerReading
+    from sim_device.sensors.contacts import Bumpers
+    from sim_device.sensors.imu import ImuCounts
+    from sim_device.sensors.rangers import Ranges
+
+_MASK = 0xFFFF
+
+
+class Sensors(Protocol):
+    """The readings that the firmware takes from its hardware."""
+
+    def imu(self) -> ImuCounts:
+        """MPU6050 registers: acceleration, temperature, rates."""
+
+    def encoders(self) -> tuple[int, int]:
+        """Absolute 16-bit counts, left and right."""
+
+    def ranges(self) -> Ranges:
+        """Ultrasonic, left and right infrared, in metres; None: nothing seen."""
+
+    def bumpers(self) -> Bumpers:
+        """Left and right half pressed."""
+
+    def cliff(self) -> bool:
+        """True where the floor is missing ahead."""
+
+    def power(self) -> PowerReading:
+        """Rails and currents."""
+
+
+class Around(NamedTuple):
+    """Distances and contacts, sampled together."""
+
+    ultrasonic_m: float | None
+    infrared_left_m: float | None
+    infrared_right_m: float | None
+    bumper_left: bool
+    bumper_right: bool
+    cliff: bool
+
+
+class Sampler:
+    """Reads the sensors; what is asked for twice in a period is read once."""
+
+    def __init__(
+        self, sensors: Sensors, corrections: tuple[tuple[float, float], ...] | None = None
+    ) -> None:
+        """Nothing is read before the first period.
+
+        ``corrections`` are scale and offset (m) of each ranger, by calibration.
+        """
+        self._corrections = corrections
+        self._sensors = sensors
+        self._zero: tuple[int, int] | None = None
+        """Where the counters stood at the boot; None where that was 0, or is not known yet."""
+        self._begun = False
+        self._around: Around | None = None
+        self.counts = (0, 0)
+        """Wheel counts of this period; the timers that hold them begin at 0 with a boot."""
+        self.imu: ImuCounts
+        """Registers of this period."""
+
+    def begin(self) -> None:
+        """Start a period: counts and IMU are read in each."""
+        sensors = self._sensors
+        counts = sensors.encoders()
+        if not self._begun:
+            self._begun, self._zero = True, counts if counts != (0, 0) else None
+        if self._zero is not None:
+            zero_left, zero_right = self._zero
+            counts = counts[0] - zero_left & _MASK, counts[1] - zero_right & _MASK
+        self.counts = counts
+        self.imu = sensors.imu()
+        self._around = None
+
+    def around(self) -> Around:
+        """Rangers, bumpers and cliff in this period."""
+        if self._around is None:
+            sensors = self._sensors
+            front_m, left_m, right_m = sensors.ranges()
+            if self._corrections is not None:
+                front_m, left_m, right_m = (
+                    None if range_m is None else max(0.0, scale * range_m + offset_m)
+                    for range_m, (scale, offset_m) in zip(
+                        (front_m, left_m, right_m), self._corrections, strict=True
+                    )
+                )
+            self._around = Around(front_m, left_m, right_m, *sensors.bumpers(), sensors.cliff())
+        return self._around
+
+    def contacts(self) -> tuple[bool, bool, bool]:
+        """Left and right bumper half and cliff now: switches, which cost nothing to read."""
+        return (*self._sensors.bumpers(), self._sensors.cliff())
+
+    def power(self) -> PowerReading:
+        """Rails and currents now."""
+        return self._sensors.power()

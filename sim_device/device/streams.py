@@ -1,0 +1,123 @@
+"""When each stream is due, and how readings become wire integers."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from protocol.messages import INFRARED_NONE, ULTRASONIC_NONE, Power, Range
+from protocol.schema.message import Direction, RateClass
+from protocol.values import Capability, Contact
+
+if TYPE_CHECKING:
+    from protocol.schema.catalogue import Catalogue
+    from protocol.schema.message import Message, MessageSpec
+    from sim_device.body.power import PowerReading
+    from sim_device.device.sampling import Around
+
+TICK_HZ = 100
+"""Of the control loop; no stream is quicker."""
+_NEEDS = {"planner_state": Capability.ONBOARD_PLANNER}
+_CYCLE_MAX = 2_000
+"""Ticks after which every stream is where it was: as long as a table is kept for."""
+_LEFT, _RIGHT, _CLIFF = (
+    int(Contact.BUMPER_LEFT),
+    int(Contact.BUMPER_RIGHT),
+    int(Contact.CLIFF),
+)
+
+
+class Rate(NamedTuple):
+    """A stream's period and phase in control ticks; a period of 0: off."""
+
+    name: str
+    period: int
+    phase: int
+
+
+class Schedule:
+    """When each stream is due, in control ticks; phases are spread so that none come in bursts."""
+
+    def __init__(self, catalogue: Catalogue, capabilities: int) -> None:
+        """Every stream that the device declares and has something to say in, at its default."""
+        self._streams: dict[int, MessageSpec] = {}
+        self._phases: dict[int, int] = {}
+        for index, spec in enumerate(s for s in catalogue if is_device_stream(s)):
+            needed = _NEEDS.get(spec.name)
+            if needed is None or needed & capabilities:
+                self._streams[spec.type_id] = spec
+                self._phases[spec.type_id] = index
+        self._rates: dict[int, Rate] = {}
+        self._on: tuple[Rate, ...] = ()
+        self._table: tuple[tuple[str, ...], ...] = ()
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to the default rates."""
+        self._rates = {
+            t: self._rate(t, max(1, round(TICK_HZ / s.default_hz)))
+            for t, s in self._streams.items()
+        }
+        self._plan()
+
+    def set_rate(self, type_id: int, rate: int) -> None:
+        """Send a stream at ``rate`` tenths of a hertz, as near as whole ticks allow; 0: not."""
+        period = max(1, round(10 * TICK_HZ / rate)) if rate else 0
+        self._rates[type_id] = self._rate(type_id, period)
+        self._plan()
+
+    def _rate(self, type_id: int, period: int) -> Rate:
+        phase = self._phases[type_id]
+        return Rate(self._streams[type_id].name, period, phase % period if period else 0)
+
+    def _plan(self) -> None:
+        """Work out every tick of a whole cycle beforehand, where that is no long list."""
+        self._on = tuple(r for r in self._rates.values() if r.period)
+        cycle = math.lcm(1, *(r.period for r in self._on))
+        ticks = cycle if cycle <= _CYCLE_MAX else 0
+        self._table = tuple(self._due(tick) for tick in range(ticks))
+
+    def __contains__(self, type_id: int) -> bool:
+        """Whether the device sends this stream, if only at some rate."""
+        return type_id in self._streams
+
+    def due(self, tick: int) -> tuple[str, ...]:
+        """Names of the streams to send at this tick."""
+        table = self._table
+        return table[tick % len(table)] if table else self._due(tick)
+
+    def _due(self, tick: int) -> tuple[str, ...]:
+        return tuple(name for name, period, phase in self._on if tick % period == phase)
+
+
+def is_device_stream(spec: MessageSpec) -> bool:
+    """True of what a device sends periodically."""
+    return spec.direction is Direction.DEVICE and spec.rate is RateClass.STREAM
+
+
+def range_message(around: Around) -> Message:
+    """Ranges and contacts as a message."""
+    ultrasonic_m, left_m, right_m, bumper_left, bumper_right, cliff = around
+    contacts = (
+        (_LEFT if bumper_left else 0) | (_RIGHT if bumper_right else 0) | (_CLIFF if cliff else 0)
+    )
+    front = ULTRASONIC_NONE if ultrasonic_m is None else round(ultrasonic_m * 1000)
+    return Range(front, _infrared(left_m), _infrared(right_m), contacts)
+
+
+def power_message(reading: PowerReading) -> Message:
+    """Rails and currents as a message."""
+    return Power(
+        _byte(reading.battery_v, 0.001, 0xFFFF),
+        _byte(reading.rail_v, 0.025),
+        _byte(abs(reading.left_a), 0.02),
+        _byte(abs(reading.right_a), 0.02),
+    )
+
+
+def _infrared(range_m: float | None) -> int:
+    return INFRARED_NONE if range_m is None else _byte(range_m, 0.00125, 254)
+
+
+def _byte(value: float, step: float, high: int = 0xFF) -> int:
+    return min(high, max(0, round(value / step)))

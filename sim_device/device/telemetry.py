@@ -1,0 +1,102 @@
+"""What the firmware tells of itself: a message for each stream, from the period's readings."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+from protocol.messages import Encoders, Imu, LinkCounters, Status, Sync
+from protocol.schema.catalogue import CATALOGUE
+from sim_device.device.streams import TICK_HZ, is_device_stream, power_message, range_message
+from sim_device.device.versions import as_spec, blank
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from protocol.link import LinkBase
+    from protocol.schema.message import Message, MessageSpec
+    from sim_device.device.control import Control
+    from sim_device.device.sampling import Sampler
+
+TICK_WORK_US = 400
+FRAME_WORK_US = 25
+"""Assumed cost on a 168 MHz Cortex-M4 of a control period and of a frame, for ``load``."""
+LOAD_TICKS = 10
+_LOAD_US = LOAD_TICKS * 1_000_000 // TICK_HZ
+_TIME_TO_LIVE_MS_MAX = 250
+
+
+class Telemetry:
+    """Packs each stream's readings, by the stream's name."""
+
+    def __init__(self, link: LinkBase, sampler: Sampler, control: Control) -> None:
+        self.stale = 0
+        """Setpoints refused so far."""
+        self._link, self._sampler, self._control = link, sampler, control
+        self._load_percent = 0
+        self._frames_before = 0
+        self.streams = {
+            spec.name: (spec.type_id, self._packer(spec))
+            for spec in link.codec.catalogue
+            if is_device_stream(spec)
+        }
+        """By the stream's name: its type, and what gives its payload at a moment, microseconds
+        of uptime."""
+
+    def _packer(self, spec: MessageSpec) -> Callable[[int], bytes]:
+        """Give what packs a stream's readings as the catalogue declares it."""
+        sampler, codec, pack = self._sampler, self._link.codec, spec.layout.pack
+        if spec.cls is Imu:  # these two are most of the line
+            return lambda _now_us: pack(*sampler.imu)
+        if spec.cls is Encoders:
+            return lambda _now_us: pack(*sampler.counts)
+        reader = self._reader(spec)
+        if spec.cls in CATALOGUE.by_class:
+            return lambda now_us: codec.encode(reader(now_us))[1]
+        return lambda now_us: codec.encode(as_spec(reader(now_us), spec))[1]
+
+    def _reader(self, spec: MessageSpec) -> Callable[[int], Message]:
+        """Give what makes a stream's message, in this program's own class."""
+        control, sampler, statistics = self._control, self._sampler, self._link.statistics
+        readers: dict[str, Callable[[int], Message]] = {
+            "imu": lambda _now_us: Imu(*sampler.imu),
+            "encoders": lambda _now_us: Encoders(*sampler.counts),
+            "range": lambda _now_us: range_message(sampler.around()),
+            "power": lambda _now_us: power_message(control.power),
+            "sync": lambda _now_us: Sync((statistics.frames_out + 1) & 0xFFFF_FFFF),
+            "link_counters": self._counters,
+            "status": self._status,
+            "planner_state": lambda _now_us: control.planner_state(),
+        }
+        # A stream of another version of the project: zeros.
+        return readers.get(spec.name) or functools.partial(_blank, spec)
+
+    def measure_load(self) -> None:
+        """Work out the busy share of the last ten periods."""
+        statistics = self._link.statistics
+        frames = statistics.frames_in + statistics.frames_out
+        work_us = LOAD_TICKS * TICK_WORK_US + (frames - self._frames_before) * FRAME_WORK_US
+        self._frames_before = frames
+        self._load_percent = min(100, round(100 * work_us / _LOAD_US))
+
+    def _counters(self, _now_us: int) -> Message:
+        statistics = self._link.statistics
+        return LinkCounters(
+            statistics.frames_in & 0xFFFF,
+            statistics.damaged + statistics.rejected & 0xFFFF,
+            self.stale & 0xFFFF,
+        )
+
+    def _status(self, now_us: int) -> Message:
+        control = self._control
+        return Status(
+            control.mode,
+            control.latch.cause,
+            control.fault_bits,
+            min(_TIME_TO_LIVE_MS_MAX, control.watchdog.left_us(now_us) // 1000),
+            self._load_percent,
+        )
+
+
+def _blank(spec: MessageSpec, _now_us: int) -> Message:
+    return blank(spec)

@@ -1,0 +1,377 @@
+"""The virtual sweeper's firmware: session, commands and streams around its control loop.
+
+Sans-I/O like the firmware on the chip: it is told the device's microseconds, given bytes
+and sensor readings, and gives bytes and duties. One control tick is 10 ms.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from protocol.commands import CommandLog
+from protocol.link import Link, LinkBase, Received, addresses
+from protocol.messages import (
+    Ack,
+    Describe,
+    GetParameter,
+    HostHello,
+    Nack,
+    SaveParameters,
+    SetKey,
+    SetParameter,
+    Stop,
+    TimeReply,
+    TimeRequest,
+    VelocitySetpoint,
+    WheelDuty,
+)
+from protocol.schema.agreement import describe
+from protocol.schema.catalogue import CATALOGUE, Catalogue
+from protocol.schema.codec import Codec
+from protocol.schema.message import Direction
+from protocol.uart.framing import FLAG_AUTHENTICATED
+from protocol.values import (
+    Fault,
+    LogLevel,
+    Mode,
+    NackReason,
+    RebootKind,
+    StopCause,
+)
+from sim_device.device import parameters, streams
+from sim_device.device.clock import DeviceClock
+from sim_device.device.commands import COMMANDS, carry_out
+from sim_device.device.control import Control
+from sim_device.device.flash import Flash
+from sim_device.device.identity import CAPABILITIES
+from sim_device.device.keyring import Keyring
+from sim_device.device.log_lines import LogLines
+from sim_device.device.modes import Event, ModeMachine, State
+from sim_device.device.parameters import ParameterStore
+from sim_device.device.safety import HOST_SILENCE_US, Freshness
+from sim_device.device.sampling import Sampler
+from sim_device.device.telemetry import LOAD_TICKS, Telemetry
+from sim_device.device.versions import as_declared, as_ours
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.motion.robot_model import RobotModel
+    from protocol.schema.message import Message, MessageSpec
+    from protocol.uart.framing import Frame
+    from sim_device.device.identity import Identity
+    from sim_device.device.safety import StopLatch
+    from sim_device.device.sampling import Sensors
+
+TICK_US = 1_000_000 // streams.TICK_HZ
+_TICK_MS = TICK_US // 1000
+HELLO_TICKS = 100
+STRANGE_PERIOD_US = 100_000
+POWER_TICKS, POWER_PHASE = 20, 5
+"""The supply is measured at 5 Hz, with the stream's default phase."""
+RANGE_TICKS, RANGE_PHASE = 5, 4
+"""The rangers are sounded at 20 Hz, likewise: a loud echo is gone after 38 ms."""
+
+
+class Firmware:
+    """The device's program, one instance per boot."""
+
+    def __init__(  # noqa: PLR0913 - what a boot finds
+        self,
+        model: RobotModel,
+        identity: Identity,
+        sensors: Sensors,
+        catalogue: Catalogue = CATALOGUE,
+        *,
+        flash: Flash | None = None,
+        link: type[LinkBase] = Link,
+        clock: DeviceClock | None = None,
+        modes: ModeMachine | None = None,
+        local: bool = True,
+    ) -> None:
+        """Boot.
+
+        ``catalogue`` is what this firmware's version of the project declares, ``flash`` the
+        memory in which parameters outlive a boot, ``link`` what it is connected by, ``clock``
+        what its stamps are read from, ``modes`` the mode table's walker, which has booted,
+        ``local`` whether the link can be reached from nowhere but beside the robot.
+        """
+        self.identity = identity
+        self.agreed = False
+        self.session_id = 0
+        self.link = link(Direction.DEVICE, codec=Codec(catalogue))
+        self._flash = flash or Flash()
+        self.parameters = ParameterStore(parameters.table(model, identity.node), self._flash.load())
+        self._lines = LogLines()
+        self.control = Control(
+            model,
+            self.parameters,
+            modes or ModeMachine(State.STOPPED),
+            self._lines,
+            identity.boot_id,
+        )
+        self.schedule = streams.Schedule(catalogue, int(CAPABILITIES))
+        self.reboot_wanted: RebootKind | None = None
+        """Set once a reboot was accepted; whoever runs the firmware boots it anew."""
+        self._sampler = Sampler(sensors, self.parameters.range_corrections())
+        self._clock = clock or DeviceClock()
+        self._freshness = Freshness()
+        self._commands = CommandLog()
+        self.keyring = Keyring(self._flash, self.link, identity.boot_id, local=local)
+        self._heard_us = 0
+        self._strange_us = -STRANGE_PERIOD_US
+        self._saving: tuple[dict[str, int], Message] | None = None
+        self._declared = catalogue.by_class
+        self._handlers: dict[type[Message], Callable[[Any, float, int], None]] = {
+            VelocitySetpoint: self._setpoint,
+            WheelDuty: self._duty,
+            TimeRequest: self._time,
+            Describe: self._describe,
+        }
+        self._telemetry = Telemetry(self.link, self._sampler, self.control)
+
+    # ---- what is so -----------------------------------------------------------------------
+
+    @property
+    def mode(self) -> Mode:
+        """What moves the wheels."""
+        return self.control.mode
+
+    @property
+    def latch(self) -> StopLatch:
+        """What holds them."""
+        return self.control.latch
+
+    @property
+    def faults(self) -> Fault:
+        """As the status message says them."""
+        return Fault(self.control.fault_bits)
+
+    # ---- the wire -------------------------------------------------------------------------
+
+    def receive(self, data: bytes, now_us: int) -> None:
+        """Take bytes that arrived at ``now_us``, microseconds of uptime."""
+        node = self.identity.node
+        for event in self.link.receive(data, now_us):
+            if event.__class__ is Received:
+                message, frame, spec = event
+                if addresses(frame, spec, node):
+                    if self.link.key is not None and self.keyring.refuses(frame):
+                        self._refuse(message, frame, now_us)  # nor does it keep a session alive
+                        continue
+                    self._heard_us = now_us
+                    self._handle(as_ours(message, spec), frame, now_us)
+
+    def data_to_send(self) -> bytes:
+        """Bytes for the port."""
+        return self.link.data_to_send()
+
+    def _refuse(self, message: Message, frame: Frame, now_us: int) -> None:
+        """A frame without the tag that a key asks for: nothing is done."""
+        command_id = getattr(message, "command_id", None)
+        if command_id is None:
+            self._telemetry.stale += 1
+            return
+        self._send(Nack(command_id, frame.type_id, NackReason.NOT_AUTHENTICATED), now_us)
+
+    def _send(self, message: Message, now_us: int) -> None:
+        if message.__class__ not in self._declared:
+            declared = as_declared(message, self.link.codec.catalogue)
+            if declared is None:
+                return
+            message = declared
+        self.link.send(message, now_us + self._clock.offset_us, node=self.identity.node)
+
+    def _handle(self, message: Message, frame: Frame, now_us: int) -> None:
+        if message.__class__ is HostHello:
+            self._open(message, now_us)
+            self._extra_delay_us(frame, now_us)
+            return
+        if isinstance(message, Stop):
+            # Obeyed before any question of session or repetition; nor is it the session's frame,
+            # by whose delays setpoints are judged, for anyone may have sent it.
+            self.stop(message.cause)
+            self._send(Ack(message.command_id, frame.type_id), now_us)
+            return
+        extra_us = self._extra_delay_us(frame, now_us)
+        handler = self._handlers.get(message.__class__)
+        if handler is not None:
+            handler(message, extra_us, now_us)
+        elif isinstance(message, COMMANDS):
+            self._command(message, frame.type_id, now_us)
+
+    def _extra_delay_us(self, frame: Frame, now_us: int) -> float:
+        """The frame's delay beyond the session's quickest one.
+
+        With a key, frames without a tag are left out: their stamps are anybody's, and by forged
+        ones a setpoint that somebody held back would be fresh.
+        """
+        if self.link.key is not None and not frame.version_flags & FLAG_AUTHENTICATED:
+            return 0.0  # what may come without a tag has no time to live
+        return self._freshness.extra_delay_us(frame.t_us, now_us)
+
+    def _time(self, request: TimeRequest, _extra_us: float, now_us: int) -> None:
+        if not self.session_id:
+            self._strange(now_us)
+            return
+        stamp_us = now_us + self._clock.offset_us
+        self._send(TimeReply(request.ping, stamp_us & 0xFFFF_FFFF), now_us)
+
+    def _command(self, message: Message, type_id: int, now_us: int) -> None:
+        if self._saving is not None and isinstance(message, SaveParameters):
+            return  # asked again before it is done: the answer is to come
+        reply = self._commands.once(
+            self.session_id, type_id, message, lambda: carry_out(self, message)
+        )
+        if isinstance(message, GetParameter | SetParameter) and isinstance(reply, Ack):
+            # For a repeated command too: its value may be what was lost.
+            value = self.parameters.describe(message.parameter)
+            if value is not None:
+                self._send(value, now_us)
+        if self._flash.busy and isinstance(message, SaveParameters):
+            self._saving = self.parameters.image(), reply
+            return
+        self._send(reply, now_us)
+        if isinstance(message, SetKey) and self.link.key is not None:
+            self._send(self.keyring.challenge(), now_us)
+
+    def _describe(self, question: Describe, _extra_us: float, now_us: int) -> None:
+        codec = self.link.codec
+        self._send(describe(codec.catalogue, question), now_us)
+        spec = codec.catalogue.by_type.get(question.described_type)
+        if spec is not None and spec.direction is Direction.HOST and not spec.bootstrap:
+            # An older host leaves out our last fields; one that differs will not send it at all.
+            # What is needed to agree never changes: without its fields nobody could agree again.
+            fewer = question.field_count < len(spec.fields)
+            codec.limit(spec.type_id, question.field_count if fewer else None)
+
+    # ---- session --------------------------------------------------------------------------
+
+    def _strange(self, now_us: int) -> None:
+        """A host talks on in a session that we do not know: say at once who and which boot."""
+        if now_us - self._strange_us >= STRANGE_PERIOD_US:
+            self._strange_us = now_us
+            self._hello(now_us)
+
+    def _open(self, hello: HostHello, now_us: int) -> None:
+        if not hello.session_id:
+            return  # 0 says "no session", whose host is never missed
+        if hello.session_id != self.session_id:
+            if self.session_id:
+                self.stop(StopCause.LINK, Event.NEW_SESSION)
+            self.session_id = hello.session_id
+            self.link.forget_sequence()  # another host, or the same begun anew
+            self.keyring.open(hello.session_id)
+            self._forget_host()
+        if hello.agreed and not self.agreed:
+            self.agreed = True
+            self.log(LogLevel.INFO, f"session with {hello.name}")
+        self._hello(now_us)
+
+    def _hello(self, now_us: int) -> None:
+        catalogue_hash, keyed = self.link.codec.catalogue.hash, self.link.key is not None
+        hello = self.identity.hello(catalogue_hash, self.session_id, keyed=keyed)
+        self._send(hello, now_us)
+        if self.session_id and keyed:
+            self._send(self.keyring.challenge(), now_us)
+
+    def _close(self) -> None:
+        """Nobody is there: be safe, and say hello until somebody is."""
+        self.stop(StopCause.LINK, Event.SILENCE)
+        self.session_id = 0
+        self.keyring.close()
+        self._forget_host()
+
+    def _forget_host(self) -> None:
+        """Nothing that a session asked for outlives it."""
+        self.agreed = False
+        self.control.forget_host()
+        self._freshness.reset()
+        self.schedule.reset()
+        for spec in self.link.codec.catalogue:
+            self.link.codec.limit(spec.type_id, None)
+
+    # ---- what commands ask for ------------------------------------------------------------
+
+    def stop(self, cause: int, event: Event = Event.STOP) -> None:
+        """Latch a stop and leave any driving mode, as the mode table says."""
+        self.control.stop(cause, event)
+
+    def stream_spec(self, type_id: int) -> MessageSpec | None:
+        """The device's stream of this type; None where it is another kind of message."""
+        spec = self.link.codec.catalogue.by_type.get(type_id)
+        return spec if spec is not None and streams.is_device_stream(spec) else None
+
+    def begin_save(self) -> None:
+        """Start to store the present parameters; answered once they are."""
+        self._flash.begin(self.parameters.image())
+
+    @property
+    def saving(self) -> bool:
+        """True while parameters are being stored."""
+        return self._flash.busy
+
+    def _carry_on_saving(self, now_us: int) -> None:
+        if self._flash.advance(_TICK_MS) and self._saving is not None:
+            (image, reply), self._saving = self._saving, None
+            self.parameters.saved(image)
+            self.log(LogLevel.INFO, "parameters saved")
+            self._send(reply, now_us)
+
+    def _setpoint(self, message: VelocitySetpoint, extra_us: float, now_us: int) -> None:
+        if not self.session_id:
+            self._strange(now_us)
+        elif self.agreed and self.control.modes.state is State.VELOCITY:
+            taken = self.control.setpoints.offer(message, extra_us, now_us)
+            self._telemetry.stale += not taken
+
+    def _duty(self, message: WheelDuty, extra_us: float, now_us: int) -> None:
+        if self.agreed and self.control.modes.state is State.BRINGUP:
+            taken = self.control.duties.offer(message, extra_us, now_us)
+            self._telemetry.stale += not taken
+
+    def log(self, level: LogLevel, line: str) -> None:
+        """Queue a line for the host."""
+        self._lines.add(level, line)
+
+    # ---- time -----------------------------------------------------------------------------
+
+    def tick(self, now_us: int) -> tuple[float, float]:
+        """One control period: left and right duty, and the streams that are due."""
+        if self.session_id and now_us - self._heard_us > HOST_SILENCE_US:
+            self._close()
+        tick = (now_us + TICK_US // 2) // TICK_US
+        sampler = self._sampler
+        sampler.begin()
+        around = sampler.around() if self.agreed and tick % RANGE_TICKS == RANGE_PHASE else None
+        duties = self.control.tick(tick, now_us, sampler, around)
+        if self._flash.busy:
+            self._carry_on_saving(now_us)
+        due = self.schedule.due(tick)
+        # The supply is looked after whether or not anybody is told.
+        if tick % POWER_TICKS == POWER_PHASE or "power" in due:
+            self.control.on_power(sampler.power())
+        if tick % LOAD_TICKS == 0:
+            self._telemetry.measure_load()
+        if self.agreed:
+            if due:
+                self._tell(due, now_us)
+            if self._lines.waiting:
+                self._say(now_us)
+        elif tick % HELLO_TICKS == 0:
+            self._hello(now_us)
+        return duties
+
+    def _say(self, now_us: int) -> None:
+        """Send a line for people, if one may be sent now."""
+        line = self._lines.take(now_us)
+        if line is not None:
+            self._send(line, now_us)
+
+    def _tell(self, due: tuple[str, ...], now_us: int) -> None:
+        """Send the streams that are due."""
+        known, send = self._telemetry.streams, self.link.send_payload
+        stamp_us, node = now_us + self._clock.offset_us, self.identity.node
+        for name in due:
+            type_id, pack = known[name]
+            send(type_id, pack(now_us), stamp_us, node)

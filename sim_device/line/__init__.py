@@ -1,0 +1,1 @@
+"""The line between the virtual sweeper and its host."""

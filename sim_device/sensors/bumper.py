@@ -1,0 +1,64 @@
+"""The front bumper: two halves of a sprung shell, each with a switch.
+
+The plant's disc is the shell's outline where its switch closes, so a half is pressed as soon
+as it is touched. The switch has a travel: it opens only when the shell has come back by
+``RELEASE_M`` from where it closed, that is when whatever stands before that half is farther
+than this from the disc. Which bearings press which half is told in ``contacts``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.motion.geometry import wrap_angle
+from sim_device.sensors.contacts import Bumpers, bumpers
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sim_device.body.plant import Plant
+
+RELEASE_M = 0.001
+"""Travel between closing and opening of a snap-action switch at the end of a short lever
+(a microswitch's own 0.1 mm or so, times the lever's 10): our choice."""
+_FREE = Bumpers(left=False, right=False)
+
+
+class Bumper:
+    """Both halves, watching the plant."""
+
+    __slots__ = ("_plant", "_pressed", "_radius_m")
+
+    def __init__(self, plant: Plant, radius_m: float) -> None:
+        """Take the disc's radius; nothing is pressed."""
+        self._plant, self._radius_m = plant, radius_m
+        self._pressed = _FREE
+
+    def read(self) -> Bumpers:
+        """Halves that are pressed now, or have not come back far enough since they were."""
+        bearings, before = self._plant.touch_bearings_rad, self._pressed
+        if not bearings and before is _FREE:
+            return _FREE
+        touched = bumpers(bearings)
+        if (before.left and not touched.left) or (before.right and not touched.right):
+            near = bumpers(self._bearings_near())
+            touched = Bumpers(
+                touched.left or (before.left and near.left),
+                touched.right or (before.right and near.right),
+            )
+        self._pressed = touched if touched.left or touched.right else _FREE
+        return touched
+
+    def _bearings_near(self) -> Iterator[float]:
+        """Bearings of what stands within the switch's travel."""
+        x_m, y_m, theta = self._plant.pose
+        world, reach_m = self._plant.world, self._radius_m + RELEASE_M
+        walker_x, walker_y, walker_m = world.walker.tolist()
+        if walker_m and math.hypot(walker_x - x_m, walker_y - y_m) <= reach_m + walker_m:
+            yield wrap_angle(math.atan2(walker_y - y_m, walker_x - x_m) - theta)
+        for index in world.edges_near(x_m, y_m, reach_m):
+            ax, ay, ex, ey, inv_len2 = world.edges[index, :5].tolist()
+            along = min(1.0, max(0.0, ((x_m - ax) * ex + (y_m - ay) * ey) * inv_len2))
+            to_x, to_y = ax + along * ex - x_m, ay + along * ey - y_m
+            yield wrap_angle(math.atan2(to_y, to_x) - theta)

@@ -1,0 +1,55 @@
+"""Quadrature encoders: absolute counts of the wheels' angles, 16 bits, wrapping."""
+
+from __future__ import annotations
+
+from math import floor, pi
+from typing import TYPE_CHECKING
+
+from sim_device.sensors.faults import CountDropout
+
+if TYPE_CHECKING:
+    from bridge.motion.robot_model import RobotModel
+    from sim_device.body.plant import Plant
+    from sim_device.sensors.faults import SensorFaults
+
+_MASK = 0xFFFF
+_TAU = 2.0 * pi
+
+
+class Encoders:
+    """Both counters, zero at power-on and rising forwards.
+
+    They count what the wheels turn: a slipping wheel counts too. Errors of the wheels
+    themselves (diameter, slip) are the plant's.
+    """
+
+    __slots__ = ("_before", "_counts_per_rad", "_dropouts", "_faults", "_lossy", "_plant")
+
+    def __init__(self, plant: Plant, model: RobotModel, faults: SensorFaults) -> None:
+        """Count ``model.counts_per_turn`` per turn of ``plant``'s wheels; obey ``faults``."""
+        self._plant, self._faults = plant, faults
+        self._counts_per_rad = model.counts_per_turn / _TAU
+        self._dropouts = CountDropout(), CountDropout()
+        self._lossy = False
+        """Whether counts were ever lost."""
+        self._before: tuple[int, int] | None = None
+
+    def read(self) -> tuple[int, int]:
+        """Left and right counter, 0..65535."""
+        felt, per_rad, faults = self._plant.felt, self._counts_per_rad, self._faults
+        # An edge lies between two counts: the counter holds the whole counts passed.
+        counts = floor(felt[3] * per_rad) & _MASK, floor(felt[4] * per_rad) & _MASK
+        if faults.encoder_dropout_left or faults.encoder_dropout_right or self._lossy:
+            return self._lose(*counts)
+        self._before = counts
+        return counts
+
+    def _lose(self, left: int, right: int) -> tuple[int, int]:
+        faults, (lost_left, lost_right) = self._faults, self._dropouts
+        if not self._lossy and self._before is not None:
+            lost_left.before, lost_right.before = self._before
+        self._lossy = True
+        return (
+            lost_left.apply(left, faults.encoder_dropout_left),
+            lost_right.apply(right, faults.encoder_dropout_right),
+        )

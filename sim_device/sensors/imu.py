@@ -1,0 +1,242 @@
+"""MPU6050: register counts, as configured; by default ±2 g, ±250 °/s, 100 Hz.
+
+Sources: InvenSense PS-MPU-6000A-00 rev. 3.4 (the datasheet), sections 6.1 (gyroscope), 6.2
+(accelerometer), 6.3 (temperature); RM-MPU-6000A-00 rev. 4.2 (the register map), sections 4.2
+(sample rate), 4.3 (filter), 4.4 and 4.5 (ranges), 4.18 (temperature). The chip sits at the
+axle's centre, its axes with the body's: x ahead, y left, z up, yaw rate counter-clockwise
+positive.
+
+The registers change at the output rate; a read before the next sample is due returns the
+same ones. The low-pass filter is a running mean as long as twice its group delay, which has
+that delay exactly; the default's 9.6 ms is the time between samples, so that nothing is lost.
+Firmware that reads more seldom than the chip samples is taken to average what the chip's
+buffer (section 7.17) holds, so that its reading is the mean since the last one. White noise
+of one-sided density n over a time T then has sigma n/√(2T); a filter quicker than the sample
+rate lets more through, by the root of the ratio. Motion within one reading's interval is
+known by its mean only: filters quicker than that do not show it sharper.
+
+What the noise levels mean is told in ``noise``. Left out: the change of scale with
+temperature and the scale's non-linearity (0.2 %), the gyro's answer to acceleration
+(0.1 °/s per g: with gravity a constant, part of the bias).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sim_device.body.lift import Lift
+from sim_device.sensors import imu_kernel as k
+from sim_device.sensors.faults import SensorFaults
+
+if TYPE_CHECKING:
+    from sim_device.body.plant import Plant
+    from sim_device.body.truth import Inertial
+    from sim_device.noise import NoiseLevel
+
+GYRO_LSB_PER_DEG_S = {250: 131.0, 500: 65.5, 1000: 32.8, 2000: 16.4}
+"""By full scale, °/s: FS_SEL 0 to 3, section 6.1."""
+ACCEL_LSB_PER_G = {2: 16384.0, 4: 8192.0, 8: 4096.0, 16: 2048.0}
+"""By full scale, g: AFS_SEL 0 to 3, section 6.2."""
+GYRO_DELAY_MS = (0.98, 1.9, 2.8, 4.8, 8.3, 13.4, 18.6)
+"""Group delay by DLPF_CFG, register map section 4.3; the accelerometer's is within 0.9 ms."""
+GRAVITY_M_S2 = 9.80665
+AMBIENT_C = 25.0
+WARMING_C = 6.0
+"""How far the board warms above ambient, within ``imu_kernel.WARMING_TIME_S``: our choice
+for 1.5 W under a cover."""
+
+_BLOCK = 512 * k.DRAWS
+_DEG = 180.0 / math.pi
+_new = tuple.__new__
+_EIGHTHS = 8
+"""Of a millisecond: the period of the unfiltered gyro's 8 kHz."""
+
+
+class ImuConfigError(ValueError):
+    """A setting that the chip does not have."""
+
+    def __init__(self, setting: str, value: int, known: str) -> None:
+        """Keep the setting, the value and what there is."""
+        self.setting, self.value, self.known = setting, value, known
+        super().__init__(f"{setting} {value} is not one of {known}")
+
+
+@dataclass(frozen=True, slots=True)
+class ImuConfig:
+    """What the firmware writes into the chip at its start.
+
+    Raises:
+        ImuConfigError: a setting is none of the chip's.
+
+    """
+
+    gyro_range_deg_s: int = 250
+    accel_range_g: int = 2
+    dlpf: int = 3
+    """DLPF_CFG, 0 to 6; 3: 42 Hz."""
+    divider: int = 9
+    """SMPLRT_DIV, 0 to 255; 9: 100 Hz with a filter."""
+
+    def __post_init__(self) -> None:
+        """Check each setting."""
+        if self.gyro_range_deg_s not in GYRO_LSB_PER_DEG_S:
+            raise ImuConfigError("gyro range", self.gyro_range_deg_s, "250, 500, 1000, 2000")
+        if self.accel_range_g not in ACCEL_LSB_PER_G:
+            raise ImuConfigError("accelerometer range", self.accel_range_g, "2, 4, 8, 16")
+        if not 0 <= self.dlpf < len(GYRO_DELAY_MS):
+            raise ImuConfigError("DLPF_CFG", self.dlpf, "0 to 6")
+        if not 0 <= self.divider <= 0xFF:  # noqa: PLR2004 - a byte
+            raise ImuConfigError("SMPLRT_DIV", self.divider, "0 to 255")
+
+    @property
+    def sample_period_ms(self) -> float:
+        """Time between samples: (1 + SMPLRT_DIV) over 1 kHz, or over 8 kHz unfiltered."""
+        return (1 + self.divider) / (1.0 if self.dlpf else 8.0)
+
+    @property
+    def window_ms(self) -> float:
+        """Length of the running mean that stands for the filter."""
+        return 2.0 * GYRO_DELAY_MS[self.dlpf]
+
+
+_CONFIG = ImuConfig()
+
+
+class ImuCounts(NamedTuple):
+    """The registers from ACCEL_XOUT on, in the chip's order."""
+
+    accel_x: int
+    accel_y: int
+    accel_z: int
+    temperature: int
+    gyro_x: int
+    gyro_y: int
+    gyro_z: int
+
+
+class Imu:
+    """The chip, watching the plant."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        noise: NoiseLevel,
+        rng: np.random.Generator,
+        faults: SensorFaults | None = None,
+        config: ImuConfig = _CONFIG,
+    ) -> None:
+        """Draw this chip's own errors from ``rng``, which it owns; obey ``faults``."""
+        self._plant = plant
+        self._noise = noise
+        self._rng = rng
+        self._faults = faults or SensorFaults()
+        self._lift = Lift()
+        self._alias = math.sqrt(max(1.0, config.sample_period_ms / config.window_ms))
+        self._period_eighths = round(_EIGHTHS * config.sample_period_ms)
+        self._chip = _drawn_chip(noise, rng, config)
+        self._own_bias = self._chip[k.BIAS : k.BIAS + k.AXES].copy()
+        self._told_bias: tuple[object, object] = (None, None)
+        self._normals = np.empty(_BLOCK)
+        self._at = _BLOCK
+        self._interval_ms = 0
+        self._set_interval(max(1, round(config.sample_period_ms)))
+        now = plant.inertial
+        self._chip[k.BEFORE : k.BEFORE + len(now) - 1] = now[1:]
+        self._was_ms = now.tick_ms
+        self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
+        self._last = self._told = self._sample(now)
+
+    def read(self) -> ImuCounts:
+        """Read the registers as they stand at this tick."""
+        plant = self._plant
+        tick_ms = plant.tick_ms
+        sample_no = _EIGHTHS * tick_ms // self._period_eighths
+        if sample_no != self._sample_no:
+            self._sample_no = sample_no
+            interval_ms = tick_ms - self._was_ms
+            if interval_ms != self._interval_ms:
+                self._set_interval(interval_ms)
+            self._was_ms = tick_ms
+            self._last = self._sample(plant.inertial)
+        if not self._faults.imu_frozen:
+            self._told = self._last
+        return self._told
+
+    def _sample(self, now: Inertial) -> ImuCounts:
+        at = self._at
+        if at >= _BLOCK:
+            self._rng.standard_normal(out=self._normals)
+            at = 0
+        self._at = at + k.DRAWS
+        if self._faults.touched or self._lift.active:
+            self._obey(now.tick_ms)
+        return _new(ImuCounts, k.sample(self._chip, self._normals, at, *now))
+
+    def _obey(self, tick_ms: int) -> None:
+        faults = self._faults
+        if faults.lifted or self._lift.active:
+            self._feel_lift(tick_ms)
+        else:
+            faults.touched = False
+        gyro, accel = self._told_bias
+        if faults.gyro_bias_deg_s != gyro or faults.accel_bias_g != accel:
+            self._obey_bias()
+
+    def _feel_lift(self, tick_ms: int) -> None:
+        felt = self._lift.felt(tick_ms, self._interval_ms, lifted=self._faults.lifted)
+        self._chip[k.EXTRA : k.EXTRA + k.AXES] = felt
+
+    def _obey_bias(self) -> None:
+        faults = self._faults
+        self._told_bias = (faults.gyro_bias_deg_s, faults.accel_bias_g)
+        self._chip[k.BIAS : k.BIAS + k.AXES] = self._own_bias + np.array(
+            (*faults.accel_bias_g, *faults.gyro_bias)
+        )
+
+    def _set_interval(self, interval_ms: int) -> None:
+        """Work out the sigmas of samples this far apart; they seldom change."""
+        noise, chip = self._noise, self._chip
+        interval_s = 0.001 * interval_ms
+        self._interval_ms = interval_ms
+        rate = 1.0 / interval_s
+        chip[k.INTERVAL_MS], chip[k.PER_S] = interval_ms, rate
+        chip[k.PER_G], chip[k.PER_DEG] = rate / GRAVITY_M_S2, rate * _DEG
+        white = self._alias / math.sqrt(2.0 * interval_s)
+        gyro = noise.gyro_density_deg_s_sqrt_hz * white
+        rest_g = 1e-6 * noise.accel_density_ug_sqrt_hz * white
+        moving_g = math.hypot(rest_g, 0.001 * noise.accel_vibration_mg)
+        chip[k.SIGMA : k.SIGMA + k.AXES] = (rest_g,) * 3 + (gyro,) * 3
+        chip[k.MOVING_SIGMA : k.MOVING_SIGMA + k.AXES] = (moving_g,) * 3 + (gyro,) * 3
+        chip[k.WALK_SIGMA] = noise.gyro_bias_walk_deg_s_sqrt_s * math.sqrt(interval_s)
+        chip[k.YAW_SIGMA] = noise.gyro_yaw_walk_deg_sqrt_s / math.sqrt(interval_s)
+
+
+def _drawn_chip(noise: NoiseLevel, rng: np.random.Generator, config: ImuConfig) -> k.Floats:
+    """Draw a chip's own errors, in an order that new ones are added to at the end."""
+
+    def tolerance(limit: float, *shape: int) -> k.Floats:
+        return limit * rng.uniform(-1.0, 1.0, shape or None)
+
+    chip = np.zeros(k.SIZE)
+    accel_bias_g = tolerance(0.001 * noise.accel_bias_mg, 3)
+    turn_on_deg_s = tolerance(noise.gyro_turn_on_deg_s, 3)
+    chip[k.BIAS : k.BIAS + k.AXES] = (*accel_bias_g, *turn_on_deg_s)
+    chip[k.MOTION_DEG_S] = math.copysign(noise.gyro_motion_bias_deg_s, rng.uniform(-1.0, 1.0))
+    scale = tolerance(noise.gyro_scale_error, 3)
+    chip[k.TEMPCO : k.TEMPCO + 3] = tolerance(0.001 * noise.accel_tempco_mg_c, 3)
+    chip[k.TEMPCO + 3 : k.TEMPCO + 6] = tolerance(noise.gyro_tempco_deg_s_c, 3)
+    accel = tolerance(noise.accel_cross_axis, 3, 3)
+    gyro = tolerance(noise.gyro_cross_axis, 3, 3)
+    np.fill_diagonal(accel, 1.0)
+    np.fill_diagonal(gyro, 1.0 + scale)
+    chip[k.MATRIX : k.MATRIX + 18] = np.vstack([accel, gyro]).ravel()
+    chip[k.TEMPERATURE_ERROR_C] = tolerance(noise.imu_temperature_error_c)
+    chip[k.LSB_ACCEL] = ACCEL_LSB_PER_G[config.accel_range_g]
+    chip[k.LSB_GYRO] = GYRO_LSB_PER_DEG_S[config.gyro_range_deg_s]
+    chip[k.WINDOW_MS] = config.window_ms
+    chip[k.AMBIENT_C], chip[k.WARMING_C] = AMBIENT_C, WARMING_C
+    return chip

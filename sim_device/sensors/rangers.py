@@ -1,0 +1,56 @@
+"""The front ultrasonic and the two side infrared sensors, read together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sim_device.noise import Draws
+from sim_device.sensors.infrared import Infrared, Reflectances
+from sim_device.sensors.ultrasonic import Ultrasonic, beam
+from sim_device.world.ray_kernel import HIT_EDGE, HIT_RANGE
+
+if TYPE_CHECKING:
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
+    from sim_device.noise import NoiseLevel
+    from sim_device.world.world import World
+
+
+class Ranges(NamedTuple):
+    """One reading of all three; ``None``: no echo, nothing in range."""
+
+    ultrasonic_m: float | None
+    infrared_left_m: float | None
+    infrared_right_m: float | None
+
+
+class Rangers:
+    """All range sensors of the robot."""
+
+    def __init__(self, model: RobotModel, noise: NoiseLevel, rng: np.random.Generator) -> None:
+        """Take mounts from ``model``; ``rng`` is the rangers' own and gives birth to theirs."""
+        sonar, light, paint = (Draws(child) for child in rng.spawn(3))
+        self.ultrasonic = Ultrasonic(model.ultrasonic, noise, sonar)
+        self.reflectances = Reflectances(noise, paint)
+        self._left = Infrared(model.infrared_left, noise, light, self.reflectances)
+        self._right = Infrared(model.infrared_right, noise, light, self.reflectances)
+        self._beams = np.array([beam(model.infrared_left), beam(model.infrared_right)])
+        self._hits = np.empty((2, 3))
+
+    def read(self, tick_ms: int, pose: Pose2, world: World) -> Ranges:
+        """Range from each sensor's face, metres, as known at this tick.
+
+        The infrared sensors tell of this moment, the ultrasonic of its last ping that is back;
+        times must not go back.
+        """
+        ultrasonic_m = self.ultrasonic.read(tick_ms, pose, world)
+        hits = self._hits
+        world.cast_beams(pose, self._beams, hits)
+        left, right = hits.tolist()
+        return Ranges(
+            ultrasonic_m,
+            self._left.reading(left[HIT_RANGE], int(left[HIT_EDGE])),
+            self._right.reading(right[HIT_RANGE], int(right[HIT_EDGE])),
+        )

@@ -1,0 +1,85 @@
+"""All sensors of the virtual sweeper, read on demand by its firmware."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sim_device.body.power import PowerMonitor, PowerReading
+from sim_device.noise import Draws
+from sim_device.sensors.bumper import Bumper
+from sim_device.sensors.cliff import CliffSensor
+from sim_device.sensors.encoders import Encoders
+from sim_device.sensors.faults import SensorFaults
+from sim_device.sensors.imu import Imu
+from sim_device.sensors.rangers import Rangers, Ranges
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+    from bridge.motion.robot_model import RobotModel
+    from sim_device.body.plant import Plant
+    from sim_device.noise import NoiseLevel
+    from sim_device.sensors.contacts import Bumpers
+    from sim_device.sensors.imu import ImuCounts
+
+__all__ = ["SensorFaults", "SensorSuite"]
+
+
+class SensorSuite:
+    """Raw readings of one plant; nothing is computed that is not asked for.
+
+    ``rng`` only gives birth to children, one per noisy sensor: how often one is read, or how
+    many values it draws, shifts nothing in another. New sensors take later children.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        model: RobotModel,
+        noise: NoiseLevel,
+        rng: np.random.Generator,
+    ) -> None:
+        """Attach to ``plant``; ``model`` gives the mounts and the encoder's counts."""
+        imu_rng, range_rng, power_rng = rng.spawn(3)
+        self.faults = SensorFaults()
+        """What is broken; may be changed at any time."""
+        self._plant = plant
+        self.encoders: Callable[[], tuple[int, int]] = Encoders(plant, model, self.faults).read
+        """Gives left and right count, 0..65535."""
+        self.imu: Callable[[], ImuCounts] = Imu(plant, noise, imu_rng, self.faults).read
+        """Gives the MPU6050's registers: acceleration, temperature, rotation."""
+        self._rangers = Rangers(model, noise, range_rng)
+        self._bumper = Bumper(plant, model.radius_m)
+        self._cliff = CliffSensor(model.radius_m)
+        self._power = PowerMonitor(plant, noise, Draws(power_rng))
+
+    def ranges(self) -> Ranges:
+        """Ultrasonic, infrared left, infrared right, metres or ``None``."""
+        plant, faults = self._plant, self.faults
+        ranges = self._rangers.read(plant.tick_ms, plant.pose, plant.world)
+        if faults.ultrasonic_lie_m is not None:
+            return ranges._replace(ultrasonic_m=faults.ultrasonic_lie_m)
+        return ranges._replace(ultrasonic_m=None) if faults.ultrasonic_blind else ranges
+
+    def bumpers(self) -> Bumpers:
+        """Left and right half."""
+        pressed, faults = self._bumper.read(), self.faults
+        if faults.bumper_stuck_left or faults.bumper_stuck_right:
+            return pressed._replace(
+                left=pressed.left or faults.bumper_stuck_left,
+                right=pressed.right or faults.bumper_stuck_right,
+            )
+        return pressed
+
+    def cliff(self) -> bool:
+        """Whether the floor is missing ahead."""
+        if self.faults.lifted:
+            return True
+        cliffs = self._plant.world.plan.cliffs
+        return bool(cliffs) and self._cliff.sees_none(self._plant.pose, cliffs)
+
+    def power(self) -> PowerReading:
+        """Battery and 5 V rail, motor currents."""
+        return self._power.read()

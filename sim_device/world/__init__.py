@@ -1,0 +1,1 @@
+"""The room around the virtual sweeper: walls, rays, carpets."""

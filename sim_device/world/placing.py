@@ -1,0 +1,51 @@
+"""Where the robot ends up when the room around it changes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sim_device.world.world import World
+
+_PASSES = 32
+_FREE_M = 1e-9
+
+
+def pushed_free(before: World, after: World, x_m: float, y_m: float) -> tuple[float, float] | None:
+    """Find where a disc at (x, y) is pushed as ``before`` becomes ``after``.
+
+    What overlaps it now pushes it out on the shortest way, again and again while that brings
+    it into something else. ``None``: it is held, as there is no free place within its diameter
+    that can be reached without passing through an edge that was there before.
+    """
+    x, y, radius = x_m, y_m, after.radius_m
+    for _ in range(_PASSES):
+        wall = after.nearest(x, y)
+        floor = after.is_floor(x, y)
+        if floor and wall.distance_m >= radius - _FREE_M:
+            break
+        out = radius if floor else -radius  # from inside an obstacle the way out leads past
+        x = wall.x_m + out * wall.normal_x
+        y = wall.y_m + out * wall.normal_y
+    else:
+        return None
+    moved2 = (x - x_m) ** 2 + (y - y_m) ** 2
+    if moved2 > 4.0 * radius * radius:
+        return None
+    stood = {tuple(row) for row in before.edges[:, :4].tolist()}
+    for row in after.edges[:, :4].tolist():
+        if tuple(row) in stood and _crosses((x_m, y_m), (x, y), row):
+            return None
+    return x, y
+
+
+def _crosses(a: tuple[float, float], b: tuple[float, float], edge: list[float]) -> bool:
+    """Whether the way from a to b passes through an edge (corner and vector)."""
+    px, py, ex, ey = edge
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    cross = dx * ey - dy * ex
+    if cross == 0.0:
+        return False
+    t = ((px - a[0]) * ey - (py - a[1]) * ex) / cross
+    u = ((px - a[0]) * dy - (py - a[1]) * dx) / cross
+    return 0.0 <= t <= 1.0 and 0.0 <= u <= 1.0

@@ -1,0 +1,193 @@
+"""The room as numbers: edges and corners in arrays, ray casts, distances to a point.
+
+Immutable and without state: what moves (the robot) asks it. Obstacles and outer walls are
+one set of edges; which side is floor only matters for corners and for the start check. A
+walker (a person's leg) is a disc beside them; a world with him elsewhere is another world
+that shares all its arrays, so it costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from bridge.floor_plan.floor_plan import check_robot_fits, contains, signed_area_m2
+from sim_device.world.ray_kernel import HIT_COSINE, HIT_RANGE, cast_beams, echo
+from sim_device.world.terrain import carpet_rows, threshold_rows
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from bridge.floor_plan.floor_plan import FloorPlan, Point
+    from bridge.motion.robot_model import RobotModel
+
+    Floats = NDArray[np.float64]
+
+_AT_ORIGIN = (0.0, 0.0, 0.0)
+
+
+class Nearest(NamedTuple):
+    """The point of the walls and obstacles closest to some place on the floor."""
+
+    distance_m: float
+    x_m: float
+    y_m: float
+    normal_x: float
+    """Unit vector from the wall's point to the place asked about; (0, 0) on the wall."""
+    normal_y: float
+
+
+class World:
+    """A floor plan, checked to hold the robot at its start.
+
+    Raises:
+        StartBlockedError: the start disc overlaps a wall or an obstacle, or stands in one.
+
+    """
+
+    def __init__(self, plan: FloorPlan, model: RobotModel, *, check_start: bool = True) -> None:
+        """Take the room and the robot's radius; see the class for errors.
+
+        Without ``check_start`` the start may be blocked: the robot is elsewhere by now.
+        """
+        self.plan = plan
+        self.radius_m = model.radius_m
+        pairs = [(a, b) for a, b in plan.edges() if a != b]
+        a = np.array([p for p, _ in pairs], dtype=np.float64)
+        e = np.array([q for _, q in pairs], dtype=np.float64) - a
+        inv_len2 = 1.0 / (e * e).sum(axis=1)
+        self.edges: Floats = np.ascontiguousarray(
+            np.column_stack([a, e, inv_len2, e * np.sqrt(inv_len2)[:, None]]),
+        )
+        """A row per edge as ``ray_kernel`` wants it; not to be changed."""
+        self.walker: Floats = np.zeros(3)
+        """The walker's centre and radius (m); the radius is 0 where nobody walks."""
+        self.carpets: Floats = carpet_rows(plan)
+        self.thresholds: Floats = threshold_rows(plan)
+        corners = [*_corners(plan.walls, floor_inside=True)]
+        for obstacle in plan.obstacles:
+            corners += _corners(obstacle, floor_inside=False)
+        self._corners: Floats = np.array(corners, dtype=np.float64).reshape(-1, 3)
+        self.corner_x_m, self.corner_y_m = self._corners[:, 0], self._corners[:, 1]
+        self.corner_juts = self._corners[:, 2] > 0.0
+        """Per corner: True where it juts into the floor (an obstacle's corner), False where
+        the floor ends in it (a room's corner)."""
+        if check_start:
+            check_robot_fits(plan, self.radius_m)
+
+    @property
+    def edge_count(self) -> int:
+        """Number of wall and obstacle edges."""
+        return len(self.edges)
+
+    def with_walker(self, x_m: float, y_m: float, radius_m: float) -> World:
+        """Give the same room with a round walker in it; radius 0 takes him out."""
+        made = copy.copy(self)
+        made.walker = np.array([x_m, y_m, radius_m])
+        return made
+
+    def is_floor(self, x_m: float, y_m: float) -> bool:
+        """Whether a point lies inside the walls and in no obstacle."""
+        return contains(self.plan.walls, x_m, y_m) and not any(
+            contains(o, x_m, y_m) for o in self.plan.obstacles
+        )
+
+    def nearest(self, x_m: float, y_m: float) -> Nearest:
+        """Find the wall point closest to (x, y), exact, over every edge."""
+        qx, qy, d2 = self._closest(x_m, y_m)
+        i = int(np.argmin(d2))
+        distance = float(np.sqrt(d2[i]))
+        wall_x, wall_y = float(qx[i]), float(qy[i])
+        if distance == 0.0:
+            return Nearest(0.0, wall_x, wall_y, 0.0, 0.0)
+        nx, ny = (x_m - wall_x) / distance, (y_m - wall_y) / distance
+        return Nearest(distance, wall_x, wall_y, nx, ny)
+
+    def clearance_m(self, x_m: float, y_m: float) -> float:
+        """Gap between the robot's disc centred at (x, y) and the nearest wall; < 0: overlap.
+
+        Only meaningful for a centre on the floor.
+        """
+        return self.nearest(x_m, y_m).distance_m - self.radius_m
+
+    def edges_near(self, x_m: float, y_m: float, within_m: float) -> list[int]:
+        """Indices of the edges with a point within ``within_m`` of (x, y)."""
+        _, _, d2 = self._closest(x_m, y_m)
+        near: list[int] = np.flatnonzero(d2 <= within_m * within_m).tolist()
+        return near
+
+    def cast_beams(self, pose: tuple[float, float, float], beams: Floats, hits: Floats) -> None:
+        """Cast beams fixed to a body at ``pose`` (x, y in metres, heading in radians).
+
+        Args:
+            pose: Of the body.
+            beams: Origin and unit direction in the body's frame; float64, ``(beams, 4)``.
+            hits: Filled per beam with range (m, ``inf``: nothing), cosine of the incidence
+                (1: square on) and edge index (-1: walker or nothing); float64, ``(beams, 3)``.
+
+        """
+        cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
+
+    def echo_m(self, pose: tuple[float, float, float], beams: Floats, ear: Floats) -> float:
+        """Distance to the nearest thing that echoes; ``inf``: none.
+
+        ``pose`` and ``beams`` are as for ``cast_beams``, ``ear`` is laid out by ``ray_kernel``.
+        """
+        x_m, y_m, theta_rad = pose
+        return echo(self.edges, self.walker, self._corners, x_m, y_m, theta_rad, beams, ear)
+
+    def cast(
+        self,
+        origin_x: Floats,
+        origin_y: Floats,
+        dir_x: Floats,
+        dir_y: Floats,
+    ) -> tuple[Floats, Floats]:
+        """Cast rays against every edge and the walker.
+
+        Args:
+            origin_x: Ray origins, metres, shape ``(rays,)``; so ``origin_y``.
+            origin_y: See ``origin_x``.
+            dir_x: Unit directions, shape ``(rays,)``; so ``dir_y``.
+            dir_y: See ``dir_x``.
+
+        Returns:
+            Range to the first hit in metres (``inf``: none) and the cosine of the angle
+            between ray and wall normal there (1: square on), each of shape ``(rays,)``.
+
+        """
+        hits = np.empty((len(origin_x), 3))
+        rays = np.ascontiguousarray(np.column_stack([origin_x, origin_y, dir_x, dir_y]))
+        self.cast_beams(_AT_ORIGIN, rays, hits)
+        return hits[:, HIT_RANGE], hits[:, HIT_COSINE]
+
+    def _closest(self, x_m: float, y_m: float) -> tuple[Floats, Floats, Floats]:
+        ax, ay, ex, ey, inv_len2 = self.edges.T[:5]
+        along = np.clip(((x_m - ax) * ex + (y_m - ay) * ey) * inv_len2, 0.0, 1.0)
+        qx, qy = ax + along * ex, ay + along * ey
+        return qx, qy, (x_m - qx) ** 2 + (y_m - qy) ** 2
+
+
+def _corners(
+    polygon: tuple[Point, ...],
+    *,
+    floor_inside: bool,
+) -> list[tuple[float, float, bool]]:
+    """Corners with whether each juts into the floor."""
+    if signed_area_m2(polygon) < 0.0:
+        polygon = polygon[::-1]
+    out: list[tuple[float, float, bool]] = []
+    for before, here, after in zip(
+        polygon[-1:] + polygon[:-1],
+        polygon,
+        polygon[1:] + polygon[:1],
+        strict=True,
+    ):
+        turn = (here[0] - before[0]) * (after[1] - here[1]) - (here[1] - before[1]) * (
+            after[0] - here[0]
+        )
+        if turn != 0.0:  # a corner of 180 degrees is no corner
+            out.append((here[0], here[1], (turn > 0.0) != floor_inside))
+    return out

@@ -1,0 +1,1 @@
+"""What the bring-up and calibration commands share."""

@@ -1,0 +1,204 @@
+"""What the bench commands share: the desk on a port, and the person at the terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import secrets
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
+
+from tools.cli.console import ask, say
+from tools.cli.signals import until_signalled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from bridge.bringup.desk import Desk
+    from bridge.bringup.desk_wire import Wire
+    from bridge.bringup.recorded import BenchRecords
+    from tools.cli.port_options import PortAsked
+
+_LONG_S = 1e6
+
+
+@contextlib.contextmanager
+def desk_on(asked: PortAsked, log: BenchLog | None = None, robot_toml: str = "") -> Iterator[Desk]:
+    """A desk on a port; Ctrl-C ends what it does, and it leaves the robot stopped.
+
+    With ``log`` everything that passes, and what the person is told, is recorded; ``robot_toml`` is
+    the robot file's text, which goes with it.
+
+    Raises:
+        PortError: the port cannot be opened, or nothing answers on it.
+        DisagreementError: the device speaks another protocol.
+        LogExistsError: the log exists, and is not to be replaced.
+        LogWriteError: it cannot be written.
+
+    """
+    from bridge.bringup.desk import Desk
+    from bridge.io.desk_wire import PortWire
+
+    key = asked.key
+    with contextlib.ExitStack() as stack:
+        wire = PortWire(asked.open())
+        stack.callback(wire.close)
+        records = None
+        if log is not None:
+            records = stack.enter_context(_recorded(wire, asked.name, log, robot_toml))
+        desk = Desk(
+            wire,
+            lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
+            node=asked.node,
+            key=key,
+            records=records,
+        )
+        with until_signalled(desk.interrupt), desk:
+            yield desk
+
+
+@dataclass(frozen=True, slots=True)
+class BenchLog:
+    """Where to record what is done at the bench."""
+
+    path: Path
+    force: bool
+    command: str
+    """What is done, for the log to say."""
+
+
+@contextlib.contextmanager
+def _recorded(wire: Wire, port: str, log: BenchLog, robot_toml: str) -> Iterator[BenchRecords]:
+    """Records of what passes over a wire, into a file of its own."""
+    from bridge.bringup.recorded import BenchRecords
+    from bridge.io import clock
+    from bridge.record.policy import RecordOptions, open_log
+    from bridge.record.recorder import ThreadedRecorder
+    from bridge.session.records import RunInfo
+    from tools.version import VERSION
+
+    offset_ns = clock.unix_offset_ns()
+    opened_ns = clock.now() + offset_ns
+    extra = {"command": log.command}
+    info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, robot_toml, None, extra)
+    # On a thread of its own: a disk that is slow must not keep a wheel turning.
+    recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
+    records = BenchRecords(wire, recorder, offset_ns)
+    try:
+        yield records
+    finally:
+        records.closed()
+        recorder.close(None)
+        say(f"recorded in {log.path}" if recorder.error is None else str(recorder.error))
+
+
+def log_options(f: Callable[..., object]) -> Callable[..., object]:
+    """``--log`` and ``--force``; the command gets one ``log: BenchLog | None``."""
+
+    @functools.wraps(f)
+    def gathered(**given: Any) -> object:  # noqa: ANN401 - click's values
+        path, force = given.pop("log"), given.pop("force")
+        command = click.get_current_context().command_path.partition(" ")[2]
+        return f(log=None if path is None else BenchLog(path, force, command), **given)
+
+    made = click.option("--force", is_flag=True, help="Replace files to write that exist.")(
+        gathered
+    )
+    return click.option(
+        "--log",
+        type=click.Path(dir_okay=False, path_type=Path),
+        help="Record what passes and what is found, as MCAP.",
+    )(made)
+
+
+class Terminal:
+    """The person at this terminal; the device is kept company while an answer is awaited."""
+
+    def __init__(self, desk: Desk, *, yes: bool = False, source: TextIO | None = None) -> None:
+        """With ``yes`` every confirmation is given beforehand."""
+        self._desk, self._yes = desk, yes
+        self._source = source or sys.stdin
+
+    def tell(self, text: str) -> None:
+        """Print a line."""
+        colour = None
+        if ": WRONG: " in text:
+            colour = "red"
+        elif ": ok: " in text:
+            colour = "green"
+        elif ": left out: " in text:
+            colour = "yellow"
+        self._desk.told(text)
+        say(text, style=colour)
+
+    def confirm(self, text: str) -> bool:
+        """Ask for a yes; the end of the input is a no."""
+        if self._yes:
+            self.tell(f"{text} yes (--yes)")
+            return True
+        while True:
+            said = self._line(f"{text} [y/n] ")
+            if said is None or said.lower() in {"n", "no"}:
+                return False
+            if said.lower() in {"y", "yes"}:
+                return True
+
+    def choose(self, text: str, answers: Mapping[str, str]) -> str:
+        """Ask for one of the keys; the end of the input is the last."""
+        self.tell(text)
+        for key, meaning in answers.items():
+            self.tell(f"  {key:3} {meaning}")
+        while True:
+            said = self._line("> ")
+            if said is None:
+                return list(answers)[-1]
+            if said.lower() in answers:
+                return said.lower()
+
+    def number(self, text: str) -> float:
+        """Ask for a number.
+
+        Raises:
+            click.UsageError: the input ended.
+
+        """
+        while True:
+            said = self._line(f"{text}: ")
+            if said is None:
+                raise click.UsageError(f"no answer to: {text}")
+            with contextlib.suppress(ValueError):
+                value = float(said)
+                if math.isfinite(value):
+                    return value
+
+    def _line(self, prompt: str) -> str | None:
+        """A line of input, stripped; None at its end. Time goes on for the device."""
+        ask(prompt)
+        answers: list[str] = []
+        done = threading.Event()
+
+        def read() -> None:
+            try:
+                answers.append(self._source.readline())
+            except (OSError, ValueError):  # the terminal went away
+                answers.append("")
+            done.set()
+
+        threading.Thread(target=read, name="answer", daemon=True).start()
+        self._desk.run(_LONG_S, done.is_set)
+        return answers[0].strip() if answers[0] else None
+
+
+def clear_stop_option(f: Callable[..., object]) -> Callable[..., object]:
+    """``--clear-stop``."""
+    return click.option(
+        "--clear-stop",
+        is_flag=True,
+        help="Also clear a stop that was latched for safety. Look first.",
+    )(f)

@@ -1,0 +1,78 @@
+"""What the shell offers for an argument: rooms, robot files, parameters, kinds of fault."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import click
+
+
+def complete_room(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Rooms that ship with the project, and room files."""
+    from tools.cli.rooms import shipped_rooms
+
+    return [*_beginning(shipped_rooms(), incomplete), *_files(incomplete, ".json")]
+
+
+def complete_robot(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Robot files."""
+    return _files(incomplete, ".toml")
+
+
+def complete_parameter(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Parameters of the reference firmware: a device is not asked for a key press."""
+    from bridge.motion.robot_model import RobotModel
+    from sim_device.device.parameters import table
+
+    return _beginning((each.name for each in table(RobotModel(), 1)), incomplete)
+
+
+def complete_fault(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Kinds of fault, which a fault's text begins with."""
+    from sim_device.faults.kinds import KINDS
+
+    return _beginning(KINDS, incomplete)
+
+
+def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
+    return [name for name in names if name.startswith(incomplete)]
+
+
+def _files(incomplete: str, suffix: str) -> list[str]:
+    """Files with this ending, and folders, that a path may go on with."""
+    folder, _, begun = incomplete.rpartition("/")
+    where = Path(f"{folder}/") if "/" in incomplete else Path()
+    head = f"{folder}/" if "/" in incomplete else ""
+    try:
+        entries = sorted(where.iterdir())
+    except OSError:
+        return []
+    found = []
+    for entry in entries:
+        if not entry.name.startswith(begun) or (entry.name.startswith(".") and not begun):
+            continue
+        if entry.suffix == suffix:
+            found.append(f"{head}{entry.name}")
+        elif entry.is_dir():
+            found.append(f"{head}{entry.name}/")
+    return found

@@ -1,0 +1,180 @@
+"""What people read: a summary as a table, progress, one-line messages.
+
+Every command writes through this module, and text from outside is made visible here: see
+``visible_text``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools.cli.output_queue import QueuedStream
+from tools.cli.visible_text import one_line, visible
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+_OUTCOME_STYLE = {"complete": "green", "stopped": "yellow", "timeout": "red", "fault": "red"}
+
+
+@cache
+def err() -> Console:
+    """Where people read; made, and its library imported, when there is something to read."""
+    from tools.cli.visible_console import VisibleConsole
+
+    return VisibleConsole(stderr=True)
+
+
+def plain_console() -> Console:
+    """Make a console on stdout."""
+    from tools.cli.visible_console import VisibleConsole
+
+    return VisibleConsole()
+
+
+def is_drawable() -> bool:
+    """Whether people read on a terminal where a picture can be drawn over an older one."""
+    return err().is_interactive
+
+
+def say(text: str, *, style: str | None = None) -> None:
+    """Print a line for people, on stderr."""
+    err().print(one_line(text), soft_wrap=True, style=style)
+
+
+def say_lines(text: str) -> None:
+    """Print several lines for people, on stderr."""
+    for line in text.splitlines():
+        say(line)
+
+
+def complain(text: str) -> None:
+    """Print an error in one line, on stderr."""
+    click.echo(f"{click.style('sweepctl:', fg='red', bold=True)} {one_line(text)}", err=True)
+
+
+def ask(text: str) -> None:
+    """Print a question on stderr; the answer is typed on the same line."""
+    sys.stderr.write(visible(text))
+    sys.stderr.flush()
+
+
+def send(sequence: str) -> None:
+    """Send a control sequence of our own to the terminal on stderr."""
+    sys.stderr.write(sequence)
+    sys.stderr.flush()
+
+
+def drop_queued() -> None:
+    """Drop what still waits for a terminal to take it, where output is queued."""
+    for stream in (err().file, plain_console().file):  # those below what Rich puts in their place
+        if isinstance(stream, QueuedStream) and stream.isatty():
+            stream.drop_queued()
+
+
+def write_line(*lines: str) -> None:
+    """Write lines on stdout, however long they are."""
+    sys.stdout.write("".join(f"{visible(line)}\n" for line in lines))
+
+
+def write_lines(text: str) -> None:
+    """Write text of several lines on stdout; tabs and line ends are its own."""
+    sys.stdout.write(visible(text, keep="\n\t"))
+
+
+def write_json(value: object) -> None:
+    """Write one JSON object in a line on stdout; it is ASCII, so nothing in it is left to hide."""
+    sys.stdout.write(json.dumps(value) + "\n")
+
+
+def flush() -> None:
+    """Let a program that reads stdout have what was written."""
+    sys.stdout.flush()
+
+
+def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
+    """Print a run's summary: one JSON object, or a table."""
+    if as_json:
+        write_json(summary)
+        flush()
+        return
+    plain_console().print(summary_table(summary))
+
+
+def summary_table(summary: dict[str, Any]) -> Table:
+    """The figures that people ask for first."""
+    from rich.table import Table
+    from rich.text import Text
+
+    coverage, wire = summary["coverage"], summary["wire"]
+    style = _OUTCOME_STYLE.get(summary["outcome"], "")
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="dim")
+    table.add_column(overflow="fold")  # the log's name is for copying
+    what = [one_line(str(summary[k])) for k in ("room", "planner") if summary[k] is not None]
+    if summary["seed"] is not None:
+        what.append(f"seed {summary['seed']}")
+    reason = one_line(str(summary["reason"]))
+    outcome = Text.assemble((str(summary["outcome"]), style), f" - {reason}")
+    rows: list[tuple[str, str | Text | None]] = [
+        ("run", ", ".join(what) or None),
+        ("outcome", outcome),
+        ("time", _with(summary["duration_s"], "{:.1f} s")),
+        ("path", _path(summary)),
+        ("swept by the mouth", _share(coverage, "mouth_sweepable", "of what it can reach")),
+        ("swept by the body", _share(coverage, "body_free", "of the floor (the paper's figure)")),
+        ("90 % / 99 % after", _pair(summary["t90_s"], summary["t99_s"], "{:.0f} s")),
+        ("largest hole", _with(summary["largest_hole_cm2"], "{:.0f} cm²")),
+        ("pose error, end / most", _pose_error(summary["pose_error_m"])),
+        ("collisions", _with(summary["collisions"], "{}")),
+        ("energy", _with(summary["energy_wh"], "{:.2f} Wh")),
+        (
+            "wire",
+            (
+                f"{wire['frames']['rx']} frames in, {wire['frames']['tx']} out, "
+                f"{wire['lost']} lost, {wire['crc_errors']} damaged, "
+                f"{(wire['bytes']['rx'] + wire['bytes']['tx']) / 1024:.0f} KiB"
+            ),
+        ),
+        ("log", summary["log"]),
+    ]
+    for name, value in rows:
+        if value is not None:
+            # Rooms and reasons are others' words: no markup.
+            table.add_row(name, Text(value) if isinstance(value, str) else value)
+    return table
+
+
+def _with(value: float | None, form: str) -> str | None:
+    return None if value is None else form.format(value)
+
+
+def _share(coverage: dict[str, float | None], key: str, text: str) -> str | None:
+    value = coverage[key]
+    return None if value is None else f"{100 * value:.2f} % {text}"
+
+
+def _pair(first: float | None, second: float | None, form: str) -> str | None:
+    if first is None and second is None:
+        return None
+    return " / ".join("never" if v is None else form.format(v) for v in (first, second))
+
+
+def _path(summary: dict[str, Any]) -> str | None:
+    if summary["path_m"] is None:
+        return None
+    turns = "" if summary["turns"] is None else f", {summary['turns']} turns"
+    return f"{summary['path_m']:.1f} m{turns}"
+
+
+def _pose_error(error: dict[str, float | None]) -> str | None:
+    if error["end"] is None or error["max"] is None:
+        return None
+    return f"{1000 * error['end']:.0f} / {1000 * error['max']:.0f} mm"

@@ -1,0 +1,93 @@
+"""The port that a bench command is asked to open."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools.cli import options
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from bridge.io.ports import BytePort
+
+
+@dataclass(frozen=True, slots=True)
+class PortAsked:
+    """A port as a command line names it."""
+
+    name: str
+    node: int | None
+    how: dict[str, Any]
+    """Keywords of ``bridge.io.reopening.PortOptions`` and of ``bridge.open``."""
+    key_file: Path | None = None
+
+    @property
+    def key(self) -> bytes | None:
+        """What motion and changes are signed with; None: they are not.
+
+        Raises:
+            ConfigError: the file cannot be read or holds no key.
+
+        """
+        from tools.cli.keyfile import read_key
+
+        return read_key(self.key_file)
+
+    def open(self) -> BytePort:
+        """Open it.
+
+        Raises:
+            PortBusyError: another program has it.
+            PortError: it does not exist, may not be opened, or is no port.
+
+        """
+        from bridge.io.reopening import Opener, PortOptions
+
+        return Opener(self.name, PortOptions(**self.how))()
+
+
+def port_options(f: Callable[..., object]) -> Callable[..., object]:
+    """``PORT`` and how to open it; the command gets one ``port: PortAsked``."""
+
+    def gathered(**given: Any) -> object:  # noqa: ANN401 - click's values
+        name, node, key_file = given.pop("port"), given.pop("node"), given.pop("key_file", None)
+        how = {key: given.pop(key) for key in ("baud", "bitrate", "lan", "dtr", "rts")}
+        return f(port=PortAsked(name, node, how, key_file), **given)
+
+    made = options.port_options(functools.update_wrapper(gathered, f))
+    return port_argument(made)
+
+
+def keyed_port_options(f: Callable[..., object]) -> Callable[..., object]:
+    """The same with ``--key-file``, for commands that move the robot or change it."""
+    return port_options(options.key_option(f))
+
+
+def port_argument(f: Callable[..., object]) -> Callable[..., object]:
+    """``PORT``, completed by the shell."""
+    return click.argument("port", shell_complete=complete_port)(f)
+
+
+def complete_port(
+    ctx: click.Context,  # noqa: ARG001 - click's interface
+    param: click.Parameter,  # noqa: ARG001 - click's interface
+    incomplete: str,
+) -> list[str]:
+    """Ports that are there, for the shell: serial devices by their lasting names first."""
+    from pathlib import Path
+
+    folders = (
+        (Path("/dev/serial/by-id"), "*"),
+        (Path("/dev"), "sweeper*"),
+        (Path("/dev"), "ttyUSB*"),
+        (Path("/dev"), "ttyACM*"),
+    )
+    found = [str(path) for folder, form in folders for path in sorted(folder.glob(form))]
+    found += ["socket://", "rfc2217://", "can:socketcan:can0", "can:slcan:/dev/ttyACM0"]
+    return [name for name in found if name.startswith(incomplete)]

@@ -1,0 +1,112 @@
+"""Options of recording and live viewing, for the commands that do."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tools.cli import options
+from tools.cli.console import say
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from bridge.record.policy import RecordOptions
+
+_MB = 1_000_000
+
+
+def recording_options(f: Callable[..., object]) -> Callable[..., object]:
+    """``--fsync``, ``--rotate-mb``, ``--rotate-s`` and ``--on-log-error``."""
+    f = click.option(
+        "--on-log-error",
+        type=click.Choice(["stop", "continue"]),
+        default="stop",
+        show_default=True,
+        help="When the log can no longer be written, as on a full disk: stop the robot, or go on.",
+    )(f)
+    f = click.option(
+        "--rotate-s",
+        type=options.Number(1.0, 1e6),
+        help="Begin another log file after this many seconds.",
+    )(f)
+    f = click.option(
+        "--rotate-mb",
+        type=click.FloatRange(0.1, 1e6),
+        help="Begin another log file at this size (10^6 bytes): NAME-0002.mcap and so on.",
+    )(f)
+    return click.option(
+        "--fsync",
+        is_flag=True,
+        help="Write through to the disk: a loss of power, too, costs half a second at most.",
+    )(f)
+
+
+def viewing_options(f: Callable[..., object]) -> Callable[..., object]:
+    """``--view`` and ``--serve``."""
+    f = click.option(
+        "--serve",
+        is_flag=True,
+        help="Serve the live picture to a browser on this machine, instead of a window.",
+    )(f)
+    return click.option("--view", is_flag=True, help="Show the run live in Rerun.")(f)
+
+
+def record_options(
+    *, fsync: bool, rotate_mb: float | None, rotate_s: float | None, on_log_error: str
+) -> RecordOptions:
+    """What was asked for."""
+    from bridge.record.policy import RecordOptions
+
+    size = None if rotate_mb is None else round(rotate_mb * _MB)
+    return RecordOptions(fsync, size, rotate_s, on_log_error == "stop")
+
+
+def take_record_options(given: dict[str, Any]) -> RecordOptions:
+    """The same, out of a command's other options."""
+    names = ("fsync", "rotate_mb", "rotate_s", "on_log_error")
+    return record_options(**{name: given.pop(name) for name in names})
+
+
+@contextlib.contextmanager
+def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
+    """Rerun beside a run, where it was asked for; it is left alone then.
+
+    Gives the page to open in a browser, where it is served.
+
+    Raises:
+        ViewerMissingError: Rerun is not installed.
+        NoDisplayError: a window is wanted and there is no display.
+        ViewerFailedError: it did not start.
+
+    """
+    if not view and not serve:
+        yield ""
+        return
+    from bridge.view.rerun.live import LiveViewer
+
+    viewer = LiveViewer(log, serve=serve)
+    try:
+        viewer.wait_started()
+        if viewer.page:
+            say(f"the live picture is at {viewer.page}")
+        yield viewer.page
+    finally:
+        viewer.close()
+
+
+def check_view(*, view: bool, serve: bool) -> None:
+    """Complain of a viewer that cannot be started before a robot is spoken to.
+
+    Raises:
+        ViewerMissingError: Rerun is not installed.
+        NoDisplayError: a window is wanted and there is no display.
+
+    """
+    if view or serve:
+        from bridge.view.rerun.live import check
+
+        check(serve=serve)

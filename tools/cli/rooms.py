@@ -1,0 +1,49 @@
+"""Floor plans by path or by the name of one that ships with the project."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from bridge.floor_plan.floor_plan import MAX_FILE_BYTES, FloorPlan, FloorPlanError, parse_floorplan
+from tools.cli.paths import is_there
+
+
+def shipped_rooms() -> list[str]:
+    """Names of the floor plans that ship with the project."""
+    folder = resources.files("sim_device") / "rooms"
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".json"))
+
+
+def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
+    """Read a room file, or a shipped one by its name.
+
+    With ``radius_m`` a robot of this radius must fit at the start.
+
+    Raises:
+        FloorPlanError: no such room, or the file cannot be used; the text names it.
+
+    """
+    path = Path(room)
+    if room in shipped_rooms() and not is_there(path):
+        text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
+        return parse_floorplan(text, default_name=room, radius_m=radius_m)
+    try:
+        with path.open("rb") as file:  # not by its size: a device file says 0
+            content = file.read(MAX_FILE_BYTES + 1)
+        if len(content) > MAX_FILE_BYTES:
+            raise FloorPlanError(f"room {room} is larger than {MAX_FILE_BYTES} bytes")
+        text = content.decode()
+    except FileNotFoundError:
+        names = ", ".join(shipped_rooms())
+        raise FloorPlanError(f"no room {room!r}: neither a file nor one of {names}") from None
+    except OSError as error:
+        raise FloorPlanError(f"cannot read room {room}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise FloorPlanError(f"room {room} is not UTF-8 text") from None
+    except ValueError as error:  # a zero byte in its name
+        raise FloorPlanError(f"cannot read room {room!r}: {error}") from None
+    try:
+        return parse_floorplan(text, default_name=path.stem, radius_m=radius_m)
+    except (ValueError, OverflowError) as error:  # also a number of hundreds of digits
+        raise FloorPlanError(f"room {room}: {error}") from None

@@ -1,0 +1,1 @@
+"""Tools for developers: generated pages, sizes, the demo."""

@@ -1,0 +1,132 @@
+"""What the firmware takes of its chips: flash, RAM, stack. ``make firmware`` prints it.
+
+    python -m tools.dev.firmware_report BUILD
+
+BUILD is the folder into which ``sim_device/firmware/board.mk`` has built both boards.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+from tools.cli.console import say, write_line
+from tools.dev.firmware_stack import Calls, UnboundedStackError, bound
+
+KIB = 1024
+_LINE = ("usart1_handler", "dma2_stream2_handler", "dma2_stream7_handler", "can1_rx0_handler")
+_IMU = ("i2c1_event_handler", "i2c1_error_handler", "dma1_stream0_handler", "exti9_5_handler")
+_MILLISECOND = ("systick_handler",)
+
+
+class Board(NamedTuple):
+    """A board's memories in bytes, and its interrupts by priority."""
+
+    chip: str
+    flash: int
+    ram: int
+    levels: dict[int, tuple[str, ...]]
+
+
+BOARDS = {
+    "board_f429": Board(
+        "STM32F429IGT6",
+        512 * KIB,  # the first bank: the second holds the parameters
+        192 * KIB,
+        {2: _LINE, 4: _IMU, 5: ("tim5_handler",), 6: ("flash_handler",), 8: _MILLISECOND},
+    ),
+    "board_f405_qemu": Board(
+        "STM32F405 (QEMU)",
+        1024 * KIB,
+        128 * KIB,
+        {4: ("usart1_handler", "usart2_handler"), 8: _MILLISECOND},
+    ),
+}
+
+
+class Taken(NamedTuple):
+    """What one board's program takes, in bytes."""
+
+    flash: int
+    ram: int
+    """Variables, the stack's reserve aside."""
+    stack: int
+    """The most that it can use."""
+    reserve: int
+    """What the linker sets aside for it."""
+    deepest: list[str]
+
+
+def taken(build: Path, name: str, cross: str = "arm-none-eabi-") -> Taken:
+    """Read it from a build.
+
+    Raises:
+        UnboundedStackError: the stack has no bound.
+        OSError: no compiler, or no such build.
+        subprocess.CalledProcessError: what is there is no build.
+
+    """
+    elf = build / f"{name}.elf"
+    sections = {
+        parts[0]: int(parts[1])
+        for line in _output(f"{cross}size", "-A", str(elf)).splitlines()
+        if len(parts := line.split()) == 3 and parts[1].isdigit()  # noqa: PLR2004 - name, size, place
+    }
+    calls = Calls()
+    for path in sorted((build / f"{name}.o").rglob("*.ci")):
+        calls.read_graph(path.read_text(encoding="utf-8"))
+    calls.read_disassembly(_output(f"{cross}objdump", "-d", str(elf)).splitlines())
+    levels = BOARDS[name].levels
+    flash = sum(sections.get(s, 0) for s in (".vectors", ".text", ".rodata", ".ARM.exidx", ".data"))
+    return Taken(
+        flash,
+        sections.get(".data", 0) + sections.get(".bss", 0),
+        bound(calls, "reset_handler", levels),
+        sections[".stack"],
+        calls.deepest("reset_handler")[1],
+    )
+
+
+def _output(*command: str) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours
+    return done.stdout
+
+
+def main(arguments: list[str]) -> int:
+    """Print the table; 1 where a stack may outgrow its reserve, 2 where there is no build."""
+    if len(arguments) != 1:
+        say("usage: python -m tools.dev.firmware_report BUILD")
+        return 2
+    build = Path(arguments[0])
+    worst = 0
+    row = "{:<18} {:>15} {:>16} {:>20}"
+    write_line(row.format("", "flash", "RAM", "stack, of reserve"))
+    for name, board in BOARDS.items():
+        try:
+            took = taken(build, name)
+        except (OSError, subprocess.CalledProcessError) as error:
+            say(f"{build} holds no build of {name}, or no compiler: {error}")
+            return 2
+        except UnboundedStackError as error:
+            say(f"{name}: the stack has no bound: {error}")
+            return 1
+        ram = took.ram + took.reserve
+        write_line(
+            row.format(
+                board.chip,
+                f"{took.flash} B {100 * took.flash / board.flash:4.1f} %",
+                f"{ram} B {100 * ram / board.ram:4.1f} %",
+                f"{took.stack} of {took.reserve} B",
+            )
+        )
+        write_line(f"  deepest: {' > '.join(took.deepest)}")
+        worst = max(worst, took.stack - took.reserve)
+    if worst > 0:
+        say(f"a stack may outgrow its reserve by {worst} B")
+    return int(worst > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

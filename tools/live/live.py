@@ -1,0 +1,235 @@
+"""The live picture of a run: state, pose and map, sensors, wire, planner and events.
+
+On a terminal it takes the whole screen and gives it back at the end; elsewhere each event is a
+plain line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections import deque
+from typing import TYPE_CHECKING
+
+from rich.console import Group
+from rich.layout import Layout
+from rich.live import Live
+from rich.panel import Panel
+from rich.segment import Segments
+from rich.text import Text
+
+from bridge.io import clock
+from bridge.run.crash import described
+from bridge.session.records import EventRecord, IdentityRecord, LogRecord, Severity
+from bridge.session.states import State
+from tools.cli.console import drop_queued, err, say
+from tools.cli.visible_text import one_line
+from tools.live.heading import RunFacts, heading
+from tools.live.map import legend, swept_picture
+from tools.live.tables import (
+    Rates,
+    compact_table,
+    planner_table,
+    sensor_table,
+    state_table,
+    wire_table,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rich.console import Console, ConsoleOptions, RenderResult
+
+    from bridge.record.sink import Sink
+    from bridge.run.snapshot import Snapshot
+    from bridge.session.records import Record
+    from tools.live.operating import Operating
+
+_STYLES = {
+    Severity.DEBUG: "dim",
+    Severity.INFO: "",
+    Severity.WARNING: "yellow",
+    Severity.ERROR: "red",
+}
+_KEPT_EVENTS = 200
+_STATUS_NS = 5_000_000_000
+"""Time between plain lines about the state of the run, nanoseconds."""
+_NARROW, _LOW, _LOWEST, _FOOTER = 110, 22, 15, 2
+"""Columns and rows below which one small table tells what matters most."""
+_COLUMN, _TABLE, _LEAST_MAP = 44, 46, 10
+_LEAST_ROWS = 6
+"""Rows of the map below which its legend is left out."""
+_TALL = 24
+"""Rows from which three lines, and not two, may hold port, time, coverage, log and viewer."""
+
+
+class Teller:
+    """Passes every record on, and tells people what matters as it happens."""
+
+    def __init__(self, sink: Sink, *, plain: bool) -> None:
+        """With ``plain`` each line is printed; else the last are kept for the picture."""
+        self._sink = sink
+        self._plain = plain
+        self._first_ns: int | None = None
+        self._status_ns = 0
+        self.status: Callable[[], str] | None = None
+        """Gives a line about the state of the run, which ``plain`` prints every few seconds."""
+        self.on_agreed: Callable[[], None] = lambda: None
+        """Called when the session has agreed with a device; again after each loss."""
+        self.lines: deque[tuple[Severity, str]] = deque(maxlen=_KEPT_EVENTS)
+
+    def write(self, record: Record) -> None:
+        """Take one record."""
+        self._sink.write(record)
+        if self._first_ns is None:
+            self._first_ns = self._status_ns = record.log_ns
+        if isinstance(record, EventRecord):
+            if record.severity is not Severity.DEBUG and not _ends_run(record):
+                self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
+        elif isinstance(record, LogRecord):
+            self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
+        elif isinstance(record, IdentityRecord):
+            self.on_agreed()
+        if self._plain and self.status and record.log_ns - self._status_ns >= _STATUS_NS:
+            self._status_ns = record.log_ns
+            self._tell(record.log_ns, Severity.INFO, self.status())
+
+    def close(self, summary: object = None) -> None:
+        """The sink is closed by whoever opened it."""
+
+    def _tell(self, log_ns: int, severity: Severity, text: str) -> None:
+        line = f"{(log_ns - (self._first_ns or 0)) / 1e9:8.2f}  {one_line(text)}"
+        if self._plain:
+            with contextlib.suppress(OSError):  # the reader has left; the run goes on
+                say(line, style=_STYLES[severity])
+            return
+        self.lines.append((severity, line))
+
+
+def _ends_run(event: EventRecord) -> bool:
+    """Whether an event is a failure of the session, whose text is the run's last line."""
+    return event.source == "session" and (
+        event.kind == State.FAILED.value or event.severity is Severity.ERROR
+    )
+
+
+class LivePicture:
+    """Draws a robot and its run three times a second, from its own thread."""
+
+    def __init__(
+        self,
+        look: Callable[[], Snapshot],
+        teller: Teller,
+        operating: Operating | None = None,
+        facts: RunFacts | None = None,
+    ) -> None:
+        """Draws nothing before :meth:`start`; ``look`` gives what is known of the robot now."""
+        self._look = look
+        self._facts = facts or RunFacts()
+        self._teller = teller
+        self._operating = operating
+        self._rates = Rates(look)
+        self._trail: deque[tuple[float, float]] = deque(maxlen=2000)
+        self._live = Live(self, console=err(), refresh_per_second=3, screen=True)
+
+    def start(self) -> None:
+        """Begin to draw."""
+        self._facts.began_ns = clock.now()
+        self._live.start()
+
+    def stop(self) -> None:
+        """Take the picture away."""
+        drop_queued()  # older pictures: what gives the terminal back must find room
+        self._live.stop()
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """What is drawn now."""
+        width, height = options.max_width, options.height or console.height
+        try:
+            self._rates.look(clock.now())
+            # Drawn here, not by whom it is given to, whose thread an exception would end.
+            drawn = list(console.render(self.layout(width, height), options))
+        except Exception as error:  # noqa: BLE001 - the thread that draws must go on
+            yield Text(f"this picture cannot be drawn: {one_line(described(error))}", "red")
+        else:
+            yield Segments(drawn)
+
+    def layout(self, width: int, height: int, now_ns: int | None = None) -> Layout:
+        """Everything, in so many columns and rows, at a time of the host (now)."""
+        host = self._look()
+        pose = host.estimator.pose
+        if not self._trail or math.dist(self._trail[-1], pose[:2]) > 0.005:  # noqa: PLR2004 - metres
+            self._trail.append((pose.x_m, pose.y_m))
+        # In a low window the robot and the keys stay, and the last line of all is theirs.
+        facts, now_ns = self._facts, clock.now() if now_ns is None else now_ns
+        heads = 0 if height < _LOWEST else 2 if height < _TALL else 3
+        top = heading(facts, host.swept.swept_m2, now_ns, width, heads) if heads else Text()
+        heads = len(top.plain.splitlines()) if heads else 0
+        events = max(4, min(10, height // 4)) if height >= _LOWEST else 0
+        body = max(8, height - heads - events - 3) if events else max(1, height - _FOOTER)
+        wide = width >= _NARROW
+        columns = Layout()
+        if wide and body >= _LOW:
+            self._three(host, columns, width, body, now_ns / 1e9)
+        else:
+            table = Panel(
+                compact_table(host, self._rates, now_ns / 1e9), title="robot", title_align="left"
+            )
+            map_width = width - _TABLE
+            if map_width < _LEAST_MAP:
+                columns.update(table)
+            else:
+                columns.split_row(
+                    Layout(table, size=_TABLE), Layout(self._map(host, map_width, body))
+                )
+        page = Layout()
+        happened = Layout(Panel(self._events(events - 2), title="events", title_align="left"))
+        page.split_column(
+            *([Layout(top, size=heads)] if heads else []),
+            Layout(columns, size=body),
+            *([happened] if events else []),
+            Layout(self._footer(width), size=_FOOTER),
+        )
+        return page
+
+    def _map(self, host: Snapshot, width: int, height: int) -> Panel:
+        """The map in a frame that has its legend."""
+        plan, inside = self._facts.plan, width - 4
+        shown = legend(plan, inside - 2)
+        below = shown if len(shown) > 1 else []
+        rows = max(1, height - 2 - len(below))
+        picture = swept_picture(host, inside, max(2, 2 * rows), self._trail, plan)
+        subtitle = None if below else shown[0]
+        content = Group(picture, *below) if rows >= _LEAST_ROWS else picture
+        return Panel(content, title="map", title_align="left", subtitle=subtitle)
+
+    def _three(self, host: Snapshot, columns: Layout, width: int, body: int, now_s: float) -> None:
+        """Two columns of tables with the map between them."""
+        map_width = max(20, width - 2 * _COLUMN)
+        left = Group(
+            Panel(state_table(host, now_s), title="robot", title_align="left"),
+            Panel(sensor_table(host, now_s), title="sensors", title_align="left"),
+        )
+        right = Group(
+            Panel(planner_table(host, self._facts.planner), title="planner", title_align="left"),
+            Panel(wire_table(host, self._rates), title="wire", title_align="left"),
+        )
+        columns.split_row(
+            Layout(left, size=_COLUMN),
+            Layout(self._map(host, map_width, body)),
+            Layout(right, size=_COLUMN),
+        )
+
+    def _events(self, count: int) -> Text:
+        text = Text(no_wrap=True, overflow="ellipsis")
+        for severity, line in list(self._teller.lines)[-max(1, count) :]:
+            text.append(line + "\n", style=_STYLES[severity])
+        return text
+
+    def _footer(self, width: int) -> Text:
+        if self._operating is None:
+            return Text("Ctrl-C: end", style="dim")
+        text = Text(no_wrap=True, overflow="ellipsis")
+        text.append(self._operating.note + "\n", style="bold")
+        text.append(self._operating.help(width), style="dim")
+        return text

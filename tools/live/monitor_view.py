@@ -1,0 +1,296 @@
+"""What ``sweepctl monitor`` shows: lines, JSON, or a table that is kept up to date."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import TYPE_CHECKING, Any, Self
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from protocol.values import Contact, flag_labels
+from tools.cli.console import drop_queued, flush, plain_console, say, write_json, write_line
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from bridge.session.monitor import Monitor, Seen
+    from protocol.clock import HostNs
+
+_REDRAW_NS = 250_000_000
+_RATES_NS = 1_000_000_000
+_SHOWN_BYTES = 32
+
+
+class Nothing:
+    """Shows nothing; the others are made from it."""
+
+    def show(self, seen: Seen) -> None:
+        """Take one message, or what was none."""
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
+        """Look at rates and time; called at least ten times a second."""
+
+    def sum_up(self, monitor: Monitor) -> None:
+        """Say at the end what came of it."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Give the terminal back."""
+
+
+class TextLines(Nothing):
+    """A line for each message on stdout, rates once a second on stderr."""
+
+    def __init__(self, *, raw: bool) -> None:
+        """With ``raw``, payloads in hex too."""
+        self._raw = raw
+        self._rates_ns = 0
+        self._start_ns: int | None = None
+        self._warned: set[int] = set()
+
+    def show(self, seen: Seen) -> None:
+        """Print it."""
+        if self._start_ns is None:
+            self._start_ns = seen.host_ns
+        since_s = (seen.host_ns - self._start_ns) / 1e9
+        if seen.kind == "message":
+            stamp_s = seen.t_us / 1e6
+            arrow = ">" if seen.direction == "host" else "<"
+            line = f"{since_s:9.3f} {arrow} {seen.node:2d} {stamp_s:12.6f} {seen.name} {seen.text}"
+            if self._raw:
+                line += f"  [{seen.raw.hex(' ')}]"
+        else:
+            line = f"{since_s:9.3f} ! {seen.kind}: {seen.text}: {seen.raw.hex(' ')}"
+        write_line(line)
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
+        """Push out what was printed, and say the rates."""
+        flush()
+        for node, value in monitor.strangers.items():
+            if node not in self._warned:
+                self._warned.add(node)
+                say(_stranger(node, value))
+        if now_ns - self._rates_ns >= _RATES_NS:
+            if self._rates_ns:
+                say(_rates(monitor))
+            self._rates_ns = now_ns
+
+    def sum_up(self, monitor: Monitor) -> None:
+        """Say the totals."""
+        say(_totals(monitor))
+
+
+class JsonLines(Nothing):
+    """A JSON object for each message on stdout."""
+
+    def __init__(self, *, raw: bool) -> None:
+        """With ``raw``, payloads in hex too."""
+        self._raw = raw
+
+    def show(self, seen: Seen) -> None:
+        """Print it."""
+        found = {
+            "host_s": seen.host_ns / 1e9,
+            "kind": seen.kind,
+            "name": seen.name,
+            "node": seen.node,
+            "from": seen.direction or None,
+            "t_us": seen.t_us,
+            "fields": seen.fields,
+        }
+        if self._raw or seen.kind != "message":
+            found["raw"] = seen.raw.hex()
+        write_json(found)
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - of every view
+        """Push out what was printed."""
+        flush()
+
+    def sum_up(self, monitor: Monitor) -> None:
+        """Say the totals."""
+        say(_totals(monitor))
+
+
+class Table(Nothing):
+    """Each type's rate and newest content, and the newest broken bytes, on a terminal."""
+
+    def __init__(self, monitor: Monitor, port: str, types: tuple[str, ...]) -> None:
+        """Nothing is drawn before it is entered."""
+        self._monitor, self._port, self._types = monitor, port, types
+        self._drawn_ns = 0
+        self._console = plain_console()
+        self._live = Live(
+            self.picture(self._console), console=self._console, auto_refresh=False, screen=False
+        )
+
+    def picture(self, console: Console) -> Group:
+        """The table as it is now; in a low window a line for each type, cut at its end."""
+        whole = self._picture(is_low=False)
+        if len(console.render_lines(whole)) <= console.height:
+            return whole
+        return self._picture(is_low=True)
+
+    def _picture(self, *, is_low: bool) -> Group:
+        monitor = self._monitor
+        title = Text(f"{self._port} - listening, nothing is sent", "italic")
+        table = RichTable(title=title, title_justify="left")
+        if is_low:
+            table.box, table.pad_edge, table.expand = None, False, True
+        # What is cut in a narrow window is the content, never a name or a number.
+        names = max(map(len, monitor.types), default=0)
+        table.add_column("message", style="cyan", no_wrap=True, min_width=names)
+        table.add_column("from", style="dim", no_wrap=True, min_width=6)
+        table.add_column("Hz", justify="right", no_wrap=True, min_width=5)
+        table.add_column("count", justify="right", no_wrap=True, min_width=5)
+        table.add_column("newest", no_wrap=is_low, ratio=1 if is_low else None)
+        rates = monitor.rates_hz()
+        for name, count in sorted(monitor.types.items()):
+            if (self._types and name not in self._types) or count.newest is None:
+                continue
+            newest = count.newest
+            table.add_row(
+                name, newest.direction, f"{rates[name]:.1f}", str(count.count), Text(newest.text)
+            )
+        parts: list[RichTable | Text] = [table, Text(_totals(monitor), style="dim")]
+        parts += [Text(_stranger(n, h), style="yellow") for n, h in monitor.strangers.items()]
+        bad = monitor.newest_damage
+        if bad is not None:
+            more = "…" if len(bad.raw) > _SHOWN_BYTES else ""
+            shown = bad.raw[:_SHOWN_BYTES].hex(" ")
+            text = f"newest bad: {bad.text}: {shown}{more}"
+            told = Text(text, style="red", no_wrap=is_low)
+            told.overflow = "ellipsis" if is_low else "fold"
+            parts.append(told)
+        parts.append(Text("Ctrl-C: end", style="dim"))
+        return Group(*parts)
+
+    def tick(self, monitor: Monitor, now_ns: HostNs) -> None:  # noqa: ARG002 - of every view
+        """Draw anew, four times a second."""
+        if now_ns - self._drawn_ns >= _REDRAW_NS:
+            self._drawn_ns = now_ns
+            self._live.update(self.picture(self._console), refresh=True)
+
+    def __enter__(self) -> Self:
+        """Take the terminal."""
+        self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the last picture on it."""
+        drop_queued()  # older tables
+        with contextlib.suppress(OSError):
+            self._live.update(self.picture(self._console), refresh=True)
+            self._live.stop()
+
+
+class OwnerTable:
+    """What the process that owns a port knows of its robot, redrawn in place on a terminal."""
+
+    def __init__(self, port: str) -> None:
+        """Nothing is drawn before it is entered."""
+        self._port = port
+        self._console = plain_console()
+        self._known: dict[str, Any] | None = None
+        self._live = Live(self, console=self._console, auto_refresh=False, screen=False)
+
+    def show(self, known: dict[str, Any]) -> None:
+        """Draw anew."""
+        self._known = known
+        self._live.refresh()
+
+    def __rich__(self) -> Group:
+        """The table as it is now."""
+        title = Text(f"{self._port} - what another sweepctl knows of it", "italic")
+        table = RichTable(title=title, title_justify="left", show_header=False)
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column(no_wrap=True, overflow="ellipsis")
+        for name, value in [] if self._known is None else owner_rows(self._known):
+            table.add_row(name, Text(value))
+        return Group(table, Text("Ctrl-C: end", style="dim"))
+
+    def __enter__(self) -> Self:
+        """Take the terminal."""
+        self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the last picture on it."""
+        drop_queued()  # older tables
+        with contextlib.suppress(OSError):
+            self._live.refresh()
+            self._live.stop()
+
+
+def owner_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
+    """An owner's snapshot as names and values; a dash for what is not known."""
+    pose, ranges, imu, power = known["pose"], known["range"], known["imu"], known["power"]
+    is_ready = known["session"] == "ready"
+    degrees = math.degrees(pose["theta_rad"])
+    speed = f"{known['v_m_s']:+.2f} m/s {math.degrees(known['yaw_rate_rad_s']):+.0f}°/s"
+    faults = known["faults"]
+    rows = [
+        ("session", f"{known['session']}, run {known['run']}"),
+        ("device", "-" if known["device"] is None else str(known["device"]["firmware"])),
+        ("mode", known["mode"] or "-"),
+        ("stop", known["stop"] or "-"),
+        ("faults", "-" if faults is None else ", ".join(faults) or "none"),
+        ("pose", f"{pose['x_m']:+.3f} m {pose['y_m']:+.3f} m {degrees:+.0f}°"),
+        ("speed", f"{speed if is_ready else '-'}, path {known['path_m']:.1f} m"),
+        ("planner", known["planner"] or "-"),
+    ]
+    if ranges is None:
+        rows.append(("ranges", "-"))
+    else:
+        seen = [ranges[k] for k in ("ultrasonic_m", "infrared_left_m", "infrared_right_m")]
+        front, left, right = ("-" if r is None else f"{r:.2f} m" for r in seen)
+        touched = ", ".join(flag_labels(Contact, ranges["contacts"])) or "no contact"
+        rows.append(("ranges", f"front {front}, left {left}, right {right}, {touched}"))
+    gyro = "-" if imu is None else f"{math.degrees(imu['gyro_rad_s'][2]):+.2f} °/s"
+    rows.append(("gyro z", gyro))
+    rows.append(("battery", "-" if power is None else f"{power['battery_v']:.2f} V"))
+    wire = known["wire"]
+    frames = wire["frames"]["rx"]
+    rows.append(("wire", f"{frames} in, {wire['lost']} lost, {wire['crc_errors']} damaged"))
+    return rows
+
+
+def _rates(monitor: Monitor) -> str:
+    rates = monitor.rates_hz()
+    found = ", ".join(f"{name} {rate:.1f}" for name, rate in sorted(rates.items()) if rate)
+    return f"rates (Hz): {found or 'nothing comes'}"
+
+
+def _totals(monitor: Monitor) -> str:
+    frames = sum(count.count for count in monitor.types.values())
+    return (
+        f"{frames} messages, {monitor.bytes} B, {monitor.damaged} damaged, "
+        f"{monitor.rejected} unusable, {monitor.lost} lost"
+    )
+
+
+def _stranger(node: int, value: int) -> str:
+    return (
+        f"node {node} declares other messages than this version (catalogue {value:08x}): "
+        "fields may be misread; `sweepctl connect` says which differ"
+    )

@@ -1,0 +1,263 @@
+"""Keys of a live run: start, pause, stop, drive by hand, mark."""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import TYPE_CHECKING
+
+from bridge.io import clock
+from bridge.run.dead_man import DIRECTIONS, DeadMan
+from bridge.run.manual import Hand, Operator
+from bridge.run.mission import Ending, Phase
+from bridge.run.onboard_mission import OnboardMission
+from bridge.run.refusals import refusal
+from bridge.session.records import Severity
+from protocol.messages import PlannerCommand
+from protocol.values import PlannerAction, PlannerPhase, StopCause, label
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bridge.api.pump import Pump
+    from bridge.run.host import Host
+    from protocol.commands import Outcome
+    from tools.live.terminal_keys import Key
+
+TWICE_NS = 4_000_000_000
+"""Within this a key that lets the robot move must be pressed again."""
+_STOP = {"space", "s"}
+_KEYS = (
+    "space s: STOP   g: start plan   p: pause   d: drive by hand   m: mark   "
+    "c: clear stop   r: go on   Ctrl-C: end"
+)
+_DRIVE_KEYS = "space s: STOP   m: mark   d: end of the drive   Ctrl-C: end"
+_ORDERLY = {StopCause.NONE, StopCause.SESSION_END}
+
+
+_SAID = {
+    Hand.NOTHING: "nothing drives",
+    Hand.PLAN: "the plan drives",
+    Hand.HELD: "the plan is held; p lets it go on",
+    Hand.MANUAL: "you drive, with the arrow keys",
+}
+
+
+class Operating:
+    """What each key does to a run; called from the keyboard's thread."""
+
+    def __init__(
+        self,
+        pump: Pump,
+        operator: Operator,
+        *,
+        go_on: Callable[[], object],
+        on_start: Callable[[], object] = lambda: None,
+        clear_stop: bool = False,
+    ) -> None:
+        """``go_on`` answers a run that asks after a loss; ``on_start`` is told that one begins."""
+        self._pump, self.operator = pump, operator
+        self._go_on, self._on_start = go_on, on_start
+        self._clear_stop = clear_stop
+        self._armed = ("", 0)
+        """A key that was pressed once, and when."""
+        self.marks = 0
+        self.message = ""
+        """What the newest key came to, for the picture."""
+
+    @property
+    def _host(self) -> Host:
+        return self._pump.host
+
+    @property
+    def dead_man(self) -> DeadMan:
+        """Of the drive by hand."""
+        return self.operator.dead_man
+
+    @property
+    def note(self) -> str:
+        """What the newest key came to; before that, what the run waits for."""
+        seen = self._pump.snapshot
+        if seen.mission.asking or seen.holding:
+            return "the run waits for you: look, then r lets it go on"
+        return self.message
+
+    def on_key(self, key: Key) -> None:
+        """Take one event of the keyboard."""
+        time_s = clock.now() / 1e9
+        if key.kind == "release":
+            self.dead_man.release(key.name, time_s)
+            return
+        name = key.name
+        if name in _STOP:
+            self.stop("stopped by the operator's key")
+        elif name in DIRECTIONS:
+            self._direct(name, time_s)
+        elif key.kind == "press":
+            self.dead_man.let_go()  # any other key stops
+            self._act(name)
+
+    def stop(self, why: str) -> None:
+        """Stop and latch, and end the run."""
+        self.dead_man.let_go()
+        self._end(Ending("stopped", why, 5, StopCause.OPERATOR))
+
+    def pad_gone(self, path: str) -> None:
+        """Let go and say so: the gamepad was unplugged. Keys may drive on."""
+        self.dead_man.let_go()
+        self.message = f"the gamepad {path} is gone: the robot stands; keys still drive"
+        self._pump.call(lambda: self._tell_gone(path))
+
+    def _tell_gone(self, path: str) -> None:
+        text = f"the gamepad {path} is gone: the robot was stopped"
+        self._host.event(clock.now(), Severity.WARNING, "operator", "gamepad_gone", text)
+
+    def _end(self, ending: Ending) -> None:
+        self._pump.request_end(ending)
+
+    def _direct(self, name: str, time_s: float) -> None:
+        if self.operator.hand is Hand.MANUAL:
+            self.dead_man.press(name, time_s)
+        else:
+            self.message = "d: drive by hand first"
+
+    def _act(self, name: str) -> None:
+        match name:
+            case "ctrl+c":
+                os.kill(os.getpid(), signal.SIGINT)
+            case "g":
+                self._start("g", "the plan", self.operator.start)
+            case "d":
+                self._start("d", "the drive by hand", self.operator.take_over)
+            case "p":
+                self._pause()
+            case "r":
+                self._go_on()
+            case "c":
+                self._clear()
+            case "m":
+                self.mark()
+            case "+" | "=":
+                self.dead_man.faster()
+            case "-":
+                self.dead_man.slower()
+            case _:
+                pass
+
+    def mark(self) -> None:
+        """Put a mark on record, with the pose."""
+        self.marks += 1
+        number = self.marks
+
+        def note() -> None:
+            host = self._host
+            pose = host.estimator.pose
+            text = f"mark {number} at {pose.x_m:+.3f} m {pose.y_m:+.3f} m"
+            host.event(
+                clock.now(),
+                Severity.INFO,
+                "operator",
+                "mark",
+                text,
+                number=number,
+                x_m=pose.x_m,
+                y_m=pose.y_m,
+                theta_rad=pose.theta_rad,
+            )
+
+        self._pump.call(note)
+        self.message = f"mark {number} is on record"
+
+    def _start(self, key: str, what: str, then: Callable[[], None]) -> None:
+        mission = self._host.mission
+        if isinstance(mission, OnboardMission):
+            self.message = "the device plans for itself: p holds it, space stops it"
+        elif self._pump.snapshot.mission.runner is not None:
+            if key == "g" and not self.operator.has_plan:
+                self.message = "there is no plan here: sweepctl connect has one"
+                return
+            if key == "g" and not self._twice(key, "g again lets the plan drive"):
+                return
+            then()
+            self.message = _SAID[self.operator.hand]
+        elif self._pump.snapshot.mission.phase is not Phase.WAITING:
+            self.message = "the run cannot begin now"
+        elif self._refused() is None and self._twice(key, f"{key} again lets {what} begin"):
+            then()
+            clear = self._clear_stop
+            self._pump.call(lambda: mission.start(self.operator, clear_stop=clear))
+            self._on_start()
+            self.message = f"{what} begins after a moment at rest"
+
+    def _refused(self) -> str | None:
+        """What stands against a start, said; None: nothing."""
+        status = self._pump.snapshot.state.status
+        if status is None:
+            self.message = "no status from the device yet"
+        elif status.stop_cause not in _ORDERLY and not self._clear_stop:
+            cause = label(StopCause, status.stop_cause)
+            self.message = f"a stop is latched (cause: {cause}): look, then c to clear it"
+        else:
+            return None
+        return self.message
+
+    def _clear(self) -> None:
+        if self._twice("c", "c again: you have looked, and the stop may be cleared"):
+            self._clear_stop = True
+            self.message = "the next start clears the stop"
+
+    def _pause(self) -> None:
+        mission = self._host.mission
+        if isinstance(mission, OnboardMission):
+            self._pause_onboard(mission)
+        else:
+            self.operator.pause()
+            self.message = _SAID[self.operator.hand]
+
+    def _pause_onboard(self, mission: OnboardMission) -> None:
+        state = self._pump.snapshot.state.planner
+        paused = state is not None and state.phase == PlannerPhase.PAUSED
+        action = PlannerAction.RESUME if paused else PlannerAction.PAUSE
+        fields = (int(action), int(mission.planner))
+        host, what = self._host, action.name.lower()
+
+        def ended(outcome: Outcome | None) -> None:
+            if outcome is not None and outcome.accepted:
+                self.message = f"the device's planner: {what}"
+                return
+            reason = None if outcome is None else outcome.reason
+            why = "it did not answer" if reason is None else refusal(reason)
+            self.message = f"the device did not {what} its planner ({why}); space stops it"
+            host.event(clock.now(), Severity.ERROR, "operator", f"not_{what}d", self.message)
+
+        self.message = f"asking the device's planner to {what}"
+        self._pump.call(lambda: host.dialogue.ask(PlannerCommand, fields, clock.now(), ended))
+
+    def _twice(self, key: str, text: str) -> bool:
+        armed, at_ns = self._armed
+        now_ns = clock.now()
+        if armed == key and now_ns - at_ns <= TWICE_NS:
+            self._armed = ("", 0)
+            return True
+        self._armed = (key, now_ns)
+        self.message = text
+        return False
+
+    def help(self, width: int) -> str:
+        """The keys, for the picture's last line: as many words as so many columns take."""
+        if self.operator.hand is Hand.MANUAL:
+            held = "hold" if self.dead_man.releases else "tap"
+            each = "" if self.dead_man.releases else " (0.7 s each)"
+            speed = f"{self.dead_man.key_m_s:.2f} m/s"
+            said = [
+                f"arrows: {held}{each} to drive, {speed}   +/-: speed   {_DRIVE_KEYS}",
+                f"arrows: {held}{each}  {speed} +/-  space STOP  m mark  d leave  ^C end",
+                f"space STOP  arrows: {held}  {speed} +/-  d leave  ^C end",
+            ]
+        else:
+            said = [
+                _KEYS,
+                "space STOP  g start  p pause  d drive  m mark  c clear  r go on  ^C end",
+                "space STOP g start p pause d drive m mark c clear r go ^C",
+            ]
+        return next((line for line in said if len(line) <= width), said[-1])

@@ -1,0 +1,1 @@
+"""Host and virtual sweeper in one process, in virtual time."""
