@@ -25,11 +25,10 @@ from sim_device.faults.kinds import KINDS
 from sim_device.line.line import LineSettings
 from support.clinic import Visit, examine
 from support.peers import catalogue, longer
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
-
-ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)

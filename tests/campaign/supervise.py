@@ -34,13 +34,12 @@ from campaign.supervise_page import page
 from protocol.values import StopCause
 from sim_device.faults.kinds import parse_fault
 from support.liar import let_lie
+from support.root import ROOT
 from tools.cli.rooms import load_room
 from tools.virtual.run import run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
-
-ROOT = Path(__file__).parents[2]
 
 
 def telling(more: dict[str, object] | None = None) -> SuperviseSettings:

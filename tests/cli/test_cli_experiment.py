@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from support.cli import ROOT, end, start, sweepctl
+from support.cli import end, start, sweepctl
+from support.root import ROOT
 from tools.experiment import runs, zimablue_run
 from tools.experiment.store import LINES, Store
 from tools.experiment.trials import Trial

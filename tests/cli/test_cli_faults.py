@@ -11,7 +11,8 @@ import pytest
 
 from sim_device.faults.kinds import KINDS, parse_fault
 from sim_device.faults.spec import FaultSpecError
-from support.cli import ROOT, sweepctl
+from support.cli import sweepctl
+from support.root import ROOT
 from support.two_processes import Command, Emulator
 from tools.cli.fault_help import faults_page
 

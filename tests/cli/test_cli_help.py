@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 
-from support.cli import ROOT, sweepctl
+from support.cli import sweepctl
+from support.root import ROOT
 from tools.dev.command_help import PATH
 from tools.sweepctl import cli
 from tools.version import VERSION

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 import pytest
 
-from support.cli import ROOT, sweepctl
+from support.cli import sweepctl
+from support.root import ROOT
 from tools.dev.command_help import PATH, reference
 from tools.sweepctl import cli
 

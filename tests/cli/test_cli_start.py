@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from support.cli import ROOT
+from support.root import ROOT
 from tools.cli.options import log_path
 from tools.cli.outputs import check_outputs
 from tools.cli.paths import is_file, is_folder, is_there

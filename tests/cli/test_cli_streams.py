@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.writer import Writer
 
-from support.cli import ROOT
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,8 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fuzz.run import CORPUS, ROOT, write_corpus
+from fuzz.run import CORPUS, write_corpus
 from fuzz.targets import TARGETS
+from support.root import ROOT
 
 SIZE_MAX = 600
 """Bytes of an input that is kept: long ones reach little more, and the corpus stays small."""

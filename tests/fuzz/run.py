@@ -20,6 +20,8 @@ from pathlib import Path
 
 import atheris
 
+from support.root import ROOT
+
 with atheris.instrument_imports(include=["protocol"]):
     from fuzz.targets import TARGETS
     from protocol.can.link import CanLink
@@ -27,7 +29,6 @@ with atheris.instrument_imports(include=["protocol"]):
     from protocol.schema.catalogue import CATALOGUE
 
 
-ROOT = Path(__file__).resolve().parents[2]
 CORPUS = Path(__file__).parent / "corpus"
 
 

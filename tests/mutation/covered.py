@@ -15,7 +15,8 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-from mutation.targets import ROOT, TARGETS, Target
+from mutation.targets import TARGETS, Target
+from support.root import ROOT
 
 
 class Covered(NamedTuple):

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
-from mutation.targets import ROOT
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -27,8 +27,9 @@ from typing import TYPE_CHECKING
 
 from mutation.mutator import Mutant, mutants
 from mutation.page import page
-from mutation.targets import ROOT, TARGETS, Target, equivalents
+from mutation.targets import TARGETS, Target, equivalents
 from mutation.trial import UnfitError, try_all
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

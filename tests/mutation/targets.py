@@ -7,7 +7,8 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from support.root import ROOT
+
 _UNIT = "tests/unit"
 
 
@@ -43,49 +44,62 @@ class Target:
 
 
 def _tests(*names: str) -> tuple[str, ...]:
-    return tuple(f"{_UNIT}/test_{name}.py" for name in names)
+    """Paths of test files, each given as ``folder/name``."""
+    places = (name.split("/") for name in names)
+    return tuple(f"{_UNIT}/{folder}/test_{name}.py" for folder, name in places)
 
 
 TARGETS = (
-    Target("latch", "sim_device.device.safety", _tests("safety_limits")),
+    Target("latch", "sim_device.device.safety", _tests("sim_device/safety_limits")),
     Target(
         "modes",
         "sim_device.device.modes",
-        _tests("mode_table", "device_modes"),
+        _tests("sim_device/mode_table", "sim_device/device_modes"),
         frozenset({"drawn", "refusals"}),  # what is printed
     ),
     Target(
         "mission",
         "bridge.run.mission",
-        _tests("mission", "mission_loss", "link_latency", "stale_samples", "session_again"),
+        _tests(
+            "run/mission",
+            "run/mission_loss",
+            "session/link_latency",
+            "session/stale_samples",
+            "session/again",
+        ),
         covered=96.0,
     ),
-    Target("measured", "bridge.supervise.measured", _tests("supervise_measured")),
+    Target("measured", "bridge.supervise.measured", _tests("supervise/measured")),
     Target(
-        "slip", "bridge.supervise.rules.slip", _tests("supervise_slip", "supervise_slip_limits")
+        "slip", "bridge.supervise.rules.slip", _tests("supervise/slip", "supervise/slip_limits")
     ),
     Target(
         "bodily",
         "bridge.supervise.rules.bodily",
-        _tests("supervise_bodily", "supervise_bodily_limits"),
+        _tests("supervise/bodily", "supervise/bodily_limits"),
     ),
-    Target("electric", "bridge.supervise.rules.electric", _tests("supervise_electric")),
+    Target("electric", "bridge.supervise.rules.electric", _tests("supervise/electric")),
     Target(
         "shadow",
         "bridge.supervise.rules.shadow",
-        _tests("supervise_shadow", "supervise_shadow_limits"),
+        _tests("supervise/shadow", "supervise/shadow_limits"),
     ),
-    Target("supervisor", "bridge.supervise.supervisor", _tests("supervise_grading")),
-    Target("dead_man", "bridge.run.dead_man", _tests("dead_man_velocities", "dead_man")),
-    Target("stopping", "bridge.io.stopping", _tests("stopping_alone")),
-    Target("stop", "bridge.session.stop_request", _tests("stopping_alone")),
+    Target("supervisor", "bridge.supervise.supervisor", _tests("supervise/grading")),
+    Target("dead_man", "bridge.run.dead_man", _tests("run/dead_man_velocities", "run/dead_man")),
+    Target("stopping", "bridge.io.stopping", _tests("session/stopping_alone")),
+    Target("stop", "bridge.session.stop_request", _tests("session/stopping_alone")),
     Target(
         "host",
         "bridge.run.host",
         _tests(
-            *("host_run", "host_disturbances", "host_parameters", "host_warming", "summary"),
-            *("link_latency", "stale_samples", "damaged_records", "session_again"),
-            "shared_between_threads",
+            *("run/run", "run/disturbances", "run/parameters", "run/warming", "run/summary"),
+            *(
+                "session/link_latency",
+                "session/stale_samples",
+                "record/damaged_records",
+                "session/again",
+            ),
+            "api/shared_between_threads",
         ),
         covered=95.0,
         unexamined=190,  # of 416, by a share of 48 of which 22 survived

@@ -25,7 +25,7 @@ import pytest
 
 from mutation.patch import Instead, forget, function_of, importers, put_code
 from mutation.reach import lines_run
-from mutation.targets import ROOT
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

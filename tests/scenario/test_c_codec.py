@@ -19,7 +19,8 @@ from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame, Frame, UartParser, encode_frame
 from support.c_adapter import random_message, shown, words
-from support.c_build import C_TESTS, COMPILERS, ROOT, UNIT, compiler, generate, run
+from support.c_build import C_TESTS, COMPILERS, UNIT, compiler, generate, run
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -26,8 +26,9 @@ from protocol.messages import (
 )
 from protocol.uart.framing import Frame, UartParser
 from protocol.values import Fault, Mode, NackReason, StopCause
-from support.c_build import C_TESTS, ROOT, generate
+from support.c_build import C_TESTS, generate
 from support.hostile import BitFlips, Chunked, CutTail, Lossy, Pipe, Wire
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

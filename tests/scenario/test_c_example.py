@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from support.c_build import ROOT, STRICT, any_compiler
+from support.c_build import STRICT, any_compiler
 from support.desk_device import check_that_connect_accepts
 from support.kit_build import wire
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path

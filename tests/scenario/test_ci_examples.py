@@ -16,11 +16,11 @@ from typing import Any
 import click
 import pytest
 
+from support.root import ROOT
 from tools.sweepctl import cli
 
 pytestmark = pytest.mark.realtime
 
-ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples" / "ci"
 BASH = shutil.which("bash") or "bash"
 PAGE = ROOT / "docs" / "ci.md"

@@ -9,20 +9,20 @@ import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.metadata import entry_points
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 
 from sim_device.ports import ask_control
 from support.broken_device import DEFECTS
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 pytestmark = pytest.mark.realtime
 
-ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
 
 INSTALLED = bool(entry_points(group="pytest11", name="sweepctl"))

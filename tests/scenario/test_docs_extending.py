@@ -8,14 +8,16 @@ import shlex
 import shutil
 import subprocess
 import sys
-from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
 from support.cli import plain_messages
+from support.root import ROOT
 
-ROOT = Path(__file__).parents[2]
+if TYPE_CHECKING:
+    from pathlib import Path
+
 PAGE = ROOT / "docs" / "extending.md"
 COPIED = ("protocol", "bridge", "sim_device", "tools", "docs/protocol")
 _EDIT = re.compile(

@@ -24,7 +24,8 @@ from protocol.messages import TimeRequest
 from protocol.schema.message import Direction
 from sim_device.ports import PortUnavailableError, PtyPort, ask_control
 from sim_device.ports.tcp import SILENT_S
-from support.two_processes import COMMAND, PATIENCE_S, ROOT, Command, Emulator, Together, connect
+from support.root import ROOT
+from support.two_processes import COMMAND, PATIENCE_S, Command, Emulator, Together, connect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import random
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -30,16 +29,18 @@ from support.captures import (
     write_pcapng,
 )
 from support.dissected import PER_MESSAGE, assert_message, random_messages
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     Dissect = Callable[[int, list[Packet]], list[Seen]]
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("tshark")]
 
 Vector = dict[str, Any]
-VECTORS = Path(__file__).parent.parent / "vectors"
+VECTORS = ROOT / "tests" / "vectors"
 DAMAGE_FINDING = {"cobs": "bad_cobs", "length": "bad_length", "crc": "bad_crc"}
 
 

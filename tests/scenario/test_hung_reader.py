@@ -14,9 +14,10 @@ import pytest
 
 from bridge.api.owner_service import ask
 from support.cli import sweepctl
+from support.root import ROOT
 from support.served import Served
 from support.terminal import OnTerminal
-from support.two_processes import COMMAND, PATIENCE_S, ROOT
+from support.two_processes import COMMAND, PATIENCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,18 +7,19 @@ import re
 import subprocess
 import sys
 from importlib.metadata import entry_points
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from support.root import ROOT
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 
 pytestmark = pytest.mark.realtime
 
-ROOT = Path(__file__).resolve().parents[2]
 INSTALLED = bool(entry_points(group="pytest11", name="sweepctl"))
 """Whether pytest finds the plugin by itself, as it does where sweepctl is installed."""
 

@@ -15,10 +15,11 @@ from bridge.io.ports import open_port
 from protocol.messages import Hello, Status
 from protocol.values import Mode, ResetCause, StopCause
 from sim_device.ports.qemu_build import FirmwareBuildError, firmware_elf
-from support.c_build import ROOT, locked, run, tool
+from support.c_build import locked, run, tool
 from support.cli import end, start, sweepctl
 from support.probe import Probe
 from support.qemu import FIRMWARE, READY_S, build, emulated, finish, true_coverage, until
+from support.root import ROOT
 from tools.dev.firmware_report import BOARDS, taken
 
 if TYPE_CHECKING:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from bridge.record.chunk import CHUNK_NS
 from bridge.record.reader import LogReader
+from support.root import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 pytestmark = pytest.mark.realtime
 
-ROOT = Path(__file__).parents[2]
 
 _RECORD = """
 import resource, signal, sys, time

@@ -18,9 +18,9 @@ import pytest
 from bridge.api.owner_service import ask
 from bridge.record.reader import LogReader
 from sim_device.ports.control import ask_control
+from support.root import ROOT
 from support.two_processes import (
     PATIENCE_S,
-    ROOT,
     Command,
     Emulator,
     Together,

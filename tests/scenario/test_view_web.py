@@ -14,7 +14,7 @@ from matplotlib.image import imread
 
 from bridge.record.log_writer import RunWriter
 from support.browser import Browser
-from support.cli import ROOT
+from support.root import ROOT
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import sysconfig
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,12 +14,13 @@ import pytest
 from protocol.generate.c import SOURCE, render
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from support.c_adapter import table
+from support.root import ROOT
 from support.tools import tool_named, unmarked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
 C_TESTS = ROOT / "tests" / "c"
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-pedantic")
 MORE = ("-Wsign-conversion", "-Wshadow", "-Wdouble-promotion", "-Wundef", "-Wcast-qual")

@@ -11,7 +11,6 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from multiprocessing import get_context
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mcap.reader import make_reader
@@ -19,6 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
+from support.root import ROOT
 from tools.cli.rooms import load_room
 from tools.sweepctl import run
 from tools.virtual.run import run_virtual
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     import signal
     from collections.abc import Iterator, Mapping, Sequence
     from concurrent.futures import Future
+    from pathlib import Path
 
     import pytest
     from mcap.records import Channel, Message
 
-ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 110.0
 """For what takes seconds; only a hang is longer."""
 NUMBER_OF_PROCESSES = 2

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-from support.c_build import ROOT
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path

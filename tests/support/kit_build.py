@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.generate import render
-from support.c_build import MORE, ROOT, STRICT, any_compiler
+from support.c_build import MORE, STRICT, any_compiler
 from support.kit_script import read, script
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from support.root import ROOT
 from support.tools import (
     BASE,
     PROGRAMS,
-    ROOT,
     TOOLS,
     Tool,
     distribution,

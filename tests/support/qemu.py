@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from sim_device.ports import ask_control
-from support.c_build import ROOT, run, tool
+from support.c_build import run, tool
 from support.cli import Done, decoded, end, start
+from support.root import ROOT
 from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:

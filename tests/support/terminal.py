@@ -11,7 +11,7 @@ import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
-from support.cli import ROOT
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -22,10 +22,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from support.root import ROOT
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-ROOT = Path(__file__).parents[2]
 CI = ROOT / ".ci"
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 PROBE_S = 60.0

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from bridge.record.reader import LogReader
 from support.fairly import AGAIN_S
 from support.hold_up import Busy
+from support.root import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import TracebackType
 
-ROOT = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-m", "tools.sweepctl"]
 PATIENCE_S = 60.0
 """For what takes seconds; only a hang is longer."""

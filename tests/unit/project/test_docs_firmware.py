@@ -1,0 +1,117 @@
+"""The page for firmware engineers names only what there is."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Annotated
+from zlib import crc32
+
+import pytest
+from cobs import cobs
+
+from bridge.run.robot_state import missing_needs
+from bridge.session.session import Session
+from bridge.session.states import Failed
+from protocol.clock import HostNs
+from protocol.generate import render
+from protocol.messages import Stop
+from protocol.schema.agreement import Match, MessageAgreement
+from protocol.schema.catalogue import CATALOGUE
+from protocol.schema.fields import U8, number
+from support.ends import Ends, session_end, sweeper
+from support.peers import catalogue, variant
+from support.root import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from protocol.schema.message import MessageSpec
+
+SECOND_NS = 1_000_000_000
+PAGE = ROOT / "docs" / "firmware.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+HEADER = render("c")["sweepctl_protocol.h"]
+
+
+def test_every_name_of_the_generated_c_exists() -> None:
+    sources = HEADER + render("c")["sweepctl_protocol.c"]
+    names = set(re.findall(r"\b(?:sp|SP)_\w+", TEXT))
+    assert len(names) > 15
+    assert {n for n in names if not re.search(rf"\b{n}\b", sources)} == set()
+
+
+def test_every_link_leads_to_a_file() -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", TEXT)
+    assert len(links) >= 4
+    assert [link for link in links if not (PAGE.parent / link).exists()] == []
+
+
+def test_it_names_all_that_driving_needs() -> None:
+    def lacks(spec: MessageSpec) -> bool:
+        return bool(missing_needs([MessageAgreement(spec, Match.MISSING, 0)]))
+
+    needed = {spec.name for spec in CATALOGUE if lacks(spec)}
+    paragraph = TEXT[TEXT.index("`connect --plan` the device needs") :].split("\n\n")[0]
+    assert needed == set(re.findall(r"`([a-z_]+)`", paragraph))
+
+
+def test_the_minimal_set_and_range_are_what_driving_needs() -> None:
+    for name in ("imu", "encoders", "status", "velocity_setpoint", "clear_stop", "set_mode"):
+        assert f"#define SP_WITH_{name.upper()} SP_WITH_REST" not in HEADER
+    assert "#define SP_WITH_RANGE SP_WITH_REST" in HEADER
+
+
+def on_a_line(feed: bytes = b"", *, echo: bool = False) -> Failed:
+    """How a session fails on a line on which no sweeper answers."""
+    session = Session(lambda: 1)
+    now = HostNs(5 * SECOND_NS)
+    session.open(now)
+    failed: list[Failed] = []
+    while not failed:
+        events = session.receive(feed, now) if feed else []
+        events += session.poll(now)
+        if echo:
+            events += session.receive(session.data_to_send(), now)
+        failed = [event for event in events if isinstance(event, Failed)]
+        now = HostNs(now + SECOND_NS // 100)
+        assert now < 60 * SECOND_NS
+    return failed[0]
+
+
+def with_a_device(*, deaf: bool = False, less_of_stop: bool = False) -> Failed:
+    """How a session fails with a device whose line or whose messages are wrong."""
+    host = session_end()
+    shorter = variant(Stop, {"command_id": Annotated[int, number(U8, "id", "shorter")]})
+    device = sweeper(catalogue=catalogue(more=[shorter])) if less_of_stop else sweeper()
+    ends = Ends(host, device)
+    ends.to_device.cut = deaf
+    assert ends.run(20.0, lambda: bool(host.of(Failed)))
+    (failed,) = host.of(Failed)
+    return failed
+
+
+def of_version_2() -> bytes:
+    """A frame whose check holds, of the version after ours."""
+    body = bytes([2 << 4, 1, 0x1B, 0, 0, 0, 0, 0]) + bytes(40)
+    encoded: bytes = cobs.encode(body + crc32(body).to_bytes(4, "little"))
+    return b"\0" + encoded + b"\0"
+
+
+FAILURES: dict[str, Callable[[], Failed]] = {
+    "silence": on_a_line,
+    "garbage": lambda: on_a_line(bytes(range(200))),
+    "echo": lambda: on_a_line(echo=True),
+    "version": lambda: on_a_line(of_version_2()),
+    "deaf": lambda: with_a_device(deaf=True),
+    "disagreement": lambda: with_a_device(less_of_stop=True),
+}
+
+
+@pytest.mark.parametrize("kind", FAILURES)
+def test_what_the_host_complains_of_is_explained(kind: str) -> None:
+    """By the words that a person reads: each kind of failure is brought about."""
+    failed = FAILURES[kind]()
+    assert failed.kind == kind
+    first_cells = re.findall(r"^\| ([^|]+) \| [^|]{10,} \|$", TEXT, re.MULTILINE)
+    rows = [cell.strip(" …") for cell in first_cells if cell.strip(" …") in failed.text]
+    assert len(rows) == 1, (failed.text, first_cells)

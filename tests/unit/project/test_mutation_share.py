@@ -1,0 +1,100 @@
+"""The mutation run itself, on a module of three lines; and a share of the real one."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from mutation.mutator import mutants
+from mutation.run import Kept
+from mutation.targets import TARGETS, equivalents
+from support.root import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.slow
+
+LATCH = next(target for target in TARGETS if target.name == "latch")
+SOURCE = '''
+"""Text is left alone."""
+LIMIT = 250
+def late(us: int, *, now: int = 3) -> bool:
+    """So is this."""
+    left = max(0, us - now)
+    return left > LIMIT and not now
+'''
+
+
+def test_what_is_changed_and_what_is_not() -> None:
+    found = {mutant.name for mutant in mutants(SOURCE)}
+    assert {
+        "module: 250 -> 251",
+        "module: 250 -> 125",
+        "module: LIMIT = 250 -> pass",
+        "late: us - now -> us + now",
+        "late: max(0, us - now) -> min(0, us - now)",
+        "late: left > LIMIT -> left >= LIMIT",
+        "late: left > LIMIT -> left <= LIMIT",
+        "late: left > LIMIT and (not now) -> left > LIMIT or not now",
+        "late: not now -> now",
+    } <= found
+    assert not any("Text" in name or "3 ->" in name for name in found)
+    assert mutants(SOURCE, frozenset({"late"})) == mutants(SOURCE)[:3]
+
+
+def test_each_mutant_is_one_change_and_has_a_name_of_its_own() -> None:
+    made = mutants(LATCH.path.read_text(), LATCH.exclude)
+    assert len({mutant.name for mutant in made}) == len(made) > 50
+    few = made[::20]
+    assert len({mutant.source for mutant in (*few, *made[1::20])}) == 2 * len(few)
+
+
+def test_what_is_listed_as_equivalent_is_a_mutant_and_has_its_proof() -> None:
+    listed = equivalents()
+    assert listed.keys() <= {target.name for target in TARGETS}
+    for target in TARGETS:
+        proofs = listed.get(target.name, {})
+        if proofs:
+            names = {mutant.name for mutant in mutants(target.path.read_text(), target.exclude)}
+            assert proofs.keys() <= names
+            assert all(len(proof) > 30 for proof in proofs.values())
+
+
+def test_the_lines_of_a_change_are_those_of_its_statement_or_of_its_head() -> None:
+    source = "def f(a, b):\n    if (a\n            < b):\n        return (a +\n                b)\n"
+    lines = {mutant.before: mutant.lines for mutant in mutants(source)}
+    assert lines == {"a < b": range(2, 4), "return a + b": range(4, 6), "a + b": range(4, 6)}
+
+
+def test_a_run_that_was_broken_off_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "kept.jsonl"
+    Kept(path).add(LATCH, "0123", "late: a -> b", killed=False)
+    assert Kept(path).of(LATCH, "0123") == {"late: a -> b": False}
+    assert Kept(path).of(LATCH, "4567") == {}, "its sources have changed"
+    assert Kept(None).of(LATCH, "0123") == {}
+
+
+def test_a_share_of_the_latchs_mutants_is_killed_and_what_changes_nothing_is_not() -> None:
+    # In a process of its own, which has not imported what is to be changed.
+    made = [mutant.name for mutant in mutants(LATCH.path.read_text(), LATCH.exclude)]
+    share = 20
+    same = next(name for name in equivalents()["latch"] if name in made)
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "mutation.run", "--target", "latch"),
+            *("--share", f"{share}", "--offset", f"{made.index(same) % share}"),
+        ],
+        cwd=ROOT / "tests",
+        env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"latch +[4-6] killed +[1-3] equivalent +0 survived", done.stdout)

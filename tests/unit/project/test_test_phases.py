@@ -1,0 +1,95 @@
+"""Both phases of the tests run, and their results are added up."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.root import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.slow
+
+CONFTEST = """
+from support import needs
+
+def pytest_addoption(parser):
+    needs.add_options(parser)
+
+def pytest_configure(config):
+    needs.configure(config)
+    config.addinivalue_line("markers", "realtime: by the wall clock")
+    for name in ("nightly", "slow"):
+        config.addinivalue_line("markers", f"{name}: left out")
+"""
+PASSES, FAILS, BREAKS = "assert True", "assert False", "import os; os._exit(3)"
+
+
+def run(folder: Path, virtual: str, real: str, selection: str = "test") -> tuple[int, str]:
+    """Exit status and output of the phases over one test each, and some that are marked."""
+    (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
+    (folder / "test_them.py").write_text(
+        "import pytest\n"
+        f"def test_virtual():\n    {virtual}\n"
+        f"@pytest.mark.realtime\ndef test_real():\n    {real}\n"
+        "@pytest.mark.nightly\ndef test_nightly():\n    assert False\n"
+        "@pytest.mark.slow\ndef test_slow():\n    assert True\n"
+        '@pytest.mark.realtime\n@pytest.mark.skip(reason="why")\ndef test_skipped(): ...\n',
+        encoding="utf-8",
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "support.phases", selection, "-p", "no:cacheprovider", "-n0"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT)])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout
+
+
+@pytest.mark.parametrize(
+    ("virtual", "real", "status", "closing"),
+    [
+        (PASSES, PASSES, 0, "3 passed, 0 failed, 1 skipped"),
+        (FAILS, PASSES, 1, "2 passed, 1 failed, 1 skipped"),
+        (PASSES, FAILS, 1, "2 passed, 1 failed, 1 skipped"),
+        (FAILS, FAILS, 1, "1 passed, 2 failed, 1 skipped"),
+    ],
+)
+def test_both_run_and_are_added_up(
+    tmp_path: Path, virtual: str, real: str, status: int, closing: str
+) -> None:
+    ended, said = run(tmp_path, virtual, real)
+    assert ended == status, said
+    assert said.splitlines()[-1] == closing
+
+
+def test_a_phase_that_breaks_off_is_named_and_fails_the_run(tmp_path: Path) -> None:
+    ended, said = run(tmp_path, PASSES, BREAKS)
+    assert ended == 1
+    assert said.splitlines()[-2:] == [
+        "tests in real time, one by one: ended with status 3",
+        "2 passed, 0 failed, 0 skipped",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("selection", "status", "closing"),
+    [
+        ("check", 0, "1 passed, 0 failed, 0 skipped"),
+        ("nightly", 1, "0 passed, 1 failed, 0 skipped"),
+    ],
+)
+def test_each_target_has_its_marks(
+    tmp_path: Path, selection: str, status: int, closing: str
+) -> None:
+    ended, said = run(tmp_path, PASSES, FAILS, selection)
+    assert ended == status, said
+    assert said.splitlines()[-1] == closing

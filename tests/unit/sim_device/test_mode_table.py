@@ -1,0 +1,163 @@
+"""The mode table by itself, whole; that the device does what it says is in test_device_modes."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections import deque
+
+import pytest
+
+from protocol.values import Fault, Mode, NackReason
+from sim_device.device.modes import (
+    GUARDED,
+    MODE_OF,
+    SET_EVENT,
+    TABLE,
+    Event,
+    Guard,
+    ModeMachine,
+    State,
+    drawn,
+    refusals,
+)
+from support.root import ROOT
+
+MOVING = {State.VELOCITY, State.BRINGUP, State.RUNNING}
+"""States in which a wheel may turn."""
+FREE = set(State) - {State.OFF, State.BOOT, State.STOPPED}
+
+
+def outcome(state: State, event: Event, *holding: Guard) -> object:
+    machine = ModeMachine(state)
+    result = machine.fire(event, holding)
+    assert machine.state is (result if isinstance(result, State) else state)
+    return result
+
+
+def test_every_state_has_an_answer_to_every_event() -> None:
+    assert set(TABLE) == set(itertools.product(State, Event))
+    for branches in TABLE.values():
+        assert branches[-1].guard is None
+        assert all(b.guard is not None for b in branches[:-1])
+        assert all(isinstance(b.outcome, NackReason) for b in branches[:-1]), "guards refuse"
+
+
+@pytest.mark.parametrize("state", [state for state in State if state in FREE])
+def test_every_free_state_can_be_stopped(state: State) -> None:
+    for event in (Event.STOP, Event.SILENCE, Event.NEW_SESSION):
+        assert outcome(state, event, *Guard) is State.STOPPED
+    assert outcome(state, Event.SUPPLY_LOST) is State.OFF
+    assert outcome(state, Event.RESET) is State.BOOT
+
+
+def test_from_stopped_only_clearing_by_name_leads_on_and_only_to_idle() -> None:
+    ways = {e: TABLE[State.STOPPED, e] for e in Event}
+    moves = {e: b[-1].outcome for e, b in ways.items() if isinstance(b[-1].outcome, State)}
+    assert moves == {
+        Event.CLEAR: State.IDLE,
+        Event.STOP: State.STOPPED,
+        Event.SUPPLY_LOST: State.OFF,
+        Event.RESET: State.BOOT,
+    }
+    assert outcome(State.STOPPED, Event.CLEAR, Guard.OTHER_CAUSE) is NackReason.OTHER_CAUSE
+    assert outcome(State.STOPPED, Event.CLEAR, Guard.CAUSE_HOLDS) is NackReason.FAULT
+
+
+def test_no_way_into_motion_but_by_a_command_for_it() -> None:
+    into = {
+        (state, event)
+        for (state, event), branches in TABLE.items()
+        for b in branches
+        if b.outcome in MOVING and state not in MOVING
+    }
+    assert {event for _, event in into} == {
+        Event.SET_VELOCITY,
+        Event.SET_BRINGUP,
+        Event.START,
+        Event.RESUME,
+    }
+    assert {state for state, _ in into} == {State.IDLE, State.ONBOARD, State.PAUSED}
+
+
+def test_off_and_boot_lead_through_a_latched_stop() -> None:
+    """However a device comes up, the first state in which it hears a command is stopped."""
+    seen, waiting = {State.OFF}, deque([State.OFF])
+    while waiting:
+        state = waiting.popleft()
+        for event in Event:
+            target = outcome(state, event)
+            if isinstance(target, State) and target not in seen:
+                seen.add(target)
+                if target is not State.STOPPED:
+                    waiting.append(target)
+    assert seen == {State.OFF, State.BOOT, State.STOPPED}
+
+
+def test_a_stopping_fault_ends_what_drives_by_itself_or_by_setpoints() -> None:
+    for state in State:
+        ends = outcome(state, Event.FAULT) is State.STOPPED
+        assert ends is (state in GUARDED), state
+    for state in FREE - {State.RUNNING, State.PAUSED}:
+        for event in (Event.SET_VELOCITY, Event.SET_ONBOARD):
+            assert outcome(state, event, Guard.FAULT_HOLDS) is NackReason.FAULT
+        assert outcome(state, Event.SET_BRINGUP, Guard.FAULT_HOLDS) is State.BRINGUP
+
+
+def test_how_the_devices_own_planner_ends_and_is_held() -> None:
+    running, paused = State.RUNNING, State.PAUSED
+    moves = {
+        (running, Event.PAUSE): paused,
+        (paused, Event.RESUME): running,
+        (running, Event.ABORT): State.IDLE,
+        (paused, Event.ABORT): State.IDLE,
+        (running, Event.FINISHED): State.IDLE,
+        (State.ONBOARD, Event.START): running,
+    }
+    for (state, event), target in moves.items():
+        assert outcome(state, event) is target
+    for state in State:
+        assert ModeMachine(state).planning is (state in {running, paused})
+        assert ModeMachine(state).awake is (state not in {State.OFF, State.BOOT})
+
+
+def test_a_boot_may_begin_anew_or_lose_its_supply() -> None:
+    assert outcome(State.BOOT, Event.RESET) is State.BOOT
+    assert outcome(State.BOOT, Event.SUPPLY_LOST) is State.OFF
+    assert outcome(State.OFF, Event.SUPPLY_BACK) is State.BOOT
+    assert outcome(State.BOOT, Event.BOOTED) is State.STOPPED
+
+
+def test_every_mode_of_the_wire_can_be_chosen() -> None:
+    for mode, event in SET_EVENT.items():
+        target = outcome(State.IDLE, event)
+        assert isinstance(target, State)
+        assert MODE_OF[target] == mode
+    assert set(SET_EVENT) == set(Mode)
+    assert set(MODE_OF) == set(State)
+
+
+def test_the_drawing_shows_every_state_and_every_refusal_has_a_reason() -> None:
+    moves = drawn()
+    assert {end for move in moves for end in (move[0], move[2])} == {s.value for s in State}
+    assert len(moves) == len(set(moves))
+    assert (
+        "stopped",
+        "clear_stop (unless another cause holds or what stopped it still holds)",
+        "idle",
+    ) in moves
+    assert ("planner start", "stopped", "stop_latched") in refusals()
+
+
+def test_the_page_for_firmware_engineers_lists_every_refusal() -> None:
+    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
+    part = page.split("## What the emulated device does")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (.+?) \| (.+?) \| `(\w+)` \|$", part, re.MULTILINE)
+    assert rows == refusals()
+
+
+def test_the_page_explains_every_fault_bit() -> None:
+    page = (ROOT / "docs" / "firmware.md").read_text(encoding="utf-8")
+    part = page.split("### Fault bits")[1].split("\n#")[0]
+    named = re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.+?`) \|", part, re.MULTILINE)))
+    assert named == [(f.name or "").lower() for f in Fault]

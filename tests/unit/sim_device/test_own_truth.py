@@ -1,0 +1,103 @@
+"""The truth is the emulator's own: what makes and senses it never loads the host's reckoning."""
+
+from __future__ import annotations
+
+import ast
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.root import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RECKONING = {
+    "bridge.motion.estimation.estimator",
+    "bridge.motion.estimation.standstill",
+    "bridge.motion.kinematics",
+    "bridge.motion.estimation.odometry",
+    "bridge.motion.estimation.relocalise",
+    "bridge.motion.estimation.belief",
+    "bridge.motion.dead_reckoning",
+    "bridge.motion.estimation.pose_filter",
+    "bridge.motion.estimation.wall_map",
+    "bridge.motion.estimation.wall_measurements",
+}
+
+
+def compiled_kernels() -> set[str]:
+    """Every module of the device with a function that numba compiles."""
+    folder = ROOT / "sim_device"
+    return {
+        name_of(file)
+        for file in folder.rglob("*.py")
+        if "@compiled" in file.read_text(encoding="utf-8")
+    }
+
+
+def name_of(file: Path) -> str:
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts)
+
+
+def file_of(module: str) -> Path | None:
+    path = ROOT.joinpath(*module.split("."))
+    for file in (path.with_suffix(".py"), path / "__init__.py"):
+        if file.is_file():
+            return file
+    return None
+
+
+def imports_of(source: str) -> set[str]:
+    """Modules that a source loads when it runs, and what it names of them; not those for types."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
+            node.body = [ast.Pass()]
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def everything_behind(roots: set[str]) -> set[str]:
+    """All modules of this project that these load, and those in turn."""
+    seen: set[str] = set()
+    waiting = list(roots)
+    while waiting:
+        module = waiting.pop()
+        file = file_of(module)
+        if module in seen or file is None:
+            continue
+        seen.add(module)
+        waiting += imports_of(file.read_text(encoding="utf-8"))
+    return seen
+
+
+def test_there_are_kernels_and_the_plant_is_behind_one() -> None:
+    kernels = compiled_kernels()
+    assert "sim_device.body.drive_kernel" in kernels
+    assert kernels & everything_behind({"sim_device.body.plant"})
+
+
+@pytest.mark.parametrize(
+    "root", sorted({"sim_device.body.plant", "sim_device.sensors.sensors"} | compiled_kernels())
+)
+def test_nothing_of_the_hosts_reckoning_is_behind(root: str) -> None:
+    behind = everything_behind({root})
+    assert root in behind
+    assert behind & RECKONING == set()
+
+
+def test_what_is_looked_for_is_there() -> None:
+    """Or a name that has moved would pass for ever."""
+    for module in RECKONING:
+        assert file_of(module) is not None, module
+    assert everything_behind({"bridge.motion.estimation.estimator"}) & RECKONING
+    assert imports_of("def f():\n from bridge.motion.estimation import odometry") >= {
+        "bridge.motion.estimation.odometry"
+    }
+    assert "a" not in imports_of("if TYPE_CHECKING:\n import a")
