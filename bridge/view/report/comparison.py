@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.record.errors import LogExistsError
 from bridge.view.report import figures as report_figures
-from bridge.view.report import report
+from bridge.view.report import report, words
 from bridge.view.report.page import document, section, table
 from bridge.view.report.picture import draw_plan, drawn_text, plan_legend
 from bridge.view.report.run_data import load_run
@@ -70,8 +70,8 @@ def compare(a: RunData, b: RunData) -> dict[str, Any]:
         two = second[key]
         changed[key] = None if one is None or two is None else round(two - one, 6)
     return {
-        "a": {"log": str(a.path), "title": report.title(a), **_named(a), "figures": first},
-        "b": {"log": str(b.path), "title": report.title(b), **_named(b), "figures": second},
+        "a": {"log": str(a.path), "title": words.title(a), **_named(a), "figures": first},
+        "b": {"log": str(b.path), "title": words.title(b), **_named(b), "figures": second},
         "difference": changed,
     }
 
@@ -155,8 +155,8 @@ def render(a: RunData, b: RunData) -> str:
                 report_figures.svg(7.6, 3.8, lambda axes: _curves(axes, a, b)),
             )
         )
-    lead = f"<p><b>A</b>: {escape(report.title(a))}, {escape(report.when(a))}.</p>"
-    lead += f"<p><b>B</b>: {escape(report.title(b))}, {escape(report.when(b))}.</p>"
+    lead = f"<p><b>A</b>: {escape(words.title(a))}, {escape(words.when(a))}.</p>"
+    lead += f"<p><b>B</b>: {escape(words.title(b))}, {escape(words.when(b))}.</p>"
     return document("Two runs compared", f"{a.path.name} and {b.path.name}", lead, [], parts)
 
 
@@ -172,7 +172,7 @@ def picture(a: RunData, b: RunData) -> bytes:
         _curves(right, a, b)
     else:
         _nothing(right, "the coverage of neither run is known")
-    titles = f"A: {report.title(a)}      B: {report.title(b)}"
+    titles = f"A: {words.title(a)}      B: {words.title(b)}"
     figure.suptitle(drawn_text(titles), fontsize=10)
     return report_figures.as_png(figure)
 

@@ -6,8 +6,8 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from bridge.view.report import figures as report_figures
-from bridge.view.report import report
 from bridge.view.report import tables as report_tables
+from bridge.view.report import words
 from bridge.view.report.picture import drawn_text
 
 if TYPE_CHECKING:
@@ -33,10 +33,10 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
     figure = report_figures.blank(_WIDTH, _HEIGHT)
     heights = [_HEAD, 1.0 - _HEAD]
     top, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    top.text(0.012, 0.93, drawn_text(report.title(data)), fontsize=17, weight="bold", va="top")
-    story = " ".join([f"{report.when(data)}.", *report.story(data)])
-    words = "\n".join(textwrap.wrap(story, _LETTERS))
-    top.text(0.012, 0.66, drawn_text(words), fontsize=10, va="top", linespacing=1.5)
+    top.text(0.012, 0.93, drawn_text(words.title(data)), fontsize=17, weight="bold", va="top")
+    told = " ".join([f"{words.when(data)}.", *words.story(data)])
+    lines = "\n".join(textwrap.wrap(told, _LETTERS))
+    top.text(0.012, 0.66, drawn_text(lines), fontsize=10, va="top", linespacing=1.5)
     is_band = bool(data.track.best) and report_figures.room_ratio(data) < _BAND
     if is_band:
         band = report_figures.room_height(data, _WIDTH) / _HEIGHT
@@ -54,7 +54,7 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
         room.set_axis_off()
     heights = [3, 7] if is_band else [2, 8]
     tiles, plots = right.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-    for index, tile in enumerate(report.tiles(data)[:8]):
+    for index, tile in enumerate(words.tiles(data)[:8]):
         x, y = 0.03 + 0.245 * (index % 4), 0.95 - 0.5 * (index // 4)
         tiles.text(x, y, tile.value, fontsize=14, weight="bold", va="top")
         meaning = "\n".join(textwrap.wrap(tile.meaning, 25))

@@ -1,0 +1,145 @@
+"""A run in words: its title, what happened, and the figures that people ask for first."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from bridge.view.report.page import Tile
+
+if TYPE_CHECKING:
+    from bridge.view.report.run_data import RunData
+
+_GOOD, _FAIR = 0.98, 0.90
+_VIRTUAL = "virtual"
+"""The port that ``simulate`` writes into its logs."""
+_ENDINGS = {
+    "complete": "finished by itself",
+    "stopped": "was ended in order before it was finished",
+    "timeout": "did not finish in the time that it was given",
+    "fault": "ended with a fault",
+}
+
+
+def title(data: RunData) -> str:
+    """What was run, in a line."""
+    summary, metadata = data.summary, data.metadata
+    room = summary.get("room") or (data.track.plan.name if data.track.plan else None)
+    planner = summary.get("planner") or metadata.get("planner")
+    parts = [f"Sweeping {room}" if room else data.track.name]
+    if planner:
+        parts.append(f"planner {planner}")
+    seed = summary.get("seed", metadata.get("seed"))
+    if seed is not None:
+        parts.append(f"seed {seed}")
+    return ", ".join(str(part) for part in parts)
+
+
+def when(data: RunData) -> str:
+    """Date and time of the beginning, UTC; a simulation's is made up."""
+    if not data.start_ns:
+        return "an empty log"
+    if data.metadata.get("port") == _VIRTUAL:
+        return "Simulated in virtual time; its clock begins at the same date in every run"
+    moment = datetime.fromtimestamp(data.start_ns / 1e9, tz=UTC)
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def story(data: RunData) -> list[str]:
+    """What happened, in sentences."""
+    summary, report = data.summary, data.coverage
+    lines = []
+    outcome, reason = summary.get("outcome"), summary.get("reason")
+    if outcome:
+        ending = _ENDINGS.get(str(outcome), f"ended as “{outcome}”")
+        line = f"The run {ending}"
+        lines.append(f"{line}: {reason}." if reason else f"{line}.")
+    elif not data.whole:
+        lines.append(
+            "The log has no end: its writer was killed or lost power. What is there was read."
+        )
+    else:
+        lines.append("The log does not say how the run ended.")
+    duration_s, path_m = data.figure("duration_s"), data.figure("path_m")
+    if duration_s is not None and path_m is not None:
+        lines.append(f"It took {_minutes(duration_s)} and drove {path_m:.1f} m.")
+    if report is not None:
+        share = report.coverage.mouth_sweepable
+        basis = "as it really was" if data.track.truth else "by its own estimate"
+        lines.append(
+            f"Of the {report.sweepable_m2:.2f} m² that its mouth can reach it swept "
+            f"{100 * share:.1f} %, {basis}; the largest piece that it missed has "
+            f"{report.largest_hole_cm2:.0f} cm²."
+        )
+        lines.append(
+            "No run of this robot can sweep that floor in less than "
+            f"{_minutes(report.min_time_s)}: that is its top speed of "
+            f"{data.track.model.max_speed_m_s:.2f} m/s, with no floor swept twice."
+        )
+        if share >= _FAIR:  # a run that was cut short has a small ratio for another reason
+            lines.append(
+                f"Lanes that sweep no floor twice, at the cruise speed and without turns, take "
+                f"{_minutes(report.reference_time_s)}; this run took {report.time_ratio:.2f} times "
+                f"as long, and its path was {report.path_ratio:.2f} times as long."
+            )
+    elif data.track.plan is None:
+        lines.append("The room is not known, so nothing can be said of what it swept.")
+    lines.append(_wire_words(data))
+    return lines
+
+
+def _wire_words(data: RunData) -> str:
+    frames, lost = sum(count for _, count, _ in data.link), data.lost
+    if not frames:
+        return "The log holds no messages of the device."
+    words = f"The device sent {frames + lost} frames; "
+    words += (
+        "none was lost" if not lost else f"{lost} were lost ({100 * lost / (frames + lost):.2f} %)"
+    )
+    bad = data.figure("wire", "crc_errors")
+    damaged = data.damaged if bad is None else int(bad)
+    return f"{words}, and {damaged or 'no'} stretches of bytes came damaged."
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} minutes"  # noqa: PLR2004 - as one says it
+
+
+def tiles(data: RunData) -> list[Tile]:
+    """The figures that people ask for first."""
+    report, made = data.coverage, []
+    if report is not None:
+        share = report.coverage.mouth_sweepable
+        mood = "good" if share >= _GOOD else "fair" if share >= _FAIR else "bad"
+        made.append(Tile(f"{100 * share:.1f} %", "swept of what the mouth can reach", mood))
+        body = f"{100 * report.coverage.body_free:.1f} %"
+        made.append(Tile(body, "under the body, of the floor (the paper's figure)"))
+    duration_s, path_m = data.figure("duration_s"), data.figure("path_m")
+    if duration_s is not None:
+        made.append(Tile(f"{duration_s:.0f} s", "driving"))
+    elif data.duration_s:
+        made.append(Tile(f"{data.duration_s:.1f} s", "in the log"))
+    if path_m is None and data.track.best:
+        made.append(Tile(f"{data.track.length_m:.1f} m", "path, by the poses in the log"))
+    elif path_m is not None:
+        turns = data.figure("turns")
+        made.append(Tile(f"{path_m:.1f} m", f"path, {turns:.0f} turns" if turns else "path"))
+    if report is not None:
+        made.append(Tile(f"{report.largest_hole_cm2:.0f} cm²", "largest piece missed"))
+    energy = data.figure("energy_wh")
+    energy, note = (
+        (energy, "energy from the battery")
+        if energy is not None
+        else (
+            data.motor_wh,
+            "energy into the motors",
+        )
+    )
+    if energy is not None:
+        made.append(Tile(f"{energy:.2f} Wh", note))
+    collisions = data.figure("collisions")
+    if collisions is not None:
+        made.append(Tile(f"{collisions:.0f}", "collisions", "good" if not collisions else "bad"))
+    if data.link:
+        made.append(Tile(str(data.lost), "frames lost", "good" if not data.lost else "fair"))
+    return made
