@@ -27,7 +27,7 @@ from bridge.api.pump import Pump, Result
 from bridge.api.recording import Recording
 from bridge.api.remote import Asker
 from bridge.api.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
-from bridge.config import to_toml
+from bridge.config import parse_robot, to_toml
 from bridge.errors import (
     BridgeError,
     DeviceLostError,
@@ -274,9 +274,22 @@ class Robot:
 
         """
         offset_ns = self._offset_ns
-        toml = to_toml(self.model) if robot_toml is None else robot_toml
+        if robot_toml is None:
+            model, robot_toml = self.model, to_toml(self.model)
+        else:
+            model = parse_robot(robot_toml)
         opened_ns = clock.now() + offset_ns
-        info = RunInfo(self._name, "manual", None, _version(), opened_ns, offset_ns, toml, room)
+        info = RunInfo(
+            self._name,
+            "manual",
+            None,
+            _version(),
+            opened_ns,
+            offset_ns,
+            model,
+            robot_toml,
+            room,
+        )
 
         def summarise(room_name: str | None, log: str) -> dict[str, Any]:
             found: dict[str, Any] = {}

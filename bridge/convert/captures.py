@@ -14,8 +14,8 @@ from itertools import chain, islice
 from typing import TYPE_CHECKING
 
 from bridge.config import to_toml
+from bridge.convert.file_kinds import CANDUMP, LOG_LINE, SHOWN_LINE, kind_of
 from bridge.convert.listening import Listener
-from bridge.convert.sources import CANDUMP, LOG_LINE, SHOWN_LINE, kind_of
 from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogReadError
 from bridge.record.log_writer import RunWriter
@@ -82,7 +82,7 @@ def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
         )
     model = RobotModel()
     info = RunInfo(
-        *(readable_name(source.name), "", None, "", first.host_ns, 0, to_toml(model), None),
+        *(readable_name(source.name), "", None, "", first.host_ns, 0, model, to_toml(model), None),
         {"captured_by": "candump" if kind == CANDUMP else "raw capture"},
     )
     writer = RunWriter(target, info)

@@ -1,49 +1,17 @@
-"""What a named file is, and a log to read it by: itself, or one made from a capture."""
+"""A log to read a named file by: itself, or one made from a capture."""
 
 from __future__ import annotations
 
-import re
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bridge.record.errors import LogReadError
-from bridge.record.mcap_file import MAGIC
+from bridge.convert.file_kinds import MCAP, kind_of
+from bridge.record.info import RunDescription, describe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-CANDUMP, RAW, MCAP = "candump", "raw", "mcap"
-_SNIFFED = 1 << 16
-_LINE = 512
-LOG_LINE = re.compile(
-    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)"
-)
-"""As ``candump -l`` and ``-L`` write it."""
-SHOWN_LINE = re.compile(
-    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+(?:[RT]X\s+\S*\s+)?"
-    rb"\[\d+\]\s*(remote)?\s*((?:[0-9A-Fa-f]{2} ?)*)"
-)
-"""As ``candump -ta`` shows it."""
-
-
-def kind_of(path: Path) -> str:
-    """What a file is by its first bytes: ``mcap``, ``candump`` or ``raw``.
-
-    Raises:
-        LogReadError: it cannot be read.
-
-    """
-    try:
-        with path.open("rb") as file:
-            begin = file.read(_SNIFFED)
-    except OSError as error:
-        raise LogReadError(path, error.strerror or str(error)) from None
-    if begin.startswith(MAGIC[:5]):
-        return MCAP
-    first = begin.lstrip().split(b"\n", 1)[0][:_LINE]
-    return CANDUMP if LOG_LINE.match(first) or SHOWN_LINE.match(first) else RAW
 
 
 @contextmanager
@@ -64,3 +32,19 @@ def readable(path: Path) -> Iterator[Path]:
         made = Path(folder) / f"{path.stem}.mcap"
         convert(path, made)
         yield made
+
+
+def describe_any(path: Path) -> RunDescription:
+    """Read a log or a capture of another program to its end and count.
+
+    Raises:
+        LogReadError: the file is missing, cannot be read, or holds nothing of a sweeper.
+
+    """
+    kind = kind_of(path)
+    with readable(path) as log:
+        description = describe(log)
+    if kind != MCAP:
+        description.path, description.format = path, kind
+        description.file_bytes = path.stat().st_size
+    return description

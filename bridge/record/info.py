@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from bridge.convert.sources import MCAP, kind_of, readable
 from bridge.record.names import DEVICE_METADATA
 from bridge.record.reader import LogMessage, LogReader
 
@@ -114,22 +113,6 @@ class RunDescription:
             "wire": self.wire,
             "summary": self.summary,
         }
-
-
-def describe_any(path: Path) -> RunDescription:
-    """Read a log or a capture of another program to its end and count.
-
-    Raises:
-        LogReadError: the file is missing, cannot be read, or holds nothing of a sweeper.
-
-    """
-    kind = kind_of(path)
-    with readable(path) as log:
-        description = describe(log)
-    if kind != MCAP:
-        description.path, description.format = path, kind
-        description.file_bytes = path.stat().st_size
-    return description
 
 
 def describe(path: Path) -> RunDescription:

@@ -6,7 +6,6 @@ import json
 import platform
 from typing import TYPE_CHECKING, Any
 
-from bridge.config import parse_robot
 from bridge.record.encode import foxglove, ros, schemas
 from bridge.record.encode.device_topics import DeviceTopics
 from bridge.record.encode.occupancy_grid import rasterise
@@ -76,10 +75,9 @@ class RunWriter:
         Raises:
             LogExistsError: the file exists and ``force`` is not set.
             LogWriteError: it cannot be opened or written.
-            ConfigError: ``info.robot_toml`` is no robot file.
 
         """
-        model = parse_robot(info.robot_toml)
+        model = info.robot
         rehearse()
         self.path = path
         library = f"sweepctl {info.version}"

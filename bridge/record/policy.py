@@ -11,15 +11,10 @@ from bridge.record.family import stray_part
 from bridge.record.log_writer import RunWriter
 from bridge.record.rotation import RotatingWriter
 from bridge.record.storage import open_log_file
-from bridge.run.mission import Ending
-from bridge.session.records import Severity
-from protocol.values import StopCause
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    from bridge.record.recorder import ThreadedRecorder
     from bridge.session.records import RunInfo
 
 
@@ -43,7 +38,6 @@ def open_log(
     Raises:
         LogExistsError: the file exists and ``force`` is not set.
         LogWriteError: it cannot be opened or written, or there is no room for it.
-        ConfigError: ``info.robot_toml`` is no robot file.
 
     """
     opener = partial(open_log_file, fsync=options.fsync)
@@ -59,31 +53,3 @@ def open_log(
     return RotatingWriter(
         path, info, make, rotate_bytes=options.rotate_bytes, rotate_s=options.rotate_s
     )
-
-
-class LogWatch:
-    """Sees to what is to happen when a log fails: it is told at once, and the run ends or not."""
-
-    def __init__(
-        self,
-        recorder: ThreadedRecorder,
-        tell: Callable[[Severity, str, str, str], None],
-        *,
-        stop_on_error: bool,
-    ) -> None:
-        """``tell`` puts an event before people: severity, source, kind and text."""
-        self._recorder, self._tell = recorder, tell
-        self._stop = stop_on_error
-        self._told = False
-
-    def __call__(self) -> Ending | None:
-        """Ask at every turn: an end to the run, or None."""
-        error = self._recorder.error
-        if error is None or (self._told and not self._stop):
-            return None
-        if self._stop:
-            return Ending("fault", f"the log failed: {error}", 1, StopCause.SUPERVISE)
-        self._told = True
-        text = f"the log failed: {error}; the run goes on without it, as asked"
-        self._tell(Severity.ERROR, "recorder", "failed", text)
-        return None

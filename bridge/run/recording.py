@@ -7,6 +7,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from bridge.motion.estimation.disturbance import DisturbanceKind
+from bridge.run.mission import Ending
 from bridge.session.records import (
     ClockRecord,
     CommandRecord,
@@ -27,7 +28,7 @@ from protocol.values import Fault as DeviceFault
 from protocol.values import LogLevel, ResetCause, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from bridge.coverage.planner import PlannerState
     from bridge.coverage.swept_map import SweptMap
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import VelocityCommand
+    from bridge.record.recorder import ThreadedRecorder
     from bridge.record.sink import Sink
     from bridge.run.runner import Runner
     from bridge.session.link_stats import WireStatistics
@@ -328,3 +330,31 @@ class HostRecords:
                 hello.boot_id,
             )
         )
+
+
+class LogFailureRule:
+    """Decides what happens when a log fails: it is reported at once, and the run ends or not."""
+
+    def __init__(
+        self,
+        recorder: ThreadedRecorder,
+        report: Callable[[Severity, str, str, str], None],
+        *,
+        stop_on_error: bool,
+    ) -> None:
+        """``report`` takes an event: severity, source, kind and text."""
+        self._recorder, self._report = recorder, report
+        self._stop = stop_on_error
+        self._is_reported = False
+
+    def __call__(self) -> Ending | None:
+        """Ask at every turn: an end to the run, or None."""
+        error = self._recorder.error
+        if error is None or (self._is_reported and not self._stop):
+            return None
+        if self._stop:
+            return Ending("fault", f"the log failed: {error}", 1, StopCause.SUPERVISE)
+        self._is_reported = True
+        text = f"the log failed: {error}; the run goes on without it, as asked"
+        self._report(Severity.ERROR, "recorder", "failed", text)
+        return None

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bridge.coverage.planner import PlannerState
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.geometry import Pose2
+    from bridge.motion.robot_model import RobotModel
     from protocol.schema.message import Message
 
 
@@ -196,7 +197,9 @@ class RunInfo:
     opened_unix_ns: int
     clock_offset_ns: int
     """Unix time less the host's monotonic clock, taken once as the log was opened."""
+    robot: RobotModel
     robot_toml: str
+    """The robot file that ``robot`` was read from; it is attached as it is."""
     plan: FloorPlan | None = None
     extra: dict[str, str] = field(default_factory=dict)
     begun_unix_ns: int | None = None

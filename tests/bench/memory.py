@@ -41,7 +41,7 @@ def main() -> None:
     plan = load_room("case-1")
     model, robot_toml = load_robot(None)
     clock_ns = EPOCH_NS - HOST_BOOT_NS
-    info = RunInfo("virtual", "random", 0, "bench", EPOCH_NS, clock_ns, robot_toml, plan)
+    info = RunInfo("virtual", "random", 0, "bench", EPOCH_NS, clock_ns, model, robot_toml, plan)
     used: list[tuple[float, float]] = []
 
     def watch(time_s: float, _host: Host) -> None:

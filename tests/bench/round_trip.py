@@ -127,7 +127,8 @@ class Asking:
 def ours(count: int, folder: Path) -> list[int]:
     """Round trips in nanoseconds, of commands through the whole bridge, recorded."""
     offset_ns = clock.unix_offset_ns()
-    info = RunInfo("bench", "", None, "bench", clock.now() + offset_ns, offset_ns, "")
+    opened_ns = clock.now() + offset_ns
+    info = RunInfo("bench", "", None, "bench", opened_ns, offset_ns, RobotModel(), "")
     recorder = ThreadedRecorder(RunWriter(folder / "run.mcap", info, force=True))
     try:
         with FarEnd("device") as far:

@@ -16,11 +16,11 @@ import pytest
 from matplotlib.image import imread
 from rerun.experimental import ViewerClient
 
-from bridge.record.following import Follower, paced
 from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
 from bridge.view.errors import NoDisplayError
+from bridge.view.following import Follower, paced
 from bridge.view.rerun.launch import viewer_environment
 from bridge.view.rerun.live import LiveViewer, check
 from support.cli import sweepctl

@@ -103,7 +103,15 @@ def _run(result: Result, max_s: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
         info = RunInfo(
-            "virtual", planner, result.seed, "soak", EPOCH_NS, EPOCH_NS - HOST_BOOT_NS, "", plan
+            "virtual",
+            planner,
+            result.seed,
+            "soak",
+            EPOCH_NS,
+            EPOCH_NS - HOST_BOOT_NS,
+            model,
+            "",
+            plan,
         )
         writer = RunWriter(path, info)
         truth = Truth(writer)

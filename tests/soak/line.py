@@ -80,7 +80,7 @@ def _record(feeder: subprocess.Popen[str], log: Path, seconds: float, *, noise: 
     name = feeder.stdout.readline().strip()
     model = RobotModel()
     offset_ns = clock.unix_offset_ns()
-    info = RunInfo(name, "", None, "soak", clock.now() + offset_ns, offset_ns, "")
+    info = RunInfo(name, "", None, "soak", clock.now() + offset_ns, offset_ns, model, "")
     recorder = ThreadedRecorder(RunWriter(log, info))
     options = HostOptions(offset_ns, "", Pose2(0.0, 0.0, 0.0))
     host = Host(model, recorder, options, Mission(None), lambda: 0x5EED)

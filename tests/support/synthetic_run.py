@@ -61,6 +61,7 @@ def run_info(*, plan: FloorPlan | None = PLAN) -> RunInfo:
         version="0.0.test",
         opened_unix_ns=EPOCH_NS,
         clock_offset_ns=EPOCH_NS - 5_000_000_000,
+        robot=RobotModel(),
         robot_toml=to_toml(RobotModel()),
         plan=plan,
         extra={"room": "synthetic"},

@@ -23,17 +23,20 @@ if TYPE_CHECKING:
     from bridge.bringup.desk import Desk
     from bridge.bringup.desk_wire import Wire
     from bridge.bringup.recorded import BenchRecords
+    from bridge.motion.robot_model import RobotModel
     from tools.cli.port_options import PortAsked
 
 _LONG_S = 1e6
 
 
 @contextlib.contextmanager
-def desk_on(asked: PortAsked, log: BenchLog | None = None, robot_toml: str = "") -> Iterator[Desk]:
+def desk_on(
+    asked: PortAsked, log: BenchLog | None, model: RobotModel, robot_toml: str
+) -> Iterator[Desk]:
     """A desk on a port; Ctrl-C ends what it does, and it leaves the robot stopped.
 
-    With ``log`` everything that passes, and what the person is told, is recorded; ``robot_toml`` is
-    the robot file's text, which goes with it.
+    With ``log`` everything that passes, and what the person is told, is recorded, with the robot
+    ``model`` and the text of its file.
 
     Raises:
         PortError: the port cannot be opened, or nothing answers on it.
@@ -51,7 +54,7 @@ def desk_on(asked: PortAsked, log: BenchLog | None = None, robot_toml: str = "")
         stack.callback(wire.close)
         records = None
         if log is not None:
-            records = stack.enter_context(_recorded(wire, asked.name, log, robot_toml))
+            records = stack.enter_context(_recorded(wire, asked.name, log, model, robot_toml))
         desk = Desk(
             wire,
             lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
@@ -74,7 +77,9 @@ class BenchLog:
 
 
 @contextlib.contextmanager
-def _recorded(wire: Wire, port: str, log: BenchLog, robot_toml: str) -> Iterator[BenchRecords]:
+def _recorded(
+    wire: Wire, port: str, log: BenchLog, model: RobotModel, robot_toml: str
+) -> Iterator[BenchRecords]:
     """Records of what passes over a wire, into a file of its own."""
     from bridge.bringup.recorded import BenchRecords
     from bridge.io import clock
@@ -86,7 +91,7 @@ def _recorded(wire: Wire, port: str, log: BenchLog, robot_toml: str) -> Iterator
     offset_ns = clock.unix_offset_ns()
     opened_ns = clock.now() + offset_ns
     extra = {"command": log.command}
-    info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, robot_toml, None, extra)
+    info = RunInfo(port, "", None, VERSION, opened_ns, offset_ns, model, robot_toml, None, extra)
     # On a thread of its own: a disk that is slow must not keep a wheel turning.
     recorder = ThreadedRecorder(open_log(log.path, info, RecordOptions(), force=log.force))
     records = BenchRecords(wire, recorder, offset_ns)

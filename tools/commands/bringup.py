@@ -64,7 +64,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     model, text = load_robot(robot)
     if plot is not None:
         _check_plot(plot)
-    with desk_on(port, log, text) as desk:
+    with desk_on(port, log, model, text) as desk:
         bench = BringUp(desk, Terminal(desk), model, clear_stop=clear_stop)
         bench.run(steps or _STEPS)
     if bench.steps:

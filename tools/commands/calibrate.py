@@ -75,7 +75,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     from tools.bringup.desk import Terminal, desk_on
 
     model, text = load_existing(robot)
-    with desk_on(port, log, text) as desk:
+    with desk_on(port, log, model, text) as desk:
         person = Terminal(desk, yes=yes)
         person.tell(f"Let the robot stand still for {duration_s:g} s.")
         turned = desk.watch(Encoders)
@@ -185,7 +185,7 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
     from tools.bringup.desk import Terminal, desk_on
 
     model, text = load_existing(robot)
-    with desk_on(port, log, text) as desk:
+    with desk_on(port, log, model, text) as desk:
         person = Terminal(desk, yes=yes)
         measure = ByTape(person) if truth is None else ByTruth(truth)
         squares = Squares(desk, person, model, measure, clear_stop=clear_stop)
@@ -320,7 +320,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
     model, text = load_existing(robot)
     found: dict[str, Any] = {}
     changes: list[Change] = []
-    with desk_on(port, log, text) as desk:
+    with desk_on(port, log, model, text) as desk:
         person = Terminal(desk, yes=yes)
         known = {p.name: p.value for p in list_parameters(desk)}
         for sensor in sensors or _SENSORS:

@@ -194,7 +194,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                 rig = options.rig(device, line, fault, seed)
             writer = None
             if truth is not None:
-                writer = _truth_writer(truth, robot_toml, plan, seed, noise, force=force)
+                writer = _truth_writer(truth, (model, robot_toml), plan, seed, noise, force=force)
                 stack.callback(writer.close)
             port = stack.enter_context(_port(link, pty_link, bitrate, listen, lan=lan))
             server = None
@@ -365,7 +365,13 @@ def _sum_up(rig: Rig, report: ServeReport, chip: QemuSweeper | None, *, asked: b
 
 
 def _truth_writer(  # noqa: PLR0913 - what a log says of itself
-    path: Path, robot_toml: str, plan: FloorPlan, seed: int, noise: str, *, force: bool
+    path: Path,
+    robot: tuple[RobotModel, str],
+    plan: FloorPlan,
+    seed: int,
+    noise: str,
+    *,
+    force: bool,
 ) -> RunWriter:
     from bridge.io import clock
     from bridge.record.log_writer import RunWriter
@@ -375,7 +381,7 @@ def _truth_writer(  # noqa: PLR0913 - what a log says of itself
     offset_ns = clock.unix_offset_ns()
     opened_ns = clock.now() + offset_ns
     extra = {"noise": noise}
-    info = RunInfo("emulated", "", seed, VERSION, opened_ns, offset_ns, robot_toml, plan, extra)
+    info = RunInfo("emulated", "", seed, VERSION, opened_ns, offset_ns, *robot, plan, extra)
     writer = RunWriter(path, info, force=force)
     writer.write(RoomRecord(opened_ns, plan))
     return writer

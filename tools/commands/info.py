@@ -23,7 +23,7 @@ def command(*, file: Path, as_json: bool) -> int:
     FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial line. The
     first file of a run that was recorded into several stands for all of them.
     """
-    from bridge.record.info import describe_any
+    from bridge.convert.sources import describe_any
 
     description = describe_any(file)
     if as_json:

@@ -60,7 +60,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     whose name is the first line on stdout ("ready PORT"): it sends what it sent, damaged bytes
     included, answers hello and time, and cannot be driven.
     """
-    from bridge.convert.sources import MCAP, kind_of, readable
+    from bridge.convert.file_kinds import MCAP, kind_of
+    from bridge.convert.sources import readable
 
     if pty_link is not None and link is None:
         raise click.UsageError("--pty-link goes with --link pty")

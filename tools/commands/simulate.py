@@ -127,6 +127,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         VERSION,
         EPOCH_NS,
         EPOCH_NS - HOST_BOOT_NS,
+        model,
         robot_toml,
         plan,
         extra,

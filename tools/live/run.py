@@ -26,7 +26,7 @@ from bridge.io.reopening import Opener
 from bridge.motion.geometry import Pose2
 from bridge.record.errors import LogGoneError, LogReadError
 from bridge.record.family import parts_of
-from bridge.record.policy import LogWatch, RecordOptions, open_log
+from bridge.record.policy import RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
 from bridge.run.crash import described
 from bridge.run.dead_man import DeadMan
@@ -35,6 +35,7 @@ from bridge.run.manual import Operator
 from bridge.run.mission import Ending, Mission, Resume
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
+from bridge.run.recording import LogFailureRule
 from bridge.run.summary import crash_summary, run_summary
 from bridge.run.supervision import Watch, go_on
 from bridge.session.records import RoomRecord, RunInfo, Severity
@@ -175,7 +176,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     if asked.supervise is not None and mission.runner is not None:
         host.watch = Watch(host, Supervisor(asked.model, asked.supervise))
     pump = Pump(host, opened, opener)
-    pump.watch = LogWatch(
+    pump.watch = LogFailureRule(
         recorder,
         lambda severity, source, kind, text: host.event(clock.now(), severity, source, kind, text),
         stop_on_error=asked.recording.stop_on_error,
@@ -296,6 +297,7 @@ def _recorder(asked: LiveOptions) -> tuple[ThreadedRecorder, int]:
         VERSION,
         opened_ns,
         offset_ns,
+        asked.model,
         asked.robot_toml,
         asked.plan,
     )

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 from bridge.io import clock
 from bridge.io.free_port import free_tcp_port
-from bridge.record.following import POLL_S, Follower, paced, wait_for_log
 from bridge.record.names import readable_name
 from bridge.record.reader import LogReader
 from bridge.view.errors import ViewerFailedError
+from bridge.view.following import POLL_S, Follower, paced, wait_for_log
 from bridge.view.rerun.launch import APPLICATION, viewer_environment, viewer_program
 
 if TYPE_CHECKING:

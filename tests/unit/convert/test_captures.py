@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.convert.sources import CANDUMP, MCAP, RAW, kind_of, readable
+from bridge.convert.file_kinds import CANDUMP, MCAP, RAW, kind_of
+from bridge.convert.sources import describe_any, readable
 from bridge.record.errors import LogReadError
-from bridge.record.info import describe_any
 from bridge.record.reader import LogReader
 from support.cli import plain_messages, short_runs, sweepctl
 

@@ -135,7 +135,7 @@ def test_who_listens_to_a_capture_has_them_all() -> None:
 
 def test_a_report_counts_frames_and_not_records(tmp_path: Path) -> None:
     log = tmp_path / "run.mcap"
-    writer = RunWriter(log, RunInfo("port", "", None, "test", 1, 0, ""))
+    writer = RunWriter(log, RunInfo("port", "", None, "test", 1, 0, RobotModel(), ""))
     records = HostRecords(writer, 0, "")
     records.damaged([DamagedFrame(Damage.CRC, 0, 9, b"x" * 9)] * 12, 5)
     records.flush(10, at_once=True)

@@ -17,14 +17,15 @@ from mcap.reader import make_reader
 from bridge.convert.export import export
 from bridge.record.chunk import CHUNK_NS
 from bridge.record.errors import LogExistsError, LogGoneError, LogWriteError
-from bridge.record.following import Follower
 from bridge.record.log_writer import RunWriter
-from bridge.record.policy import LogWatch, RecordOptions, open_log
+from bridge.record.policy import RecordOptions, open_log
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
 from bridge.record.rotation import RotatingWriter
 from bridge.record.storage import RESERVE_BYTES, LogFile, hold_room, open_log_file
+from bridge.run.recording import LogFailureRule
 from bridge.session.records import IdentityRecord, LogRecord, Severity
+from bridge.view.following import Follower
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
@@ -155,21 +156,21 @@ def test_stop_or_go_on_when_the_log_fails(tmp_path: Path) -> None:
         recorder = ThreadedRecorder(
             RunWriter(tmp_path / f"{stop}.mcap", run_info(), opener=disk.open)
         )
-        watch = LogWatch(recorder, lambda *words: told.append(words), stop_on_error=stop)
-        assert watch() is None
+        rule = LogFailureRule(recorder, lambda *words: told.append(words), stop_on_error=stop)
+        assert rule() is None
         for record in synthetic_run():
             recorder.write(record)
         recorder.close(summary())
         assert recorder.error is not None
         assert recorder.dropped > 0
-        ending = watch()
+        ending = rule()
         if stop:
             assert ending is not None
             assert (ending.outcome, ending.exit_status) == ("fault", 1)
             assert "No space left" in ending.reason
         else:
             assert ending is None
-            assert watch() is None, "told once"
+            assert rule() is None, "told once"
         assert LogReader(tmp_path / f"{stop}.mcap").truncated is False
     ((severity, source, kind, text),) = told
     assert (severity, source, kind) == (Severity.ERROR, "recorder", "failed")

@@ -10,8 +10,10 @@ import pytest
 from matplotlib import image
 from matplotlib.figure import Figure
 
+from bridge.config import parse_robot
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
+from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogReadError, LogWriteError
 from bridge.record.log_writer import RunWriter
 from bridge.session.records import PoseRecord, RunInfo, TruthRecord
@@ -53,7 +55,17 @@ def write_log(
     robot_toml: str = "",
 ) -> Path:
     """Drive along the lower wall, and believe to be 5 cm further left."""
-    info = RunInfo("virtual", "paper", 3, "0", START_NS, 0, robot_toml, PLAN if room else None)
+    info = RunInfo(
+        "virtual",
+        "paper",
+        3,
+        "0",
+        START_NS,
+        0,
+        parse_robot(robot_toml),
+        robot_toml,
+        PLAN if room else None,
+    )
     writer = RunWriter(path, info)
     for i in range(poses):
         at_ns = START_NS + i * 20_000_000
@@ -179,7 +191,7 @@ def test_the_track(tmp_path: Path) -> None:
 @pytest.mark.parametrize("degrees", [-179, -90, 0, 45, 179])
 def test_headings(tmp_path: Path, degrees: int) -> None:
     path = tmp_path / "a.mcap"
-    writer = RunWriter(path, RunInfo("p", "", None, "0", START_NS, 0, ""))
+    writer = RunWriter(path, RunInfo("p", "", None, "0", START_NS, 0, RobotModel(), ""))
     writer.write(TruthRecord(START_NS, Pose2(1.0, -2.0, math.radians(degrees))))
     writer.close()
     ((time_s, pose),) = load_track(path).truth
@@ -190,7 +202,7 @@ def test_headings(tmp_path: Path, degrees: int) -> None:
 
 def test_both_tracks_share_a_clock(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    writer = RunWriter(path, RunInfo("p", "", None, "0", START_NS, 0, ""))
+    writer = RunWriter(path, RunInfo("p", "", None, "0", START_NS, 0, RobotModel(), ""))
     pose = Pose2(0, 0, 0)
     writer.write(TruthRecord(START_NS + 5_000_000_000, pose))
     writer.write(PoseRecord(START_NS + 7_000_000_000, pose, 0.0, 0.0, NO_COVARIANCE, 0.0, 1.0))

@@ -1,0 +1,43 @@
+"""What kind of file a named file is, by its first bytes."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from bridge.record.errors import LogReadError
+from bridge.record.mcap_file import MAGIC
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CANDUMP, RAW, MCAP = "candump", "raw", "mcap"
+_SNIFFED = 1 << 16
+_LINE = 512
+LOG_LINE = re.compile(
+    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)"
+)
+"""As ``candump -l`` and ``-L`` write it."""
+SHOWN_LINE = re.compile(
+    rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+(?:[RT]X\s+\S*\s+)?"
+    rb"\[\d+\]\s*(remote)?\s*((?:[0-9A-Fa-f]{2} ?)*)"
+)
+"""As ``candump -ta`` shows it."""
+
+
+def kind_of(path: Path) -> str:
+    """What a file is by its first bytes: ``mcap``, ``candump`` or ``raw``.
+
+    Raises:
+        LogReadError: it cannot be read.
+
+    """
+    try:
+        with path.open("rb") as file:
+            begin = file.read(_SNIFFED)
+    except OSError as error:
+        raise LogReadError(path, error.strerror or str(error)) from None
+    if begin.startswith(MAGIC[:5]):
+        return MCAP
+    first = begin.lstrip().split(b"\n", 1)[0][:_LINE]
+    return CANDUMP if LOG_LINE.match(first) or SHOWN_LINE.match(first) else RAW
