@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.record.errors import LogWriteError
 from bridge.record.file_summary import read_file_summary
-from bridge.record.mcap_copy import McapCopy, Places, bytes_of
-from bridge.record.mcap_file import MAGIC
+from bridge.record.mcap_copy import McapCopy, Places
+from bridge.record.mcap_file import MAGIC, bytes_of
 from bridge.record.mcap_records import (
     Attachment,
     Channel,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import struct
 import zlib
 from array import array
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import zstandard
 
 from bridge.record.encode.rows import OP_MESSAGE, RECORD_HEAD, Rows
+from bridge.record.mcap_file import ZSTD_LEVEL, Chunk
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,31 +22,8 @@ CHUNK_BYTES = 256 * 1024
 CHUNK_NS = 250_000_000
 """Half of what a kill may lose; the other half is the recorder's patience with an idle line."""
 
-ZSTD_LEVEL = 1  # level 3 makes 20 % less of our data, for a fifth more time
-
 _MESSAGE = struct.Struct("<BQHIQQ")
 _FIXED = _MESSAGE.size - RECORD_HEAD
-# Records of the MCAP specification, with opcode and length.
-_CHUNK = struct.Struct("<BQ QQQI I4s Q")
-_MESSAGE_INDEX = struct.Struct("<BQHI")
-_CHUNK_INDEX = struct.Struct("<BQ QQQQI")
-_OFFSET = struct.Struct("<HQ")
-_CHUNK_INDEX_TAIL = struct.Struct("<Q I4s QQ")
-_OP_CHUNK, _OP_MESSAGE_INDEX, _OP_CHUNK_INDEX = 0x06, 0x07, 0x08
-_ZSTD = b"zstd"
-
-
-class Closed(NamedTuple):
-    """What a chunk became."""
-
-    data: bytes
-    """The Chunk record and its Message Index records."""
-    described: bytes
-    """Its Chunk Index record, for the file's summary."""
-    first_ns: int
-    last_ns: int
-    counts: dict[int, int]
-    """Messages by channel."""
 
 
 class OpenChunk:
@@ -99,8 +77,8 @@ class OpenChunk:
         self._parts.append((place, head + data))
         self.size = place + RECORD_HEAD + size
 
-    def close(self, offset: int) -> Closed | None:
-        """Give what stands at ``offset`` of the file, and begin anew; None: no message in it."""
+    def close(self) -> Chunk | None:
+        """Give what is in it, and begin anew; None: no message."""
         if not any(self._entries) and not any(rows.ints for rows in self._rows):
             return None
         indexes: dict[int, list[bytes]] = {}
@@ -123,57 +101,18 @@ class OpenChunk:
                 for channel_id, index in zip(rows.channels, packed.entries, strict=True):
                     indexes.setdefault(channel_id, []).append(index.tobytes())
         self.size = self.earliest_ns = self.deadline_ns = 0
-        return self._closed(content, indexes, min(spans), max(spans), offset)
-
-    def _closed(
-        self,
-        content: bytearray,
-        indexes: dict[int, list[bytes]],
-        first_ns: int,
-        last_ns: int,
-        offset: int,
-    ) -> Closed:
-        compressed = self._zstd.compress(content)
-        crc = zlib.crc32(content)
-        size, stored = len(content), len(compressed)
-        out = bytearray(
-            _CHUNK.pack(
-                _OP_CHUNK,
-                _CHUNK.size - RECORD_HEAD + stored,
-                first_ns,
-                last_ns,
-                size,
-                crc,
-                len(_ZSTD),
-                _ZSTD,
-                stored,
-            )
+        return Chunk(
+            "zstd",
+            self._zstd.compress(content),
+            len(content),
+            zlib.crc32(content),
+            min(spans),
+            max(spans),
+            {
+                channel_id: parts[0] if len(parts) == 1 else _in_order(b"".join(parts))
+                for channel_id, parts in sorted(indexes.items())
+            },
         )
-        out += compressed
-        length = len(out)
-        places = b""
-        counts = {}
-        for channel_id, parts in sorted(indexes.items()):
-            entries = parts[0] if len(parts) == 1 else _in_order(b"".join(parts))
-            counts[channel_id] = len(entries) // 16
-            places += _OFFSET.pack(channel_id, offset + len(out))
-            head = 6 + len(entries)
-            out += _MESSAGE_INDEX.pack(_OP_MESSAGE_INDEX, head, channel_id, len(entries))
-            out += entries
-        described = (
-            _CHUNK_INDEX.pack(
-                _OP_CHUNK_INDEX,
-                _CHUNK_INDEX.size - RECORD_HEAD + len(places) + _CHUNK_INDEX_TAIL.size,
-                first_ns,
-                last_ns,
-                offset,
-                length,
-                len(places),
-            )
-            + places
-            + _CHUNK_INDEX_TAIL.pack(len(out) - length, len(_ZSTD), _ZSTD, stored, size)
-        )
-        return Closed(bytes(out), described, first_ns, last_ns, counts)
 
 
 def _in_order(entries: bytes) -> bytes:

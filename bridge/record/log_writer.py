@@ -6,12 +6,12 @@ import json
 import platform
 from typing import TYPE_CHECKING, Any
 
+from bridge.record.chunked_file import ChunkedFile
 from bridge.record.encode import foxglove, ros, schemas
 from bridge.record.encode.device_topics import DeviceTopics
 from bridge.record.encode.occupancy_grid import rasterise
 from bridge.record.encode.rows import Head, RowMessage, half_angle, proto_stamp, real, rehearse
 from bridge.record.errors import LogWriteError
-from bridge.record.mcap_file import ChunkedFile
 from bridge.record.names import (
     CATALOGUE_ATTACHMENT,
     DEVICE_METADATA,
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from bridge.record.chunked_file import LogOpener
     from bridge.record.encode.descriptors import MessageType
     from bridge.record.encode.layout import FlatMessage
     from bridge.record.encode.ros import RosTopic
     from bridge.record.encode.rows import Rows
-    from bridge.record.mcap_file import LogOpener
     from bridge.session.records import Record, RunInfo
 
 _LOGGED = Head(1, 1)
@@ -127,8 +127,8 @@ class RunWriter:
             LogWriteError: the file cannot be written, now or since an earlier record.
 
         """
-        if self._file.failure is not None:
-            raise self._file.failure
+        if self._file.out.failure is not None:
+            raise self._file.out.failure
         self._last_ns = record[0]
         if record.__class__ is DeviceMessage:  # two of five, and the dearest
             topics = self._device.get(record[6])
@@ -140,7 +140,7 @@ class RunWriter:
     @property
     def bytes_written(self) -> int:
         """Length of the file by now."""
-        return self._file.offset
+        return self._file.out.offset
 
     def flush(self) -> None:
         """Hand everything so far to the operating system: for when nothing more may come soon.
@@ -163,7 +163,7 @@ class RunWriter:
         if self._file.closed:
             return
         try:
-            if summary is not None and self._file.failure is None:
+            if summary is not None and self._file.out.failure is None:
                 data = json.dumps(dict(summary), indent=2, default=str).encode()
                 self._file.add_attachment(
                     SUMMARY_ATTACHMENT, "application/json", data, self._last_ns

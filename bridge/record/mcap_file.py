@@ -1,9 +1,8 @@
-"""An MCAP file whose chunks close by log time as well as by size.
+"""An MCAP file that is being written: whole records, and at its end the summary of all of them.
 
-The container's records are the mcap library's; its writer is not used, because it spends
-10.9 µs on a message where this spends 1.8 µs (measured), and closes chunks by size only, so
-that a kill loses whatever the last mebibyte held. Messages of fixed length that come together
-are cheaper still: :class:`Rows` packs a chunk's, headers included, in one go.
+The records are the mcap library's; its writer is not used, because it spends 10.9 µs on a message
+where ours spends 1.8 µs (measured), and closes chunks by size only, so that a kill loses whatever
+the last mebibyte held.
 """
 
 from __future__ import annotations
@@ -11,51 +10,59 @@ from __future__ import annotations
 import contextlib
 import struct
 import zlib
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
-    Attachment,
     AttachmentIndex,
     Channel,
+    ChunkIndex,
     DataEnd,
     Footer,
-    Header,
     McapRecord,
-    Metadata,
     MetadataIndex,
     Schema,
     Statistics,
     SummaryOffset,
 )
 
-from bridge.record.chunk import CHUNK_BYTES, ZSTD_LEVEL, OpenChunk
 from bridge.record.errors import LogGoneError, LogWriteError
-from bridge.record.storage import open_log_file
+from bridge.record.unpack import CHUNK_HEAD, HEAD
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-    from io import FileIO
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
-
-    from bridge.record.encode.rows import RowMessage, Rows
+    from typing import IO
 
 MAGIC = b"\x89MCAP0\r\n"
+ZSTD_LEVEL = 1
+"""Level 3 makes 20 % less of our data, for a fifth more time."""
+_INDEX = struct.Struct("<BQHI")
 
 
-def _bytes_of(record: McapRecord) -> bytes:
+def bytes_of(record: McapRecord) -> bytes:
+    """Serialise one record of the library's."""
     builder = RecordBuilder()
     record.write(builder)
     return bytes(builder.end())  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
 
 
-class LogOpener(Protocol):
-    """Creates a log's file."""
+class Chunk(NamedTuple):
+    """A chunk's content, packed, and where its messages stand in it."""
 
-    def __call__(self, path: Path, *, force: bool) -> FileIO:
-        """Open it for writing, or raise a :class:`LogError`."""
+    compression: str
+    packed: bytes | memoryview
+    size: int
+    """Of the content, bytes."""
+    crc: int
+    """Of the content."""
+    first_ns: int
+    last_ns: int
+    """Log times; both 0 where no message is in it."""
+    entries: Mapping[int, bytes]
+    """By channel: log time and place of each message, 64 bits each."""
 
 
 class _Packed:
@@ -63,9 +70,9 @@ class _Packed:
 
     _BLOCK_BYTES = 128 * 1024
 
-    def __init__(self, zstd: zstandard.ZstdCompressor) -> None:
+    def __init__(self) -> None:
         self.count = 0
-        self._zstd = zstd
+        self._zstd = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         self._blocks: list[bytes] = []
         self._pending = bytearray()
 
@@ -84,231 +91,43 @@ class _Packed:
         yield bytes(self._pending)
 
 
-class ChunkedFile:
-    """Writes one MCAP file, a whole chunk at a time. Not for several threads at once.
+class McapFile:
+    """Writes whole records. Not for several threads at once.
 
-    After a failed write the file ends with its last whole chunk: what was recorded before
-    stays readable, every later call raises the same :class:`LogWriteError`, and
-    :meth:`finish` still tries to close the file whole.
+    After a failed write the file ends with its last whole record, and every later write raises
+    the same :class:`LogWriteError`, until ``failure`` is taken away.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        *,
-        force: bool = False,
-        library: str = "sweepctl",
-        opener: LogOpener = open_log_file,
-    ) -> None:
-        """Create the file.
-
-        Raises:
-            LogExistsError: it exists and ``force`` is not set.
-            LogWriteError: it cannot be opened or written.
-
-        """
+    def __init__(self, path: Path, file: IO[bytes]) -> None:
         self.path = path
         self.offset = 0
         """Bytes written so far, all of them whole records."""
+        self.crc = 0
+        """Of those bytes."""
         self.failure: LogWriteError | None = None
-        self._file = opener(path, force=force)
-        self.chunk = OpenChunk()
-        """The one in progress, for who appends many rows."""
-        self._schemas: dict[int, Schema] = {}
-        self._schema_ids: dict[str, int] = {}
-        self._channels: dict[int, Channel] = {}
-        self._counts: list[int] = []
-        self._chunks = _Packed(zstandard.ZstdCompressor(level=ZSTD_LEVEL))
-        """The chunks' index records."""
+        self.schemas: dict[int, Schema] = {}
+        """By number, for the summary."""
+        self.channels: dict[int, Channel] = {}
+        self.counts: dict[int, int] = {}
+        """Messages by channel."""
+        self._file = file
+        self._chunks, self._attachments, self._metadata = _Packed(), _Packed(), _Packed()
+        """The records of the index."""
         self._span_ns: tuple[int, int] | None = None
         """Log times of the first and the last message."""
-        self._attachments: list[AttachmentIndex] = []
-        self._metadata: list[MetadataIndex] = []
-        self.closed = False
-        try:
-            self._write(MAGIC + _bytes_of(Header(profile="", library=library)))
-        except LogWriteError:
-            self._file.close()
-            if not force:  # it is ours, and says nothing
-                path.unlink(missing_ok=True)
-            raise
 
-    # ---- what goes in
+    @property
+    def chunk_count(self) -> int:
+        """Chunks so far."""
+        return self._chunks.count
 
-    def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
-        """Write a file within the file, after the chunk in progress."""
-        self.flush()
-        record = _bytes_of(Attachment(time_ns, time_ns, name, media_type, data))
-        index = AttachmentIndex(
-            offset=self.offset,
-            length=len(record),
-            log_time=time_ns,
-            create_time=time_ns,
-            data_size=len(data),
-            name=name,
-            media_type=media_type,
-        )
-        self._write(record)
-        self._attachments.append(index)
-
-    def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Write named key-value pairs, after the chunk in progress."""
-        self.flush()
-        record = _bytes_of(Metadata(name=name, metadata=data))
-        index = MetadataIndex(offset=self.offset, length=len(record), name=name)
-        self._write(record)
-        self._metadata.append(index)
-
-    def add_channel(self, topic: str, message_encoding: str, schema: tuple[str, str, bytes]) -> int:
-        """Declare a topic with its schema (name, encoding, data); gives the channel's id."""
-        name, encoding, data = schema
-        schema_id = self._schema_ids.get(name)
-        if schema_id is None:
-            schema_id = self._schema_ids[name] = len(self._schemas) + 1
-            self._schemas[schema_id] = Schema(id=schema_id, data=data, encoding=encoding, name=name)
-            self.chunk.declare(_bytes_of(self._schemas[schema_id]))
-        channel_id = len(self._channels) + 1
-        self._channels[channel_id] = Channel(
-            id=channel_id,
-            topic=topic,
-            message_encoding=message_encoding,
-            metadata={},
-            schema_id=schema_id,
-        )
-        self._counts.append(0)
-        self.chunk.add_channel(_bytes_of(self._channels[channel_id]))
-        return channel_id
-
-    def add_message(
-        self, channel_id: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
-    ) -> None:
-        """Add one message; closes the chunk in progress where it is full or old enough.
+    def write(self, data: bytes) -> None:
+        """Append whole records, or cut the file back to the records before them.
 
         Raises:
-            LogWriteError: the file cannot be written.
+            LogWriteError: they could not be written, or earlier ones could not.
 
         """
-        chunk = self.chunk
-        if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
-            self.next_chunk(log_ns)
-        chunk.add(channel_id, log_ns, publish_ns, sequence, data)
-
-    def rows(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> Rows:
-        """Declare messages that always come together; see :class:`Rows`."""
-        return self.chunk.rows(ints, floats, messages)
-
-    def begin_row(self, log_ns: int, size: int) -> int:
-        """Make room for a row of this log time, before it is appended; gives its place.
-
-        Raises:
-            LogWriteError: the file cannot be written.
-
-        """
-        chunk = self.chunk
-        if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
-            self.next_chunk(log_ns)
-        place = chunk.size
-        chunk.size = place + size
-        return place
-
-    def next_chunk(self, log_ns: int) -> None:
-        """Close the chunk in progress and begin one with a message of this time.
-
-        Raises:
-            LogWriteError: the file cannot be written.
-
-        """
-        self.flush()
-        self.chunk.begin(log_ns)
-
-    # ---- what comes out
-
-    def flush(self) -> None:
-        """Close the chunk in progress and hand it to the operating system.
-
-        Raises:
-            LogWriteError: it could not be written, now or earlier.
-
-        """
-        if self.failure is not None:
-            raise self.failure
-        closed = self.chunk.close(self.offset)
-        if closed is None:
-            return
-        self._write(closed.data)
-        self._chunks.append(closed.described)
-        first_ns, last_ns = closed.first_ns, closed.last_ns
-        earliest_ns, latest_ns = self._span_ns or (first_ns, last_ns)
-        self._span_ns = min(first_ns, earliest_ns), max(last_ns, latest_ns)
-        for channel_id, count in closed.counts.items():
-            self._counts[channel_id - 1] += count
-
-    def finish(self) -> None:
-        """Close the last chunk, write the summary and close the file; again is no error.
-
-        Raises:
-            LogWriteError: the end could not be written; the chunks before it are whole.
-
-        """
-        if self.closed:
-            return
-        self.closed = True
-        failed_before = self.failure is not None
-        try:
-            if not failed_before:
-                self.flush()
-        except LogWriteError:
-            # The room that the cut chunk gave back may be enough for the summary.
-            self.failure = None
-            self._write_end()
-            raise
-        else:
-            self.failure = None
-            with contextlib.suppress(LogWriteError) if failed_before else contextlib.nullcontext():
-                self._write_end()
-        finally:
-            self._file.close()
-
-    def _write_end(self) -> None:
-        data_end = _bytes_of(DataEnd(0))
-        start = self.offset + len(data_end)
-        summary, offsets = bytearray(), bytearray()
-        groups: tuple[tuple[Opcode, Iterable[bytes]], ...] = (
-            (Opcode.SCHEMA, map(_bytes_of, self._schemas.values())),
-            (Opcode.CHANNEL, map(_bytes_of, self._channels.values())),
-            (Opcode.STATISTICS, (_bytes_of(self._statistics()),)),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.ATTACHMENT_INDEX, map(_bytes_of, self._attachments)),
-            (Opcode.METADATA_INDEX, map(_bytes_of, self._metadata)),
-        )
-        for opcode, records in groups:
-            group_start = start + len(summary)
-            for record in records:
-                summary += record
-            length = start + len(summary) - group_start
-            offsets += _bytes_of(SummaryOffset(int(opcode), group_start, length))
-        offsets_start = start + len(summary)
-        body = bytes(summary + offsets)
-        # The CRC covers the summary and the footer up to the CRC itself.
-        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
-        crc = zlib.crc32(footer_head, zlib.crc32(body))
-        self._write(data_end + body + _bytes_of(Footer(start, offsets_start, crc)) + MAGIC)
-
-    def _statistics(self) -> Statistics:
-        return Statistics(
-            attachment_count=len(self._attachments),
-            channel_count=len(self._channels),
-            channel_message_counts={c: n for c, n in enumerate(self._counts, 1) if n},
-            chunk_count=self._chunks.count,
-            message_count=sum(self._counts),
-            message_end_time=self._span_ns[1] if self._span_ns else 0,
-            message_start_time=self._span_ns[0] if self._span_ns else 0,
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
-
-    def _write(self, data: bytes) -> None:
-        """Append whole records, or cut the file back to the records before them."""
         if self.failure is not None:
             raise self.failure
         left = memoryview(data)
@@ -319,7 +138,147 @@ class ChunkedFile:
             with contextlib.suppress(OSError):  # a full device may not even be cut
                 self._file.truncate(self.offset)
                 self._file.seek(self.offset)
-            kind = LogGoneError if isinstance(error, FileNotFoundError) else LogWriteError
-            self.failure = kind(self.path, error.strerror or str(error))
-            raise self.failure from None
+            raise self._failed(error) from None
         self.offset += len(data)
+        self.crc = zlib.crc32(data, self.crc)
+
+    def add_record(self, record: bytes) -> None:
+        """Append a record that is no chunk; an attachment or metadata is indexed.
+
+        Raises:
+            LogWriteError: it could not be written.
+
+        """
+        offset = self.offset
+        self.write(record)
+        if record[0] == Opcode.ATTACHMENT:
+            self._attachments.append(_attachment_index(record, offset))
+        elif record[0] == Opcode.METADATA:
+            name, _ = _text(record, HEAD.size)
+            self._metadata.append(bytes_of(MetadataIndex(offset, len(record), name)))
+
+    def add_chunk(self, chunk: Chunk) -> None:
+        """Append a chunk with the index of its messages.
+
+        Raises:
+            LogWriteError: it could not be written.
+
+        """
+        name = chunk.compression.encode()
+        head = CHUNK_HEAD.pack(chunk.first_ns, chunk.last_ns, chunk.size, chunk.crc)
+        head += struct.pack("<I", len(name)) + name + struct.pack("<Q", len(chunk.packed))
+        head = HEAD.pack(Opcode.CHUNK, len(head) + len(chunk.packed)) + head
+        start, length = self.offset, len(head) + len(chunk.packed)
+        indexes, offsets = bytearray(), dict[int, int]()
+        for channel_id, entries in chunk.entries.items():
+            offsets[channel_id] = start + length + len(indexes)
+            size = len(entries)
+            indexes += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + size, channel_id, size) + entries
+        self.write(b"".join((head, chunk.packed, indexes)))
+        self._chunks.append(
+            bytes_of(
+                ChunkIndex(
+                    chunk_length=length,
+                    chunk_start_offset=start,
+                    compression=chunk.compression,
+                    compressed_size=len(chunk.packed),
+                    message_end_time=chunk.last_ns,
+                    message_index_length=len(indexes),
+                    message_index_offsets=offsets,
+                    message_start_time=chunk.first_ns,
+                    uncompressed_size=chunk.size,
+                )
+            )
+        )
+        for channel_id, entries in chunk.entries.items():
+            self.counts[channel_id] = self.counts.get(channel_id, 0) + len(entries) // 16
+        if chunk.entries:
+            first, last = self._span_ns or (chunk.first_ns, chunk.last_ns)
+            self._span_ns = min(first, chunk.first_ns), max(last, chunk.last_ns)
+
+    def end(self, data_crc: int = 0) -> None:
+        """Write the summary and the footer; 0: no CRC of the data.
+
+        Raises:
+            LogWriteError: they could not be written.
+
+        """
+        data_end = bytes_of(DataEnd(data_crc))
+        start = self.offset + len(data_end)
+        summary, offsets = bytearray(), bytearray()
+        groups: tuple[tuple[Opcode, Iterable[bytes]], ...] = (
+            (Opcode.SCHEMA, map(bytes_of, self.schemas.values())),
+            (Opcode.CHANNEL, map(bytes_of, self.channels.values())),
+            (Opcode.STATISTICS, (bytes_of(self._statistics()),)),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.ATTACHMENT_INDEX, self._attachments),
+            (Opcode.METADATA_INDEX, self._metadata),
+        )
+        for opcode, records in groups:
+            begin = start + len(summary)
+            summary += b"".join(records)
+            length = start + len(summary) - begin
+            if length:
+                offsets += bytes_of(SummaryOffset(int(opcode), begin, length))
+        offsets_start = start + len(summary)
+        body = bytes(summary + offsets)
+        # The CRC covers the summary and the footer up to the CRC itself.
+        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start)
+        crc = zlib.crc32(footer_head, zlib.crc32(body))
+        self.write(data_end + body + bytes_of(Footer(start, offsets_start, crc)) + MAGIC)
+
+    def close(self) -> None:
+        """Close the file.
+
+        Raises:
+            LogWriteError: what waited in memory could not be written.
+
+        """
+        try:
+            self._file.close()
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def _failed(self, error: OSError) -> LogWriteError:
+        kind = LogGoneError if isinstance(error, FileNotFoundError) else LogWriteError
+        self.failure = kind(self.path, error.strerror or str(error))
+        return self.failure
+
+    def _statistics(self) -> Statistics:
+        first_ns, last_ns = self._span_ns or (0, 0)
+        return Statistics(
+            attachment_count=self._attachments.count,
+            channel_count=len(self.channels),
+            channel_message_counts=dict(sorted(self.counts.items())),
+            chunk_count=self._chunks.count,
+            message_count=sum(self.counts.values()),
+            message_end_time=last_ns,
+            message_start_time=first_ns,
+            metadata_count=self._metadata.count,
+            schema_count=len(self.schemas),
+        )
+
+
+def _attachment_index(record: bytes, offset: int) -> bytes:
+    log_ns, create_ns = struct.unpack_from("<QQ", record, HEAD.size)
+    name, position = _text(record, HEAD.size + 16)
+    media_type, position = _text(record, position)
+    (data_size,) = struct.unpack_from("<Q", record, position)
+    return bytes_of(
+        AttachmentIndex(
+            offset=offset,
+            length=len(record),
+            log_time=log_ns,
+            create_time=create_ns,
+            data_size=data_size,
+            name=name,
+            media_type=media_type,
+        )
+    )
+
+
+def _text(record: bytes, position: int) -> tuple[str, int]:
+    """A text, and where it ends."""
+    (size,) = struct.unpack_from("<I", record, position)
+    end = position + 4 + size
+    return record[position + 4 : end].decode("utf-8", "replace"), end

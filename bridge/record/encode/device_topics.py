@@ -11,9 +11,9 @@ from bridge.record.encode.schemas import DeviceEncoder
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bridge.record.chunked_file import ChunkedFile
     from bridge.record.encode.ros import RosForm, RosTopic
     from bridge.record.encode.rows import Rows
-    from bridge.record.mcap_file import ChunkedFile
     from bridge.session.records import DeviceMessage
     from protocol.schema.message import MessageSpec
 

@@ -11,9 +11,9 @@ from mcap_ros2.decoder import DecoderFactory as RosFactory
 
 from bridge.motion.geometry import Pose2
 from bridge.record.chunk import CHUNK_BYTES
+from bridge.record.chunked_file import ChunkedFile
 from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.record.log_writer import RunWriter
-from bridge.record.mcap_file import ChunkedFile
 from bridge.session.records import (
     CommandRecord,
     DeviceMessage,

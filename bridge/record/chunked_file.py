@@ -1,0 +1,185 @@
+"""An MCAP file whose chunks close by log time as well as by size.
+
+Messages of fixed length that come together are cheaper still than others: :class:`Rows` packs a
+chunk's, headers included, in one go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Protocol
+
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
+
+from bridge.record.chunk import CHUNK_BYTES, OpenChunk
+from bridge.record.errors import LogWriteError
+from bridge.record.mcap_file import MAGIC, McapFile, bytes_of
+from bridge.record.storage import open_log_file
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from io import FileIO
+    from pathlib import Path
+
+    from bridge.record.encode.rows import RowMessage, Rows
+
+
+class LogOpener(Protocol):
+    """Creates a log's file."""
+
+    def __call__(self, path: Path, *, force: bool) -> FileIO:
+        """Open it for writing, or raise a :class:`LogError`."""
+
+
+class ChunkedFile:
+    """Writes one MCAP file, a whole chunk at a time. Not for several threads at once.
+
+    After a failed write the file ends with its last whole chunk: what was recorded before
+    stays readable, every later call raises the same :class:`LogWriteError`, and
+    :meth:`finish` still tries to close the file whole.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        force: bool = False,
+        library: str = "sweepctl",
+        opener: LogOpener = open_log_file,
+    ) -> None:
+        """Create the file.
+
+        Raises:
+            LogExistsError: it exists and ``force`` is not set.
+            LogWriteError: it cannot be opened or written.
+
+        """
+        self.out = McapFile(path, opener(path, force=force))
+        """What the whole records go to."""
+        self.chunk = OpenChunk()
+        """The one in progress, for who appends many rows."""
+        self._schema_ids: dict[str, int] = {}
+        self.closed = False
+        try:
+            self.out.write(MAGIC + bytes_of(Header(profile="", library=library)))
+        except LogWriteError:
+            self.out.close()
+            if not force:  # it is ours, and says nothing
+                path.unlink(missing_ok=True)
+            raise
+
+    # ---- what goes in
+
+    def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
+        """Write a file within the file, after the chunk in progress."""
+        self.flush()
+        self.out.add_record(bytes_of(Attachment(time_ns, time_ns, name, media_type, data)))
+
+    def add_metadata(self, name: str, data: dict[str, str]) -> None:
+        """Write named key-value pairs, after the chunk in progress."""
+        self.flush()
+        self.out.add_record(bytes_of(Metadata(name=name, metadata=data)))
+
+    def add_channel(self, topic: str, message_encoding: str, schema: tuple[str, str, bytes]) -> int:
+        """Declare a topic with its schema (name, encoding, data); gives the channel's id."""
+        name, encoding, data = schema
+        schemas, channels = self.out.schemas, self.out.channels
+        schema_id = self._schema_ids.get(name)
+        if schema_id is None:
+            schema_id = self._schema_ids[name] = len(schemas) + 1
+            schemas[schema_id] = Schema(id=schema_id, data=data, encoding=encoding, name=name)
+            self.chunk.declare(bytes_of(schemas[schema_id]))
+        channel_id = len(channels) + 1
+        channels[channel_id] = Channel(
+            id=channel_id,
+            topic=topic,
+            message_encoding=message_encoding,
+            metadata={},
+            schema_id=schema_id,
+        )
+        self.chunk.add_channel(bytes_of(channels[channel_id]))
+        return channel_id
+
+    def add_message(
+        self, channel_id: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
+    ) -> None:
+        """Add one message; closes the chunk in progress where it is full or old enough.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        chunk = self.chunk
+        if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
+            self.next_chunk(log_ns)
+        chunk.add(channel_id, log_ns, publish_ns, sequence, data)
+
+    def rows(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> Rows:
+        """Declare messages that always come together; see :class:`Rows`."""
+        return self.chunk.rows(ints, floats, messages)
+
+    def begin_row(self, log_ns: int, size: int) -> int:
+        """Make room for a row of this log time, before it is appended; gives its place.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        chunk = self.chunk
+        if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
+            self.next_chunk(log_ns)
+        place = chunk.size
+        chunk.size = place + size
+        return place
+
+    def next_chunk(self, log_ns: int) -> None:
+        """Close the chunk in progress and begin one with a message of this time.
+
+        Raises:
+            LogWriteError: the file cannot be written.
+
+        """
+        self.flush()
+        self.chunk.begin(log_ns)
+
+    # ---- what comes out
+
+    def flush(self) -> None:
+        """Close the chunk in progress and hand it to the operating system.
+
+        Raises:
+            LogWriteError: it could not be written, now or earlier.
+
+        """
+        if self.out.failure is not None:
+            raise self.out.failure
+        closed = self.chunk.close()
+        if closed is not None:
+            self.out.add_chunk(closed)
+
+    def finish(self) -> None:
+        """Close the last chunk, write the summary and close the file; again is no error.
+
+        Raises:
+            LogWriteError: the end could not be written; the chunks before it are whole.
+
+        """
+        if self.closed:
+            return
+        self.closed = True
+        out = self.out
+        failed_before = out.failure is not None
+        try:
+            if not failed_before:
+                self.flush()
+        except LogWriteError:
+            # The room that the cut chunk gave back may be enough for the summary.
+            out.failure = None
+            out.end()
+            raise
+        else:
+            out.failure = None
+            with contextlib.suppress(LogWriteError) if failed_before else contextlib.nullcontext():
+                out.end()
+        finally:
+            out.close()
