@@ -18,7 +18,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from bridge.record.errors import LogWriteError
-from bridge.record.file_summary import read_file_summary
+from bridge.record.file_summary import is_summary_of, read_file_summary
 from bridge.record.mcap_copy import McapCopy, Places
 from bridge.record.mcap_file import MAGIC, bytes_of
 from bridge.record.mcap_records import (
@@ -173,8 +173,10 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
         result = Recovery(source, target)
         with McapCopy(target, force=force) as copy:
             begin: int | None = 0
+            last_is_taken = False
             while begin is not None:
-                work = _Recoverer(data, begin, copy, result)
+                work = _Recoverer(data, begin, copy, result, last_is_taken=last_is_taken)
+                last_is_taken |= work.took_last
                 work.run()
                 begin = next_file(data, work.end, len(data))
                 between = (len(data) if begin is None else begin) - work.end
@@ -190,14 +192,30 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
 class _Recoverer:
     """Recovers one of the files that were joined; mostly there is one."""
 
-    def __init__(self, data: Bytes, begin: int, copy: McapCopy, result: Recovery) -> None:
+    def __init__(
+        self,
+        data: Bytes,
+        begin: int,
+        copy: McapCopy,
+        result: Recovery,
+        *,
+        last_is_taken: bool,
+    ) -> None:
         self.end = begin + len(MAGIC)
         """Where the file ends, as soon as that is known."""
         self._begin = self.end
         self._data, self._copy, self._result = data, copy, result
         following = next_file(data, self.end, len(data))
         self._summary = read_file_summary(data, begin, following or len(data))
-        if following is not None and self._summary.start is None:  # it may be within an attachment
+        self.took_last = (
+            following is not None  # it may be within an attachment
+            and not last_is_taken
+            and self._summary.start is None
+            and is_summary_of(data, begin, len(data))
+        )
+        """It reads the summary at the end of the data, though another file seems to begin before.
+        One file does at most: else each of those that were joined would read it."""
+        if self.took_last:
             self._summary = read_file_summary(data, begin, len(data))
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bridge.record.scan import Bytes
 
 _FOOTER = struct.Struct("<BQQQI")
+_DATA_END = struct.Struct("<BQI")
 
 
 @dataclass(slots=True)
@@ -90,6 +91,22 @@ def read_file_summary(data: Bytes, begin: int, end: int) -> FileSummary:
             summary.start = start
             summary.take(found.opcode, data[found.start : found.end], begin)
     return summary
+
+
+def is_summary_of(data: Bytes, begin: int, end: int) -> bool:
+    """Whether the footer before ``end`` names a summary behind the data of the file at ``begin``.
+
+    It takes one look at the footer and one at the record before the summary, whatever their sizes.
+    """
+    footer = end - len(MAGIC) - _FOOTER.size
+    if footer <= begin:
+        return False
+    start = begin + _FOOTER.unpack_from(data, footer)[2]
+    before = start - _DATA_END.size
+    if not begin < before < start <= footer:
+        return False
+    opcode, length, _ = _DATA_END.unpack_from(data, before)
+    return opcode == Opcode.DATA_END and length == _DATA_END.size - HEAD.size
 
 
 def summary_declarations(data: Bytes) -> dict[tuple[type, int], Schema | Channel]:

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 
 import pytest
 from mcap.reader import make_reader
-from mcap.records import Chunk, MessageIndex
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, MessageIndex
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from bridge.convert.recover import recover
 from bridge.record.errors import LogExistsError, LogReadError, LogWriteError
+from bridge.record.file_summary import FileSummary
 from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from support.cli import sweepctl
-from support.hostile_logs import GOOD, claims_to_be_empty, file_of
+from support.hostile_logs import GOOD, MAGIC, claims_to_be_empty, file_of, record
 from support.synthetic_run import run_info, summary, synthetic_run
 
 if TYPE_CHECKING:
@@ -38,11 +39,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recover") / "run.mcap"
     writer = RunWriter(path, run_info())
     first = None
-    for record in synthetic_run():
-        first = first or record.log_ns
-        if record.log_ns - first > 6_000_000_000:
+    for entry in synthetic_run():
+        first = first or entry.log_ns
+        if entry.log_ns - first > 6_000_000_000:
             break
-        writer.write(record)
+        writer.write(entry)
     writer.close(summary())
     return path
 
@@ -329,3 +330,29 @@ def test_a_full_disk_is_told_with_the_file_that_is_written(log: Path, tmp_path: 
     done = sweepctl("recover", log, "--out", out, "--force")
     assert done.status == 1
     assert f"cannot write {out}: No space left on device" in done.line
+
+
+def test_the_last_summary_is_not_read_for_each_file_that_was_joined(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its records are as long as the files before it: it seems to be the summary of each."""
+    joined, declared = 50, 200
+    short = MAGIC + record(Header(profile="", library=""))
+    ids = range(1, declared + 1)
+    channels = [record(Channel(number, "", "", {}, schema_id=0)) for number in ids]
+    assert {len(channel) for channel in channels} == {len(short)}
+    data = short + record(DataEnd(0))
+    summary_start = joined * len(short) + len(data)  # from the first of the short files
+    data += b"".join(channels) + record(Footer(summary_start, 0, 0)) + MAGIC
+    (tmp_path / "joined.mcap").write_bytes(joined * short + data)
+    read: list[int] = []
+    take = FileSummary.take
+
+    def counted(self: FileSummary, opcode: int, content: bytes, begin: int) -> None:
+        read.append(opcode)
+        take(self, opcode, content, begin)
+
+    monkeypatch.setattr(FileSummary, "take", counted)
+    recovery = recover(tmp_path / "joined.mcap", tmp_path / "recovered.mcap")
+    assert recovery.files == joined + 1
+    assert declared <= len(read) <= 2 * declared
