@@ -6,7 +6,6 @@ Frames pass as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), as they 
 from __future__ import annotations
 
 import errno
-import os
 import time
 from collections import deque
 from contextlib import suppress
@@ -19,7 +18,8 @@ from bridge.errors import PortBusyError, PortError
 from bridge.io.device_lock import DeviceLock
 from bridge.io.multicast import MulticastBus
 from bridge.io.port_names import CAN_EXAMPLE
-from bridge.io.readable import readable
+from bridge.io.readable import SELECTED, readable
+from bridge.io.waker import Waker
 from protocol.can.frames import RECORD
 
 if TYPE_CHECKING:
@@ -82,17 +82,18 @@ class CanPort:
             # Before python-can opens it: its first bytes would close another host's bus.
             self._lock = DeviceLock(channel.split("@")[0])
             options["sleep_after_open"] = 0.0  # python-can's 2 s are for boards that boot on it
+        self._waker = Waker()
         try:
+            if interface != _MULTICAST:
+                _check_number(port, self._waker.fd)
             self._bus = _open(port, interface, channel, options)
         except PortError:
             self._unlock()
+            self._waker.close()
             raise
         self._echoes: deque[bytes] | None = (
             deque(maxlen=ECHOES) if interface == _MULTICAST else None
         )
-        self._wake_read, self._wake_write = os.pipe()
-        os.set_blocking(self._wake_read, False)
-        os.set_blocking(self._wake_write, False)
         self._woken = False
         self.garbled = 0
         """Lines of an adapter, or datagrams, that were no frames."""
@@ -112,9 +113,9 @@ class CanPort:
         if self._fd < 0:
             return self._wait_polling(timeout_s)
         try:
-            ready = readable([self._fd, self._wake_read], max(0.0, timeout_s))
-            if self._wake_read in ready:
-                self._drain_wakes()
+            ready = readable([self._fd, self._waker.fd], max(0.0, timeout_s))
+            if self._waker.fd in ready:
+                self._waker.drain()
             records: list[bytes] = []
             for _ in range(READ_FRAMES):  # what is no frame counts: a flood of it is left, too
                 if self._fd not in ready:
@@ -195,22 +196,14 @@ class CanPort:
     def wake(self) -> None:
         """End a wait now; safe in a signal handler."""
         self._woken = True
-        with suppress(OSError):
-            os.write(self._wake_write, b"!")
-
-    def _drain_wakes(self) -> None:
-        with suppress(OSError):
-            while os.read(self._wake_read, 64):
-                pass
+        self._waker.wake()
 
     def close(self) -> None:
         """Give the bus back."""
         with suppress(can.CanError, OSError, TypeError):
             self._bus.shutdown()
         self._unlock()
-        for end in (self._wake_read, self._wake_write):
-            with suppress(OSError):
-                os.close(end)
+        self._waker.close()
 
     def _unlock(self) -> None:
         if self._lock is not None:
@@ -243,6 +236,20 @@ def from_bytes(record: bytes) -> can.Message:
     """The data frame in 16 bytes, for python-can."""
     can_id, length, data = RECORD.unpack(record)
     return can.Message(arbitration_id=can_id, data=data[:length], is_extended_id=False)
+
+
+def _check_number(port: str, newest_fd: int) -> None:
+    """Complain where a bus would get a descriptor that python-can's ``select`` cannot take.
+
+    Raises:
+        PortError: it would.
+
+    """
+    if newest_fd >= SELECTED:
+        raise PortError(
+            f"cannot open {port}: this process has {SELECTED} files open or more, and python-can "
+            "waits for none beyond those; close some first"
+        )
 
 
 def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import errno
 import os
-import select
 import struct
 import threading
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 from bridge.errors import PortError
+from bridge.io.readable import readable
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,7 +123,7 @@ class Gamepad:
 
     def _run(self) -> None:
         while True:
-            ready, _, _ = select.select([self._fd, self._end_read], [], [], REPEAT_S)
+            ready = readable([self._fd, self._end_read], REPEAT_S)
             if self._end_read in ready:
                 return
             if ready:

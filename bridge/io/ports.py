@@ -14,6 +14,8 @@ from bridge.errors import KeyExposedError, PortBusyError, PortError
 from bridge.io.device_lock import owner_pid
 from bridge.io.port_names import misspelt, tcp_mistake
 from bridge.io.readable import readable
+from bridge.io.tcp_port import SCHEME, TcpPort
+from bridge.io.waker import Waker
 from bridge.session.diagnosis import BEGINNING, words_of
 from protocol.can.link import CanLink
 from protocol.link import Link, LinkBase
@@ -58,17 +60,14 @@ class SerialPort:
         """
         self.name = url
         self.low_latency = False
-        self._closed = False
         self._beginning = b""
         """First bytes that came: a port server that refuses gives its reason and hangs up."""
         self._port = _open(url, baud, dtr=dtr, rts=rts)
-        self._wake_read, self._wake_write = os.pipe()
-        os.set_blocking(self._wake_read, False)
-        os.set_blocking(self._wake_write, False)
+        self._waker = Waker()
         self._fd = self._descriptor()
         """Where it can be selected on: everything but pyserial's own protocols, and Windows."""
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
-            self._port.set_low_latency_mode(True)
+            self._port.set_low_latency_mode(True)  # type: ignore[union-attr]  # serial lines have it
             self.low_latency = True
         self.latency_note = None if self.low_latency else _latency_note(url)
         """What to tell of a driver that delays; None where there is nothing to tell."""
@@ -85,7 +84,7 @@ class SerialPort:
             return None
         try:
             fd: int = self._port.fileno()
-            readable([fd, self._wake_read], 0.0)
+            readable([fd, self._waker.fd], 0.0)
         except (OSError, ValueError, NotImplementedError, AttributeError):
             return None
         os.set_blocking(fd, False)
@@ -103,10 +102,10 @@ class SerialPort:
             if fd is None:
                 return bytes(self._port.read(max(1, self._port.in_waiting)))
             # Not pyserial's read: it selects once more, and its errors are many words.
-            wanted = [fd, self._wake_read]
+            wanted = [fd, self._waker.fd]
             ready = readable(wanted, max(0.0, timeout_s))
-            if self._wake_read in ready:
-                self._drain_wakes()
+            if self._waker.fd in ready:
+                self._waker.drain()
             if fd not in ready:
                 return b""
             data = os.read(fd, READ_SIZE)
@@ -147,24 +146,14 @@ class SerialPort:
 
     def wake(self) -> None:
         """End a wait now; safe in a signal handler. A closed port has nobody to wake."""
-        if not self._closed:
-            with suppress(OSError):
-                os.write(self._wake_write, b"!")
-
-    def _drain_wakes(self) -> None:
-        with suppress(OSError):
-            while os.read(self._wake_read, 64):
-                pass
+        self._waker.wake()
 
     def close(self) -> None:
         """Give the port back."""
-        self._closed = True  # before the pipe goes: its number may soon be another file's
         with suppress(OSError):
             self._hang_up()
             self._port.close()
-        for end in (self._wake_read, self._wake_write):
-            with suppress(OSError):
-                os.close(end)
+        self._waker.close()
 
     def _hang_up(self) -> None:
         """Close a socket ourselves: pyserial sleeps 0.3 s after it has."""
@@ -229,12 +218,12 @@ def open_port(  # noqa: PLR0913 - what the two kinds of port can be asked for
     return CanPort(port, bitrate=bitrate or DEFAULT_BITRATE, lan=lan)
 
 
-def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial:
+def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial | TcpPort:
     mistake = tcp_mistake(url)
     if mistake is not None:
         raise PortError(mistake)
     try:
-        port = serial.serial_for_url(url, baudrate=baud, do_not_open=True)
+        port = _unopened(url, baud)
         with suppress(AttributeError, NotImplementedError):
             port.dtr, port.rts = dtr, rts
         if "://" not in url:
@@ -245,6 +234,14 @@ def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial:
     except Exception as error:  # noqa: BLE001 - its URLs have options, patterns and mistakes
         raise PortError(misspelt(url) or f"{url} is not a port: {_reason(error)}") from None
     return port
+
+
+def _unopened(url: str, baud: int) -> serial.Serial | TcpPort:
+    if url.lower().startswith(SCHEME):
+        port = TcpPort(baudrate=baud)
+        port.port = url
+        return port
+    return serial.serial_for_url(url, baudrate=baud, do_not_open=True)
 
 
 def _open_error(url: str, error: OSError) -> PortError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import select
 
-_SELECTED = 1024
+SELECTED = 1024
 """Lowest descriptor that ``select`` cannot wait for, POSIX's FD_SETSIZE. ``poll`` can, and cannot
 wait for a terminal on every version of macOS: so it is the second choice."""
 
@@ -19,7 +19,7 @@ def readable(wanted: list[int], timeout_s: float | None) -> list[int]:
         ValueError: one is negative.
 
     """
-    if max(wanted) < _SELECTED:
+    if max(wanted) < SELECTED:
         return select.select(wanted, [], [], timeout_s)[0]
     polled = select.poll()
     for fd in wanted:

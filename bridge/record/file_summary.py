@@ -105,6 +105,8 @@ def is_summary_of(data: Bytes, begin: int, end: int) -> bool:
     before = start - _DATA_END.size
     if not begin < before < start <= footer:
         return False
+    opcode: int
+    length: int
     opcode, length, _ = _DATA_END.unpack_from(data, before)
     return opcode == Opcode.DATA_END and length == _DATA_END.size - HEAD.size
 

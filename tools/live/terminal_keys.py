@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import os
 import re
-import select
 import sys
 import threading
 from typing import TYPE_CHECKING, NamedTuple, Self
 
+from bridge.io.readable import readable
 from tools.cli.console import send
 from tools.cli.output_queue import QueuedStream
 
@@ -182,7 +182,7 @@ class Keyboard:
     def _learn(self) -> None:
         self._send(QUERY)
         while not self._decoder.answered:
-            ready, _, _ = select.select([self._in], [], [], ANSWER_S)
+            ready = readable([self._in], ANSWER_S)
             if not ready:
                 break
             for key in self._decoder.feed(os.read(self._in, 256)):
@@ -201,7 +201,7 @@ class Keyboard:
         decoder = self._decoder
         while True:
             wait_s = _ESCAPE_S if decoder.waiting else None
-            ready, _, _ = select.select([self._in, self._end_read], [], [], wait_s)
+            ready = readable([self._in, self._end_read], wait_s)
             if self._end_read in ready:
                 return
             if ready:

@@ -6,6 +6,7 @@ import os
 import pty
 import resource
 import socket
+import stat
 import threading
 import tty
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.errors import PortBusyError, PortError
+from bridge.io.can_port import CanPort
 from bridge.io.ports import SerialPort
 
 if TYPE_CHECKING:
@@ -180,3 +182,47 @@ def test_a_port_works_in_a_process_with_a_thousand_files(wire: Pty) -> None:
         wire.hang_up()
         with pytest.raises(PortError, match="is gone"):
             port.wait(5.0)
+
+
+@pytest.mark.usefixtures("crowded")
+def test_a_tcp_port_works_in_a_process_with_a_thousand_files() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        name = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        with SerialPort(name) as port:
+            client, _ = server.accept()
+            with client:
+                client.sendall(b"hello")
+                assert port.wait(5.0) == b"hello"
+                assert port.write(b"x") == 1
+                assert client.recv(10) == b"x"
+
+
+@pytest.mark.usefixtures("crowded")
+def test_a_bus_that_python_can_cannot_wait_for_is_an_error(wire: Pty) -> None:
+    """Its reads end in an error that is otherwise taken for a garbled line, for ever."""
+    with pytest.raises(PortError, match=r"1024 files open or more.*close some"):
+        CanPort(f"can:slcan:{wire.path}")
+
+
+def test_a_wake_never_writes_to_a_descriptor_that_was_closed_meanwhile(
+    wire: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its number may already be another file's."""
+    port = SerialPort(wire.path)
+    closing = threading.Thread(target=port.close)
+    real_write = os.write
+    written: list[bool] = []
+
+    def write(fd: int, data: bytes) -> int:
+        if not written:
+            closing.start()
+            closing.join(timeout=0.2)  # what it can close it has closed by now
+            written.append(stat.S_ISFIFO(os.fstat(fd).st_mode))
+        return real_write(fd, data)
+
+    monkeypatch.setattr(os, "write", write)
+    try:
+        port.wake()
+    finally:
+        closing.join()
+    assert written == [True], "the pipe was still open"
