@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from numbers import Real
+from reprlib import repr as shortened
 from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
 
 from bridge.motion.legs import Leg, LegResult
 
@@ -87,7 +92,7 @@ class Watcher(Protocol):
 
 
 class PlannerError(TypeError):
-    """An object that is no planner; the text names what it lacks."""
+    """An object that is no planner, or a leg that is none; the text names what is wrong."""
 
 
 def check_planner(planner: object) -> None:
@@ -112,6 +117,50 @@ def check_planner(planner: object) -> None:
         raise PlannerError(f"{kind} has {has} and lacks {other}: a watcher needs both")
 
 
+def check_leg(planner: object, leg: object) -> None:
+    """See that what a planner handed over is a leg, and its fields are finite and of their types.
+
+    Raises:
+        PlannerError: it is not; the text names planner, leg and field.
+
+    """
+    name = type(planner).__name__
+    if not isinstance(leg, Leg):
+        kinds = ", ".join(kind.__name__ for kind in Leg.__args__)
+        raise PlannerError(f"{name} gave {shortened(leg)}; a leg is one of {kinds}, or Finish")
+    for each in fields(leg):
+        value = getattr(leg, each.name)
+        if not _is_of(value, each.type):
+            raise PlannerError(
+                f"{name}: its leg {type(leg).__name__} has {each.name} = {shortened(value)}; "
+                f"it must be {_WANTED[each.type]}"
+            )
+
+
+def _is_of(value: object, wanted: object) -> bool:
+    match wanted:
+        case "bool":
+            return isinstance(value, bool | np.bool_)
+        case "str":
+            return isinstance(value, str)
+        case "float | None" if value is None:
+            return True
+        case _:
+            if isinstance(value, bool) or not isinstance(value, Real):
+                return False
+            try:
+                return math.isfinite(float(value))
+            except OverflowError:  # an integer beyond every float
+                return False
+
+
+_WANTED: dict[object, str] = {
+    "bool": "True or False",
+    "str": "a text",
+    "float": "a finite number",
+    "float | None": "a finite number or None",
+}
+"""By the fields' annotations, which are texts."""
 _METHODS = ("start", "next", "drain_events")
 """What :class:`Planner` asks for, besides ``state``."""
 

@@ -11,6 +11,7 @@ from bridge.coverage.planner import (
     PlannerEvent,
     PlannerState,
     Watcher,
+    check_leg,
     check_planner,
 )
 from bridge.coverage.resting import GyroRest
@@ -117,7 +118,12 @@ class PlanRunner:
         self._paused = False
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """Command for this observation."""
+        """Command for this observation.
+
+        Raises:
+            PlannerError: the planner gave a leg that is none.
+
+        """
         executor = self._executor
         if self._paused or self._finish is not None:
             return executor.brake(obs)
@@ -162,6 +168,7 @@ class PlanRunner:
         if isinstance(leg, Finish):
             self._finish = leg
             return
+        check_leg(self._planner, leg)
         self._legs += 1
         if isinstance(leg, Turn):
             self._turns += 1

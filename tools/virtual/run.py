@@ -138,7 +138,8 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
     except Exception as error:
         if not crash_ends:
             raise
-        _stop_after(run, error)
+        run.crash = error
+        stop_crashed(host, run.rig or device, error)
     return run
 
 
@@ -146,12 +147,10 @@ def _host_ns(now_us: int) -> HostNs:
     return HostNs(now_us * 1000 + HOST_BOOT_NS)
 
 
-def _stop_after(run: VirtualRun, error: Exception) -> None:
+def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> None:
     """Stop the virtual robot without the host, whose code has failed; put it on record."""
-    run.crash = error
-    host, device = run.host, run.rig or run.device
     stop = StopRequest(type(host.session.link), CRASH_CAUSE, _CRASH_STOP_ID, host.session.node)
-    begun_ns = _host_ns(run.device.next_deadline_us())
+    begun_ns = _host_ns(device.next_deadline_us())
     with contextlib.suppress(Exception):  # the virtual device may be what has failed
         end_us = device.next_deadline_us() + round(CONFIRM_S * 1e6)
         while stop.confirmed_by is None and (now_us := device.next_deadline_us()) < end_us:
@@ -161,7 +160,7 @@ def _stop_after(run: VirtualRun, error: Exception) -> None:
     ending = crash_ending(error, CRASH_CAUSE, confirmed)
     host.mission.crashed(ending, confirmed, begun_ns / 1e9)
     with contextlib.suppress(Exception):  # what fails may be the record itself
-        now_ns = _host_ns(run.device.next_deadline_us())
+        now_ns = _host_ns(device.next_deadline_us())
         host.event(
             now_ns, Severity.ERROR, "session", "crash", ending.reason, traceback=traced(error)
         )

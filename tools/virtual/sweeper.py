@@ -16,7 +16,7 @@ from bridge.api.robot import ManualDrive
 from bridge.config import load_robot
 from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
-from bridge.errors import DeviceLostError, StoppedForSafetyError
+from bridge.errors import BridgeError, DeviceLostError, StoppedForSafetyError
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.observation import VelocityCommand
 from bridge.record.sink import NullSink
@@ -36,7 +36,7 @@ from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
 from sim_device.sweeper import VirtualSweeper
 from tools.cli.rooms import load_room
-from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, LATENCY_US, own_ms
+from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, LATENCY_US, own_ms, stop_crashed
 from tools.virtual.settings import Settings
 
 if TYPE_CHECKING:
@@ -326,7 +326,8 @@ class SimulatedSweeper:
     ) -> dict[str, Any]:
         """Run a planner, by name or one of your own, to its end; the summary of ``simulate``.
 
-        ``outcome`` in it is ``complete``, ``timeout``, ``stopped`` or ``fault``.
+        ``outcome`` in it is ``complete``, ``timeout``, ``stopped`` or ``fault``; the last also
+        where the planner raised an exception, which ``reason`` then names.
 
         Raises:
             UnknownPlannerError: no planner of this name.
@@ -341,8 +342,14 @@ class SimulatedSweeper:
         began, self._errors_m = len(self.path), []
         mission = self.host.mission
         mission.start(runner, clear_stop=clear_stop)
-        if not self.run(max_time_s, until=lambda: mission.done):
-            self._end(Ending("timeout", f"not done after {max_time_s:g} s", 1))
+        try:
+            if not self.run(max_time_s, until=lambda: mission.done):
+                self._end(Ending("timeout", f"not done after {max_time_s:g} s", 1))
+        except BridgeError:
+            raise
+        except Exception as error:  # noqa: BLE001 - a planner's own, whatever it is
+            stop_crashed(self.host, self.rig, error)
+            self.run(_STATUS_S)
         return self._summary(name, began)
 
     def _summary(self, planner: str, began: int) -> dict[str, Any]:

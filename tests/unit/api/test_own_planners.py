@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import MISSING, fields
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bridge.coverage.planner import Finish, PlannerError, PlannerState
 from bridge.coverage.runner import PlanRunner
+from bridge.motion.legs import Drive, GoTo, Leg, Rest, Turn
 from bridge.motion.robot_model import RobotModel
+from protocol.values import StopCause
 from tools.virtual.settings import Settings
 from tools.virtual.sweeper import SimulatedSweeper
 
@@ -72,3 +77,72 @@ def test_a_simulated_run_fails_before_it_begins() -> None:
         sweeper.clean(without("drain_events"))  # type: ignore[arg-type]  # it is none
     assert (sweeper.truth.pose, sweeper.time_s) == before
     assert sweeper.clean(Whole())["outcome"] == "complete", "a whole one runs"
+
+
+class Once(Whole):
+    """Gives one leg, whatever it is."""
+
+    def __init__(self, leg: object) -> None:
+        self.leg = leg
+
+    def start(self, obs: object) -> Any:  # noqa: ANN401, ARG002 - what is no leg, too
+        return self.leg
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "value", "wanted"),
+    [
+        (Drive, "heading_rad", math.nan, "a finite number"),
+        (Drive, "distance_m", "1", "a finite number or None"),
+        (Drive, "wary", "no", "True or False"),
+        (GoTo, "y_m", math.inf, "a finite number"),
+        (Turn, "timeout_s", None, "a finite number"),
+        (Rest, "duration_s", True, "a finite number"),
+        (Turn, "purpose", 7, "a text"),
+    ],
+)
+def test_a_leg_with_a_wrong_field_ends_the_run_as_a_fault_that_names_it(
+    kind: type[Leg], field: str, value: object, wanted: str
+) -> None:
+    needed = {each.name: 0.0 for each in fields(kind) if each.default is MISSING}
+    leg = kind(**needed | {field: value})  # type: ignore[arg-type]  # some are of no such type
+    summary = SimulatedSweeper(Settings()).clean(Once(leg))
+    problem = f"Once: its leg {kind.__name__} has {field} = {value!r}; it must be {wanted}"
+    assert summary["outcome"] == "fault"
+    assert f"PlannerError: {problem})" in summary["reason"]
+
+
+@pytest.mark.parametrize("leg", [(0.0, 1.0), None])
+def test_what_is_no_leg_ends_the_run_as_a_fault_that_names_it(leg: object) -> None:
+    summary = SimulatedSweeper(Settings()).clean(Once(leg))
+    assert summary["outcome"] == "fault"
+    assert f"Once gave {leg!r}; a leg is one of Drive, Turn, GoTo, Rest" in summary["reason"]
+
+
+def test_an_integer_beyond_every_number_is_named() -> None:
+    summary = SimulatedSweeper(Settings()).clean(Once(Rest(10**400)))
+    assert "has duration_s = 100000000000000000...0000000000000000000; it must" in summary["reason"]
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    planner = Once(Drive(np.float32(0.0), np.float64(0.1), wary=np.False_))  # type: ignore[arg-type]
+    summary = SimulatedSweeper(Settings()).clean(planner)
+    assert summary["outcome"] == "complete", summary["reason"]
+
+
+class Raises(Whole):
+    def start(self, obs: object) -> Finish:  # noqa: ARG002 - of every planner
+        raise ZeroDivisionError("no lanes")
+
+
+def test_a_planner_that_raises_ends_the_run_as_a_fault() -> None:
+    """As in ``simulate``; and the sweeper is of use afterwards."""
+    sweeper = SimulatedSweeper(Settings())
+    summary = sweeper.clean(Raises())
+    assert summary["outcome"] == "fault"
+    assert "ZeroDivisionError: no lanes" in summary["reason"]
+    assert "the device has confirmed the stop" in summary["reason"]
+    assert sweeper.stop_cause == StopCause.SUPERVISE
+    before_s = sweeper.time_s
+    assert sweeper.clean(Whole(), clear_stop=True)["outcome"] == "complete"
+    assert sweeper.time_s > before_s
