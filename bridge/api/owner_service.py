@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
-from bridge.api.remote import Asker
+from bridge.api.client import Asker
 from bridge.errors import BridgeError, NoOwnerError, OwnerRefusedError, shown
 from bridge.io import clock
 from bridge.io.owner_client import ask, has_owner, watch
-from bridge.run.mission import Ending
+from bridge.run.ending import Ending
 from bridge.run.snapshot import snapshot
-from bridge.run.supervision import go_on
 from bridge.session.parameters import Parameter
 from protocol.values import StopCause
 
@@ -207,7 +206,7 @@ class OwnerService:
 
     def _resume(self) -> None:
         """Go on after a loss or a pause, in the loop's thread."""
-        answer = self._pump.call(lambda: go_on(self._host, clock.now()))
+        answer = self._pump.call(lambda: self._host.go_on(clock.now()))
         try:
             goes_on = answer.result(CONFIRM_S)
         except TimeoutError:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from bridge.errors import BridgeError, DeviceLostError, PortError
 from bridge.io import clock
 from bridge.io.stopping import send_until_confirmed
-from bridge.run.crash import CRASH_CAUSE, crash_ending, described, traced
-from bridge.run.mission import Ending, Phase
+from bridge.run.ending import CRASH_CAUSE, Ending, crash_ending, described, traced
+from bridge.run.mission import Phase
 from bridge.session.records import Severity
 from bridge.session.states import State
 from bridge.session.stop_request import StopRequest
@@ -149,7 +149,7 @@ class Pump:
         self._over.set()
         self._refuse_calls()
         with suppress(Exception):  # whoever still waits for an answer learns that none comes
-            self.host.dialogue.lost()
+            self.host.commands.lost()
 
     def _last_snapshot(self, ending: Ending) -> Snapshot:
         """The end, beside what was known last where the host can no longer tell it."""

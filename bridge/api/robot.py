@@ -22,10 +22,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from bridge.api.client import Asker
 from bridge.api.owner_service import OwnerService
 from bridge.api.pump import Pump, Result
 from bridge.api.recording import Recording
-from bridge.api.remote import Asker
 from bridge.api.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
 from bridge.config import parse_robot, to_toml
 from bridge.errors import (
@@ -46,10 +46,10 @@ from bridge.motion.observation import VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogError
 from bridge.record.sink import NullSink
+from bridge.run.ending import Ending, cannot_move
 from bridge.run.host import Host
-from bridge.run.mission import Ending, Mission, Phase
+from bridge.run.mission import Mission, Phase
 from bridge.run.options import HostOptions
-from bridge.run.refusals import cannot_move
 from bridge.run.snapshot import MissionSnapshot, StateSnapshot, snapshot
 from bridge.run.summary import run_summary
 from bridge.session.records import RunInfo

@@ -16,10 +16,10 @@ from bridge.errors import (
     DisagreementError,
     NoDeviceError,
     PortError,
+    Remedy,
     SeveralDevicesError,
     StoppedForSafetyError,
 )
-from bridge.remedies import Remedy
 from bridge.run.refusals import check_known, check_outcome
 from bridge.session.sample_times import SampleTimes
 from bridge.session.session import Session

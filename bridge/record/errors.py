@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.errors import BridgeError
-from bridge.remedies import Remedy
+from bridge.errors import BridgeError, Remedy
 
 if TYPE_CHECKING:
     from pathlib import Path

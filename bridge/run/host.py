@@ -10,14 +10,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from bridge.coverage.swept_map import SweptMap
+from bridge.errors import Remedy
 from bridge.motion.observation import HALT
-from bridge.remedies import Remedy
-from bridge.run.dialogue import Dialogue, carry_out
+from bridge.run.commands import Dialogue, carry_out
+from bridge.run.ending import Ending
 from bridge.run.localisation import HostSenses
-from bridge.run.mission import Ending, Mission, Phase, Request
+from bridge.run.mission import Mission, Phase, Request
+from bridge.run.onboard_mission import OnboardMission
 from bridge.run.pings import Pings
 from bridge.run.recording import HostRecords
 from bridge.run.robot_state import STALE_S, missing_needs, understood
+from bridge.run.runner import hold, release
 from bridge.run.snapshot import (
     EstimatorSnapshot,
     LinkSnapshot,
@@ -28,6 +31,7 @@ from bridge.run.snapshot import (
     StateSnapshot,
     SyncSnapshot,
 )
+from bridge.run.supervision import End, Note, Plan, Supervision
 from bridge.session.link_stats import WireStatistics
 from bridge.session.records import Severity
 from bridge.session.session import Session
@@ -43,6 +47,7 @@ from bridge.session.states import (
     StateChanged,
 )
 from bridge.session.timesync import TimeSync
+from bridge.supervise import Watched
 from protocol.clock import DeviceUs, HostNs
 from protocol.link import Medium, Rejected
 from protocol.messages import (
@@ -63,10 +68,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.motion.geometry import Pose2
+    from bridge.motion.observation import VelocityCommand
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
     from bridge.run.options import HostOptions
-    from bridge.run.supervision import Watch
+    from bridge.supervise import Supervisor
     from protocol.commands import Outcome
     from protocol.messages import Hello
     from protocol.schema.message import Message
@@ -103,15 +109,15 @@ class Host(HostSenses):
         self.session = Session(
             new_session_id, node=options.node, link=options.link, key=options.key
         )
-        self.dialogue = Dialogue(self.session)
+        self.commands = Dialogue(self.session)
         self.sync = TimeSync(*options.least_delay_ns)
         self.swept = SweptMap(model)
         self.hello: Hello | None = None
         self.path_m = 0.0
         self.drive_pose: Pose2 | None = None
         """Estimate at the newest control step of the drive; None: it has not begun."""
-        self.watch: Watch | None = None
-        """What supervises the run, where something does."""
+        self.supervision: Supervision | None = None
+        """Of the run, where it is supervised."""
         self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
         """Told time (s, host) and estimate of every control step of the drive."""
         self.wire = WireStatistics()
@@ -146,7 +152,7 @@ class Host(HostSenses):
             PlannerState: self._keep,
             Status: self._status,
             LogText: self._log_text,
-            ParameterValue: self.dialogue.parameter,
+            ParameterValue: self.commands.parameter,
             TimeReply: self._time_reply,
         }
 
@@ -227,7 +233,7 @@ class Host(HostSenses):
             self._counted_ns = now_ns or 0
             counts = session.link.statistics
             self._counts = LinkSnapshot(replace(counts, by_type=dict(counts.by_type)))
-        runner, watch = mission.runner, self.watch
+        runner, supervision = mission.runner, self.supervision
         return Snapshot(
             self.model,
             StateSnapshot(
@@ -254,9 +260,24 @@ class Host(HostSenses):
             SyncSnapshot(self.sync.round_trip_ns, self.sync.fit),
             self.hello,
             self.path_m,
-            watch is not None and watch.supervisor.holding,
+            supervision is not None and supervision.supervisor.holding,
             self.swept,
         )
+
+    def supervise(self, supervisor: Supervisor) -> None:
+        """Have the run supervised from its next control step on."""
+        mission = self.mission
+        onboard = mission.planner if isinstance(mission, OnboardMission) else None
+        self.supervision = Supervision(supervisor, self.model, self.commands, onboard)
+
+    def go_on(self, now_ns: HostNs) -> bool:
+        """Let a run go on that lost its device, or that was paused: a person has looked.
+
+        False where nothing waits for that.
+        """
+        paused = self.supervision is not None and self.supervision.resume(now_ns)
+        self._obey_supervision(now_ns)
+        return self.mission.resume(now_ns / 1e9) or paused
 
     def end(self, ending: Ending, now_ns: HostNs) -> None:
         """Ask for an orderly end: the robot stops first."""
@@ -299,8 +320,9 @@ class Host(HostSenses):
     def _happened(self, event: SessionEvent, now_ns: HostNs) -> None:
         match event:
             case CommandEnded():  # first, for somebody waits for it
-                if not self.dialogue.ended(event.outcome):
+                if not self.commands.ended(event.outcome):
                     self._answered(event.outcome, now_ns)
+                self._obey_supervision(now_ns)
             case Ping():
                 self._pings.take(event, self.sync, now_ns)
             case StateChanged():
@@ -324,8 +346,8 @@ class Host(HostSenses):
             self._request(request, now_ns)
 
     def _request(self, request: Request, now_ns: HostNs) -> None:
-        if self.watch is not None and request.kind == "stop":
-            self.watch.ending(now_ns)
+        if self.supervision is not None and request.kind == "stop":
+            self.supervision.stopping(now_ns)
         carry_out(request, self.session, now_ns)
         ending = self.mission.ending
         if request.kind == "stop" and ending is not None:
@@ -334,8 +356,13 @@ class Host(HostSenses):
             self.event(now_ns, severity, "safety", "stop", ending.reason, cause=cause)
 
     def _answered(self, outcome: Outcome, now_ns: HostNs) -> None:
-        if self.watch is None or not self.watch.keeps(outcome, now_ns):
-            self.mission.on_command(outcome, now_ns / 1e9)
+        mission, supervision = self.mission, self.supervision
+        if (
+            supervision is None
+            or mission.phase is not Phase.ENDING
+            or not supervision.keeps(outcome, mission.stop_cause, now_ns)
+        ):
+            mission.on_command(outcome, now_ns / 1e9)
 
     def _changed(self, event: StateChanged, now_ns: HostNs) -> None:
         bad = event.new in {State.LOST, State.FAILED}
@@ -348,7 +375,7 @@ class Host(HostSenses):
         )
         if event.old is State.READY:
             self.state.forget()
-            self.dialogue.lost()
+            self.commands.lost()
             self.mission.on_lost(now_ns / 1e9)
 
     def _agreed(self, event: Agreed, now_ns: HostNs) -> None:
@@ -359,7 +386,7 @@ class Host(HostSenses):
             self._records.again(event, now_ns)
         if event.rebooted:
             self.sync.reset()
-            self.dialogue.forget()
+            self.commands.forget()
             self._booted()
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
@@ -409,8 +436,8 @@ class Host(HostSenses):
         was = mission.phase
         self._judge_link(now_ns)
         command = mission.step(obs, stale, now_s)
-        if self.watch is not None:
-            command = self.watch.judge(command, now_ns)
+        if self.supervision is not None:
+            command = self._supervised(self.supervision, command, now_ns)
         if command is not None and self.session.state is State.READY:
             self.session.setpoint(command.v_m_s, command.yaw_rate_rad_s, SETPOINT_TTL_MS, now_ns)
             target = HALT if mission.runner is None else mission.runner.target
@@ -426,6 +453,59 @@ class Host(HostSenses):
             self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
         if mission.pending:
             self._serve(now_ns)
+
+    def _supervised(
+        self, supervision: Supervision, command: VelocityCommand | None, now_ns: HostNs
+    ) -> VelocityCommand | None:
+        """Let supervision judge a control step; the velocity to send."""
+        mission, state, estimator = self.mission, self.state, self.estimator
+        if isinstance(mission, OnboardMission) and state.planner is not None:
+            mission.on_planner(state.planner)
+        onboard = supervision.onboard
+        if mission.phase is not Phase.DRIVING:
+            supervision.rest(now_ns)
+        else:
+            inputs = Watched(
+                now_ns / 1e9,
+                estimator.pose,
+                estimator.v_m_s,
+                estimator.yaw_rate_rad_s,
+                estimator.wheel_scale,
+                self.session.heard_ns / 1e9,
+                None if self.hello is None else self.hello.boot_id,
+                state.imu,
+                state.encoders,
+                state.range,
+                state.power,
+                state.status,
+                state.planner,
+                state.arrived_s,
+                supervision.command if onboard is None else None,
+                "" if onboard is None else onboard.name.lower().replace("_", "-"),
+            )
+            ended = mission.ending is not None
+            command = supervision.step(inputs, command, now_ns, ended=ended)
+        self._obey_supervision(now_ns)
+        return command
+
+    def _obey_supervision(self, now_ns: HostNs) -> None:
+        """Carry out what supervision has decided."""
+        if self.supervision is None:
+            return
+        mission = self.mission
+        for decision in self.supervision.decisions():
+            match decision:
+                case Note(severity, kind, text, data):
+                    self.event(now_ns, severity, "supervise", kind, text, **data)
+                case End(ending, first):
+                    if not (first and mission.ending is not None):
+                        mission.request_end(ending, now_ns / 1e9)
+                case Plan.HOLD:
+                    hold(mission.runner)
+                case Plan.RELEASE:
+                    release(mission.runner)
+                case _:
+                    mission.on_command(decision, now_ns / 1e9)
 
     def _stale(self, now_ns: HostNs) -> str | None:
         """Name what the run depends on and lacks, if anything."""

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from bridge.errors import Remedy
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.remedies import Remedy
+from bridge.run.ending import Ending
 from bridge.run.refusals import refusal, refusal_remedy
 from bridge.run.robot_state import NEEDS
 from bridge.run.runner import hold, release
@@ -62,35 +63,6 @@ class Phase(Enum):
     ENDING = "ending"
     """A stop is on its way."""
     DONE = "done"
-
-
-@dataclass(frozen=True, slots=True)
-class Ending:
-    """How a run ended."""
-
-    outcome: str
-    """``complete``, ``timeout``, ``stopped`` or ``fault``."""
-    reason: str
-    exit_status: int
-    cause: StopCause = StopCause.SESSION_END
-    """What is latched on the device for it."""
-    latched: StopCause = StopCause.NONE
-    """What the device has latched by itself, where that ended the run."""
-    remedy: Remedy | None = None
-    """What the caller can do, where something can be done."""
-
-    @property
-    def gravity(self) -> StopCause:
-        """The cause by which this end is judged: the graver of the host's and the device's."""
-        return max(self.cause, self.latched)
-
-    def outranks(self, other: Ending | None) -> bool:
-        """Whether this end takes the place of another one that it coincides with.
-
-        The order of gravity is the protocol's (:func:`protocol.values.by_gravity`), here as on
-        the device. Of two causes of equal gravity the first one stays.
-        """
-        return other is None or self.gravity > other.gravity
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from bridge.coverage.planner import PlannerEvent
 from bridge.coverage.planner import PlannerState as RunnerState
 from bridge.motion.observation import HALT
-from bridge.run.mission import DATA_TIMEOUT_S, Ending, Mission, Phase, Request
+from bridge.run.ending import Ending
+from bridge.run.mission import DATA_TIMEOUT_S, Mission, Phase, Request
 from bridge.run.refusals import refusal, refusal_remedy
 from bridge.run.robot_state import STATUS_STALE_S
 from protocol.messages import PlannerCommand, PlannerState, SetMode, Status

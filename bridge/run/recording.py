@@ -7,7 +7,7 @@ from itertools import takewhile
 from typing import TYPE_CHECKING
 
 from bridge.motion.estimation.disturbance import DisturbanceKind
-from bridge.run.mission import Ending
+from bridge.run.ending import Ending
 from bridge.session.records import (
     ClockRecord,
     CommandRecord,

@@ -8,18 +8,15 @@ from bridge.errors import (
     CommandRejectedError,
     DeviceLostError,
     ParameterError,
-    StoppedForSafetyError,
+    Remedy,
     shown,
 )
-from bridge.remedies import Remedy
 from protocol.schema.catalogue import CATALOGUE
 from protocol.values import NackReason, label
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.errors import BridgeError
-    from bridge.run.mission import Ending
     from protocol.commands import Outcome
     from protocol.link import LinkBase
     from protocol.schema.message import Message
@@ -80,16 +77,3 @@ def check_outcome(what: str, outcome: Outcome | None) -> None:
     error = CommandRejectedError(what, refusal(outcome.reason))
     error.remedy = refusal_remedy(outcome.reason)
     raise error
-
-
-def cannot_move(ending: Ending | None) -> BridgeError:
-    """Why a robot does not obey a velocity: how its run has ended; None: none was begun."""
-    if ending is None:
-        return StoppedForSafetyError("the robot is not enabled: call enable() first")
-    error: BridgeError = StoppedForSafetyError(ending.reason)
-    if ending.exit_status == 3:  # noqa: PLR2004 - the contract's status for a lost device
-        error = DeviceLostError(ending.reason)
-    elif ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
-        error = CommandRejectedError("to move", ending.reason)
-    error.remedy = ending.remedy
-    return error

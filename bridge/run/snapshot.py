@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bridge.run.summary import wire_summary
+from bridge.session.link_stats import wire_summary
 from protocol.values import Fault, Mode, ResetCause, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from bridge.coverage.swept_map import SweptMap
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
-    from bridge.run.mission import Ending, Phase
+    from bridge.run.ending import Ending
+    from bridge.run.mission import Phase
     from bridge.session.round_trip import LinkTrouble
     from bridge.session.states import State
     from bridge.session.timesync import Fit

@@ -5,26 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from bridge.session.link_stats import wire_summary
+
 if TYPE_CHECKING:
     from bridge.evaluation.metrics import CoverageReport
     from bridge.run.host import Host
-    from protocol.link import LinkStatistics
 
 
 _COVERAGES = ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
-
-
-def wire_summary(statistics: LinkStatistics) -> dict[str, Any]:
-    """Frames and bytes by direction as the host saw them, losses and bad checks."""
-    return {
-        "frames": {"rx": statistics.frames_in, "tx": statistics.frames_out},
-        "lost": statistics.lost,
-        "crc_errors": statistics.damaged,
-        "bytes": {"rx": statistics.bytes_in, "tx": statistics.bytes_out},
-        "reordered": statistics.reordered,
-        "rejected": statistics.rejected,
-        "superseded": statistics.superseded,
-    }
 
 
 def link_summary(host: Host) -> dict[str, Any]:

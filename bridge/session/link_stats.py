@@ -15,6 +15,7 @@ from protocol.schema.message import RateClass
 if TYPE_CHECKING:
     from bridge.session.states import SessionEvent
     from bridge.session.timesync import Fit, TimeSync
+    from protocol.link import LinkStatistics
     from protocol.schema.message import MessageSpec
 
 _SPAN, _HALF = 1 << 32, 1 << 31
@@ -175,3 +176,16 @@ class WireStatistics:
             "round_trip_ms": self.round_trip.to_dict(),
             "messages": {kind.name: kind.to_dict() for kind in self._kinds.values()},
         }
+
+
+def wire_summary(statistics: LinkStatistics) -> dict[str, Any]:
+    """Frames and bytes by direction as the host saw them, losses and bad checks."""
+    return {
+        "frames": {"rx": statistics.frames_in, "tx": statistics.frames_out},
+        "lost": statistics.lost,
+        "crc_errors": statistics.damaged,
+        "bytes": {"rx": statistics.bytes_in, "tx": statistics.bytes_out},
+        "reordered": statistics.reordered,
+        "rejected": statistics.rejected,
+        "superseded": statistics.superseded,
+    }

@@ -31,8 +31,9 @@ from bridge.io.ports import SerialPort
 from bridge.motion.robot_model import RobotModel
 from bridge.record.log_writer import RunWriter
 from bridge.record.recorder import ThreadedRecorder
+from bridge.run.ending import Ending
 from bridge.run.host import Host
-from bridge.run.mission import Ending, Mission
+from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
 from bridge.session.records import RunInfo
 from bridge.session.states import State
@@ -115,7 +116,7 @@ class Asking:
 
     def _ask(self) -> None:
         self._begun_ns = time.perf_counter_ns()
-        self._host.dialogue.ask(SetStreamRate, (LINK, 10), clock.now(), self._done)
+        self._host.commands.ask(SetStreamRate, (LINK, 10), clock.now(), self._done)
 
     def _done(self, outcome: Outcome | None) -> None:
         self.took.append(time.perf_counter_ns() - self._begun_ns)

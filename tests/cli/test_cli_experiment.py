@@ -134,7 +134,7 @@ def test_interrupted_before_the_report_it_says_where_the_runs_are(two_jobs: Path
     script = """
         import sys, time
         from tools.experiment import output
-        from tools.sweepctl import run
+        from tools.cli.main import run
         def for_ever(*_):
             print("writing", file=sys.stderr, flush=True)
             time.sleep(1000)

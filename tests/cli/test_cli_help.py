@@ -13,8 +13,8 @@ import pytest
 
 from support.cli import sweepctl
 from support.root import ROOT
+from tools.cli.main import cli
 from tools.dev.command_help import PATH
-from tools.sweepctl import cli
 from tools.version import VERSION
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def test_the_packaged_version_is_that_one() -> None:
 
 def test_help_imports_nothing_heavy() -> None:
     code = (
-        "import sys; from tools.sweepctl import run; run(['--help']); "
+        "import sys; from tools.cli.main import run; run(['--help']); "
         "print([m for m in ('numpy', 'scipy', 'mcap', 'serial', 'rerun', 'matplotlib') "
         "if m in sys.modules], file=sys.stderr)"
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Never, Self
 
-from tools.sweepctl import run
+from tools.cli.main import run
 
 if TYPE_CHECKING:
     from pathlib import Path

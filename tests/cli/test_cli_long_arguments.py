@@ -8,7 +8,7 @@ import click
 import pytest
 
 from support.cli import sweepctl
-from tools.sweepctl import cli
+from tools.cli.main import cli
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,7 +11,7 @@ from mcap.writer import Writer
 from bridge.record.errors import LogWriteError
 from bridge.view.rerun import screenshot
 from support.cli import short_runs, sweepctl
-from tools.sweepctl import run
+from tools.cli.main import run
 
 
 @pytest.fixture(scope="module")

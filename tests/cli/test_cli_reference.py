@@ -14,8 +14,8 @@ import pytest
 
 from support.cli import sweepctl
 from support.root import ROOT
+from tools.cli.main import cli
 from tools.dev.command_help import PATH, reference
-from tools.sweepctl import cli
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -182,7 +182,7 @@ def completed(words: str, tmp_path: Path) -> list[str]:
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split(" ")) - 1),
     }
-    code = "import sys; sys.argv[0] = 'sweepctl'; from tools.sweepctl import main; main()"
+    code = "import sys; sys.argv[0] = 'sweepctl'; from tools.cli.main import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code],
         cwd=tmp_path,

@@ -106,12 +106,12 @@ def test_a_shipped_room_needs_no_working_directory(tmp_path: Path) -> None:
 CLOSED = """
 import json, os, sys
 sys.path[:0] = json.loads(sys.argv[1])
-import click, tools.cli.options, tools.cli.outputs, tools.cli.rooms, tools.sweepctl
+import click, tools.cli.options, tools.cli.outputs, tools.cli.rooms, tools.cli.main
 import bridge.record.errors
 from pathlib import Path
 tools.cli.rooms.load_room("case-1")  # what is imported late, while it still may be read
 tools.cli.options.log_path(None, "x")
-tools.sweepctl.run(["generate", "c", "--out", "before"])
+tools.cli.main.run(["generate", "c", "--out", "before"])
 os.chdir("closed")  # may be entered still
 if os.geteuid() == 0:
     os.setgroups([]); os.setgid({uid}); os.setuid({uid})
@@ -124,7 +124,7 @@ try:
     print(tools.cli.options.log_path(None, "x"))
 except bridge.record.errors.LogWriteError as error:
     print(error)
-sys.exit(tools.sweepctl.run(["generate", "c", "--out", "wire"]))
+sys.exit(tools.cli.main.run(["generate", "c", "--out", "wire"]))
 """
 
 

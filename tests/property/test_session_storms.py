@@ -9,7 +9,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bridge.run.mission import Ending, Phase
+from bridge.run.ending import Ending
+from bridge.run.mission import Phase
 from bridge.session.states import SessionEvent, State, StateChanged
 from protocol.values import Mode
 from support.ends import (

@@ -17,7 +17,7 @@ import click
 import pytest
 
 from support.root import ROOT
-from tools.sweepctl import cli
+from tools.cli.main import cli
 
 pytestmark = pytest.mark.realtime
 

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.errors import Remedy
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
-from bridge.remedies import Remedy
+from bridge.run.ending import Ending
 from bridge.run.host import Host
-from bridge.run.mission import Ending, Phase
+from bridge.run.mission import Phase
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
-from bridge.run.supervision import Watch, go_on
 from bridge.session.records import CommandRecord, EventRecord, PlannerRecord
 from bridge.session.states import State
 from bridge.supervise import SuperviseSettings, Supervisor, parse_rule
@@ -38,7 +38,7 @@ def started(
     mission = OnboardMission(planner, clear_stop=clear_stop)
     host = Host(model, sink, HostOptions(0, "onboard", SMALL.start), mission, lambda: 0xB0A7)
     settings = SuperviseSettings()
-    host.watch = Watch(host, Supervisor(model, parse_rule(settings, rule) if rule else settings))
+    host.supervise(Supervisor(model, parse_rule(settings, rule) if rule else settings))
     device = VirtualSweeper(SMALL, model, seed=1, noise="none")
     return Ends(HostEnd(host), device), host, sink
 
@@ -156,8 +156,8 @@ def alarmed(host: Host, level: str) -> Alarm:
     from bridge.supervise import Level, Reaction  # noqa: PLC0415 - to be told apart from the type
 
     alarm = Alarm(Reaction("tilt", Level[level], "it leans", {"angle": 0.4}))
-    assert host.watch is not None
-    host.watch.supervisor = alarm  # type: ignore[assignment]  # what a watch asks of one
+    assert host.supervision is not None
+    host.supervision.supervisor = alarm  # type: ignore[assignment]  # what a watch asks of one
     return alarm
 
 
@@ -195,9 +195,9 @@ def test_pausing_holds_the_devices_plan_until_somebody_looked() -> None:
     assert ends.device.firmware.mode is Mode.ONBOARD, "the plan is kept"
     ends.run(5.0)
     assert not ends.moving
-    assert go_on(host, ends.host_ns)
+    assert host.go_on(ends.host_ns)
     assert ends.run(2.0, lambda: ends.moving)
-    assert not go_on(host, ends.host_ns), "once"
+    assert not host.go_on(ends.host_ns), "once"
 
 
 def test_driving_slowly_sets_the_devices_top_speed_and_gives_it_back() -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from bridge.motion.robot_model import RobotModel
-from bridge.run.mission import Ending, Mission
+from bridge.run.ending import Ending
+from bridge.run.mission import Mission
 from bridge.session.records import DeviceMessage, EventRecord
 from bridge.session.timesync import TimeSync
 from sim_device.faults.kinds import parse_fault

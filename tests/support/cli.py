@@ -19,8 +19,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from support.root import ROOT
+from tools.cli.main import run
 from tools.cli.rooms import load_room
-from tools.sweepctl import run
 from tools.virtual.run import run_virtual
 from tools.virtual.summary import summarise
 

@@ -39,7 +39,7 @@ DRAWN = {"contents", "impostors"}
 
 def main() -> None:
     """Each command on each of the files, in a process of its own; how each of them ended."""
-    from tools.sweepctl import run  # noqa: F401, PLC0415 - as above
+    from tools.cli.main import run  # noqa: F401, PLC0415 - as above
 
     group, folder, files = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3])
     done: dict[str, dict[str, object]] = {}
@@ -74,7 +74,7 @@ def _run(arguments: list[str], said: Path) -> None:
     os.dup2(number, 2)
     status = 99
     try:
-        from tools.sweepctl import run  # noqa: PLC0415 - loaded by the parent
+        from tools.cli.main import run  # noqa: PLC0415 - loaded by the parent
 
         status = run(arguments)
     except BaseException:  # noqa: BLE001 - what the test is about

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bridge.remedies import Remedy
+from bridge.errors import Remedy
 
 _WORDS = {
     Remedy.CLEAR_STOP: ", then add --clear-stop",

@@ -25,7 +25,7 @@ def command(*, shell: str) -> int:
     """  # noqa: D301 - click's mark of a block that is kept as it is
     from click.shell_completion import get_completion_class
 
-    from tools.sweepctl import cli
+    from tools.cli.main import cli
 
     kind = get_completion_class(shell)
     assert kind is not None  # noqa: S101 - the choices are click's own

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.run.ending import Ending
     from bridge.run.host import Host
-    from bridge.run.mission import Ending, Mission
+    from bridge.run.mission import Mission
     from sim_device.faults.spec import FaultSpec
     from sim_device.line.line import LineSettings
     from tools.virtual.run import VirtualRun
@@ -238,7 +239,7 @@ def _line(baud: int | None, latency_ms: float | None) -> LineSettings | None:
 @contextlib.contextmanager
 def _interruptible() -> Iterator[Callable[[], Ending | None]]:
     """Turn Ctrl-C and SIGTERM into an orderly end while the run goes on."""
-    from bridge.run.mission import Ending
+    from bridge.run.ending import Ending
 
     asked: list[int] = []
     handlers = {

@@ -73,7 +73,7 @@ _KINDS = {"FLOAT RANGE": "NUMBER", "INTEGER RANGE": "NUMBER", "INTEGER": "NUMBER
 
 def reference() -> str:
     """The whole page."""
-    from tools.sweepctl import cli
+    from tools.cli.main import cli
 
     # With its settings: a command keeps the help option that it was first asked for.
     context = click.Context(cli, info_name="sweepctl", **cli.context_settings)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
     Track = Sequence[tuple[float, float, float, float]]
 
+_PATH_STEP_M = 0.02
+"""Distance between two points of a path that is drawn, m."""
 MULTIPLES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 """Multiples of the references: the time is sweepable area / (W · cruise speed), the path is
 area / W, the energy is that time at the power drawn at cruise speed. None is a bound: the recovery
@@ -85,3 +87,12 @@ def over_path(
         else:
             shares.append(round(meter.share_at(report, [track[index][0] - begun])[0], 4))
     return shares
+
+
+def thinned(places: list[tuple[float, float]]) -> list[list[float]]:
+    """A path, thinned to what a picture shows."""
+    kept: list[list[float]] = []
+    for x, y in places:
+        if not kept or abs(x - kept[-1][0]) + abs(y - kept[-1][1]) >= _PATH_STEP_M:
+            kept.append([round(x, 3), round(y, 3)])
+    return kept

@@ -42,8 +42,8 @@ class _CyclesPlanner(ScriptedPlanner):
 
 def run_cycles(trial: Trial) -> dict[str, Any]:
     """Drive seven cycles; where each should end is known, how far off it ends is the figure."""
+    from tools.experiment.curves import thinned
     from tools.experiment.trials import HOUR_S, room_of
-    from tools.experiment.worker import thinned
 
     plan = room_of(trial.room)
     cycles = UCycles(plan.start)

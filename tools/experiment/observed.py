@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from bridge.run.mission import Ending
+from bridge.run.ending import Ending
 from bridge.session.records import CommandRecord, TruthRecord
 from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
 

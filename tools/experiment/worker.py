@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sim_device.noise import NoiseLevel
     from tools.virtual.run import VirtualRun
 
-_PATH_STEP_M = 0.02
-
 
 def run_trial(trial: Trial) -> dict[str, Any]:
     """Run it and give its figures: a flat object, but for curves, paths and the like.
@@ -135,14 +133,5 @@ def _figures(trial: Trial, driven: _Driven) -> dict[str, Any]:
                 for multiple, share in zip(curves.MULTIPLES, by_time, strict=True)
             ],
         },
-        "path": thinned([pose[1:3] for pose in observed.truth]),
+        "path": curves.thinned([pose[1:3] for pose in observed.truth]),
     }
-
-
-def thinned(places: list[tuple[float, float]]) -> list[list[float]]:
-    """A path, thinned to what a picture shows."""
-    kept: list[list[float]] = []
-    for x, y in places:
-        if not kept or abs(x - kept[-1][0]) + abs(y - kept[-1][1]) >= _PATH_STEP_M:
-            kept.append([round(x, 3), round(y, 3)])
-    return kept

@@ -113,7 +113,6 @@ def run_zimablue(trial: Trial) -> dict[str, Any]:
         track.append(_pose(simulation))
     report = meter.measure(track)
     cut = not controller.finished
-    from tools.experiment.worker import thinned
 
     return {
         "outcome": "timeout" if cut else "complete",
@@ -133,7 +132,7 @@ def run_zimablue(trial: Trial) -> dict[str, Any]:
             "coverage": curves.over_time(meter, report, cut=cut),
             "by_path": curves.over_path(meter, report, track, cut=cut),
         },
-        "path": thinned([(x / scale, y / scale) for _, x, y, _ in track]),
+        "path": curves.thinned([(x / scale, y / scale) for _, x, y, _ in track]),
     }
 
 

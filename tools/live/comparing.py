@@ -6,7 +6,7 @@ import contextlib
 import threading
 from typing import TYPE_CHECKING
 
-from bridge.api.remote import Asker
+from bridge.api.client import Asker
 from bridge.bringup.values import Difference, differences
 from bridge.errors import BridgeError
 from bridge.io import clock

@@ -19,7 +19,7 @@ from rich.segment import Segments
 from rich.text import Text
 
 from bridge.io import clock
-from bridge.run.crash import described
+from bridge.run.ending import described
 from bridge.session.records import EventRecord, IdentityRecord, LogRecord, Severity
 from bridge.session.states import State
 from tools.cli.console import drop_queued, err, say

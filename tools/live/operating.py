@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from bridge.io import clock
 from bridge.run.dead_man import DIRECTIONS, DeadMan
+from bridge.run.ending import Ending
 from bridge.run.manual import Hand, Operator
-from bridge.run.mission import Ending, Phase
+from bridge.run.mission import Phase
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.refusals import refusal
 from bridge.session.records import Severity
@@ -231,7 +232,7 @@ class Operating:
             host.event(clock.now(), Severity.ERROR, "operator", f"not_{what}d", self.message)
 
         self.message = f"asking the device's planner to {what}"
-        self._pump.call(lambda: host.dialogue.ask(PlannerCommand, fields, clock.now(), ended))
+        self._pump.call(lambda: host.commands.ask(PlannerCommand, fields, clock.now(), ended))
 
     def _twice(self, key: str, text: str) -> bool:
         armed, at_ns = self._armed

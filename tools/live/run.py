@@ -28,16 +28,15 @@ from bridge.record.errors import LogGoneError, LogReadError
 from bridge.record.family import parts_of
 from bridge.record.policy import RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
-from bridge.run.crash import described
 from bridge.run.dead_man import DeadMan
+from bridge.run.ending import Ending, described
 from bridge.run.host import Host
 from bridge.run.manual import Operator
-from bridge.run.mission import Ending, Mission, Resume
+from bridge.run.mission import Mission, Resume
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
 from bridge.run.recording import LogFailureRule
 from bridge.run.summary import crash_summary, run_summary
-from bridge.run.supervision import Watch, go_on
 from bridge.session.records import RoomRecord, RunInfo, Severity
 from bridge.supervise import Supervisor
 from tools.cli.cautions import cautions
@@ -174,7 +173,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
     if asked.plan is not None:
         host.on_drive_pose = lambda time_s, pose: way.extend((time_s, *pose))
     if asked.supervise is not None and mission.runner is not None:
-        host.watch = Watch(host, Supervisor(asked.model, asked.supervise))
+        host.supervise(Supervisor(asked.model, asked.supervise))
     pump = Pump(host, opened, opener)
     pump.watch = LogFailureRule(
         recorder,
@@ -232,11 +231,11 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
     host = pump.host
 
     def looked() -> None:
-        go_on(host, clock.now())
+        host.go_on(clock.now())
 
     def begun() -> None:
-        if asked.supervise is not None and host.watch is None and not asked.drive:
-            host.watch = Watch(host, Supervisor(asked.model, asked.supervise))
+        if asked.supervise is not None and host.supervision is None and not asked.drive:
+            host.supervise(Supervisor(asked.model, asked.supervise))
 
     return Operating(
         pump,

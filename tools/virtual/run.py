@@ -13,11 +13,10 @@ from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import BridgeError
 from bridge.evaluation.metrics import CoverageMeter, CoverageTrack
-from bridge.run.crash import CRASH_CAUSE, crash_ending, traced
+from bridge.run.ending import CRASH_CAUSE, Ending, crash_ending, traced
 from bridge.run.host import Host
-from bridge.run.mission import Ending, Mission
+from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
-from bridge.run.supervision import Watch
 from bridge.session.records import RoomRecord, Severity, TruthRecord
 from bridge.session.stop_request import StopRequest
 from bridge.supervise import Supervisor
@@ -125,7 +124,7 @@ def run_virtual(  # noqa: PLR0913 - what a run can be asked for
         lambda: next(ids),
     )
     if supervise is not None:
-        host.watch = Watch(host, Supervisor(model, supervise))
+        host.supervise(Supervisor(model, supervise))
     rig = Rig(device, line or STRAIGHT, faults, seed=seed) if faults or line else None
     run = VirtualRun(device, host, CoverageMeter(plan, model).track(), rig)
     prepare(run)

@@ -20,10 +20,10 @@ from bridge.errors import BridgeError, DeviceLostError, StoppedForSafetyError
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.observation import VelocityCommand
 from bridge.record.sink import NullSink
+from bridge.run.ending import Ending, cannot_move
 from bridge.run.host import Host
-from bridge.run.mission import Ending, Mission, Phase
+from bridge.run.mission import Mission, Phase
 from bridge.run.options import HostOptions
-from bridge.run.refusals import cannot_move
 from bridge.run.summary import run_summary
 from bridge.session.states import State
 from protocol.can.link import CanLink

@@ -8,11 +8,9 @@ from pathlib import Path
 import pytest
 
 from bridge.api.robot import Robot
-from bridge.errors import CommandRejectedError, StoppedForSafetyError
+from bridge.errors import CommandRejectedError, Remedy, StoppedForSafetyError
 from bridge.record.errors import LogExistsError
-from bridge.remedies import Remedy
-from bridge.run.mission import Ending
-from bridge.run.refusals import cannot_move
+from bridge.run.ending import Ending, cannot_move
 from protocol.messages import Imu, Range, Status
 from tools.cli.remedies import error_line
 

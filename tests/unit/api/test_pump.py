@@ -10,7 +10,7 @@ from bridge.api import pump
 from bridge.api.pump import Pump
 from bridge.errors import DeviceLostError, PortBusyError, PortError
 from bridge.io import clock
-from bridge.run.mission import Ending
+from bridge.run.ending import Ending
 from bridge.session.records import EventRecord
 from protocol.clock import HostNs
 from protocol.errors import FieldRangeError
@@ -390,10 +390,10 @@ def test_a_command_that_cannot_be_encoded_leaves_nothing_in_the_loop(
     outcomes: list[object] = []
 
     def ask() -> None:
-        scene.host.dialogue.ask(GetParameter, (number,), clock.now(), outcomes.append)
+        scene.host.commands.ask(GetParameter, (number,), clock.now(), outcomes.append)
 
     def fetch() -> None:
-        scene.host.dialogue.fetch(number, clock.now(), lambda *said: outcomes.append(said))
+        scene.host.commands.fetch(number, clock.now(), lambda *said: outcomes.append(said))
 
     answers: list[Future[None]] = []
     scene.at(4.0, lambda: answers.extend([scene.pump.call(ask), scene.pump.call(fetch)]))

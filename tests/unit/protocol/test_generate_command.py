@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from protocol.generate import GENERATORS, render
-from tools.sweepctl import run
+from tools.cli.main import run
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ import pytest
 from bridge.convert.listening import Listener
 from bridge.motion.robot_model import RobotModel
 from bridge.record.log_writer import RunWriter
-from bridge.run.mission import Ending
+from bridge.run.ending import Ending
 from bridge.run.recording import GATHER_NS, SHOWN_BYTES, HostRecords
 from bridge.session.records import EventRecord, RawBytes, RunInfo
 from bridge.session.states import State

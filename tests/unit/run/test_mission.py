@@ -5,16 +5,16 @@ from __future__ import annotations
 import pytest
 
 from bridge.coverage.runner import PlanRunner
+from bridge.errors import Remedy
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
-from bridge.remedies import Remedy
+from bridge.run.ending import Ending
 from bridge.run.mission import (
     DATA_TIMEOUT_S,
     END_TIMEOUT_S,
     LOST_TIMEOUT_S,
     SETTLE_S,
-    Ending,
     Mission,
     Phase,
     Request,

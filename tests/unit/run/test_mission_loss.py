@@ -8,7 +8,8 @@ import pytest
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.run.mission import Ending, Mission, Phase, Request, Resume
+from bridge.run.ending import Ending
+from bridge.run.mission import Mission, Phase, Request, Resume
 from protocol.commands import Outcome
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.run.mission import Ending, Phase
+from bridge.run.ending import Ending
+from bridge.run.mission import Phase
 from bridge.session.records import EventRecord, Record, Severity
 from bridge.session.states import State
 from protocol.clock import HostNs

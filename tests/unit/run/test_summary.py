@@ -10,10 +10,12 @@ from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
+from bridge.run.ending import Ending
 from bridge.run.host import Host
-from bridge.run.mission import Ending, Mission
+from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
-from bridge.run.summary import run_summary, wire_summary
+from bridge.run.summary import run_summary
+from bridge.session.link_stats import wire_summary
 from protocol.link import LinkStatistics
 from tools.cli.console import summary_table
 

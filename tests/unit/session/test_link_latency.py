@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,7 +14,7 @@ from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man import DeadMan
 from bridge.run.host import Host
 from bridge.run.manual import Operator
-from bridge.run.mission import Ending, Mission, Phase
+from bridge.run.mission import Mission, Phase
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
 from bridge.session.records import EventRecord
@@ -27,6 +28,9 @@ from protocol.values import Mode, OnboardPlanner, StopCause
 from support.bench_wire import desk_on
 from support.ends import Collector, Ends, HostEnd, Spinning, check_safe, spinning_host, sweeper
 from support.hostile import Piece, Pipe, Wire
+
+if TYPE_CHECKING:
+    from bridge.run.ending import Ending
 
 pytestmark = pytest.mark.slow
 

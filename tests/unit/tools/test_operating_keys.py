@@ -16,7 +16,7 @@ from bridge.record.sink import NullSink
 from bridge.run.dead_man import DeadMan
 from bridge.run.host import Host
 from bridge.run.manual import Hand, Operator
-from bridge.run.mission import Ending, Mission
+from bridge.run.mission import Mission
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
 from bridge.session.records import EventRecord, Severity
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from bridge.motion.legs import LegResult
     from bridge.motion.observation import Observation
+    from bridge.run.ending import Ending
     from bridge.run.snapshot import Snapshot
     from bridge.session.records import Record
 
@@ -203,7 +204,7 @@ def test_a_device_that_does_not_pause_its_planner_is_told_of(
 ) -> None:
     bench = Bench()
     bench.host.mission = OnboardMission(OnboardPlanner.RECOVERY)
-    monkeypatch.setattr(bench.host.dialogue, "ask", lambda *asked: asked[-1](outcome))
+    monkeypatch.setattr(bench.host.commands, "ask", lambda *asked: asked[-1](outcome))
     text = f"the device did not pause its planner ({why}); space stops it"
     assert bench.press("p") == text
     assert [(e.source, e.kind, e.text) for e in bench.sink.events] == [
@@ -215,7 +216,7 @@ def test_a_planner_that_is_paused_says_so(monkeypatch: pytest.MonkeyPatch) -> No
     bench = Bench()
     bench.host.mission = OnboardMission(OnboardPlanner.RECOVERY)
     answers: list[Callable[[Outcome], None]] = []
-    monkeypatch.setattr(bench.host.dialogue, "ask", lambda *asked: answers.append(asked[-1]))
+    monkeypatch.setattr(bench.host.commands, "ask", lambda *asked: answers.append(asked[-1]))
     assert bench.press("p") == "asking the device's planner to pause"
     answers[0](Outcome(PlannerCommand(1, 2, 1), accepted=True, reason=None))
     assert bench.keys.message == "the device's planner: pause"

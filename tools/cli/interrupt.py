@@ -1,8 +1,8 @@
-"""Where ``sweepctl`` starts: Ctrl-C ends it in order from the first import on.
+"""Ctrl-C while the command starts: put off until no import is cut short.
 
-Starting takes a tenth of a second and more, nearly all of it imports. A ``KeyboardInterrupt``
-inside of one ends in a traceback, and inside of an extension module's or of the compiler's in
-worse. A Ctrl-C that comes then is put off until the import, or the loading of code, is done.
+A ``KeyboardInterrupt`` inside of an import ends in a traceback, and inside of an extension
+module's or of the compiler's in worse. A Ctrl-C that comes then is put off until the import, or the
+loading of code, is done.
 """
 
 from __future__ import annotations
@@ -27,15 +27,16 @@ _put_off = 0
 _has_begun = False
 
 
-def main() -> None:
-    """Entry point."""
-    global _has_begun  # noqa: PLW0603 - the handler of a signal gets nothing else to look at
+def install() -> None:
+    """Take Ctrl-C, where Python's own handler has it."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupted)
-    from tools import sweepctl
 
+
+def begin() -> None:
+    """From now on Ctrl-C raises ``KeyboardInterrupt``: all is imported, and it is caught."""
+    global _has_begun  # noqa: PLW0603 - the handler of a signal gets nothing else to look at
     _has_begun = True
-    sweepctl.main()
 
 
 def interrupted(_number: int, frame: FrameType | None) -> None:

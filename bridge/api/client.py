@@ -101,7 +101,7 @@ class Asker:
 
         def ask() -> None:
             check_known(what, kind, self._host.session.link)
-            self._host.dialogue.ask(kind, fields, clock.now(), ended)
+            self._host.commands.ask(kind, fields, clock.now(), ended)
 
         self._in_loop(ask)
         self._await(answered, what)
@@ -138,7 +138,7 @@ class Asker:
 
         """
         first = self._fetch([0])
-        count = self._in_loop(lambda: self._host.dialogue.parameter_count) or 0
+        count = self._in_loop(lambda: self._host.commands.parameter_count) or 0
         found = {**first, **self._fetch(range(1, count))}
         return [found[number] for number in sorted(found)]
 
@@ -183,7 +183,7 @@ class Asker:
     def _number(self, name: str | int) -> int:
         if isinstance(name, int):
             return name
-        names = {p.name: n for n, p in self._host.dialogue.parameters.items()}
+        names = {p.name: n for n, p in self._host.commands.parameters.items()}
         if name not in names:
             names = {p.name: p.number for p in self.list_parameters()}
         if name not in names:
@@ -216,7 +216,7 @@ class Asker:
         def ask() -> None:
             check_known(_NAMES[GetParameter], GetParameter, self._host.session.link)
             for number in numbers:
-                self._host.dialogue.fetch(number, clock.now(), ended)
+                self._host.commands.fetch(number, clock.now(), ended)
 
         self._in_loop(ask)
         self._await(answered, _NAMES[GetParameter])

@@ -1,0 +1,224 @@
+"""The ``sweepctl`` command: parse, call, print."""
+
+from __future__ import annotations
+
+import errno
+import gc
+import importlib
+import io
+import os
+import signal
+import sys
+import warnings
+from pathlib import Path
+from typing import Any, TextIO
+
+import click
+
+from tools.cli.console import complain, flush, say, write_json
+from tools.cli.interrupt import interrupted
+from tools.cli.output_queue import QueuedOutput
+from tools.cli.visible_text import shortened
+from tools.version import VERSION
+
+_COMMANDS = {
+    "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
+    "key": "Set or remove the key that a robot's motion is authenticated with.",
+    "ports": "List the ports on which a robot may be.",
+    "stop": "Stop a robot from any shell, whoever has its port.",
+    "emulate": "Run a virtual sweeper on a serial line, a socket or a CAN bus, in real time.",
+    "simulate": "Run a plan against the virtual sweeper in virtual time.",
+    "drive": "Drive by hand, by keyboard or gamepad, with a dead man: the robot moves.",
+    "monitor": "Show what passes on a line, decoded; sends nothing.",
+    "param": "Read and change a device's parameters.",
+    "reboot": "Boot a device anew, and wait until it is back.",
+    "bringup": "Check a robot's wiring step by step, its wheels off the floor.",
+    "calibrate": "Find what this very robot gets wrong: gyro, odometry, range sensors.",
+    "fault": "Switch faults of a running emulator on and off.",
+    "experiment": "Run the paper's experiments, or compare planners over rooms and seeds.",
+    "view": "Open a log in Rerun.",
+    "info": "Say what a log holds.",
+    "doctor": "Say what is wrong with a device's line or a log, and what to do.",
+    "recover": "Save what is whole of a damaged log.",
+    "report": "Explain a run on one page.",
+    "diff": "Hold two runs against each other.",
+    "replay": "Play a log again, in the viewer or as a robot on a port.",
+    "export": "Write a log's topics as Parquet or CSV tables.",
+    "generate": "Write the wire's messages for C, CAN tools, Wireshark, protobuf or people.",
+    "completion": "Print the script that lets a shell complete this command.",
+}
+
+
+class LazyGroup(click.Group):
+    """Imports a command's module only when it runs, so that help is quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's interface
+        """Names in the order of use."""
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """The command of this name, imported now."""
+        if cmd_name not in _COMMANDS:
+            return None
+        command = importlib.import_module(f"tools.commands.{cmd_name}").command
+        assert isinstance(command, click.Command)  # noqa: S101 - every module has one
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(_COMMANDS.items()))
+
+
+@click.command(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Example:  sweepctl simulate case-1 --planner paper",
+)
+@click.version_option(VERSION, prog_name="sweepctl")
+def cli() -> None:
+    """Bridge, recorder and virtual twin of a small sweeping robot."""
+
+
+_LIVE = {
+    *("connect", "drive", "monitor", "bringup", "calibrate", "param", "key", "stop", "doctor"),
+    *("emulate", "replay", "simulate"),
+}
+"""Commands with a loop, a port or a log to close: they never wait for who reads their output."""
+
+
+_STOP = "stop"
+"""Command that is not done before the device has confirmed it, Ctrl-C or not."""
+
+
+def run(arguments: list[str] | None = None) -> int:
+    """Run the command line; its exit status."""
+    given = sys.argv[1:] if arguments is None else arguments
+    if _command_of(given) not in _LIVE:
+        return _run(given)
+    with QueuedOutput() as output:
+        status = _run(given)
+    return status if output.error is None else _unwritten(output.error)
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = _warned
+            return _invoke(arguments)
+    except (click.Abort, KeyboardInterrupt):
+        if _command_of(arguments) == _STOP:  # where a script asks for one, 0 means that it stands
+            complain("interrupted: no stop is confirmed; see that the robot stands")
+            return 3
+        complain("interrupted")
+        return 0
+
+
+def _command_of(arguments: list[str]) -> str | None:
+    return next((word for word in arguments if not word.startswith("-")), None)
+
+
+def _warned(  # noqa: PLR0913, PLR0917 - the library's interface
+    message: Warning | str,
+    category: type[Warning],  # noqa: ARG001 - as above
+    filename: str,  # noqa: ARG001 - as above
+    lineno: int,  # noqa: ARG001 - as above
+    file: TextIO | None = None,  # noqa: ARG001 - as above
+    line: str | None = None,  # noqa: ARG001 - as above
+) -> None:
+    """Print a library's warning as our own: it may quote a text from outside."""
+    say(f"warning: {message}")
+
+
+def _invoke(arguments: list[str]) -> int:
+    from bridge.errors import BridgeError
+    from bridge.floor_plan.floor_plan import FloorPlanError
+    from tools.cli.remedies import error_line
+
+    try:
+        result: Any = cli.main(args=arguments, prog_name="sweepctl", standalone_mode=False)
+        flush()  # what cannot be written is reported now, not as the interpreter ends
+    except click.ClickException as error:
+        text = _usage_text(error)
+        if text is None:
+            error.show()
+            return error.exit_code
+        return _failed(arguments, text, error.exit_code)
+    except (FloorPlanError, BridgeError) as error:
+        status = error.exit_status if isinstance(error, BridgeError) else 2
+        return _failed(arguments, error_line(error), status)
+    except OSError as error:
+        if error.filename is None and error.errno in _UNWRITTEN:
+            return _unwritten(error)
+        text = _unusable(error)
+        if text is None:
+            raise
+        return _failed(arguments, text, 2 if error.errno == errno.ENAMETOOLONG else 1)
+    return result if isinstance(result, int) else 0
+
+
+_UNWRITTEN = {errno.EPIPE, errno.EIO, errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+"""Errors of a write to stdout."""
+
+
+def _unwritten(error: OSError) -> int:
+    """Say why stdout could not be written; nothing is tried again as the interpreter ends."""
+    if error.errno not in {errno.EPIPE, errno.EIO}:  # else its reader left: nobody is there to ask
+        complain(f"cannot write the output: {error.strerror}")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 1
+
+
+def _usage_text(error: click.ClickException) -> str | None:
+    """What is wrong with the command line and where to read on; None: there is no command."""
+    text = error.format_message()
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):  # the text is the whole help
+        return None
+    context = error.ctx if isinstance(error, click.UsageError) else None
+    return f"{text} (see {context.command_path} --help)" if context else text
+
+
+def _unusable(error: OSError) -> str | None:
+    """Say which path cannot be used, or that there is no working directory; None: it is neither."""
+    if isinstance(error.filename, str | bytes):
+        return f"cannot use {os.fsdecode(error.filename)}: {error.strerror}"
+    try:
+        Path.cwd()
+    except OSError as gone:
+        return f"the working directory cannot be used: {gone.strerror}"
+    return None
+
+
+def _failed(arguments: list[str], text: str, status: int) -> int:
+    """Say why a command did not do its work, with --json as its one object too."""
+    complain(text)
+    if "--json" in arguments:
+        write_json({"outcome": "fault", "reason": shortened(text), "exit_status": status})
+    return status
+
+
+def _nowhere() -> TextIO:
+    return os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
+
+
+def main() -> None:
+    """Entry point."""
+    # Imports make tens of thousands of objects that stay: looking at them all again and again
+    # is a tenth of a short command's time.
+    gc.set_threshold(50_000, 20, 20)
+    # Where whoever started us closed them, their numbers must not become a log's.
+    sys.stdout = sys.stdout or _nowhere()
+    sys.stderr = sys.stderr or _nowhere()
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal, or a file's name, that knows no "m²": a mark in its place, no traceback.
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    try:
+        status = run()
+    except KeyboardInterrupt:  # a second one, as the first was answered
+        status = 0
+    if signal.getsignal(signal.SIGINT) in {signal.default_int_handler, interrupted}:
+        # From here on Ctrl-C finds nothing that it could break off in order.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    gc.freeze()  # the same when the interpreter ends: a tenth of a second of looking
+    sys.exit(status)
