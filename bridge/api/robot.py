@@ -126,9 +126,10 @@ class Robot:
         )
         self._closed = False
         self._offset_ns = clock.unix_offset_ns()
-        self._imu, self._encoders = Latest(self, Imu), Latest(self, Encoders)
-        self._range, self._power = Latest(self, Range), Latest(self, Power)
-        self._status, self._planner = Latest(self, Status), OwnPlanner(self)
+        newest = lambda: self.state  # noqa: E731
+        self._imu, self._encoders = Latest(Imu, newest), Latest(Encoders, newest)
+        self._range, self._power = Latest(Range, newest), Latest(Power, newest)
+        self._status, self._planner = Latest(Status, newest), OwnPlanner(self)
         self._recordings: list[Recording] = []
         self._begin(Pose2(0.0, 0.0, 0.0))
 

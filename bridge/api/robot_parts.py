@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from bridge.coverage.planner import PlannerEvent
 from bridge.coverage.planner import PlannerState as RunnerState
@@ -15,9 +15,13 @@ from protocol.messages import PlannerState, SetMode
 from protocol.values import Mode, OnboardPlanner, PlannerAction, StopCause, label
 
 if TYPE_CHECKING:
-    from bridge.api.robot import Robot
+    from collections.abc import Callable
+
+    from bridge.api.client import Asker
     from bridge.record.sink import Sink
+    from bridge.run.snapshot import StateSnapshot
     from bridge.session.records import Record
+    from protocol.messages import Status
     from protocol.schema.message import Message
 
 LET_GO_S = 0.5
@@ -28,20 +32,20 @@ T = TypeVar("T", bound="Message")
 class Latest(Generic[T]):
     """The newest message of one kind."""
 
-    def __init__(self, robot: Robot, kind: type[T]) -> None:
-        self._robot = robot
+    def __init__(self, kind: type[T], state: Callable[[], StateSnapshot]) -> None:
         self._kind = kind
+        self._state = state
 
     @property
     def latest(self) -> T | None:
         """The message, or None before the first of this session."""
-        value = getattr(self._robot.state, self._kind.__name__.lower())
+        value = getattr(self._state(), self._kind.__name__.lower())
         return value if isinstance(value, self._kind) else None
 
     @property
     def age_s(self) -> float | None:
         """Seconds since its sample was taken; None before the first of this session."""
-        at_s = self._robot.state.arrived_s.get(self._kind)
+        at_s = self._state().arrived_s.get(self._kind)
         return None if at_s is None else clock.now() / 1e9 - at_s
 
     def __repr__(self) -> str:
@@ -127,6 +131,22 @@ class EventTap:
         return events
 
 
+class Drivable(Protocol):
+    """A robot that a program drives, as its own planner needs it."""
+
+    asker: Asker
+
+    @property
+    def state(self) -> StateSnapshot:
+        """The newest messages."""
+
+    def wait_for_link(self) -> None:
+        """Wait until the link is measured; raises where it is too slow to drive over."""
+
+    def wait_for_status(self) -> Status:
+        """Wait for the first status; raises where none comes."""
+
+
 class OwnPlanner:
     """The device's own planner; nothing here watches it (``sweepctl connect --supervise`` does).
 
@@ -134,7 +154,7 @@ class OwnPlanner:
     :class:`DeviceLostError` where it does not answer.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Drivable) -> None:
         self._robot = robot
 
     @property

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
-    from sim_device.body.plant import Plant
     from sim_device.noise import Draws, NoiseLevel
 
 RAIL_V, RAIL_DROPOUT_V = 5.0, 1.5
@@ -60,12 +59,28 @@ class PowerReading(NamedTuple):
     right_a: float
 
 
+class Powered(Protocol):
+    """What the monitor is connected to."""
+
+    @property
+    def supply_v(self) -> float:
+        """Voltage of the battery's terminals."""
+
+    @property
+    def rail_5v_v(self) -> float:
+        """Voltage of the logic rail."""
+
+    @property
+    def motor_currents_a(self) -> tuple[float, float]:
+        """Currents of the left and the right motor."""
+
+
 class PowerMonitor:
     """Reads the two rails and both motor currents."""
 
     __slots__ = ("_draws", "_noise", "_plant")
 
-    def __init__(self, plant: Plant, noise: NoiseLevel, draws: Draws) -> None:
+    def __init__(self, plant: Powered, noise: NoiseLevel, draws: Draws) -> None:
         """Watch ``plant``; ``draws`` is the monitor's own."""
         self._plant = plant
         self._noise = noise

@@ -6,7 +6,7 @@ Everything here has come through the command log: it is new, and the answer is r
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from protocol.messages import (
     ClearStop,
@@ -24,8 +24,11 @@ from protocol.values import Mode, NackReason, PlannerAction, RebootKind
 from sim_device.device.modes import SET_EVENT, Event
 
 if TYPE_CHECKING:
-    from protocol.schema.message import Message
-    from sim_device.device.virtual_firmware import Firmware
+    from protocol.schema.message import Message, MessageSpec
+    from sim_device.device.control import Control
+    from sim_device.device.keyring import Keyring
+    from sim_device.device.parameters import ParameterStore
+    from sim_device.device.streams import Schedule
 
 RATE_MAX = 10_000
 """Tenths of a hertz, as declared; what is above the tick's rate is sent at each tick."""
@@ -33,10 +36,36 @@ SYNC_RATE_MIN = 40
 """4 Hz: a stamp on CAN can be extended for 0.5 s after a sync, and one may be lost."""
 
 
-Act = Callable[["Firmware", Any], NackReason | None]
+class Commanded(Protocol):
+    """The firmware, as its commands act on it."""
+
+    agreed: bool
+    """A session has agreed."""
+    control: Control
+    parameters: ParameterStore
+    schedule: Schedule
+    keyring: Keyring
+    reboot_wanted: RebootKind | None
+
+    @property
+    def mode(self) -> Mode:
+        """The device's mode."""
+
+    @property
+    def saving(self) -> bool:
+        """The flash is being written."""
+
+    def begin_save(self) -> None:
+        """Begin to write the parameters to the flash."""
+
+    def stream_spec(self, type_id: int) -> MessageSpec | None:
+        """The declaration of a stream that this firmware sends."""
 
 
-def carry_out(firmware: Firmware, command: Message) -> NackReason | None:
+Act = Callable[["Commanded", Any], NackReason | None]
+
+
+def carry_out(firmware: Commanded, command: Message) -> NackReason | None:
     """Do it, or give the refusal's reason."""
     if not firmware.agreed:
         return NackReason.NO_SESSION
@@ -44,16 +73,16 @@ def carry_out(firmware: Firmware, command: Message) -> NackReason | None:
     return NackReason.UNKNOWN_COMMAND if act is None else act(firmware, command)
 
 
-def _clear(firmware: Firmware, command: ClearStop) -> NackReason | None:
+def _clear(firmware: Commanded, command: ClearStop) -> NackReason | None:
     return firmware.control.clear(command.cause)
 
 
-def _choose(firmware: Firmware, command: SetMode) -> NackReason | None:
+def _choose(firmware: Commanded, command: SetMode) -> NackReason | None:
     event = SET_EVENT.get(command.mode)
     return NackReason.BAD_VALUE if event is None else firmware.control.fire(event)
 
 
-def _plan(firmware: Firmware, command: PlannerCommand) -> NackReason | None:
+def _plan(firmware: Commanded, command: PlannerCommand) -> NackReason | None:
     control = firmware.control
     match command.action:
         case PlannerAction.START:
@@ -68,19 +97,19 @@ def _plan(firmware: Firmware, command: PlannerCommand) -> NackReason | None:
             return NackReason.BAD_VALUE
 
 
-def _get(firmware: Firmware, command: GetParameter) -> NackReason | None:
+def _get(firmware: Commanded, command: GetParameter) -> NackReason | None:
     known = firmware.parameters.describe(command.parameter) is not None
     return None if known else NackReason.UNKNOWN_PARAMETER
 
 
-def _set(firmware: Firmware, command: SetParameter) -> NackReason | None:
+def _set(firmware: Commanded, command: SetParameter) -> NackReason | None:
     reason = firmware.parameters.set(command.parameter, command.kind, command.value)
     if reason is None:
         firmware.control.apply_parameters()
     return reason
 
 
-def _save(firmware: Firmware, _command: SaveParameters) -> NackReason | None:
+def _save(firmware: Commanded, _command: SaveParameters) -> NackReason | None:
     # While it drives the bus to the flash is not to be shared with the control loop.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE
@@ -88,7 +117,7 @@ def _save(firmware: Firmware, _command: SaveParameters) -> NackReason | None:
     return None
 
 
-def _rate(firmware: Firmware, command: SetStreamRate) -> NackReason | None:
+def _rate(firmware: Commanded, command: SetStreamRate) -> NackReason | None:
     spec = firmware.stream_spec(command.stream_type)
     if spec is None or command.rate > RATE_MAX:
         return NackReason.BAD_VALUE
@@ -100,7 +129,7 @@ def _rate(firmware: Firmware, command: SetStreamRate) -> NackReason | None:
     return None
 
 
-def _reboot(firmware: Firmware, command: Reboot) -> NackReason | None:
+def _reboot(firmware: Commanded, command: Reboot) -> NackReason | None:
     if command.kind == RebootKind.BOOTLOADER:
         return NackReason.UNSUPPORTED
     if command.kind not in {RebootKind.NORMAL, RebootKind.FACTORY_RESET}:
@@ -113,7 +142,7 @@ def _reboot(firmware: Firmware, command: Reboot) -> NackReason | None:
     return None
 
 
-def _key(firmware: Firmware, command: SetKey) -> NackReason | None:
+def _key(firmware: Commanded, command: SetKey) -> NackReason | None:
     # As for saving: the flash is not to be written while the robot may move.
     if firmware.mode is not Mode.IDLE:
         return NackReason.OTHER_MODE

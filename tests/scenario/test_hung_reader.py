@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.api.owner_service import ask
+from bridge.io.owner_client import ask
 from support.cli import sweepctl
 from support.root import ROOT
 from support.served import Served

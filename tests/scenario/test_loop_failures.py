@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.api.owner_service import ask
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import BridgeError
+from bridge.io.owner_client import ask
 from bridge.record.reader import LogReader
 from protocol.values import StopCause
 from support.cli import sweepctl

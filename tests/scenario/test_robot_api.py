@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import bridge
-from bridge.api.owner_service import RemoteRobot, reach
+from bridge.api.remote import RemoteRobot, reach
 from bridge.api.robot import LET_GO_S, Latest, ManualDrive, Robot
 from bridge.errors import (
     BridgeError,

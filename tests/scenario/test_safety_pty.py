@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.api.owner_service import ask
+from bridge.io.owner_client import ask
 from bridge.record.reader import LogReader
 from sim_device.ports.control import ask_control
 from support.root import ROOT

@@ -64,8 +64,8 @@ def command(  # noqa: PLR0913 - one parameter per option
     times a second; TYPE, --raw and --node are then refused. With --json one object is printed at
     the end.
     """
-    from bridge.api.owner_service import has_owner
     from bridge.io.listen import Listener
+    from bridge.io.owner_client import has_owner
     from bridge.io.ports import link_of
     from bridge.session.monitor import Monitor, UnknownTypeError
     from tools.cli.signals import until_signalled
@@ -124,8 +124,8 @@ def _look_on(
     port: str, duration_s: float | None, *, as_json: bool, jsonl: bool, lines: bool
 ) -> int:
     """Show what the process that owns the port knows; the device is not asked for anything."""
-    from bridge.api.owner_service import watch
     from bridge.io import clock
+    from bridge.io.owner_client import watch
     from tools.cli.signals import until_signalled
     from tools.live.monitor_view import OwnerTable
 

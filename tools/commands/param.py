@@ -16,7 +16,7 @@ from tools.cli.port_options import PortAsked, keyed_port_options
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from bridge.api.owner_service import Reached
+    from bridge.api.remote import Reached
     from bridge.session.parameters import Parameter
 
 _WIDEST = 2000
@@ -154,7 +154,7 @@ def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
 
 
 def _reach(port: PortAsked) -> Reached:
-    from bridge.api.owner_service import reach
+    from bridge.api.remote import reach
 
     return reach(port.name, node=port.node, key=port.key, **port.how)
 

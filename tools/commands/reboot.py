@@ -11,7 +11,7 @@ from tools.cli.console import say, write_json
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
-    from bridge.api.owner_service import Reached
+    from bridge.api.remote import Reached
 
 BACK_S = 15.0
 """Time for a device to boot and agree anew, seconds: a lost session looks again after 1 s."""
@@ -29,7 +29,7 @@ def command(*, port: PortAsked, as_json: bool) -> int:
     Saved parameters that count from the next boot on count then. Where another sweepctl has the
     port, it is asked. Refused while the robot may move: stop it first.
     """
-    from bridge.api.owner_service import reach
+    from bridge.api.remote import reach
     from bridge.errors import DeviceLostError
     from bridge.io import clock
 

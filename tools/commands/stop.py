@@ -23,8 +23,8 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     a bus is stopped. Status 3 where it is not confirmed, after Ctrl-C too. The robot moves again
     only with --clear-stop, given by a person who looked.
     """
-    from bridge.api.owner_service import ask
     from bridge.errors import BridgeError, NoOwnerError, PortError
+    from bridge.io.owner_client import ask
     from bridge.io.reopening import Opener, PortOptions
     from bridge.io.stopping import stop_device
 
