@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bridge.floor_plan.floor_plan import contains
 from sim_device.body import drive_kernel as k
 from sim_device.body.drive_kernel import TICK_S
 from sim_device.body.slow_kernel import SLOW_MS, tread
 from sim_device.noise import SLIP_TIME_S, Draws
-from sim_device.sensors.cliff import wheel_over
 from sim_device.world.terrain import (
     AWAY,
     HEIGHT,
@@ -26,6 +26,7 @@ from sim_device.world.terrain import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from bridge.floor_plan.floor_plan import Polygon
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from sim_device.body.chassis import Chassis
@@ -145,3 +146,9 @@ class Footing:
         self.pitch_rad, self.roll_rad = pitch_rad, roll_rad
         self._b[k.TILT_X] = GRAVITY_M_S2 * sin(pitch_rad)
         self._b[k.TILT_Y] = GRAVITY_M_S2 * sin(roll_rad)
+
+
+def wheel_over(pose: Pose2, half_base_m: float, cliffs: tuple[Polygon, ...]) -> bool:
+    """Whether the floor is missing under either wheel of a robot at ``pose``."""
+    wheels = (pose.transform(0.0, half_base_m), pose.transform(0.0, -half_base_m))
+    return any(contains(cliff, *wheel) for wheel in wheels for cliff in cliffs)

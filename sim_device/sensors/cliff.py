@@ -39,9 +39,3 @@ class CliffSensor:
         return any(
             contains(cliff, *pose.transform(*spot)) for spot in self._spots for cliff in cliffs
         )
-
-
-def wheel_over(pose: Pose2, half_base_m: float, cliffs: tuple[Polygon, ...]) -> bool:
-    """Whether the floor is missing under either wheel of a robot at ``pose``."""
-    wheels = (pose.transform(0.0, half_base_m), pose.transform(0.0, -half_base_m))
-    return any(contains(cliff, *wheel) for wheel in wheels for cliff in cliffs)

@@ -10,7 +10,7 @@ import pytest
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from sim_device.sensors.cliff import wheel_over
+from sim_device.body.footing import wheel_over
 from support.selection import seeds
 from tools.virtual.run import run_virtual
 

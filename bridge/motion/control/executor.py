@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from bridge.motion.control.braking import Braking
 from bridge.motion.control.hidden_ahead import HiddenAhead
 from bridge.motion.control.point_to_point import PointToPointController
-from bridge.motion.control.range_filter import RangeAhead
 from bridge.motion.control.rotary import RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.control.tuning import MotionTuning
 from bridge.motion.control.wall_follow import FollowState, FollowTuning, Side, WallFollower
 from bridge.motion.estimation.noise_monitor import RangingNoise
+from bridge.motion.estimation.range_filter import RangeAhead
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import (
     Drive,

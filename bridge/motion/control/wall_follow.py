@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from bridge.motion.control.braking import Braking
 from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.control.room_ahead import RoomAhead
-from bridge.motion.control.wall_track import MAX_YAW_RAD, WallTrack
 from bridge.motion.estimation.noise_monitor import RangingNoise
+from bridge.motion.estimation.wall_track import MAX_YAW_RAD, WallTrack
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.motion.control.wall_track import infrared_sigma_m
+from bridge.motion.estimation.wall_track import infrared_sigma_m
 from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:

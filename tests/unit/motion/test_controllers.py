@@ -8,9 +8,9 @@ import pytest
 
 from bridge.motion.control.pid import Pid, PidGains
 from bridge.motion.control.point_to_point import PointToPointController
-from bridge.motion.control.range_filter import RangeAhead
 from bridge.motion.control.rotary import RotaryController
 from bridge.motion.control.smoothing import VelocitySmoother
+from bridge.motion.estimation.range_filter import RangeAhead
 from bridge.motion.geometry import Pose2
 
 

@@ -12,8 +12,8 @@ from bridge.coverage.recovery.watch import ROUND_RAD_S
 from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.control.wall_follow import FollowState, FollowStep, Side, WallFollower
-from bridge.motion.control.wall_track import WallTrack, infrared_sigma_m
 from bridge.motion.estimation.noise_monitor import RangingNoise
+from bridge.motion.estimation.wall_track import WallTrack, infrared_sigma_m
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel

@@ -8,7 +8,7 @@ import pytest
 
 from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.control.wall_follow import FollowState, Side, WallFollower
-from bridge.motion.control.wall_track import WallTrack
+from bridge.motion.estimation.wall_track import WallTrack
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel

@@ -12,8 +12,9 @@ from bridge.evaluation.regions import find_regions
 from bridge.floor_plan.floor_plan import FloorPlanError, parse_floorplan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
+from sim_device.body.footing import wheel_over
 from sim_device.sensors.bumper import RELEASE_M, Bumper
-from sim_device.sensors.cliff import CliffSensor, wheel_over
+from sim_device.sensors.cliff import CliffSensor
 from sim_device.sensors.faults import CountDropout
 from support.scripted_body import Placed
 from support.sim_body import box, duty, plant, room, sensors, world
