@@ -6,6 +6,10 @@ import json
 import platform
 from typing import TYPE_CHECKING, Any
 
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+
 from bridge.record.chunked_file import ChunkedFile
 from bridge.record.encode import foxglove, ros, schemas
 from bridge.record.encode.device_topics import DeviceTopics
@@ -43,7 +47,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bridge.record.chunked_file import LogOpener
-    from bridge.record.encode.descriptors import MessageType
+    from bridge.record.encode.foxglove import MessageType
     from bridge.record.encode.layout import FlatMessage
     from bridge.record.encode.ros import RosTopic
     from bridge.record.encode.rows import Rows
@@ -103,7 +107,7 @@ class RunWriter:
             ("right", model.infrared_right),
         ):
             data = foxglove.mount(begun_ns, name, mount)
-            self._add_foxglove("/tf_static", foxglove.FRAME_TRANSFORM, begun_ns, data)
+            self._add_foxglove("/tf_static", FrameTransform, begun_ns, data)
         self._handlers: dict[type, Callable[[Any], None]] = {
             RawBytes: self._raw,
             RawCan: self._raw_can,
@@ -220,9 +224,9 @@ class RunWriter:
     def _pose(self, record: PoseRecord) -> None:
         rows = self._rows.get(PoseRecord)
         if rows is None:
-            pose = self._foxglove_channel("/pose", foxglove.POSE_IN_FRAME)
+            pose = self._foxglove_channel("/pose", PoseInFrame)
             estimate = self._flat_channel("/pose/estimate", schemas.POSE_ESTIMATE)
-            transform = self._foxglove_channel("/tf", foxglove.FRAME_TRANSFORM)
+            transform = self._foxglove_channel("/tf", FrameTransform)
             values = [real(column) for column in range(len(schemas.POSE_ESTIMATE.fields))]
             rows = self._rows[PoseRecord] = self._file.rows(
                 2,
@@ -241,7 +245,7 @@ class RunWriter:
     def _truth(self, record: TruthRecord) -> None:
         rows = self._rows.get(TruthRecord)
         if rows is None:
-            channel = self._foxglove_channel("/truth/pose", foxglove.POSE_IN_FRAME)
+            channel = self._foxglove_channel("/truth/pose", PoseInFrame)
             message = RowMessage(channel, _LOGGED, foxglove.POSE_PARTS, _PLANAR)
             rows = self._rows[TruthRecord] = self._file.rows(2, 3, (message,))
         log_ns, pose = record
@@ -269,7 +273,7 @@ class RunWriter:
         self._add_flat("/events", schemas.EVENT, record.log_ns, schemas.encode_event(record))
 
     def _log(self, record: LogRecord) -> None:
-        self._add_foxglove("/log", foxglove.LOG, record.log_ns, foxglove.log(record))
+        self._add_foxglove("/log", Log, record.log_ns, foxglove.log(record))
 
     def _clock(self, record: ClockRecord) -> None:
         data = schemas.encode_clock(record)

@@ -72,7 +72,7 @@ def main() -> None:
             path = Path(folder) / f"{name.strip('-').split()[0]}.mcap"
             share, dropped = record(path, pieces, options)
             parts = list(path.parent.glob(f"{path.stem}*.mcap"))
-            kept = sum(1 for p in parts for _ in LogReader(p).messages({"/device/imu"}))
+            kept = sum(1 for p in parts for _ in LogReader(p, alone=True).messages({"/device/imu"}))
             print(
                 f"{name:<16}{100 * share:5.1f} % of a core, {dropped} dropped, "
                 f"{kept} of {RATE_HZ * SECONDS} messages in {len(parts)} files"

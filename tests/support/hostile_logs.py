@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import lz4.frame
 import zstandard
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.data_stream import RecordBuilder
 from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema
 from mcap.writer import CompressionType, Writer
@@ -278,7 +279,7 @@ def _poses() -> bytes:
     writer.start()
     good = writer.register_channel("/good", "json", 0)
     writer.add_message(good, 5, GOOD, 5)
-    name, encoding, data = foxglove.schema(foxglove.POSE_IN_FRAME)
+    name, encoding, data = foxglove.schema(PoseInFrame)
     schema = writer.register_schema(name, encoding, data)
     values = [float("nan"), float("inf"), 1e308, -1e308, 1e9, 1.0, 1.1]
     for topic in ("/pose", "/truth/pose"):

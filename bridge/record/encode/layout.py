@@ -12,37 +12,42 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-from bridge.record.encode.descriptors import (
+from google.protobuf.descriptor_pb2 import (
+    FieldDescriptorProto,
+    FileDescriptorProto,
+    FileDescriptorSet,
+)
+
+from bridge.record.encode.packer import Packer, Part
+from bridge.record.encode.protobuf_wire import (
     WIRE_DELIMITED,
     WIRE_FIXED32,
     WIRE_FIXED64,
-    FieldType,
-    MessageType,
-    Type,
-    descriptor_set,
     tag,
     varint,
 )
-from bridge.record.encode.packer import Packer, Part
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 PACKAGE = "sweepctl"
+_Proto = FieldDescriptorProto
 
 
 class Kind(Enum):
     """A protobuf type: its descriptor's number, wire type and ``struct`` code."""
 
-    DOUBLE = (Type.DOUBLE, WIRE_FIXED64, "d")
-    FIXED32 = (Type.FIXED32, WIRE_FIXED32, "I")
-    SFIXED32 = (Type.SFIXED32, WIRE_FIXED32, "i")
-    FIXED64 = (Type.FIXED64, WIRE_FIXED64, "Q")
-    SFIXED64 = (Type.SFIXED64, WIRE_FIXED64, "q")
-    STRING = (Type.STRING, WIRE_DELIMITED, "")
-    BYTES = (Type.BYTES, WIRE_DELIMITED, "")
+    DOUBLE = (_Proto.TYPE_DOUBLE, WIRE_FIXED64, "d")
+    FIXED32 = (_Proto.TYPE_FIXED32, WIRE_FIXED32, "I")
+    SFIXED32 = (_Proto.TYPE_SFIXED32, WIRE_FIXED32, "i")
+    FIXED64 = (_Proto.TYPE_FIXED64, WIRE_FIXED64, "Q")
+    SFIXED64 = (_Proto.TYPE_SFIXED64, WIRE_FIXED64, "q")
+    STRING = (_Proto.TYPE_STRING, WIRE_DELIMITED, "")
+    BYTES = (_Proto.TYPE_BYTES, WIRE_DELIMITED, "")
 
-    def __init__(self, proto_type: Type, wire_type: int, code: str) -> None:
+    def __init__(
+        self, proto_type: FieldDescriptorProto.Type.ValueType, wire_type: int, code: str
+    ) -> None:
         self.proto_type = proto_type
         self.wire_type = wire_type
         self.code = code
@@ -93,9 +98,17 @@ class FlatMessage:
     def descriptor_set(self) -> bytes:
         """The message's ``FileDescriptorSet``, as an MCAP schema holds it."""
         # In proto2 every field may be absent, and says so.
-        fields = tuple(FieldType(f.name, f.number, f.kind.proto_type) for f in self.fields)
-        file = f"{PACKAGE}/{self.name}.proto"
-        return descriptor_set(MessageType(file, PACKAGE, self.name, fields, "proto2"))
+        path = f"{PACKAGE}/{self.name}.proto"
+        file = FileDescriptorProto(name=path, package=PACKAGE, syntax="proto2")
+        message = file.message_type.add(name=self.name)
+        for field in self.fields:
+            message.field.add(
+                name=field.name,
+                number=field.number,
+                type=field.kind.proto_type,
+                label=_Proto.LABEL_OPTIONAL,
+            )
+        return FileDescriptorSet(file=[file]).SerializeToString()
 
     def encode(self, values: list[Any]) -> bytes:
         """Serialise one value per field, in the fields' order."""

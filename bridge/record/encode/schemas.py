@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from bridge.record.encode.descriptors import varint
 from bridge.record.encode.layout import FlatField, FlatMessage, Kind
+from bridge.record.encode.protobuf_wire import varint
 from bridge.record.encode.rows import scaled, whole
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 
