@@ -23,6 +23,8 @@ MAX_TIMEOUT_US = 1_000_000
 MAX_TRIES = 6
 """With the timeout doubling from 20 ms this is over a second of trying."""
 REMEMBERED = 16
+_HALF = 0x8000
+"""Ids wrap at 16 bits: one that lies less than this behind another is the older one (RFC 1982)."""
 
 
 class Command(Protocol):
@@ -177,23 +179,41 @@ class CommandSender:
 
 
 class CommandLog:
-    """The last replies, so that a repeated command is answered and not carried out again."""
+    """The last replies, so that a repeated command is answered and not carried out again.
+
+    Ids count up within a session, so each has a place of its own among the last sixteen. One that
+    is older than those may have been carried out and forgotten: nothing is done for it.
+    """
 
     def __init__(self) -> None:
-        self._replies: OrderedDict[tuple[int, int, int], Ack | Nack] = OrderedDict()
+        self._replies: dict[int, tuple[tuple[int, int, int], Ack | Nack]] = {}
+        """By place."""
+        self._session_id = 0
+        self._newest_id = 0
 
     def once(
         self, session_id: int, type_id: int, command: Message, act: Callable[[], int | None]
-    ) -> Ack | Nack:
-        """Carry out a command unless it is a repeat; ``act`` gives a refusal's reason or None."""
+    ) -> Ack | Nack | None:
+        """Carry out a command unless it is a repeat; ``act`` gives a refusal's reason or None.
+
+        None: the command is too old to be told from a repeat, and gets no reply.
+        """
         command_id = cast("Command", command).command_id
-        key = (session_id, command_id, type_id)
-        known = self._replies.get(key)
-        if known is not None:
-            return known
+        place, key = command_id % REMEMBERED, (session_id, command_id, type_id)
+        known = self._replies.get(place)
+        if known is not None and known[0] == key:
+            return known[1]
+        if self._is_stale(session_id, command_id):
+            return None
         reason = act()
         reply = Ack(command_id, type_id) if reason is None else Nack(command_id, type_id, reason)
-        self._replies[key] = reply
-        if len(self._replies) > REMEMBERED:
-            self._replies.popitem(last=False)
+        self._replies[place] = (key, reply)
         return reply
+
+    def _is_stale(self, session_id: int, command_id: int) -> bool:
+        """Whether an id is older than the last sixteen of its session; session 0 is none."""
+        behind = (self._newest_id - command_id) & 0xFFFF
+        if session_id != 0 and session_id == self._session_id and behind < _HALF:
+            return behind >= REMEMBERED
+        self._session_id, self._newest_id = session_id, command_id
+        return False

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from protocol.authentication import CAN_AUTH_TYPE, FREE, GUARDED_TYPES, TRAILER
 from protocol.can.authentication import TOGETHER_US
+from protocol.commands import REMEMBERED
 from protocol.generate import md_text
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
@@ -84,6 +85,7 @@ def _sections(catalogue: Catalogue, behaviour: Behaviour | None) -> Iterator[str
     yield md_text.RELIABILITY.format(
         causes=", ".join(f"`{c.name.lower()}`" for c in by_gravity()),
         unnamed=latched_cause(StopCause.NONE, StopCause.NONE).name.lower(),
+        remembered=REMEMBERED,
     )
     yield md_text.AUTHENTICATION.format(
         guarded=", ".join(f"`{s.name}`" for s in catalogue if s.type_id in GUARDED_TYPES),

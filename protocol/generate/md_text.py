@@ -131,8 +131,10 @@ RELIABILITY = """\
   Stops do not count for the smallest: anyone may send one.
 - **Commands** carry an id, are answered with `ack` or `nack`, and are repeated until then. The
   device keeps its last replies by (session, id, type): a repeated command is answered again and not
-  carried out again. `get_parameter` and `set_parameter` send the `parameter_value` before the
-  `ack`, each time.
+  carried out again. Ids count up within a session, modulo 65536. The device neither carries out nor
+  answers a command whose id is {remembered} or more behind the newest of its session: such a late
+  copy cannot be told from a repetition. `stop` is obeyed whatever its id. `get_parameter` and
+  `set_parameter` send the `parameter_value` before the `ack`, each time.
 - **Stop** is obeyed from anyone at any time, before any question of session, and latched. Causes
   from the least grave to the gravest: {causes}.
   A graver cause replaces the latched one, a less grave one never does, and the device acknowledges

@@ -223,6 +223,8 @@ class Firmware:
         reply = self._commands.once(
             self.session_id, type_id, message, lambda: carry_out(self, message)
         )
+        if reply is None:
+            return
         if isinstance(message, GetParameter | SetParameter) and isinstance(reply, Ack):
             # For a repeated command too: its value may be what was lost.
             value = self.parameters.describe(message.parameter)

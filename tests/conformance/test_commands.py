@@ -42,7 +42,9 @@ def again(device: Probe, message: Message, command_id: int) -> list[Ack | Nack]:
 
 def test_an_answer_names_the_command(device: Probe) -> None:
     device.agree()
-    for command_id in (0, 1, 0x1234, 0xFFFF):
+    first = device.next_id()
+    for ahead in (0, 1, 0x1234, 0x7FFF, 0xEDCC, 0xFFFF):  # ids count up, and wrap
+        command_id = (first + ahead) & 0xFFFF
         message = SetMode(command_id, Mode.IDLE)
         reply = device.reply_to(message)
         assert reply == Ack(command_id, type_of(message))
@@ -93,6 +95,21 @@ def test_a_repeated_command_is_answered_again_and_not_carried_out_again(device: 
     assert again(device, clear, command_id) == [Ack(command_id, type_of(clear))], (
         "the answer is repeated as it was, once"
     )
+    assert device.status().stop_cause == OPERATOR, "it was carried out twice"
+
+
+def test_a_command_that_comes_again_late_is_not_carried_out_again(device: Probe) -> None:
+    """Sixteen others came in between, and the device keeps sixteen replies."""
+    device.agree()
+    device.stop()
+    command_id = device.next_id()
+    clear = ClearStop(command_id, OPERATOR)
+    assert device.reply_to(clear) == Ack(command_id, type_of(clear))
+    for _ in range(REMEMBERED):
+        other = device.next_id()
+        device.reply_to(SetMode(other, Mode.IDLE))
+    device.stop()
+    assert again(device, clear, command_id) == [], "it is too old to be answered"
     assert device.status().stop_cause == OPERATOR, "it was carried out twice"
 
 

@@ -70,6 +70,17 @@ class Desk:
         assert not outcome.timed_out
         return None if outcome.reason is None else NackReason(outcome.reason)
 
+    def spare_id(self) -> int:
+        """An id of the session's for a command of another type that is sent by hand."""
+        given: list[int] = []
+
+        def make(command_id: int) -> Message:
+            given.append(command_id)
+            return GetParameter(command_id, 0)
+
+        self.ask(make)
+        return given[-1]
+
     def heard(self, kind: type[Message]) -> list[Message]:
         return [d.received.message for d in self.host.of(Data) if d.received.spec.cls is kind]
 

@@ -113,7 +113,7 @@ class Writer:
         """From nothing to driving."""
         self.say(HostHello(0, session_id, 0, "first"))
         self.say(HostHello(0, session_id, 1, "first"))
-        self.say(ClearStop(1000, StopCause.SESSION_END), SetMode(1001, Mode.VELOCITY))
+        self.say(ClearStop(0xFFF0, StopCause.SESSION_END), SetMode(0xFFF1, Mode.VELOCITY))
 
     def drive(self, v: int, yaw_rate: int, times: int) -> None:
         """Setpoints as a host sends them."""

@@ -2,23 +2,32 @@
 
 #include <stddef.h>
 
+/* Ids wrap at 16 bits: one that lies less than this behind another is the older one (RFC 1982). */
+#define HALF 0x8000u
+
 const reply_t *command_log_find(
     const command_log_t *log, uint32_t session_id, uint16_t command_id, uint8_t type)
 {
-    for (unsigned i = 0; i < COMMANDS_REMEMBERED; i++) {
-        const reply_t *const known = &log->replies[i];
-        if (known->used && known->session_id == session_id && known->command_id == command_id
-            && known->type == type) {
-            return known;
-        }
+    const reply_t *const known = &log->replies[command_id % COMMANDS_REMEMBERED];
+    const bool same = known->used && known->session_id == session_id
+        && known->command_id == command_id && known->type == type;
+    return same ? known : NULL;
+}
+
+bool command_log_is_stale(command_log_t *log, uint32_t session_id, uint16_t command_id)
+{
+    const uint16_t behind = (uint16_t)(log->newest_id - command_id);
+    if (session_id != 0 && session_id == log->session_id && behind < HALF) {
+        return behind >= COMMANDS_REMEMBERED;
     }
-    return NULL;
+    log->session_id = session_id;
+    log->newest_id = command_id;
+    return false;
 }
 
 const reply_t *command_log_add(command_log_t *log, const reply_t *reply)
 {
-    reply_t *const place = &log->replies[log->next];
-    log->next = (uint8_t)((log->next + 1u) % COMMANDS_REMEMBERED);
+    reply_t *const place = &log->replies[reply->command_id % COMMANDS_REMEMBERED];
     *place = *reply;
     place->used = true;
     return place;

@@ -183,6 +183,9 @@ void commands_receive(firmware_t *firmware, const sp_frame_t *frame, int64_t now
     const reply_t *reply =
         command_log_find(&firmware->commands, firmware->session_id, id, frame->type);
     if (reply == NULL) {
+        if (command_log_is_stale(&firmware->commands, firmware->session_id, id)) {
+            return;
+        }
         const int reason = carry_out(firmware, frame);
         const reply_t new_reply = {firmware->session_id, id, frame->type, true, reason == DONE,
             reason == DONE ? (uint8_t)0 : (uint8_t)reason};

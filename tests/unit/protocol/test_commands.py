@@ -266,7 +266,7 @@ def test_another_session_or_type_is_no_repeat() -> None:
     assert act.count == 3
 
 
-def test_the_last_sixteen_are_kept() -> None:
+def test_the_last_sixteen_are_kept_and_what_is_older_is_not_carried_out_again() -> None:
     log, act = CommandLog(), Acts()
     assert REMEMBERED == 16
     for command_id in range(17):
@@ -274,5 +274,26 @@ def test_the_last_sixteen_are_kept() -> None:
     for command_id in range(1, 17):
         log.once(9, MODE, SetMode(command_id, 1), act)
     assert act.count == 17
-    log.once(9, MODE, SetMode(0, 1), act)
-    assert act.count == 18
+    assert log.once(9, MODE, SetMode(0, 1), act) is None
+    assert act.count == 17
+
+
+@pytest.mark.parametrize("first_id", [0, 0xFFF8])
+def test_a_late_command_is_carried_out_once_whatever_came_in_between(first_id: int) -> None:
+    """Replies that came later than it by time, and are older by id, do not displace its own."""
+    log, act = CommandLog(), Acts()
+    newest, late = 17, [*range(1, 8)]
+
+    def once(number: int) -> None:
+        log.once(9, MODE, SetMode((first_id + number) & 0xFFFF, 1), act)
+
+    for number in [8, *late, *range(9, newest + 1), *range(1, newest + 1)]:
+        once(number)
+    assert act.count == newest
+
+
+def test_ids_of_another_session_and_of_none_are_not_compared() -> None:
+    log, act = CommandLog(), Acts()
+    for session_id, command_id in ((9, 1000), (10, 5), (10, 6), (0, 900), (0, 3), (0, 2)):
+        assert log.once(session_id, MODE, SetMode(command_id, 1), act) is not None
+    assert act.count == 6

@@ -84,10 +84,10 @@ def test_a_repeated_get_gives_the_value_again() -> None:
 
 def test_a_repeated_set_is_carried_out_once() -> None:
     desk = Desk()
-    number = NUMBERS["max_speed"]
-    desk.send(SetParameter(900, number, F32, f32(0.2)))
-    desk.send(SetParameter(901, number, F32, f32(0.1)))
-    desk.send(SetParameter(900, number, F32, f32(0.2)))
+    number, first, second = NUMBERS["max_speed"], desk.spare_id(), desk.spare_id()
+    desk.send(SetParameter(first, number, F32, f32(0.2)))
+    desk.send(SetParameter(second, number, F32, f32(0.1)))
+    desk.send(SetParameter(first, number, F32, f32(0.2)))
     desk.ends.run(0.1)
     assert desk.get("max_speed").value == f32(0.1)
 

@@ -102,10 +102,11 @@ def test_a_reboot_is_refused_while_it_drives_or_rolls() -> None:
     desk.free()
     desk.drive(1.0, cruise)
     assert desk.ask(lambda i: Reboot(i, RebootKind.NORMAL)) is NackReason.OTHER_MODE
-    desk.send(SetMode(800, Mode.IDLE))
-    desk.send(Reboot(801, RebootKind.NORMAL))  # in the same breath: it still rolls
+    first, second = desk.spare_id(), desk.spare_id()
+    desk.send(SetMode(first, Mode.IDLE))
+    desk.send(Reboot(second, RebootKind.NORMAL))  # in the same breath: it still rolls
     desk.ends.run(0.1)
     nacks = [d.received.message for d in desk.host.of(Data) if d.received.spec.name == "nack"]
-    assert [(m.command_id, m.reason) for m in nacks[-1:]] == [(801, NackReason.FAULT)]  # type: ignore[attr-defined]
+    assert [(m.command_id, m.reason) for m in nacks[-1:]] == [(second, NackReason.FAULT)]  # type: ignore[attr-defined]
     desk.ends.run(1.0)
     assert desk.reboot() is None

@@ -209,7 +209,7 @@ def test_a_flat_battery_switches_it_off_and_a_full_one_on() -> None:
 
 def set_speed(host: WireHost, value: float) -> None:
     raw = to_raw(F32, value)
-    answers = host.send(SetParameter(700, NUMBERS["max_speed"], F32, raw))
+    answers = host.send(SetParameter(6, NUMBERS["max_speed"], F32, raw))
     assert any(isinstance(m, Ack) for m in answers)
 
 
@@ -236,10 +236,10 @@ def test_a_brown_out_in_the_middle_of_a_save_leaves_what_was(after_ms: int) -> N
     set_speed(host, 0.25)
     host.send(SaveParameters(7))
     host.run(0.4)
-    host.send(SetParameter(701, NUMBERS["max_speed"], F32, to_raw(F32, 0.1)))
-    host.send(SaveParameters(8))
+    host.send(SetParameter(8, NUMBERS["max_speed"], F32, to_raw(F32, 0.1)))
+    host.send(SaveParameters(9))
     host.run(after_ms / 1000)
-    done = Ack(8, 0x0C) in host.of(Ack)
+    done = Ack(9, 0x0C) in host.of(Ack)
     host.device.reset(ResetCause.BROWN_OUT, off_s=0.1)
     assert host.device.firmware.parameters.value("max_speed") == pytest.approx(
         0.1 if done else 0.25
