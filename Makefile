@@ -23,6 +23,9 @@ UV := uv==0.13.8
 COMPILE := $(BIN)/uv pip compile --quiet --universal --generate-hashes --python-version 3.11 \
 	--no-header --no-emit-index-url --no-emit-find-links
 
+# The tests start hundreds of Python processes: without bytecode each compiles our modules anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .PHONY: help venv check test nightly demo lint types imports fast unit statistics coverage covered bench firmware qemu campaign docs fmt lock clean soak mutants
@@ -53,7 +56,7 @@ imports: venv ## who may import whom
 	@echo '== import rules'
 	@$(BIN)/lint-imports
 
-# PHASES are two runs of pytest, of which the second begins whatever became of the first.
+# PHASES are runs of pytest, of which each begins whatever became of the one before.
 PHASES = PYTHONPATH=tests $(BIN)/python -m support.phases
 fast: venv
 	@$(PHASES) check $(TEST_OPTIONS)

@@ -36,6 +36,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     conformance.add_options(parser)
+    fairly.add_options(parser)
     needs.add_options(parser)
 
 
@@ -46,4 +47,4 @@ def pytest_configure(config: pytest.Config) -> None:
     conformance.configure(config)
     needs.configure(config)
     if config.getoption("--port") is None:
-        config.pluginmanager.register(fairly.Fairly(), "sweepctl-fairly")
+        fairly.configure(config)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from bridge.session.states import SessionEvent
     from protocol.schema.message import Message
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 E = TypeVar("E")
 STEP_US = 1_000

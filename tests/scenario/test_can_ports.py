@@ -282,11 +282,11 @@ def test_datagrams_that_are_no_frames_do_not_end_a_device() -> None:
 
 
 def test_datagrams_that_are_no_frames_do_not_end_the_port() -> None:
-    with CanPort("can:udp_multicast:239.74.163.3") as port, socket.socket(type=DGRAM) as stranger:
+    with CanPort("can:udp_multicast:239.74.163.5") as port, socket.socket(type=DGRAM) as stranger:
         stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
         for data in NO_FRAMES:
-            stranger.sendto(data, ("239.74.163.3", 43113))
-        with CanPort("can:udp_multicast:239.74.163.3") as other:
+            stranger.sendto(data, ("239.74.163.5", 43113))
+        with CanPort("can:udp_multicast:239.74.163.5") as other:
             other.write(FRAME)
             found = b""
             for _ in range(10):

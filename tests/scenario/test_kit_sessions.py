@@ -38,7 +38,7 @@ from support.kit_sessions import Writer, f32
 if TYPE_CHECKING:
     from protocol.schema.message import Message
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 STOPPED, IDLE, VELOCITY, BRINGUP, ONBOARD, RUNNING, PAUSED = range(7)
 """As ``modes.h`` counts them."""

@@ -14,7 +14,7 @@ from support.cli import Done, end, short_runs, start, sweepctl
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 
 def test_a_simulated_run(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -38,7 +38,8 @@ def test_a_run_on_a_bad_line(tmp_path: Path) -> None:
     assert (result.equal, result.differing) == (result.recorded, {}), result.first
 
 
-@pytest.mark.parametrize("link", ["pty", "udpcan"])
+@pytest.mark.realtime
+@pytest.mark.parametrize("link", ["pty", "slcan"])
 def test_a_live_run(tmp_path: Path, link: str) -> None:
     emulator = start("emulate", "empty", "--link", link, "--seed", "3", cwd=tmp_path)
     try:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from protocol.link import LinkEvent
     from protocol.schema.message import Message
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.slow
 
 CONVERSATION = {"hello", "describe_reply", "ack", "nack", "time_reply", "parameter_value"}
 
@@ -172,7 +172,10 @@ def test_damaged_bytes_come_again(tmp_path: Path) -> None:
     assert len(intact) == len(recording.played) - damaged, "no neighbour is hurt"
 
 
-def test_the_live_bridge_runs_on_it(tmp_path: Path, log: Path) -> None:
+@pytest.mark.realtime
+def test_the_live_bridge_runs_on_it(tmp_path: Path) -> None:
+    log = tmp_path / "drive.mcap"
+    sweepctl("simulate", "case-1", "--planner", "paper", "--max-time", "8", "--out", log, "--json")
     replay = start("replay", log, "--link", "pty", "--pty-link", "robot", cwd=tmp_path)
     try:
         assert replay.stdout is not None

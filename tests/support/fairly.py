@@ -1,49 +1,173 @@
-"""A real-time test that fails while the machine is busy runs again: a wrong program fails again."""
+"""How real-time tests run: some at a time first, and alone where that gave no verdict.
+
+Beside other tests a program may be kept waiting until its test fails. Such a failure is put off:
+the test runs again in the next phase, one at a time, and that run is the verdict. There, a test
+that fails while the machine is busy runs again at once. A wrong program fails again.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import pytest
 from _pytest.runner import runtestprotocol
+from xdist.scheduler.loadscope import LoadScopeScheduling
 
+from support import conformance
 from support.hold_up import Busy
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-    import pytest
+    from xdist.remote import Producer
 
 TRIES = 3
 AGAIN_S = 35.0
 """A test that took longer than this, s, is not run again: the limit of a test covers all tries."""
+AGAIN, PUT_OFF = "ran-again", "put-off"
+"""Keys of a report's properties: a try that did not count, and a test that has no verdict yet."""
+
+
+def add_options(parser: pytest.Parser) -> None:
+    group = parser.getgroup("real-time tests")
+    group.addoption(
+        "--put-off",
+        type=Path,
+        metavar="FILE",
+        help="write real-time tests that failed while the machine was busy to FILE, and do not "
+        "count them",
+    )
+    group.addoption(
+        "--alone",
+        type=Path,
+        metavar="FILE",
+        help="of the real-time tests, run those with the mark alone and those that FILE names",
+    )
+
+
+def configure(config: pytest.Config, busy: Callable[[], Busy] = Busy) -> None:
+    config.pluginmanager.register(Fairly(config, busy), "sweepctl-fairly")
+
+
+class Units(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
+    """Gives a worker all tests of a file where they share a fixture, else the next test.
+
+    The conformance checks share their devices.
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        path = self.config.rootpath / file
+        if conformance.in_suite(path):
+            return str(conformance.FOLDER)
+        return file if _shares(path) else nodeid
+
+
+@cache
+def _shares(path: Path) -> bool:
+    """Whether a fixture is made for more than one test."""
+    return 'scope="' in path.read_text(encoding="utf-8")
 
 
 class Fairly:
-    """Runs real-time tests, and counts those that ran again."""
+    """Runs real-time tests, and names those that ran again."""
 
-    def __init__(self, busy: Callable[[], Busy] = Busy) -> None:
+    def __init__(self, config: pytest.Config, busy: Callable[[], Busy] = Busy) -> None:
         self._busy = busy
-        self.again: list[str] = []
+        self._put_off: Path | None = config.getoption("--put-off")
+        self._alone: Path | None = config.getoption("--alone")
+
+    # ---- which ----------------------------------------------------------------------------
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Producer) -> object | None:
+        """For ``--dist=loadscope``."""
+        return Units(config, log) if config.getoption("dist") == "loadscope" else None
+
+    def pytest_collection_modifyitems(
+        self, config: pytest.Config, items: list[pytest.Item]
+    ) -> None:
+        # What is left for the end must be short, or one worker works on when others are done.
+        items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+        if self._alone is None:
+            return
+        named = set(self._alone.read_text(encoding="utf-8").splitlines())
+        left_out = [i for i in items if not (i.get_closest_marker("alone") or i.nodeid in named)]
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)
+
+    # ---- running --------------------------------------------------------------------------
 
     def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> object:
-        if item.get_closest_marker("realtime") is None:
+        if not _is_realtime(item):
             return None
         hooks = item.ihook
         hooks.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-        for left in range(TRIES - 1, -1, -1):
-            busy = self._busy()
-            reports = runtestprotocol(item, log=False, nextitem=nextitem)
-            failed = any(r.failed for r in reports if r.when == "call")
-            if not (failed and left and busy.excuses and busy.elapsed_s < AGAIN_S):
-                break
-            self.again.append(f"{item.nodeid}: {100 * busy.share:.0f} % of the time a task waited")
+        reports = list(self._tries(item, nextitem))
         for report in reports:
             hooks.pytest_runtest_logreport(report=report)
         hooks.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
 
+    def _tries(
+        self, item: pytest.Item, nextitem: pytest.Item | None
+    ) -> Iterator[pytest.TestReport]:
+        """Reports of the try that counts, with those that do not in their properties."""
+        notes: list[tuple[str, object]] = []
+        for left in range(TRIES - 1, -1, -1):
+            busy = self._busy()
+            reports = runtestprotocol(item, log=False, nextitem=nextitem)
+            failed = [r for r in reports if r.failed]
+            if not (failed and busy.excuses):
+                break
+            text = f"{100 * busy.share:.0f} % of the time a task waited; {_cause(failed[0])}"
+            if self._put_off is not None:
+                for report in failed:
+                    report.outcome = "skipped"
+                    report.user_properties.append((PUT_OFF, text))
+                break
+            if not left or busy.elapsed_s > AGAIN_S or failed[0].when != "call":
+                break
+            notes.append((AGAIN, text))
+        reports[-1].user_properties.extend(notes)
+        yield from reports
+
+    # ---- what came of it ------------------------------------------------------------------
+
+    def pytest_report_teststatus(self, report: pytest.TestReport) -> tuple[str, str, str] | None:
+        if _notes(report, PUT_OFF):
+            return PUT_OFF, "p", "PUT OFF"
+        return None
+
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        if self.again:
+        reports = [r for kind in terminalreporter.stats.values() for r in kind if _is_test(r)]
+        if again := [f"{r.nodeid}: {text}" for r in reports for text in _notes(r, AGAIN)]:
             terminalreporter.section("ran again, because the machine was busy")
-            for line in self.again:
-                terminalreporter.write_line(line)
+            terminalreporter.write("\n".join(again) + "\n")
+        put_off = {r.nodeid: text for r in reports for text in _notes(r, PUT_OFF)}
+        if put_off:
+            terminalreporter.section("put off, because the machine was busy")
+            for name, text in put_off.items():
+                terminalreporter.write_line(f"{name}: {text}")
+        if self._put_off is not None:
+            self._put_off.write_text("\n".join(put_off), encoding="utf-8")
+
+
+def _is_realtime(item: pytest.Item) -> bool:
+    return item.get_closest_marker("realtime") is not None
+
+
+def _is_test(report: object) -> bool:
+    return isinstance(report, pytest.TestReport)
+
+
+def _cause(report: pytest.TestReport) -> str:
+    """A failure in one line."""
+    lines = report.longreprtext.strip().splitlines() or [""]
+    return next((line[1:].strip() for line in lines if line.startswith("E ")), lines[-1])
+
+
+def _notes(report: pytest.TestReport, kind: str) -> list[Any]:
+    return [value for key, value in report.user_properties if key == kind]

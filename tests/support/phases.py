@@ -1,9 +1,10 @@
-"""Runs the tests in two phases and adds their results up: exit 1 where either has failed.
+"""Runs the tests in phases and adds their results up: exit 1 where one has failed.
 
     PYTHONPATH=tests python -m support.phases test|check|nightly [pytest's options]
 
-First what lives in virtual time, on all cores; then what is marked ``realtime``, one by one, even
-if the first phase failed. `make check` has only the first.
+First what lives in virtual time, on all cores; then what is marked ``realtime``, a few at a time;
+then, one by one, what is marked ``alone`` and what had no verdict beside others. Each phase runs
+even if one before it failed. `make check` has only the first.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from support.needs import block
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 OK, FAILED, INTERRUPTED, NO_TESTS = 0, 1, 2, 5
 """pytest's exit statuses."""
@@ -25,6 +29,8 @@ OK, FAILED, INTERRUPTED, NO_TESTS = 0, 1, 2, 5
 SLOW_S = 3.0
 """Time of one core, s, beyond which a file has the mark ``slow``; below it `make check` has room
 for two hundred files in a minute and a half."""
+WORKERS = 4
+"""Real-time tests at a time: most of them wait, and on two cores four leave none idle."""
 
 
 class Phase(NamedTuple):
@@ -33,16 +39,37 @@ class Phase(NamedTuple):
     title: str
     marks: str
     options: tuple[str, ...]
+    files: Callable[[], list[str]] = list
+    """Where its tests are; none: everywhere."""
 
 
+def realtime_files() -> list[str]:
+    """Files with real-time tests: to load all others as well takes each worker seconds."""
+    return [
+        str(path)
+        for path in sorted(Path("tests").rglob("test_*.py"))
+        if "conformance" in path.parts or "mark.realtime" in path.read_text(encoding="utf-8")
+    ]
+
+
+PUT_OFF = "{folder}/put-off"
+"""Where the second phase names the tests that the third runs again."""
 VIRTUAL = Phase(
-    "tests in virtual time, on all cores", "not realtime", ("-n", "auto", "--dist=loadfile")
+    "tests in virtual time, on all cores",
+    "not realtime",
+    ("-n", "auto", "--dist=loadfile", "--no-loadscope-reorder"),
 )
-REAL = Phase("tests in real time, one by one", "realtime", ())
+TOGETHER = Phase(
+    f"tests in real time, {WORKERS} at a time",
+    "realtime and not alone",
+    ("-n", str(WORKERS), "--dist=loadscope", f"--put-off={PUT_OFF}"),
+    realtime_files,
+)
+ALONE = Phase("tests in real time, one by one", "realtime", (f"--alone={PUT_OFF}",), realtime_files)
 SELECTIONS = {
     "check": ("not slow and not nightly", (VIRTUAL,)),
-    "test": ("not nightly", (VIRTUAL, REAL)),
-    "nightly": ("nightly", (VIRTUAL, REAL)),
+    "test": ("not nightly", (VIRTUAL, TOGETHER, ALONE)),
+    "nightly": ("nightly", (VIRTUAL, TOGETHER, ALONE)),
 }
 """Marks and phases of each target of the Makefile."""
 
@@ -91,12 +118,15 @@ def main(arguments: list[str]) -> int:
     selection, phases = SELECTIONS[name]
     totals = Totals()
     with tempfile.TemporaryDirectory() as folder:
+        Path(PUT_OFF.format(folder=folder)).touch()
         for number, phase in enumerate(phases):
             print(f"== {phase.title}", flush=True)
             results = Path(folder, f"{number}.json")
             marks = f"{selection} and {phase.marks}"
+            own = [option.format(folder=folder) for option in phase.options]
             pytest = [sys.executable, "-m", "pytest", "-q", "-m", marks, f"--results={results}"]
-            status = subprocess.run([*pytest, *phase.options, *options], check=False).returncode
+            command = [*pytest, *own, *options, *phase.files()]
+            status = subprocess.run(command, check=False).returncode
             totals.add(phase.title, status, results)
             if status == INTERRUPTED:
                 break

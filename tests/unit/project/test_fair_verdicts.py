@@ -18,9 +18,13 @@ from support import fairly, hold_up
 class Measured(hold_up.Busy):
     share = {share}
 
+def pytest_addoption(parser):
+    fairly.add_options(parser)
+
 def pytest_configure(config):
     config.addinivalue_line("markers", "realtime: by the wall clock")
-    config.pluginmanager.register(fairly.Fairly(Measured))
+    config.addinivalue_line("markers", "alone(reason): beside nothing else")
+    fairly.configure(config, Measured)
 """
 SUITE = """
 import pytest
@@ -38,6 +42,47 @@ def test_fails_always():
     assert False, f"try {{tries['always']}}"
 """
 REALTIME = "@pytest.mark.realtime"
+PARALLEL = """
+import os
+import pytest
+
+pytestmark = pytest.mark.realtime
+
+@pytest.fixture(scope="module")
+def shared():
+    with open("made", "a") as file:
+        print(os.getpid(), file=file)
+
+@pytest.mark.parametrize("number", range(6))
+def test_has_a_share(shared, number):
+    pass
+
+def test_wrong():
+    assert False
+
+def test_starved():
+    assert "PYTEST_XDIST_WORKER" not in os.environ
+
+@pytest.fixture(scope="module")
+def starved():
+    assert "PYTEST_XDIST_WORKER" not in os.environ
+
+def test_is_set_up_late(starved):
+    pass
+
+def test_right():
+    pass
+
+@pytest.mark.alone("why")
+def test_alone():
+    assert "PYTEST_XDIST_WORKER" not in os.environ
+"""
+
+
+@pytest.fixture(autouse=True)
+def _our_modules(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "tests"), str(ROOT)]))
+    monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)
 
 
 @pytest.mark.parametrize(
@@ -46,10 +91,9 @@ REALTIME = "@pytest.mark.realtime"
     ids=["busy", "idle", "virtual time"],
 )
 def test_only_a_busy_machine_gives_another_try(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, share: float, mark: str, tries: int
+    pytester: pytest.Pytester, share: float, mark: str, tries: int
 ) -> None:
     passed = int(tries > 1)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "tests"), str(ROOT)]))
     pytester.makeconftest(CONFTEST.format(share=share))
     pytester.makepyfile(SUITE.format(mark=mark))
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
@@ -57,6 +101,29 @@ def test_only_a_busy_machine_gives_another_try(
     result.stdout.fnmatch_lines([f"*AssertionError: try {tries}"])
     told = [line for line in result.outlines if "of the time a task waited" in line]
     assert len(told) == (3 if tries > 1 else 0), "each try that did not count is named"
+
+
+@pytest.mark.parametrize("share", [BUSY + 0.1, BUSY - 0.1], ids=["busy", "idle"])
+def test_what_fails_beside_others_on_a_busy_machine_is_judged_alone(
+    pytester: pytest.Pytester, share: float
+) -> None:
+    pytester.makeconftest(CONFTEST.format(share=share))
+    pytester.makepyfile(PARALLEL)
+    options = ("-p", "no:cacheprovider")
+    together = ("-n2", "--dist=loadscope", "--put-off=put-off", "-m", "not alone")
+    first = pytester.runpytest_subprocess(*options, *together)
+    busy = share > BUSY
+    first.assert_outcomes(passed=7, failed=0 if busy else 2, errors=0 if busy else 1)
+    assert first.ret == (0 if busy else 1)
+    made = Path("made").read_text(encoding="ascii")
+    assert len(made.splitlines()) == 1, "one worker has all tests of a fixture"
+    second = pytester.runpytest_subprocess(*options, "--alone=put-off")
+    if not busy:
+        second.assert_outcomes(passed=1, deselected=10)
+        return
+    first.stdout.fnmatch_lines(["*test_wrong: 40 % of the time a task waited; *assert False*"])
+    second.assert_outcomes(passed=3, failed=1, deselected=7)
+    second.stdout.fnmatch_lines(["FAILED *::test_wrong*"])
 
 
 def test_more_work_than_cores_is_measured() -> None:

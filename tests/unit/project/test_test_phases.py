@@ -1,4 +1,4 @@
-"""Both phases of the tests run, and their results are added up."""
+"""All phases of the tests run, and their results are added up."""
 
 from __future__ import annotations
 
@@ -17,24 +17,32 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 CONFTEST = """
-from support import needs
+from support import fairly, hold_up, needs
 
 def pytest_addoption(parser):
+    fairly.add_options(parser)
     needs.add_options(parser)
 
 def pytest_configure(config):
+    fairly.configure(config, Measured)
     needs.configure(config)
-    config.addinivalue_line("markers", "realtime: by the wall clock")
-    for name in ("nightly", "slow"):
-        config.addinivalue_line("markers", f"{name}: left out")
+    for name in ("alone", "nightly", "realtime", "slow"):
+        config.addinivalue_line("markers", name)
+
+class Measured(hold_up.Busy):
+    share = {share}
 """
 PASSES, FAILS, BREAKS = "assert True", "assert False", "import os; os._exit(3)"
+FAILS_BESIDE_OTHERS = "import sys; assert '--alone' in ' '.join(sys.argv)"
 
 
-def run(folder: Path, virtual: str, real: str, selection: str = "test") -> tuple[int, str]:
+def run(
+    folder: Path, virtual: str, real: str, selection: str = "test", share: float = 0.0
+) -> tuple[int, str]:
     """Exit status and output of the phases over one test each, and some that are marked."""
-    (folder / "conftest.py").write_text(CONFTEST, encoding="utf-8")
-    (folder / "test_them.py").write_text(
+    (folder / "conftest.py").write_text(CONFTEST.format(share=share), encoding="utf-8")
+    (folder / "tests").mkdir()
+    (folder / "tests" / "test_them.py").write_text(
         "import pytest\n"
         f"def test_virtual():\n    {virtual}\n"
         f"@pytest.mark.realtime\ndef test_real():\n    {real}\n"
@@ -63,7 +71,7 @@ def run(folder: Path, virtual: str, real: str, selection: str = "test") -> tuple
         (FAILS, FAILS, 1, "1 passed, 2 failed, 1 skipped"),
     ],
 )
-def test_both_run_and_are_added_up(
+def test_all_run_and_are_added_up(
     tmp_path: Path, virtual: str, real: str, status: int, closing: str
 ) -> None:
     ended, said = run(tmp_path, virtual, real)
@@ -75,9 +83,24 @@ def test_a_phase_that_breaks_off_is_named_and_fails_the_run(tmp_path: Path) -> N
     ended, said = run(tmp_path, PASSES, BREAKS)
     assert ended == 1
     assert said.splitlines()[-2:] == [
-        "tests in real time, one by one: ended with status 3",
+        "tests in real time, 4 at a time: ended with status 3",
         "2 passed, 0 failed, 0 skipped",
     ]
+
+
+@pytest.mark.parametrize(
+    ("real", "status", "closing"),
+    [
+        (FAILS_BESIDE_OTHERS, 0, "3 passed, 0 failed, 1 skipped"),
+        (FAILS, 1, "2 passed, 1 failed, 1 skipped"),
+    ],
+)
+def test_what_a_busy_machine_fails_is_run_again_alone_and_counted_once(
+    tmp_path: Path, real: str, status: int, closing: str
+) -> None:
+    ended, said = run(tmp_path, PASSES, real, share=1.0)
+    assert ended == status, said
+    assert said.splitlines()[-1] == closing
 
 
 @pytest.mark.parametrize(
