@@ -14,6 +14,10 @@ LIMIT_NS = 100_000_000
 PINGS = 4
 """Pings that one judgement takes: the shortest of them counts, for one is late where a host or a
 device is held up."""
+TURNAROUND_NS = 40_000_000
+"""Longest turnaround that is taken off, ns: firmware that waits for an ultrasonic echo in its main
+loop answers after up to 38 ms (HC-SR04 without an object). The device itself claims it: without a
+limit, wrong stamps would hide any delay of the link."""
 SPAN_NS = 600_000_000
 """Time over which no round trip may be within the limit before it counts as exceeded, ns: from the
 first to the last of four pings at 5 Hz. Pings at 10 Hz must not make a short delay count more."""
@@ -37,7 +41,7 @@ class LinkTrouble(NamedTuple):
 
 
 class RoundTrip:
-    """Round trips of one session's pings, the device's turnaround taken off."""
+    """Round trips of one session's pings, the device's turnaround taken off within limits."""
 
     def __init__(self) -> None:
         """Nothing is measured before :meth:`begin`."""
@@ -57,10 +61,10 @@ class RoundTrip:
     def answered(self, sent_ns: int, arrived_ns: int, turnaround_us: int) -> None:
         """Take an answered ping; ``turnaround_us`` is by the device's stamps of both frames."""
         elapsed_ns = arrived_ns - sent_ns
-        # More than the whole time cannot have passed on the device: its clock has jumped.
-        round_trip_ns = elapsed_ns - turnaround_us * 1000
-        if not 0 <= round_trip_ns <= elapsed_ns:
-            round_trip_ns = elapsed_ns
+        turnaround_ns = turnaround_us * 1000
+        if turnaround_ns > elapsed_ns:  # it cannot have taken so long: its clock has jumped
+            turnaround_ns = 0
+        round_trip_ns = elapsed_ns - min(turnaround_ns, TURNAROUND_NS)
         self._last_ns = (*self._last_ns[-(PINGS - 1) :], round_trip_ns)
         if round_trip_ns <= LIMIT_NS:
             self._proved = True

@@ -210,6 +210,12 @@ def _host_rules() -> Iterator[Rule]:
     )
     yield Rule(
         "host",
+        "turnaround of the device that is taken off a round trip, at most",
+        _ms(round_trip.TURNAROUND_NS),
+        "bridge.session.round_trip.TURNAROUND_NS",
+    )
+    yield Rule(
+        "host",
         "a time request comes early, each by another share of",
         _ms(session.PING_SPREAD_NS),
         "bridge.session.session.PING_SPREAD_NS",

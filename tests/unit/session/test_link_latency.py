@@ -298,8 +298,15 @@ def test_the_least_of_the_last_four_counts() -> None:
 
 
 def test_the_turnaround_of_the_device_does_not_count() -> None:
-    assert judged(90, 90, 90, 90, turnaround_ms=300) is None
-    assert judged(110, 110, 110, 110, turnaround_ms=300) is not None
+    assert judged(90, 90, 90, 90, turnaround_ms=38) is None
+    assert judged(110, 110, 110, 110, turnaround_ms=38) is not None
+
+
+def test_a_claimed_turnaround_hides_no_slow_link() -> None:
+    """The device stamps both ends of it: what no device needs is not believed."""
+    assert judged(10, 10, 10, 10, turnaround_ms=200) is not None
+    assert judged(10, 10, 10, 10, turnaround_ms=120) is None, "40 ms of it are"
+    assert judged(10, 10, 10, 10, turnaround_ms=131) is not None
 
 
 @pytest.mark.parametrize("turnaround_us", [400_000, 0xFFFF_FFFF, 0x8000_0000])
