@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.run.recording import HostRecords
+from bridge.session.ingest import Ingest
 from bridge.session.records import Severity
 from bridge.session.states import Agreed, Data, Failed, Ping, Restless, StateChanged
 from bridge.session.timesync import TimeSync
@@ -27,7 +28,8 @@ class BenchRecords:
 
     def __init__(self, wire: Wire, sink: Sink, unix_offset_ns: int) -> None:
         """``unix_offset_ns`` makes Unix time of the wire's."""
-        self._wire, self._sync = wire, TimeSync()
+        self._wire, self._sink = wire, sink
+        self._ingest = Ingest(TimeSync(), unix_offset_ns)
         is_bus = issubclass(wire.link, CanLink)
         self._records = HostRecords(sink, unix_offset_ns, "", bus=is_bus)
         self._tap = self._records.can if is_bus else self._records.uart
@@ -53,33 +55,28 @@ class BenchRecords:
 
     def heard(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         """Note what a session had to say, all of one moment."""
-        stamp, mapped = None, None
         for event in events:
             match event:
                 case Data():
-                    message, frame, _ = event.received
-                    if frame.t_us != stamp:  # one moment, one mapping
-                        stamp = frame.t_us
-                        _, mapped = self._sync.observe(stamp, now_ns)
-                    self._records.message(event.received, mapped, now_ns)
+                    self._sink.write(self._ingest.take(event.received, now_ns))
+                    message = event.received.message
                     if isinstance(message, LogText):
                         self._records.log_text(message, now_ns)
                 case _:
                     self._happened(event, now_ns)
         if self._agreed is not None and now_ns - self._clock_ns >= _CLOCK_NS:
             self._clock_ns = now_ns
-            self._records.clock(self._sync, self._agreed.hello, now_ns)
+            self._records.clock(self._ingest.sync, self._agreed.hello, now_ns)
 
     def _happened(self, event: SessionEvent, now_ns: HostNs) -> None:
         match event:
             case Ping():
-                device = self._sync.extend(event.received_us), self._sync.extend(event.replied_us)
-                self._sync.exchange(event.sent_ns, *device, event.arrived_ns)
+                self._ingest.exchange(event)
             case Agreed():
                 self._agreed = event
                 self._records.identity(event, now_ns)
                 if event.rebooted:
-                    self._sync.reset()
+                    self._ingest.reset()
             case DamagedFrame():
                 self._records.damaged([event], now_ns)
             case StateChanged():

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.run.recording import HostRecords
+from bridge.session.ingest import Ingest
 from bridge.session.records import Severity
 from bridge.session.timesync import TimeSync
 from protocol.can.frames import RECORD
@@ -32,8 +33,8 @@ class Listener:
         """Of the device, so far."""
         self._link = link
         self._heard_ns = HostNs(0)
-        self._records = HostRecords(sink, 0, "")
-        self._sync = TimeSync()
+        self._sink, self._records = sink, HostRecords(sink, 0, "")
+        self._ingest = Ingest(TimeSync(), 0)
         self._estimator = PoseEstimator(model, Pose2(0.0, 0.0, 0.0))
         self._sends = {s.type_id for s in link.codec.catalogue if s.direction is Direction.HOST}
 
@@ -66,11 +67,10 @@ class Listener:
         self._records.flush(self._heard_ns, at_once=True)
 
     def _message(self, received: Received, now_ns: HostNs) -> None:
-        message, frame, _ = received
         self.messages += 1
-        device_us, mapped = self._sync.observe(frame.t_us, now_ns)
-        self._records.message(received, mapped, now_ns)
-        match message:
+        self._sink.write(self._ingest.take(received, now_ns))
+        device_us = self._ingest.device_us
+        match message := received.message:
             case Imu():
                 self._estimator.on_imu(
                     device_us * 1e-6,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from bridge.record.encode.schemas import device_encoders
 from bridge.record.reader import MISREAD, LogReader
 from bridge.session.discovery import LISTEN_NS
-from bridge.session.records import DeviceMessage
+from bridge.session.ingest import Ingest
 from bridge.session.session import Session
 from bridge.session.states import Agreed, Data, Ping
 from bridge.session.timesync import TimeSync
@@ -129,7 +129,7 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
     link = CanLink if records[0].is_can else Link
     ids = _session_ids(records, link)
     session = Session(lambda: next(ids, 1), node=_node(reader), link=link)
-    sync, encoders = TimeSync(), device_encoders()
+    ingest, encoders = Ingest(TimeSync(), offset_ns), device_encoders()
     session.open(HostNs(_opened_ns(reader, records) - offset_ns))
     for record in records:
         now_ns = HostNs(record.log_ns - offset_ns)
@@ -138,32 +138,17 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
             session.data_to_send()
         else:
             events = session.receive(record.data, now_ns)
-        stamp, mapped = None, None
         for event in events:
             match event:
                 case Data():
-                    message, frame, spec = event.received
-                    if frame.t_us != stamp:  # as the host does: one moment, one mapping
-                        stamp = frame.t_us
-                        _, mapped = sync.observe(stamp, now_ns)
-                    publish_ns = bound_ns = None
-                    if mapped is not None:
-                        publish_ns, bound_ns = mapped.host_ns + offset_ns, mapped.bound_ns
-                    made = DeviceMessage(
-                        *(record.log_ns, publish_ns, bound_ns, frame.node, frame.seq, frame.t_us),
-                        *(spec.name, message),
-                    )
-                    data = encoders[spec.name].encode(made)
-                    time_ns = record.log_ns if publish_ns is None else publish_ns
-                    yield Decoded(f"/device/{spec.name}", record.log_ns, time_ns, frame.seq, data)
+                    made = ingest.take(event.received, now_ns)
+                    data = encoders[made.name].encode(made)
+                    time_ns = made.log_ns if made.publish_ns is None else made.publish_ns
+                    yield Decoded(f"/device/{made.name}", made.log_ns, time_ns, made.seq, data)
                 case Ping():
-                    received, replied = (
-                        sync.extend(event.received_us),
-                        sync.extend(event.replied_us),
-                    )
-                    sync.exchange(event.sent_ns, received, replied, event.arrived_ns)
+                    ingest.exchange(event)
                 case Agreed() if event.rebooted:
-                    sync.reset()
+                    ingest.reset()
 
 
 def in_order(record: WireRecord) -> tuple[int, bool]:

@@ -32,6 +32,7 @@ from bridge.run.snapshot import (
     SyncSnapshot,
 )
 from bridge.run.supervision import End, Note, Plan, Supervision
+from bridge.session.ingest import Ingest
 from bridge.session.link_stats import WireStatistics
 from bridge.session.records import Severity
 from bridge.session.session import Session
@@ -110,7 +111,7 @@ class Host(HostSenses):
             new_session_id, node=options.node, link=options.link, key=options.key
         )
         self.commands = Dialogue(self.session)
-        self.sync = TimeSync(*options.least_delay_ns)
+        self.ingest = Ingest(TimeSync(*options.least_delay_ns), options.unix_offset_ns)
         self.swept = SweptMap(model)
         self.hello: Hello | None = None
         self.path_m = 0.0
@@ -155,6 +156,11 @@ class Host(HostSenses):
             ParameterValue: self.commands.parameter,
             TimeReply: self._time_reply,
         }
+
+    @property
+    def sync(self) -> TimeSync:
+        """Maps the device's clock to ours."""
+        return self.ingest.sync
 
     # ---- in and out -----------------------------------------------------------------------
 
@@ -292,22 +298,17 @@ class Host(HostSenses):
     # ---- events of the session ------------------------------------------------------------
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
-        observe, note = self.sync.observe, self._records.message
-        listeners = self._listeners
-        stamp: int | None = None
-        device_us, mapped = DeviceUs(0), None
+        ingest, listeners = self.ingest, self._listeners
+        take, write = ingest.take, self._sink.write
         damaged: list[DamagedFrame] = []
         for event in events:
             if event.__class__ is Data:  # nearly all of them
                 received = event[0]
-                message, frame, _ = received
-                if frame[4] != stamp:  # what is read at once mostly is of one moment
-                    stamp = frame[4]
-                    device_us, mapped = observe(stamp, now_ns)
-                note(received, mapped, now_ns)
+                write(take(received, now_ns))
+                message = received[0]
                 listener = listeners.get(message.__class__)
                 if listener is not None and (not self._partial or understood(message)):
-                    listener(message, device_us, now_ns)
+                    listener(message, ingest.device_us, now_ns)
             elif event.__class__ is DamagedFrame:  # of noise there may be ten times as many
                 damaged.append(event)
             else:
@@ -324,7 +325,7 @@ class Host(HostSenses):
                     self._answered(event.outcome, now_ns)
                 self._obey_supervision(now_ns)
             case Ping():
-                self._pings.take(event, self.sync, now_ns)
+                self._pings.take(event, self.ingest, now_ns)
             case StateChanged():
                 self._changed(event, now_ns)
             case Agreed():
@@ -385,7 +386,7 @@ class Host(HostSenses):
         if event.again:
             self._records.again(event, now_ns)
         if event.rebooted:
-            self.sync.reset()
+            self.ingest.reset()
             self.commands.forget()
             self._booted()
         for difference in event.differences:

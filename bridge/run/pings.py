@@ -8,9 +8,9 @@ from bridge.session.records import Severity
 from bridge.session.timesync import STAMP_NS
 
 if TYPE_CHECKING:
+    from bridge.session.ingest import Ingest
     from bridge.session.link_stats import WireStatistics
     from bridge.session.states import Ping
-    from bridge.session.timesync import TimeSync
     from protocol.clock import HostNs
 
 
@@ -32,12 +32,11 @@ class Pings:
         self._declared_ns = declared_ns
         """0 once it was found not to be true."""
 
-    def take(self, ping: Ping, sync: TimeSync, now_ns: HostNs) -> None:
+    def take(self, ping: Ping, ingest: Ingest, now_ns: HostNs) -> None:
         """Fit the clock, count the round trip, and hold the declaration against it."""
-        received, replied = sync.extend(ping.received_us), sync.extend(ping.replied_us)
-        if not sync.exchange(ping.sent_ns, received, replied, ping.arrived_ns):
+        if not ingest.exchange(ping):
             self._tell(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
-        round_trip_ns = sync.round_trip_ns
+        round_trip_ns = ingest.sync.round_trip_ns
         self._wire.round_trip.add(round_trip_ns)
         if round_trip_ns + 2 * STAMP_NS < self._declared_ns:
             text = (

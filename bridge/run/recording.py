@@ -12,7 +12,6 @@ from bridge.session.records import (
     ClockRecord,
     CommandRecord,
     CoverageRecord,
-    DeviceMessage,
     EventRecord,
     IdentityRecord,
     LogRecord,
@@ -41,8 +40,8 @@ if TYPE_CHECKING:
     from bridge.run.runner import Runner
     from bridge.session.link_stats import WireStatistics
     from bridge.session.states import Agreed
-    from bridge.session.timesync import Mapped, TimeSync
-    from protocol.link import Received, Rejected
+    from bridge.session.timesync import TimeSync
+    from protocol.link import Rejected
     from protocol.messages import Hello, LogText, Status
     from protocol.uart.framing import DamagedFrame
 
@@ -181,19 +180,6 @@ class HostRecords:
         log_ns = now_ns + self._unix_offset_ns
         for can_id, length, content in RECORD.iter_unpack(data):
             self._write(RawCan(log_ns, outgoing, can_id, redacted_can(can_id, content[:length])))
-
-    def message(self, received: Received, mapped: Mapped | None, now_ns: int) -> None:
-        """A message of the device, with its moment on our clock where that is known."""
-        message, frame, spec = received
-        _, node, _, seq, t_us, _ = frame
-        offset_ns = self._unix_offset_ns
-        publish_ns = bound_ns = None
-        if mapped is not None:
-            host_ns, bound_ns = mapped
-            publish_ns = host_ns + offset_ns
-        log_ns = now_ns + offset_ns
-        row = (log_ns, publish_ns, bound_ns, node, seq, t_us, spec.name, message)
-        self._write(_new(DeviceMessage, row))
 
     def log_text(self, message: LogText, now_ns: int) -> None:
         """A line of the device's own log."""

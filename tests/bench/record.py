@@ -14,6 +14,7 @@ from bridge.record.policy import RecordOptions, open_log
 from bridge.record.reader import LogReader
 from bridge.record.recorder import ThreadedRecorder
 from bridge.run.recording import HostRecords
+from bridge.session.ingest import Ingest
 from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
 from protocol.link import Link, Received
@@ -43,7 +44,8 @@ def reads() -> list[bytes]:
 def record(path: Path, pieces: list[bytes], options: RecordOptions) -> tuple[float, int]:
     """Share of a core, and what was dropped."""
     recorder = ThreadedRecorder(open_log(path, run_info(), options))
-    records, link, sync = HostRecords(recorder, 0, ""), Link(Direction.HOST), TimeSync()
+    records, link = HostRecords(recorder, 0, ""), Link(Direction.HOST)
+    ingest = Ingest(TimeSync(), 0)
     begun = time.process_time()
     start = time.perf_counter()
     for i, data in enumerate(pieces):
@@ -54,8 +56,7 @@ def record(path: Path, pieces: list[bytes], options: RecordOptions) -> tuple[flo
         records.uart(data, now_ns, outgoing=False)
         for event in link.receive(data, now_ns // 1000):
             if isinstance(event, Received):
-                _, mapped = sync.observe(event.frame.t_us, now_ns)
-                records.message(event, mapped, now_ns)
+                recorder.write(ingest.take(event, now_ns))
     recorder.close()
     return (time.process_time() - begun) / SECONDS, recorder.dropped
 

@@ -64,7 +64,7 @@ def listen(
     stamps, seconds = Stamps(), [0]
 
     def declare(made: VirtualRun) -> None:
-        made.host.sync = TimeSync(*declared_ns)
+        made.host.ingest.sync = TimeSync(*declared_ns)
 
     def ended() -> Ending | None:
         seconds[0] += 1
