@@ -62,7 +62,7 @@ class RandomPlanner(ScriptedPlanner):
             result, obs = yield Drive(
                 heading,
                 stop_range_m=options.stop_range_m,
-                timeout_s=max(left_s, 0.0),
+                timeout_s=max(left_s, 0.0) if math.isfinite(left_s) else None,
                 purpose="lane",
             )
             self._state = replace(
