@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import threading
 from collections import deque
 from concurrent.futures import Future
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from bridge.errors import BridgeError, DeviceLostError, PortError
 from bridge.io import clock
+from bridge.io.identifiers import new_command_id
 from bridge.io.stopping import send_until_confirmed
 from bridge.run.ending import CRASH_CAUSE, Ending, crash_ending, described, traced
 from bridge.run.mission import Phase
@@ -268,7 +268,7 @@ class Pump:
     def _send_stop(self, cause: StopCause, end_ns: HostNs) -> StopCause:
         """Repeat a stop until it is confirmed; gives the confirmed cause, or ``NONE``."""
         session = self.host.session
-        stop = StopRequest(type(session.link), cause, secrets.randbelow(0x1_0000), session.node)
+        stop = StopRequest(type(session.link), cause, new_command_id(), session.node)
         try:
             if self._port is None:
                 self._port = self._reopen()

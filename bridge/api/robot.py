@@ -15,7 +15,6 @@ device: a method returns when the device has said yes, and raises what it refuse
 from __future__ import annotations
 
 import math
-import secrets
 import threading
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
@@ -37,6 +36,7 @@ from bridge.errors import (
     StoppedForSafetyError,
 )
 from bridge.io import clock
+from bridge.io.identifiers import new_session_id
 from bridge.io.owner_socket import OwnerSocket
 from bridge.io.ports import DEFAULT_BAUD, check_local, link_of
 from bridge.io.reopening import Opener, PortOptions
@@ -46,9 +46,9 @@ from bridge.motion.observation import VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogError
 from bridge.record.sink import NullSink
+from bridge.run.build import build_run
 from bridge.run.ending import Ending, cannot_move
-from bridge.run.host import Host
-from bridge.run.mission import Mission, Phase
+from bridge.run.mission import Phase
 from bridge.run.options import HostOptions
 from bridge.run.snapshot import MissionSnapshot, StateSnapshot, snapshot
 from bridge.run.summary import run_summary
@@ -136,21 +136,11 @@ class Robot:
     def _begin(self, start: Pose2) -> None:
         """Open the port and agree; the robot stands at ``start``."""
         self._drive = ManualDrive()
-        self._mission = Mission(None)
-        self.host = Host(
-            self.model,
-            self._events,
-            HostOptions(
-                self._offset_ns,
-                "manual",
-                start,
-                self._node,
-                link_of(self._name),
-                self._key,
-            ),
-            self._mission,
-            lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
+        options = HostOptions(
+            self._offset_ns, "manual", start, self._node, link_of(self._name), self._key
         )
+        self.host = build_run(self.model, self._events, options, new_session_id)
+        self._mission = self.host.mission
         self._pump = Pump(self.host, self._open(), self._open)
         self.asker = Asker(self.host, self._pump.call)
         self._owner: OwnerSocket | None = None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import secrets
 from typing import TYPE_CHECKING
 
 from bridge.doctor.visit import Visit
 from bridge.errors import PortError
 from bridge.io import clock
+from bridge.io.identifiers import new_session_id
 from bridge.io.ports import link_of, open_port
 from protocol.can.link import CanLink
 from protocol.link import Medium
@@ -43,7 +43,7 @@ def attend(  # noqa: PLR0913 - what a visit can be asked for
     The port is closed at the end; where it goes away meanwhile, that is on record.
     """
     link = link_of(name)
-    visit = Visit(lambda: secrets.randbelow(0xFFFF_FFFE) + 1, node=node, link=link)
+    visit = Visit(new_session_id, node=node, link=link)
     examination = visit.examination
     examination.medium = Medium.CAN if link is CanLink else Medium.UART
     begun_ns = clock.now()

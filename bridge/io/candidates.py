@@ -7,7 +7,6 @@ it is told to say hello: what an unknown device makes of our bytes nobody knows.
 from __future__ import annotations
 
 import os
-import secrets
 import threading
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from serial.tools import list_ports
 from bridge.errors import PortError
 from bridge.io import clock
 from bridge.io.device_lock import owner_pid
+from bridge.io.identifiers import new_session_id
 from bridge.io.ports import DEFAULT_BAUD, SerialPort
 from bridge.io.reopening import BY_ID, stable_name
 from protocol.link import NODE_ALL, Link, Received, Rejected
@@ -160,7 +160,7 @@ def _probe(candidate: Candidate, *, active: bool, baud: int) -> Candidate:
 def _listen(candidate: Candidate, port: SerialPort, *, active: bool) -> Candidate:
     link = Link(Direction.HOST)
     if active:
-        hello = HostHello(CATALOGUE.hash, secrets.randbelow(0xFFFF_FFFE) + 1, 0, "sweepctl ports")
+        hello = HostHello(CATALOGUE.hash, new_session_id(), 0, "sweepctl ports")
         link.send(hello, clock.now() // 1000, node=NODE_ALL)
         port.write(link.data_to_send())
     heard = other = 0

@@ -6,11 +6,11 @@ soon as the port is open, again and again until the device has said yes.
 
 from __future__ import annotations
 
-import secrets
 from typing import TYPE_CHECKING
 
 from bridge.errors import NoDeviceError
 from bridge.io import clock
+from bridge.io.identifiers import new_command_id
 from bridge.io.ports import link_of
 from bridge.session.stop_request import REPEAT_NS, StopRequest
 from protocol.clock import HostNs
@@ -36,7 +36,7 @@ def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = No
         NoDeviceError: nobody has confirmed it within 3 s; it was sent 20 times a second.
 
     """
-    stop = StopRequest(link_of(port), StopCause.OPERATOR, secrets.randbelow(0x1_0000), node)
+    stop = StopRequest(link_of(port), StopCause.OPERATOR, new_command_id(), node)
     handle = opened()
     try:
         send_until_confirmed(handle, stop, HostNs(clock.now() + round(CONFIRM_S * 1e9)))

@@ -15,10 +15,10 @@ from bridge.config import load_robot
 from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner
 from bridge.coverage.runner import PlanRunner
 from bridge.record.log_writer import RunWriter
-from bridge.run.mission import Mission
 from bridge.session.records import RunInfo
 from tools.cli.rooms import load_room
-from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+from tools.virtual.loop import HOST_BOOT_NS
+from tools.virtual.run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
     from bridge.run.host import Host
@@ -54,8 +54,10 @@ def main() -> None:
         writer = RunWriter(Path(folder) / "run.mcap", info)
         # By itself it ends after half an hour.
         planner = RandomPlanner(model, random.Random(0), RandomOptions(max_time_s=seconds))
-        mission = Mission(PlanRunner(planner, model), max_time_s=2.0 * seconds)
-        run = run_virtual(plan, model, "random", writer, progress=watch, mission=mission)
+        runner, max_s = PlanRunner(planner, model), 2.0 * seconds
+        run = run_virtual(
+            plan, model, "random", writer, progress=watch, runner=runner, max_time_s=max_s
+        )
         ending = run.host.mission.ending
         writer.close()
     (first_s, first_mb), last_mb = used[0], resident_mb()

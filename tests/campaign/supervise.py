@@ -25,7 +25,6 @@ from bridge.api.robot_parts import planner_number
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.run.onboard_mission import OnboardMission
 from bridge.supervise import Level, SuperviseSettings, settings_from
 from campaign.hazards import GRACE_S, HAZARDS, HOST, IN_LANES, ONBOARD, ROOMS, SHORT, STAIRS, Hazard
 from campaign.kept import Kept
@@ -72,7 +71,6 @@ def run(job: Job) -> Outcome:
         outcome.at_s = at_s = 0.0 if hazard.there else round(dice.uniform(12.0, 30.0), 1)
         faults = [parse_fault(_timed(text, at_s)) for text in hazard.faults]
         max_s = at_s + hazard.lasts_s + 2.0 * GRACE_S
-    mission = OnboardMission(planner_number(job.planner), max_time_s=max_s) if job.onboard else None
     sink = Alarms()
     finished = run_virtual(
         plan,
@@ -82,7 +80,7 @@ def run(job: Job) -> Outcome:
         seed=job.seed,
         max_time_s=max_s,
         faults=faults,
-        mission=mission,
+        onboard=planner_number(job.planner) if job.onboard else None,
         supervise=telling(hazard.settings if hazard else None),
         prepare=lambda made: (
             let_lie(made.device, hazard.lie, outcome.at_s) if hazard and hazard.lie else None

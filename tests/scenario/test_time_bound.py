@@ -11,7 +11,6 @@ import pytest
 
 from bridge.motion.robot_model import RobotModel
 from bridge.run.ending import Ending
-from bridge.run.mission import Mission
 from bridge.session.records import DeviceMessage, EventRecord
 from bridge.session.timesync import TimeSync
 from sim_device.faults.kinds import parse_fault
@@ -74,12 +73,11 @@ def listen(
     run_virtual(
         load_room("empty"),
         RobotModel(),
-        "paper",
+        None,
         stamps,
         noise="none",
         line=LineSettings(BAUD, latency_us),
         faults=[parse_fault(text) for text in texts],
-        mission=Mission(None),
         prepare=declare,
         ended=ended,
     )

@@ -25,7 +25,6 @@ from bridge.api.robot_parts import planner_number
 from bridge.motion.robot_model import RobotModel
 from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
-from bridge.run.onboard_mission import OnboardMission
 from bridge.session.records import RunInfo
 from bridge.supervise import SuperviseSettings
 from sim_device.faults.kinds import KINDS, parse_fault
@@ -33,7 +32,8 @@ from sim_device.faults.spec import FaultSpec, Number
 from sim_device.line.line import LineSettings
 from soak.watched import Truth
 from tools.cli.rooms import load_room
-from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+from tools.virtual.loop import HOST_BOOT_NS
+from tools.virtual.run import EPOCH_NS, run_virtual
 from tools.virtual.summary import summarise
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _run(result: Result, max_s: float) -> None:
             max_time_s=max_s,
             faults=faults,
             line=LineSettings() if dice.random() < 0.5 else None,
-            mission=OnboardMission(planner_number(planner), max_time_s=max_s) if onboard else None,
+            onboard=planner_number(planner) if onboard else None,
             supervise=SuperviseSettings() if onboard or dice.random() < 0.5 else None,
             prepare=truth.attach,
         )

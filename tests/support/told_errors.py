@@ -16,7 +16,8 @@ from scipy import stats
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from tools.virtual.run import own_ms, run_virtual
+from tools.virtual.loop import own_ms
+from tools.virtual.run import run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

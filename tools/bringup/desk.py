@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import secrets
 import sys
 import threading
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from bridge.io.identifiers import new_session_id
 from tools.cli.console import ask, say
 from tools.cli.signals import until_signalled
 
@@ -57,7 +57,7 @@ def desk_on(
             records = stack.enter_context(_recorded(wire, asked.name, log, model, robot_toml))
         desk = Desk(
             wire,
-            lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
+            new_session_id,
             node=asked.node,
             key=key,
             records=records,

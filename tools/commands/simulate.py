@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from bridge.coverage.runner import PlanRunner
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.run.ending import Ending
     from bridge.run.host import Host
-    from bridge.run.mission import Mission
     from sim_device.faults.spec import FaultSpec
     from sim_device.line.line import LineSettings
     from tools.virtual.run import VirtualRun
@@ -96,14 +96,17 @@ def command(  # noqa: PLR0913 - one parameter per option
 
     ROOM is a room file, or the name of one that ships with sweepctl.
     """
+    from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot
     from bridge.record.log_writer import RunWriter
+    from bridge.run.mission import Resume
     from bridge.session.records import RunInfo
     from tools.cli.cautions import caution_lines, caution_records
     from tools.cli.rooms import load_room
     from tools.cli.supervising import supervise_rules
     from tools.version import VERSION
-    from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+    from tools.virtual.loop import HOST_BOOT_NS
+    from tools.virtual.run import EPOCH_NS, run_virtual
 
     model, robot_toml = load_robot(robot)
     plan = load_room(room, model.radius_m)
@@ -112,8 +115,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         raise click.UsageError(
             "--planner-option is for a planner on the host: not with --supervise"
         )
-    asked = (planner, planner_options, seed, max_time_s, resume)
-    mission = _mission(model, *asked, onboard=supervise)
+    runner = None if supervise else _runner(model, planner, planner_options, seed)
     extra = {"noise": noise}
     if fault:
         extra["faults"] = " ".join(spec.text for spec in fault)
@@ -153,7 +155,9 @@ def command(  # noqa: PLR0913 - one parameter per option
                     ended=ended,
                     faults=fault,
                     line=_line(baud, latency_ms),
-                    mission=mission,
+                    runner=runner,
+                    onboard=planner_number(planner) if supervise else None,
+                    resume=Resume(resume),
                     supervise=settings,
                     crash_ends=True,
                 )
@@ -183,34 +187,24 @@ def _conclude(
         return crash_summary(run.host, room=plan.name, planner=planner, seed=seed, log=log)
 
 
-def _mission(  # noqa: PLR0913, PLR0917 - what a run can be asked for
+def _runner(
     model: Any,  # noqa: ANN401 - imported when needed
     planner: str,
     planner_options: tuple[str, ...],
     seed: int,
-    max_time_s: float,
-    resume: str,
-    *,
-    onboard: bool,
-) -> Mission:
-    """What the run is to do, on the host or on the device."""
+) -> PlanRunner:
+    """What drives the robot from the host."""
     import random
 
-    from bridge.api.robot_parts import planner_number
     from bridge.coverage.planner_options import PlannerOptionError
     from bridge.coverage.registry import make_planner
     from bridge.coverage.runner import PlanRunner
-    from bridge.run.mission import Mission, Resume
-    from bridge.run.onboard_mission import OnboardMission
 
-    if onboard:
-        return OnboardMission(planner_number(planner), max_time_s=max_time_s)
     try:
         made = make_planner(planner, model, random.Random(seed), planner_options)
     except PlannerOptionError as error:
         raise click.BadParameter(f"{planner}: {error}", param_hint="'--planner-option'") from None
-    runner = PlanRunner(made, model)
-    return Mission(runner, max_time_s=max_time_s, resume=Resume(resume))
+    return PlanRunner(made, model)
 
 
 def check_faults(plan: Any, faults: tuple[FaultSpec, ...]) -> None:  # noqa: ANN401 - as above

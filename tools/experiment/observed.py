@@ -10,7 +10,8 @@ from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
 from bridge.run.ending import Ending
 from bridge.session.records import CommandRecord, TruthRecord
-from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, run_virtual
+from tools.virtual.loop import HOST_BOOT_NS
+from tools.virtual.run import EPOCH_NS, run_virtual
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,8 +107,6 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
     def ready(run: VirtualRun) -> None:
         begun.append(run)
         run.host.on_drive_pose = lambda time_s, pose: believed.append((time_s, pose))
-        if planner is not None:
-            run.host.mission.runner = PlanRunner(planner, model)
         prepare(run)
 
     def sample(time_s: float, _host: Host) -> None:
@@ -132,6 +131,7 @@ def observe(  # noqa: PLR0913 - what a run can be asked for
         max_time_s=max_time_s,
         progress=sample,
         ended=ended,
+        runner=None if planner is None else PlanRunner(planner, model),
         prepare=ready,
     )
     mission = run.host.mission

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import secrets
 import signal
 import sys
 from array import array
@@ -20,6 +19,7 @@ from bridge.coverage.runner import PlanRunner
 from bridge.errors import BridgeError
 from bridge.io import clock
 from bridge.io.gamepad import Gamepad, Sticks
+from bridge.io.identifiers import new_session_id
 from bridge.io.owner_socket import OwnerSocket
 from bridge.io.ports import latency_note, link_of
 from bridge.io.reopening import Opener
@@ -28,12 +28,10 @@ from bridge.record.errors import LogGoneError, LogReadError
 from bridge.record.family import parts_of
 from bridge.record.policy import RecordOptions, open_log
 from bridge.record.recorder import ThreadedRecorder
+from bridge.run.build import build_run
 from bridge.run.dead_man import DeadMan
 from bridge.run.ending import Ending, described
-from bridge.run.host import Host
 from bridge.run.manual import Operator
-from bridge.run.mission import Mission, Resume
-from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
 from bridge.run.recording import LogFailureRule
 from bridge.run.summary import crash_summary, run_summary
@@ -62,6 +60,8 @@ if TYPE_CHECKING:
     from bridge.io.ports import BytePort
     from bridge.io.reopening import PortOptions
     from bridge.motion.robot_model import RobotModel
+    from bridge.run.host import Host
+    from bridge.run.mission import Resume
     from bridge.supervise import SuperviseSettings
     from protocol.values import OnboardPlanner
     from tools.live.terminal_keys import Key
@@ -141,8 +141,6 @@ def run_live(asked: LiveOptions) -> LiveResult:
     """
     check_view(view=asked.view, serve=asked.serve)
     operator = _operator(asked)
-    mission = _mission(asked, operator)
-    mission.signed = asked.key is not None
     opener = Opener(asked.port, asked.opening)
     opened = opener()
     replaced = ReplacedLog(asked.log, force=asked.force)
@@ -154,26 +152,29 @@ def run_live(asked: LiveOptions) -> LiveResult:
         raise
     teller = Teller(recorder, plain=not is_drawable())
     teller.on_agreed = replaced.drop
-    host = Host(
+    options = HostOptions(
+        offset_ns,
+        asked.planner_name or "",
+        asked.plan.start if asked.plan else Pose2(0.0, 0.0, 0.0),
+        asked.node,
+        link_of(asked.port),
+        asked.key,
+        asked.adapter_delay_ns,
+    )
+    host = build_run(
         asked.model,
         teller,
-        HostOptions(
-            offset_ns,
-            asked.planner_name or "",
-            asked.plan.start if asked.plan else Pose2(0.0, 0.0, 0.0),
-            asked.node,
-            link_of(asked.port),
-            asked.key,
-            asked.adapter_delay_ns,
-        ),
-        mission,
-        lambda: secrets.randbelow(0xFFFF_FFFE) + 1,
+        options,
+        new_session_id,
+        runner=operator if asked.drive or asked.planner is not None else None,
+        onboard=asked.onboard,
+        supervise=asked.supervise,
+        clear_stop=asked.clear_stop,
+        resume=asked.resume,
     )
     way = array("d")
     if asked.plan is not None:
         host.on_drive_pose = lambda time_s, pose: way.extend((time_s, *pose))
-    if asked.supervise is not None and mission.runner is not None:
-        host.supervise(Supervisor(asked.model, asked.supervise))
     pump = Pump(host, opened, opener)
     pump.watch = LogFailureRule(
         recorder,
@@ -244,14 +245,6 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
         on_start=lambda: pump.call(begun),
         clear_stop=asked.clear_stop,
     )
-
-
-def _mission(asked: LiveOptions, operator: Operator) -> Mission:
-    """What the run is to do."""
-    if asked.onboard is not None:
-        return OnboardMission(asked.onboard, clear_stop=asked.clear_stop)
-    runner = operator if asked.drive or asked.planner is not None else None
-    return Mission(runner, clear_stop=asked.clear_stop, resume=asked.resume)
 
 
 @contextlib.contextmanager

@@ -19,7 +19,8 @@ def summarise(
     host = run.host
     truth = run.device.truth
     report = None
-    if run.end_error_m is not None:
+    loop = run.loop
+    if loop.end_error_m is not None:
         runner, onboard = host.mission.runner, isinstance(host.mission, OnboardMission)
         lanes_m = None if onboard else runner.lane_length_m if runner else 0.0
         report = run.track.report(lanes_m)
@@ -30,7 +31,7 @@ def summarise(
         seed=seed,
         log=log,
         report=report,
-        error_m=(run.end_error_m, run.max_error_m),
+        error_m=(loop.end_error_m, loop.max_error_m),
         collisions=truth.collisions,
         contact_s=truth.contact_s,
         energy_wh=truth.energy_wh,

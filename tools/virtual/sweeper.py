@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import random
-from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from bridge.api.robot import ManualDrive
@@ -20,14 +19,13 @@ from bridge.errors import BridgeError, DeviceLostError, StoppedForSafetyError
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.observation import VelocityCommand
 from bridge.record.sink import NullSink
+from bridge.run.build import build_run
 from bridge.run.ending import Ending, cannot_move
-from bridge.run.host import Host
-from bridge.run.mission import Mission, Phase
+from bridge.run.mission import Phase
 from bridge.run.options import HostOptions
 from bridge.run.summary import run_summary
 from bridge.session.states import State
 from protocol.can.link import CanLink
-from protocol.clock import HostNs
 from protocol.link import Link
 from protocol.messages import Encoders, Imu, Power, Range, Status
 from protocol.values import StopCause
@@ -36,7 +34,8 @@ from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig
 from sim_device.sweeper import VirtualSweeper
 from tools.cli.rooms import load_room
-from tools.virtual.run import EPOCH_NS, HOST_BOOT_NS, LATENCY_US, own_ms, stop_crashed
+from tools.virtual.loop import HOST_BOOT_NS, VirtualLoop
+from tools.virtual.run import EPOCH_NS, stop_crashed
 from tools.virtual.settings import Settings
 
 if TYPE_CHECKING:
@@ -52,9 +51,8 @@ CONTROL_S = 0.02
 """How often a controller is asked, and a velocity repeated: the host's control period."""
 READY_S = 5.0
 ENABLE_S = 12.0
-_TRUTH_US = 20_000
-_TICKS_KEPT = 32
-"""A third of a second: longer than any message is under way."""
+_TRUTH_MS = 20
+"""Time between two true poses that are kept, ms."""
 _STATUS_S = 0.25
 """Two of the device's statuses: what it latched is told by then."""
 T = TypeVar("T", bound="Message")
@@ -108,14 +106,9 @@ class SimulatedSweeper:
         self.status = Newest(self, Status)
         self.path: list[tuple[float, Pose2]] = []
         """Time (s since boot) and true pose, every 20 ms."""
-        self._poses: dict[int, Pose2] = {}
-        self._errors_m: list[float] = []
-        self._now_us = 0
-        self._next_truth_us = 0
+        self._loop = VirtualLoop(self.device, self.rig, on_tick=self._remember)
         self._sink = sink or NullSink()
         self._ids = itertools.count(0x5EED_0001)
-        self._to_device: deque[tuple[int, bytes]] = deque()
-        self._to_host: deque[tuple[int, bytes]] = deque()
         self._connect(self.plan.start)
         if not self.run(READY_S, until=lambda: self.connected):
             raise StoppedForSafetyError(f"host and device did not agree within {READY_S:g} s")
@@ -124,17 +117,19 @@ class SimulatedSweeper:
         self._drive = ManualDrive()
         self._planner = ""
         options = HostOptions(EPOCH_NS - HOST_BOOT_NS, "manual", start, None, self._link)
-        self.host = Host(self.model, self._sink, options, Mission(None), lambda: next(self._ids))
-        self._to_device.clear()
-        self._to_host.clear()
-        self.host.open(self._host_ns)
+        self.host = build_run(self.model, self._sink, options, lambda: next(self._ids))
+        self._loop.connect(self.host)
+
+    def _remember(self, last_ms: int, now_ms: int, pose: Pose2) -> None:
+        if now_ms // _TRUTH_MS != last_ms // _TRUTH_MS:
+            self.path.append((now_ms / 1e3, pose))
 
     # ---- what is so -----------------------------------------------------------------------
 
     @property
     def time_s(self) -> float:
         """Since the device was switched on."""
-        return self._now_us / 1e6
+        return self._loop.now_us / 1e6
 
     @property
     def truth(self) -> Truth:
@@ -174,58 +169,16 @@ class SimulatedSweeper:
 
     # ---- time -----------------------------------------------------------------------------
 
-    @property
-    def _host_ns(self) -> HostNs:
-        return HostNs(self._now_us * 1000 + HOST_BOOT_NS)
-
     def run(self, duration_s: float, *, until: Callable[[], bool] = lambda: False) -> bool:
         """Let time pass; True once ``until`` holds, False where the time ran out before."""
-        end_us = self._now_us + round(duration_s * 1e6)
+        loop = self._loop
+        loop.wake()
+        end_us = loop.now_us + round(duration_s * 1e6)
         while not until():
-            if self._now_us >= end_us:
+            if loop.now_us >= end_us:
                 return False
-            self._step(end_us)
+            loop.step(end_us)
         return True
-
-    def _step(self, end_us: int) -> None:
-        host, rig = self.host, self.rig
-        alive = not host.mission.done
-        moments = [rig.next_deadline_us(), end_us]
-        if alive:
-            moments.append(-((HOST_BOOT_NS - host.next_deadline()) // 1000))
-        moments += [queue[0][0] for queue in (self._to_device, self._to_host) if queue]
-        self._now_us = now_us = max(self._now_us, min(moments))
-        arrived = b""
-        while self._to_device and self._to_device[0][0] <= now_us:
-            arrived += self._to_device.popleft()[1]
-        out = rig.step(arrived, now_us)
-        if out:
-            self._to_host.append((now_us + LATENCY_US, out))
-        truth = rig.truth
-        self._poses[own_ms(self.device)] = truth.pose
-        if len(self._poses) > _TICKS_KEPT:
-            del self._poses[next(iter(self._poses))]
-        if now_us >= self._next_truth_us:
-            self._next_truth_us = now_us - now_us % _TRUTH_US + _TRUTH_US
-            self.path.append((now_us / 1e6, truth.pose))
-        while self._to_host and self._to_host[0][0] <= now_us:
-            self._hear(self._to_host.popleft()[1])
-        if not alive:
-            return
-        host.poll(self._host_ns)
-        data = host.data_to_send(self._host_ns)
-        if data:
-            self._to_device.append((now_us + LATENCY_US, data))
-
-    def _hear(self, data: bytes) -> None:
-        """Hand bytes to the host; hold its estimate against the truth of the encoders' moment."""
-        host = self.host
-        before_us = host.encoders_us
-        host.receive(data, self._host_ns)
-        if host.encoders_us != before_us and self.enabled:
-            truth = self._poses.get(host.encoders_us // 1000)
-            if truth is not None:
-                self._errors_m.append(truth.distance_m(host.estimator.pose))
 
     # ---- by hand --------------------------------------------------------------------------
 
@@ -312,7 +265,7 @@ class SimulatedSweeper:
             raise DeviceLostError(f"the device did not confirm the stop: {reason}")
 
     def _end(self, ending: Ending) -> None:
-        self.host.end(ending, self._host_ns)
+        self.host.end(ending, self._loop.host_ns)
         self.run(5.0, until=lambda: self.host.mission.done)
 
     # ---- by a plan ------------------------------------------------------------------------
@@ -339,7 +292,8 @@ class SimulatedSweeper:
             planner = make_planner(planner, self.model, random.Random(self.settings.seed))
         runner = PlanRunner(planner, self.model)
         self._begin()
-        began, self._errors_m = len(self.path), []
+        began = len(self.path)
+        self._loop.forget_errors()
         mission = self.host.mission
         mission.start(runner, clear_stop=clear_stop)
         try:
@@ -363,7 +317,7 @@ class SimulatedSweeper:
             driven = [(t, *pose) for t, pose in self.path[began:] if from_s <= t <= until_s]
             lane_m = mission.runner.lane_length_m if mission.runner else 0.0
             report = CoverageMeter(self.plan, self.model).measure(driven, lane_m)
-        errors_m = self._errors_m
+        loop = self._loop
         return run_summary(
             self.host,
             room=self.plan.name,
@@ -371,7 +325,7 @@ class SimulatedSweeper:
             seed=self.settings.seed,
             log=None,
             report=report,
-            error_m=(errors_m[-1], max(errors_m)) if errors_m else (None, None),
+            error_m=(loop.end_error_m, loop.max_error_m),
             collisions=truth.collisions,
             contact_s=truth.contact_s,
             energy_wh=truth.energy_wh,

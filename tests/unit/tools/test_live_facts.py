@@ -18,7 +18,7 @@ from tools.live.heading import LiveCoverage, RunFacts
 from tools.live.live import LivePicture, Teller
 from tools.live.map import legend, swept_picture
 from tools.live.tables import planner_table, status_line
-from tools.virtual.run import HOST_BOOT_NS
+from tools.virtual.loop import HOST_BOOT_NS
 from tools.virtual.settings import Settings
 from tools.virtual.sweeper import SimulatedSweeper
 
