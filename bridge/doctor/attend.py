@@ -8,8 +8,10 @@ from bridge.doctor.visit import Visit
 from bridge.errors import PortError
 from bridge.io import clock
 from bridge.io.identifiers import new_session_id
+from bridge.io.port_loop import Listening, serve
 from bridge.io.ports import link_of, open_port
 from protocol.can.link import CanLink
+from protocol.clock import HostNs
 from protocol.link import Medium
 from protocol.uart.framing import Frame, UartParser
 
@@ -26,7 +28,6 @@ RATES = (
 """Those of common firmwares first."""
 HELLO_S = 1.3
 """A device that nobody talks to says hello once a second."""
-_WAIT_S = 0.05
 
 
 def attend(  # noqa: PLR0913 - what a visit can be asked for
@@ -47,24 +48,12 @@ def attend(  # noqa: PLR0913 - what a visit can be asked for
     examination = visit.examination
     examination.medium = Medium.CAN if link is CanLink else Medium.UART
     begun_ns = clock.now()
-    end_ns = begun_ns + round(duration_s * 1e9)
+    end_ns = HostNs(begun_ns + round(duration_s * 1e9))
     if ask:
         visit.open(begun_ns)
-    pending = b""
+    engine = visit if ask else Listening(examination.received)
     try:
-        while (now_ns := clock.now()) < end_ns and not visit.over and not ended():
-            deadline_ns = visit.next_deadline() if ask else None
-            wake_ns = end_ns if deadline_ns is None else min(end_ns, deadline_ns)
-            data = port.wait(min(_WAIT_S, max(0.0, (wake_ns - now_ns) / 1e9)))
-            now_ns = clock.now()
-            if not ask:
-                examination.received(data, now_ns)
-                continue
-            visit.receive(data, now_ns)
-            visit.poll(now_ns)
-            pending += visit.data_to_send(now_ns)
-            if pending:
-                pending = pending[port.write(pending) :]
+        serve(port, engine, end_ns, lambda: visit.over or ended())
     except PortError as error:
         examination.port_lost.append(str(error))
     finally:
@@ -89,13 +78,27 @@ def find_baud(
             port = open_port(name, baud=baud)
         except ValueError:  # a rate that this driver does not know
             continue
-        parser = UartParser()
-        end_ns = clock.now() + round(HELLO_S * 1e9)
+        frames = _Frames()
+        end_ns = HostNs(clock.now() + round(HELLO_S * 1e9))
         try:
-            while (left_ns := end_ns - clock.now()) > 0:
-                data = port.wait(min(_WAIT_S, left_ns / 1e9))
-                if any(isinstance(event, Frame) for event in parser.feed(data)):
-                    return baud
+            serve(port, Listening(frames.take), end_ns, frames.came)
         finally:
             port.close()
+        if frames.came():
+            return baud
     return None
+
+
+class _Frames:
+    """Looks for an intact frame."""
+
+    def __init__(self) -> None:
+        self._seen = False
+        self._parser = UartParser()
+
+    def came(self) -> bool:
+        """Whether there was one."""
+        return self._seen
+
+    def take(self, data: bytes, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+        self._seen |= any(isinstance(event, Frame) for event in self._parser.feed(data))

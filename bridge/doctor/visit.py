@@ -47,19 +47,16 @@ class Visit:
             self.examination.received(data, now_ns)
             self._digest(self._session.receive(data, now_ns))
 
-    def poll(self, now_ns: HostNs) -> None:
-        """Do what time asks for."""
-        self._digest(self._session.poll(now_ns))
-
     def data_to_send(self, now_ns: HostNs) -> bytes:
-        """Bytes for the port."""
+        """Do what time asks for, and give the bytes for the port."""
+        self._digest(self._session.poll(now_ns))
         data = self._session.data_to_send()
         if data:
             self.examination.sent(data, now_ns)
         return data
 
     def next_deadline(self) -> HostNs | None:
-        """When :meth:`poll` has work next."""
+        """When :meth:`data_to_send` has work next."""
         return self._session.next_deadline()
 
     def _digest(self, events: list[SessionEvent]) -> None:

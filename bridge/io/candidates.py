@@ -18,8 +18,10 @@ from bridge.errors import PortError
 from bridge.io import clock
 from bridge.io.device_lock import owner_pid
 from bridge.io.identifiers import new_session_id
+from bridge.io.port_loop import serve
 from bridge.io.ports import DEFAULT_BAUD, SerialPort
 from bridge.io.reopening import BY_ID, stable_name
+from protocol.clock import HostNs
 from protocol.link import NODE_ALL, Link, Received, Rejected
 from protocol.messages import Hello, HostHello
 from protocol.schema.catalogue import CATALOGUE
@@ -158,25 +160,54 @@ def _probe(candidate: Candidate, *, active: bool, baud: int) -> Candidate:
 
 
 def _listen(candidate: Candidate, port: SerialPort, *, active: bool) -> Candidate:
-    link = Link(Direction.HOST)
+    hearing = _Hearing()
     if active:
-        hello = HostHello(CATALOGUE.hash, new_session_id(), 0, "sweepctl ports")
-        link.send(hello, clock.now() // 1000, node=NODE_ALL)
-        port.write(link.data_to_send())
-    heard = other = 0
-    end_ns = clock.now() + round(LISTEN_S * 1e9)
-    while (now_ns := clock.now()) < end_ns:
-        data = port.wait((end_ns - now_ns) / 1e9)
-        heard += len(data)
-        for event in link.receive(data):
-            if isinstance(event, Received) and isinstance(event.message, Hello):
-                return replace(candidate, found=_told(event.message, event.frame.node))
-            other += isinstance(event, Rejected)
-    if other:
+        hearing.ask(clock.now())
+    end_ns = HostNs(clock.now() + round(LISTEN_S * 1e9))
+    serve(port, hearing, end_ns, lambda: hearing.hello is not None)
+    if hearing.hello is not None:
+        return replace(candidate, found=_told(*hearing.hello))
+    if hearing.others:
         return replace(candidate, note="a sweeper of another protocol version talks here")
-    if heard:
-        return replace(candidate, note=f"{heard} bytes came, none of them a sweeper's hello")
+    if hearing.heard:
+        return replace(
+            candidate, note=f"{hearing.heard} bytes came, none of them a sweeper's hello"
+        )
     return replace(candidate, note="silent")
+
+
+class _Hearing:
+    """Waits for a device's hello."""
+
+    def __init__(self) -> None:
+        self.hello: tuple[Hello, int] | None = None
+        """The message, and the node that sent it."""
+        self.heard = 0
+        """Bytes that came."""
+        self.others = 0
+        """Frames of another protocol version."""
+        self._link = Link(Direction.HOST)
+
+    def ask(self, now_ns: HostNs) -> None:
+        """Say hello to all, so that a device answers at once."""
+        hello = HostHello(CATALOGUE.hash, new_session_id(), 0, "sweepctl ports")
+        self._link.send(hello, now_ns // 1000, node=NODE_ALL)
+
+    def receive(self, data: bytes, now_ns: HostNs) -> None:  # noqa: ARG002 - an engine's interface
+        """Take what came."""
+        self.heard += len(data)
+        for event in self._link.receive(data):
+            if isinstance(event, Received) and isinstance(event.message, Hello):
+                self.hello = self.hello or (event.message, event.frame.node)
+            self.others += isinstance(event, Rejected)
+
+    def data_to_send(self, now_ns: HostNs) -> bytes:  # noqa: ARG002 - an engine's interface
+        """Give the hello that was asked for, once."""
+        return self._link.data_to_send()
+
+    def next_deadline(self) -> None:
+        """Never."""
+        return
 
 
 def _told(hello: Hello, node: int) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from bridge.errors import NoDeviceError
 from bridge.io import clock
 from bridge.io.identifiers import new_command_id
+from bridge.io.port_loop import serve
 from bridge.io.ports import link_of
 from bridge.session.stop_request import REPEAT_NS, StopRequest
 from protocol.clock import HostNs
@@ -50,7 +51,7 @@ def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = No
 
 
 def send_until_confirmed(
-    handle: BytePort,
+    port: BytePort,
     stop: StopRequest,
     end_ns: HostNs,
     sent: Callable[[bytes, HostNs], None] = lambda _data, _now_ns: None,
@@ -63,15 +64,4 @@ def send_until_confirmed(
         PortError: the port has vanished.
 
     """
-    rest = b""
-    while stop.confirmed_by is None and (now_ns := clock.now()) < end_ns:
-        due = stop.data_to_send(now_ns)
-        if due:
-            rest = due  # what the port did not take of the one before is damaged, and replaced
-        if rest:
-            written = handle.write(rest)
-            sent(rest[:written], now_ns)
-            rest = rest[written:]
-        wake_ns = min(stop.next_deadline(), end_ns)
-        data = handle.wait(max(0.0, (wake_ns - clock.now()) / 1e9))
-        stop.receive(data, clock.now())
+    serve(port, stop, end_ns, lambda: stop.confirmed_by is not None, sent)

@@ -135,7 +135,6 @@ class _Desk:
             if self._read_us is not None and self._now_us >= self._read_us:
                 doctor.receive(self._waiting, self._host_ns)
                 self._waiting, self._read_us = b"", None
-            doctor.poll(self._host_ns)
             pending = doctor.data_to_send(self._host_ns)
 
     def _next_us(self) -> int:

@@ -14,6 +14,7 @@ from tools.cli.port_options import PortAsked, port_options
 if TYPE_CHECKING:
     from bridge.session.monitor import Monitor
     from protocol.clock import HostNs
+    from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
 
 
 def _complete_type(
@@ -64,11 +65,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     times a second; TYPE, --raw and --node are then refused. With --json one object is printed at
     the end.
     """
-    from bridge.io.listen import Listener
     from bridge.io.owner_client import has_owner
     from bridge.io.ports import link_of
     from bridge.session.monitor import Monitor, UnknownTypeError
-    from tools.cli.signals import until_signalled
     from tools.live.monitor_view import JsonLines, Nothing, Table, TextLines
 
     if as_json and jsonl:
@@ -88,25 +87,45 @@ def command(  # noqa: PLR0913 - one parameter per option
     if has_owner(port.name):
         _check_followed(port, types, raw=raw)
         return _look_on(port.name, duration_s, as_json=as_json, jsonl=jsonl, lines=lines)
-    opened = port.open()
-    try:
-        listener = Listener(opened)
-
-        def take(data: bytes, now_ns: HostNs) -> None:
-            monitor.tick(now_ns)
-            for seen in monitor.receive(data, now_ns) if data else ():
-                view.show(seen)
-            view.tick(monitor, now_ns)
-
-        with until_signalled(listener.end), view:
-            listener.run(take, duration_s)
-    finally:
-        opened.close()
+    _listen(port, monitor, view, duration_s)
     if as_json:
         write_json(_account(monitor, port.name))
     else:
         view.sum_up(monitor)
     return 0
+
+
+def _listen(
+    port: PortAsked,
+    monitor: Monitor,
+    view: Nothing | JsonLines | TextLines | Table,
+    duration_s: float | None,
+) -> None:
+    """Show what passes until a signal comes, or the time is over."""
+    from bridge.io import clock
+    from bridge.io.port_loop import Listening, serve
+    from protocol.clock import HostNs
+    from tools.cli.signals import until_signalled
+
+    opened = port.open()
+    asked_to_end: list[bool] = []
+
+    def end() -> None:
+        asked_to_end.append(True)
+        opened.wake()
+
+    def take(data: bytes, now_ns: HostNs) -> None:
+        monitor.tick(now_ns)
+        for seen in monitor.receive(data, now_ns) if data else ():
+            view.show(seen)
+        view.tick(monitor, now_ns)
+
+    end_ns = None if duration_s is None else HostNs(clock.now() + round(duration_s * 1e9))
+    try:
+        with until_signalled(end), view:
+            serve(opened, Listening(take), end_ns, lambda: bool(asked_to_end))
+    finally:
+        opened.close()
 
 
 def _check_followed(port: PortAsked, types: tuple[str, ...], *, raw: bool) -> None:
