@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-_COUNT_WRAP = 1 << 16
-_US_WRAP = 1 << 32
+from bridge.motion.kinematics import encoder_delta
+from protocol.clock import DeviceUs, extend_us
+
 _GAP_S = 10.0
 """At full speed half the counter's range passes in 14 s: beyond this the count is unknown."""
 
@@ -16,24 +17,19 @@ class WheelAngles:
     def __init__(self, rad_per_count: float) -> None:
         self._rad_per_count = rad_per_count
         self._counts: tuple[int, int] | None = None
-        self._t_us = 0
+        self._t_us = DeviceUs(0)
         self._angles = (0.0, 0.0)
 
     def advance(self, counts: tuple[int, int], t_us: int) -> tuple[float, float, float, float]:
         """Angles (rad) since the first message and speeds (rad/s; NaN where unknown)."""
         left_speed = right_speed = math.nan
         if self._counts is not None:
-            dt_s = (t_us - self._t_us) % _US_WRAP * 1e-6
+            dt_s = (extend_us(self._t_us, t_us) - self._t_us) * 1e-6
             if 0.0 < dt_s <= _GAP_S:
                 then_left, then_right = self._counts
-                left = _steps(counts[0] - then_left) * self._rad_per_count
-                right = _steps(counts[1] - then_right) * self._rad_per_count
+                left = encoder_delta(then_left, counts[0]) * self._rad_per_count
+                right = encoder_delta(then_right, counts[1]) * self._rad_per_count
                 self._angles = (self._angles[0] + left, self._angles[1] + right)
                 left_speed, right_speed = left / dt_s, right / dt_s
-        self._counts, self._t_us = counts, t_us
+        self._counts, self._t_us = counts, DeviceUs(t_us)
         return (*self._angles, left_speed, right_speed)
-
-
-def _steps(difference: int) -> int:
-    """Undo the wrap of a difference of counts."""
-    return (difference + _COUNT_WRAP // 2) % _COUNT_WRAP - _COUNT_WRAP // 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import contextlib
 import json
 import math
@@ -14,12 +13,12 @@ from bridge.evaluation.metrics import CoverageMeter
 from bridge.record.losses import LossCounter
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.view.report.run_track import load_track
+from bridge.view.run_reading import PoseErrors
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import RateClass
 from protocol.values import Fault, StopCause, flag_labels, label
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from bridge.evaluation.metrics import CoverageReport
@@ -166,7 +165,12 @@ def load_run(path: Path) -> RunData:
         gather.take(message)
     gather.finish()
     data.problems = reader.problems
-    data.pose_error = list(_pose_error(track))
+    errors = PoseErrors[float]()
+    for time_s, pose in track.truth:
+        errors.add_truth(time_s, pose.x_m, pose.y_m)
+    for time_s, pose in track.estimate:
+        errors.add_estimate(time_s, pose.x_m, pose.y_m)
+    data.pose_error = list(errors.take())
     return data
 
 
@@ -312,17 +316,3 @@ class _Wanted:
 
 
 _TOPICS = {"/events", "/log", "/clock/sync"}
-
-
-def _pose_error(track: RunTrack) -> Iterator[tuple[float, float]]:
-    """Distance of each estimate from the truth at its moment."""
-    times = [t for t, _ in track.truth]
-    for time_s, pose in track.estimate:
-        at = bisect.bisect_right(times, time_s)
-        if not 0 < at < len(times):
-            continue
-        (t0, p0), (t1, p1) = track.truth[at - 1], track.truth[at]
-        share = (time_s - t0) / (t1 - t0) if t1 > t0 else 0.0
-        x_m = p0.x_m + share * (p1.x_m - p0.x_m)
-        y_m = p0.y_m + share * (p1.y_m - p0.y_m)
-        yield time_s, math.hypot(x_m - pose.x_m, y_m - pose.y_m)

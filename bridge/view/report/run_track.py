@@ -7,18 +7,17 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from bridge.config import parse_robot
-from bridge.errors import ConfigError
-from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError, parse_floorplan
 from bridge.motion.geometry import Pose2
-from bridge.motion.robot_model import RobotModel
 from bridge.record.names import readable_name
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
+from bridge.view.run_reading import plan_of, robot_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+    from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.motion.robot_model import RobotModel
     from bridge.record.reader import LogMessage
 
 TRUTH_TOPIC, POSE_TOPIC = "/truth/pose", "/pose"
@@ -63,20 +62,15 @@ def load_track(path: Path) -> RunTrack:
 
     """
     reader = LogReader(path)
-    plan, model = None, RobotModel()
-    if "room.json" in reader.attachments:
-        try:
-            plan = parse_floorplan(reader.attachments["room.json"].decode("utf-8", "replace"))
-        except FloorPlanError:
-            plan = None
-    if "robot.toml" in reader.attachments:
-        try:
-            model = parse_robot(reader.attachments["robot.toml"].decode("utf-8", "replace"))
-        except ConfigError:
-            model = RobotModel()
     first_ns, truth, estimate = _poses(reader.messages({TRUTH_TOPIC, POSE_TOPIC}))
     return RunTrack(
-        readable_name(path.stem), plan, model, truth, estimate, reader.summary or {}, first_ns
+        readable_name(path.stem),
+        plan_of(reader),
+        robot_of(reader),
+        truth,
+        estimate,
+        reader.summary or {},
+        first_ns,
     )
 
 

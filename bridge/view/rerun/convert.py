@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from bridge.config import parse_robot
-from bridge.errors import ConfigError
-from bridge.floor_plan.floor_plan import FloorPlanError, parse_floorplan
-from bridge.motion.robot_model import RobotModel
 from bridge.record.losses import LossCounter
-from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT, readable_name
+from bridge.record.names import readable_name
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.record.wheels import WheelAngles
 from bridge.view.rerun import paths, planning, scene
 from bridge.view.rerun.columns import Document, Recording, Series, States, TextLines
+from bridge.view.run_reading import PoseErrors, plan_of, robot_of
 from protocol.values import Mode, StopCause, label
 
 if TYPE_CHECKING:
@@ -26,13 +22,12 @@ if TYPE_CHECKING:
     import rerun as rr
 
     from bridge.floor_plan.floor_plan import FloorPlan
+    from bridge.motion.robot_model import RobotModel
     from bridge.record.reader import LogMessage
 
 _SECOND_NS = 1_000_000_000
 _LONGEST_GAP_NS = 86_400 * _SECOND_NS
 """Longest pause whose every second has a point in the curve, ns: a day."""
-_MOST_WAITING = 500
-"""Estimates without a truth: where there is none at all they would pile up."""
 _LOG_LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error", 5: "error"}
 """Of foxglove.Log."""
 
@@ -70,22 +65,6 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
     run.send(recording)
     stream.send_recording_name(readable_name(path.stem))
     return Converted(reader, plan, recording.seconds(last_ns))
-
-
-def plan_of(reader: LogReader) -> FloorPlan | None:
-    """The run's room, where it is known."""
-    try:
-        return parse_floorplan(reader.attachments[ROOM_ATTACHMENT].decode(errors="replace"))
-    except (KeyError, FloorPlanError):
-        return None
-
-
-def robot_of(reader: LogReader) -> RobotModel:
-    """The run's robot; the default one where the log has none."""
-    try:
-        return parse_robot(reader.attachments[ROBOT_ATTACHMENT].decode(errors="replace"))
-    except (KeyError, ConfigError):
-        return RobotModel()
 
 
 class _Part(Protocol):
@@ -128,8 +107,7 @@ class RunConverter:
         )
         self._room = scene.Maps(p.ROOM, swept=False)
         self._swept = scene.Maps(p.SWEPT, swept=True)
-        self._truth: list[tuple[int, float, float]] = []
-        self._estimates: list[tuple[int, float, float]] = []
+        self._errors = PoseErrors[int]()
         self._handlers: dict[str, Callable[[int, Any], None]] = {
             "/pose/estimate": self._on_estimate,
             "/truth/pose": self._on_truth,
@@ -163,7 +141,8 @@ class RunConverter:
 
     def send(self, recording: Recording) -> None:
         """Send everything that was collected."""
-        self._compare_poses()
+        for time_ns, error_m in self._errors.take():
+            self._pose_error.add(time_ns, error_m * 1e3)
         parts: list[_Part] = [self._velocity, self._command, self._yaw_rate, self._yaw_command]
         parts += [self._gyro, self._wheel_speeds, self._acceleration, self._range, self._battery]
         parts += [self._current, self._pose_error, self._clock, self._link, self._lines]
@@ -182,12 +161,12 @@ class RunConverter:
         self._covariance.add(time_ns, estimate)
         self._velocity.add(time_ns, estimate.v_m_s)
         self._yaw_rate.add(time_ns, estimate.yaw_rate_rad_s)
-        self._estimates.append((time_ns, x_m, y_m))
+        self._errors.add_estimate(time_ns, x_m, y_m)
 
     def _on_truth(self, time_ns: int, truth: Any) -> None:  # noqa: ANN401 - decoded
         x_m, y_m = map(float, (truth.pose.position.x, truth.pose.position.y))
         self._truth_path.add(time_ns, x_m, y_m)
-        self._truth.append((time_ns, x_m, y_m))
+        self._errors.add_truth(time_ns, x_m, y_m)
 
     def _on_command(self, time_ns: int, command: Any) -> None:  # noqa: ANN401 - decoded
         self._command.add(time_ns, command.v_m_s)
@@ -242,23 +221,6 @@ class RunConverter:
     def _on_status(self, time_ns: int, status: Any) -> None:  # noqa: ANN401 - decoded
         self._states["mode"].add(time_ns, label(Mode, status.mode))
         self._states["stop"].add(time_ns, label(StopCause, status.stop_cause))
-
-    def _compare_poses(self) -> None:
-        """Distance of every estimate from the truth at its moment."""
-        times = [t for t, _, _ in self._truth]
-        waiting = []
-        for time_ns, x_m, y_m in self._estimates:
-            at = bisect.bisect_right(times, time_ns)
-            if at >= len(times):
-                waiting.append((time_ns, x_m, y_m))  # its truth may still come
-                continue
-            if not at:
-                continue
-            (t0, x0, y0), (t1, x1, y1) = self._truth[at - 1], self._truth[at]
-            share = (time_ns - t0) / (t1 - t0) if t1 > t0 else 0.0
-            error_m = math.hypot(x0 + share * (x1 - x0) - x_m, y0 + share * (y1 - y0) - y_m)
-            self._pose_error.add(time_ns, error_m * 1e3)
-        self._truth, self._estimates = self._truth[-1:], waiting[-_MOST_WAITING:]
 
 
 class _AnyOf:

@@ -26,6 +26,7 @@ from bridge.record.reader import LogReader
 from bridge.view.errors import ViewerFailedError
 from bridge.view.following import POLL_S, Follower, paced, wait_for_log
 from bridge.view.rerun.launch import APPLICATION, viewer_environment, viewer_program
+from bridge.view.run_reading import plan_of, robot_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -149,7 +150,7 @@ class _Feed:
     def __init__(self, viewer: Viewer, reader: LogReader, options: FeedOptions) -> None:
         import rerun as rr  # noqa: PLC0415 - slow to load
 
-        from bridge.view.rerun.convert import RunConverter, plan_of, robot_of  # noqa: PLC0415 - rerun
+        from bridge.view.rerun.convert import RunConverter  # noqa: PLC0415 - rerun
 
         self._viewer, self._reader, self._options = viewer, reader, options
         self._plan, self._model = plan_of(reader), robot_of(reader)

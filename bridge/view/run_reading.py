@@ -1,0 +1,69 @@
+"""What the viewer and the report both read from a run's log: room, robot, error of the estimate."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from bridge.config import parse_robot
+from bridge.errors import ConfigError
+from bridge.floor_plan.floor_plan import FloorPlan, FloorPlanError, parse_floorplan
+from bridge.motion.robot_model import RobotModel
+from bridge.record.names import ROBOT_ATTACHMENT, ROOM_ATTACHMENT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from bridge.record.reader import LogReader
+
+_T = TypeVar("_T", int, float)
+_MAX_WAITING = 500
+"""Largest number of estimates that wait for a truth: where there is none they would pile up."""
+
+
+def plan_of(reader: LogReader) -> FloorPlan | None:
+    """The run's room, where it is known."""
+    try:
+        return parse_floorplan(reader.attachments[ROOM_ATTACHMENT].decode(errors="replace"))
+    except (KeyError, FloorPlanError):
+        return None
+
+
+def robot_of(reader: LogReader) -> RobotModel:
+    """The run's robot; the default one where the log has none."""
+    try:
+        return parse_robot(reader.attachments[ROBOT_ATTACHMENT].decode(errors="replace"))
+    except (KeyError, ConfigError):
+        return RobotModel()
+
+
+class PoseErrors(Generic[_T]):
+    """Distance of each estimate from the truth at its moment, which may come a little later."""
+
+    def __init__(self) -> None:
+        self._truth: list[tuple[_T, float, float]] = []
+        self._estimates: list[tuple[_T, float, float]] = []
+
+    def add_truth(self, time: _T, x_m: float, y_m: float) -> None:
+        """Take where the robot was."""
+        self._truth.append((time, x_m, y_m))
+
+    def add_estimate(self, time: _T, x_m: float, y_m: float) -> None:
+        """Take where it believed to be."""
+        self._estimates.append((time, x_m, y_m))
+
+    def take(self) -> Iterator[tuple[_T, float]]:
+        """Time and error (m) of every estimate with a truth on both sides; they are forgotten."""
+        truth, estimates = self._truth, self._estimates
+        times = [time for time, _, _ in truth]
+        waiting = []
+        for time, x_m, y_m in estimates:
+            at = bisect.bisect_right(times, time)
+            if at >= len(times):
+                waiting.append((time, x_m, y_m))
+            elif at:
+                (t0, x0, y0), (t1, x1, y1) = truth[at - 1], truth[at]
+                share = (time - t0) / (t1 - t0) if t1 > t0 else 0.0
+                yield time, math.hypot(x0 + share * (x1 - x0) - x_m, y0 + share * (y1 - y0) - y_m)
+        self._truth, self._estimates = truth[-1:], waiting[-_MAX_WAITING:]
