@@ -66,6 +66,12 @@ def together(problems: Sequence[str]) -> str:
     return f"{len(problems)} problems: {'; '.join(problems[:MAX_PROBLEMS])}{rest}"
 
 
+class ArgumentError(BridgeError, ValueError):
+    """An argument of a call that is not of its kind; names it, its value and what it must be."""
+
+    exit_status = 2
+
+
 class ParameterError(BridgeError):
     """A parameter that there is not, or a value that it does not take."""
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
+from bridge.api import arguments
 from bridge.errors import OwnerRefusedError
 from bridge.io.owner_client import ask, has_owner
 from bridge.session.parameters import Parameter
@@ -87,10 +88,12 @@ class RemoteRobot:
         """Every parameter, by number."""
         return [Parameter.from_dict(p) for p in self._ask("list")["parameters"]]
 
+    @arguments.checked(name=arguments.PARAMETER)
     def get_parameter(self, name: str | int) -> Parameter:
         """One, by name or number."""
         return Parameter.from_dict(self._ask("get", name=name)["parameter"])
 
+    @arguments.checked(name=arguments.PARAMETER, value=arguments.VALUE)
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
         """Change one until the next boot; gives what the device has then."""
         return Parameter.from_dict(self._ask("set", name=name, value=value)["parameter"])
@@ -99,10 +102,12 @@ class RemoteRobot:
         """Make the present values the next boot's."""
         self._ask("save")
 
+    @arguments.checked(stream=arguments.TEXT, rate_hz=arguments.HERTZ)
     def stream_rate(self, stream: str, rate_hz: float) -> None:
         """Have a stream sent this often until the session ends; 0: not at all."""
         self._ask("rate", stream=stream, hz=rate_hz)
 
+    @arguments.checked(factory_reset=arguments.FLAG)
     def reboot(self, *, factory_reset: bool = False) -> None:
         """Have the device boot anew."""
         self._ask("reboot", factory_reset=factory_reset)

@@ -14,13 +14,13 @@ device: a method returns when the device has said yes, and raises what it refuse
 
 from __future__ import annotations
 
-import math
 import threading
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from bridge.api import arguments
 from bridge.api.client import Asker
 from bridge.api.owner_service import OwnerService
 from bridge.api.pump import Pump, Result
@@ -87,8 +87,25 @@ _UNREADY: dict[int, type[BridgeError]] = {
 
 
 class Robot:
-    """One open robot; use it as a context manager."""
+    """One open robot; use it as a context manager.
 
+    A call with an argument of the wrong type or beyond its range raises an
+    :class:`bridge.errors.ArgumentError`, before anything is sent or opened.
+    """
+
+    @arguments.checked(
+        port=arguments.TEXT,
+        model=arguments.MODEL | arguments.NONE,
+        sink=arguments.SINK | arguments.NONE,
+        node=arguments.NODE | arguments.NONE,
+        baud=arguments.BITS_PER_S,
+        dtr=arguments.FLAG,
+        rts=arguments.FLAG,
+        bitrate=arguments.BITS_PER_S | arguments.NONE,
+        lan=arguments.FLAG,
+        key=arguments.KEY | arguments.NONE,
+        timeout_s=arguments.SECONDS,
+    )
     def __init__(  # noqa: PLR0913 - what a port can be asked for
         self,
         port: str,
@@ -240,6 +257,12 @@ class Robot:
         """Fetch and forget what happened since the last call: losses, stops, refusals, faults."""
         return self._events.take()
 
+    @arguments.checked(
+        path=arguments.PATH,
+        room=arguments.ROOM | arguments.NONE,
+        robot_toml=arguments.TEXT | arguments.NONE,
+        force=arguments.FLAG,
+    )
     def record(
         self,
         path: str | Path,
@@ -306,6 +329,7 @@ class Robot:
         """What is known of the robot now, for JSON."""
         return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
+    @arguments.checked(timeout_s=arguments.SECONDS)
     def wait_for_status(self, timeout_s: float = STATUS_TIMEOUT_S) -> Status:
         """The device's newest status, waited for where none has come yet.
 
@@ -319,6 +343,7 @@ class Robot:
             raise DeviceLostError("the device does not tell its status")
         return status
 
+    @arguments.checked(timeout_s=arguments.SECONDS)
     def wait_for_link(self, timeout_s: float = LINK_TIMEOUT_S) -> None:
         """Wait until the link is known to be quick enough for motion.
 
@@ -332,6 +357,7 @@ class Robot:
 
     # ---- motion ---------------------------------------------------------------------------
 
+    @arguments.checked(clear_stop=arguments.FLAG)
     def enable(self, *, clear_stop: bool = False) -> None:
         """Ask the device for leave to move; takes about 3 s at rest for the gyro.
 
@@ -352,13 +378,14 @@ class Robot:
         if not self.enabled:
             raise cannot_move(self._seen.ending)
 
+    @arguments.checked(v_m_s=arguments.NUMBER, yaw_rate_rad_s=arguments.NUMBER)
     def drive(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
         """Set the velocity; repeat it at least twice a second.
 
         What is beyond the model's limits is taken as the limit.
 
         Raises:
-            ValueError: a velocity that is not finite.
+            ArgumentError: a velocity that is not a finite number; it is a ValueError too.
             StoppedForSafetyError: the robot may not move (any more).
             DeviceLostError: it fell silent.
 
@@ -367,8 +394,6 @@ class Robot:
             raise cannot_move(self._seen.ending)
         if clock.now() - self._pump.turn_ns > HUNG_NS:
             raise DeviceLostError(f"{self._name}: the session's loop hangs")
-        if not (abs(v_m_s) < math.inf and abs(yaw_rate_rad_s) < math.inf):
-            raise ValueError(f"not a velocity: {v_m_s} m/s, {yaw_rate_rad_s} rad/s")
         command = VelocityCommand(
             _limited(v_m_s, self.model.max_speed_m_s),
             _limited(yaw_rate_rad_s, self.model.max_yaw_rate_rad_s),
@@ -437,6 +462,7 @@ class Robot:
         """
         return self.asker.list_parameters()
 
+    @arguments.checked(name=arguments.PARAMETER)
     def get_parameter(self, name: str | int) -> Parameter:
         """One, by name or number.
 
@@ -448,6 +474,7 @@ class Robot:
         """
         return self.asker.get_parameter(name)
 
+    @arguments.checked(name=arguments.PARAMETER, value=arguments.VALUE)
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
         """Change one until the next boot, in its unit; gives what the device has then.
 
@@ -469,6 +496,7 @@ class Robot:
         """
         self.asker.save_parameters()
 
+    @arguments.checked(stream=arguments.TEXT, rate_hz=arguments.HERTZ)
     def stream_rate(self, stream: str, rate_hz: float) -> None:
         """Have a stream ("imu", "power", …) sent this often until the session ends; 0: not at all.
 
@@ -480,6 +508,7 @@ class Robot:
         """
         self.asker.stream_rate(stream, rate_hz)
 
+    @arguments.checked(factory_reset=arguments.FLAG)
     def reboot(self, *, factory_reset: bool = False) -> None:
         """Have the device boot anew; the session finds it again by itself.
 
@@ -490,6 +519,7 @@ class Robot:
         """
         self.asker.reboot(factory_reset=factory_reset)
 
+    @arguments.checked(key=arguments.KEY | arguments.NONE)
     def set_key(self, key: bytes | None) -> None:
         """Have the device obey only what is signed with this key, 16 bytes; None: no key any more.
 
@@ -497,15 +527,13 @@ class Robot:
         already, this robot must have been opened with it. A stop is obeyed without it.
 
         Raises:
-            ValueError: not 16 bytes, or 16 zeros.
+            ArgumentError: not 16 bytes, or 16 zeros; it is a ValueError too.
             KeyExposedError: the port is a bus or a network.
             CommandRejectedError: the device refused.
             DeviceLostError: it did not answer.
 
         """
         check_local(self._name)
-        if key is not None and (len(key) != KEY_SIZE or not any(key)):
-            raise ValueError(f"a key has {KEY_SIZE} bytes that are not all 0")
         self.asker.command(SetKey, *key_words(key or bytes(KEY_SIZE)))
         self._key = key
         session = self.host.session

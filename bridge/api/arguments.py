@@ -1,0 +1,109 @@
+"""Arguments of the library's calls, checked before anything is sent or opened."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+from dataclasses import dataclass
+from numbers import Integral, Real
+from pathlib import Path
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+from bridge.errors import ArgumentError, shown
+from bridge.floor_plan.floor_plan import FloorPlan
+from bridge.motion.robot_model import RobotModel
+from protocol.authentication import KEY_SIZE
+from protocol.uart.framing import MAX_NODE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What an argument may be."""
+
+    wanted: str
+    """For the error, after "it must be"."""
+    fits: Callable[[object], bool]
+    secret: bool = False
+    """An error does not show the value."""
+
+    def __or__(self, other: Kind) -> Kind:
+        """Either of two."""
+        return Kind(
+            f"{self.wanted}, or {other.wanted}",
+            lambda value: self.fits(value) or other.fits(value),
+            self.secret or other.secret,
+        )
+
+
+def checked(**kinds: Kind) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Have a call refuse arguments that are not of these kinds, by an :class:`ArgumentError`."""
+
+    def wrap(call: Callable[P, R]) -> Callable[P, R]:
+        signature = inspect.signature(call)
+
+        @functools.wraps(call)
+        def checking(*args: P.args, **kwargs: P.kwargs) -> R:
+            for name, value in signature.bind(*args, **kwargs).arguments.items():
+                kind = kinds.get(name)
+                if kind is not None and not kind.fits(value):
+                    given = name if kind.secret else f"{name} = {shown(value)}"
+                    raise ArgumentError(f"{given}: it must be {kind.wanted}")
+            return call(*args, **kwargs)
+
+        return checking
+
+    return wrap
+
+
+def _instance(wanted: str, *types: type) -> Kind:
+    return Kind(wanted, lambda value: isinstance(value, types))
+
+
+def _is_number(value: object, least: float = -math.inf) -> bool:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return least <= float(value) < math.inf and float(value) > -math.inf
+    except OverflowError:  # an integer beyond every float
+        return False
+
+
+def _whole(wanted: str, low: int, high: int) -> Kind:
+    def fits(value: object) -> bool:
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            return False
+        return low <= int(value) <= high
+
+    return Kind(wanted, fits)
+
+
+def _is_key(value: object) -> bool:
+    return isinstance(value, bytes) and len(value) == KEY_SIZE and any(value)
+
+
+NONE = Kind("None", lambda value: value is None)
+FLAG = _instance("True or False", bool)
+TEXT = _instance("a text", str)
+PATH = _instance("a path", str, Path)
+MODEL = _instance("a RobotModel", RobotModel)
+ROOM = _instance("a FloorPlan", FloorPlan)
+SINK = Kind("an object with write()", lambda value: callable(getattr(value, "write", None)))
+NUMBER = Kind("a finite number", _is_number)
+SECONDS = Kind("a number of seconds, 0 or more", lambda value: _is_number(value, 0.0))
+NODE = _whole(f"an integer from 1 to {MAX_NODE}", 1, MAX_NODE)
+BITS_PER_S = _whole("an integer from 1 to 4294967295", 1, 0xFFFF_FFFF)
+KEY = Kind(f"{KEY_SIZE} bytes that are not all 0", _is_key, secret=True)
+PARAMETER = Kind(
+    "a parameter's name or number",
+    lambda value: isinstance(value, str | Integral) and not isinstance(value, bool),
+)
+VALUE = _instance("a number, a text, True or False", Real, str)
+"""Its parameter judges it further."""
+HERTZ = Kind("a number", lambda value: isinstance(value, Real) and not isinstance(value, bool))
