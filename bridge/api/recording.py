@@ -42,7 +42,8 @@ class Recording:
         self._summarise = summarise
         self._tap = tap
         self._recorder = ThreadedRecorder(open_log(path, info, RecordOptions(), force=force))
-        self._closed = False
+        self.closed = False
+        """Nothing is written any more."""
         if info.plan is not None:
             self._recorder.write(RoomRecord(info.opened_unix_ns, info.plan))
         identity = tap.newest_identity
@@ -67,8 +68,8 @@ class Recording:
             LogError: the log could not be written to its end; :attr:`dropped` counts what it lacks.
 
         """
-        if not self._closed:
-            self._closed = True
+        if not self.closed:
+            self.closed = True
             self._tap.detach(self._recorder)
             room = None if self._plan is None else self._plan.name
             self._recorder.close(self._summarise(room, str(self.path)))

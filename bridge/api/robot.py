@@ -143,6 +143,7 @@ class Robot:
         )
         self._closed = False
         self._offset_ns = clock.unix_offset_ns()
+        self._has_sink = sink is not None
         newest = lambda: self.state  # noqa: E731
         self._imu, self._encoders = Latest(Imu, newest), Latest(Encoders, newest)
         self._range, self._power = Latest(Range, newest), Latest(Power, newest)
@@ -287,7 +288,7 @@ class Robot:
             ConfigError: ``robot_toml`` is no robot file.
 
         """
-        offset_ns = self._offset_ns
+        offset_ns = self._log_offset_ns()
         if robot_toml is None:
             model, robot_toml = self.model, to_toml(self.model)
         else:
@@ -324,6 +325,19 @@ class Robot:
         recording = Recording(Path(path), info, self._events, summarise, force=force)
         self._recordings.append(recording)
         return recording
+
+    def _log_offset_ns(self) -> int:
+        """Unix time less the host's clock for a log that begins now.
+
+        The system clock may have been set since the robot was opened. While another log or the
+        caller's sink takes records, all keep its offset: within one there is no step.
+        """
+        if not self._has_sink and all(recording.closed for recording in self._recordings):
+            offset_ns = clock.unix_offset_ns()
+            with suppress(DeviceLostError):  # no loop, no records
+                self._in_loop(lambda: self.host.use_unix_offset(offset_ns))
+                self._offset_ns = offset_ns
+        return self._offset_ns
 
     def snapshot(self) -> dict[str, Any]:
         """What is known of the robot now, for JSON."""

@@ -574,6 +574,10 @@ class Host(HostSenses):
         """Put an event on record."""
         self._records.event(now_ns, severity, source, kind, text, **data)
 
+    def use_unix_offset(self, unix_offset_ns: int) -> None:
+        """Give records another Unix time from now on: a log begins, and no other is under way."""
+        self.ingest.unix_offset_ns = self._records.unix_offset_ns = unix_offset_ns
+
     def record_map(self, now_ns: HostNs) -> None:
         """Put the swept map on record, and what was gathered until now."""
         self._records.flush(now_ns, at_once=True)

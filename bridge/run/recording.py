@@ -101,7 +101,8 @@ class HostRecords:
 
     def __init__(self, sink: Sink, unix_offset_ns: int, planner: str, *, bus: bool = False) -> None:
         self._write = sink.write
-        self._unix_offset_ns = unix_offset_ns
+        self.unix_offset_ns = unix_offset_ns
+        """Unix time less the host's clock; one for all records of a log."""
         self._planner = planner
         self._planner_state: PlannerState | None = None
         self._bus = bus
@@ -123,7 +124,7 @@ class HostRecords:
         **data: float | str | bool,
     ) -> None:
         """Something worth finding again."""
-        log_ns = now_ns + self._unix_offset_ns
+        log_ns = now_ns + self.unix_offset_ns
         self._write(EventRecord(log_ns, severity, source, kind, text, data))
 
     def damaged(self, found: Sequence[DamagedFrame], now_ns: int) -> None:
@@ -173,18 +174,18 @@ class HostRecords:
     def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
         """What a serial port gave or took, without a key."""
         data = self._keys.outgoing(data) if outgoing else self._keys.incoming(data)
-        self._write(_new(RawBytes, (now_ns + self._unix_offset_ns, outgoing, data)))
+        self._write(_new(RawBytes, (now_ns + self.unix_offset_ns, outgoing, data)))
 
     def can(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
         """Frames that a bus gave or took, without a key."""
-        log_ns = now_ns + self._unix_offset_ns
+        log_ns = now_ns + self.unix_offset_ns
         for can_id, length, content in RECORD.iter_unpack(data):
             self._write(RawCan(log_ns, outgoing, can_id, redacted_can(can_id, content[:length])))
 
     def log_text(self, message: LogText, now_ns: int) -> None:
         """A line of the device's own log."""
         severity = _LEVELS.get(LogLevel(message.level & 3), Severity.INFO)
-        log_ns = now_ns + self._unix_offset_ns
+        log_ns = now_ns + self.unix_offset_ns
         self._write(LogRecord(log_ns, severity, "device", message.line))
 
     def status(self, status: Status, now_ns: int) -> None:
@@ -204,7 +205,7 @@ class HostRecords:
         """What the link was like so far, every ten seconds."""
         if now_ns >= self._link_ns:
             self._link_ns = now_ns + LINK_PERIOD_NS
-            log_ns = now_ns + self._unix_offset_ns
+            log_ns = now_ns + self.unix_offset_ns
             text = "rate, loss, order and age of each message, and the round trip"
             self._write(
                 EventRecord(log_ns, Severity.DEBUG, "link", "statistics", text, wire.to_dict())
@@ -234,7 +235,7 @@ class HostRecords:
         hello = event.hello
         self._write(
             IdentityRecord(
-                now_ns + self._unix_offset_ns,
+                now_ns + self.unix_offset_ns,
                 event.node,
                 hello.uid,
                 hello.boot_id,
@@ -247,7 +248,7 @@ class HostRecords:
 
     def command(self, command: VelocityCommand, target: VelocityCommand, now_ns: int) -> None:
         """A velocity that was sent, and the one wanted before smoothing."""
-        self._write(_new(CommandRecord, (now_ns + self._unix_offset_ns, *command, *target)))
+        self._write(_new(CommandRecord, (now_ns + self.unix_offset_ns, *command, *target)))
 
     def pose(self, pose: Pose2, estimator: PoseEstimator, now_ns: int) -> None:
         """The estimate of a control step."""
@@ -256,7 +257,7 @@ class HostRecords:
             _new(
                 PoseRecord,
                 (
-                    now_ns + self._unix_offset_ns,
+                    now_ns + self.unix_offset_ns,
                     pose,
                     estimator.v_m_s,
                     estimator.yaw_rate_rad_s,
@@ -284,14 +285,14 @@ class HostRecords:
         state, known = runner.state, self._planner_state
         if state is not known and state != known:
             self._planner_state = state
-            self._write(PlannerRecord(now_ns + self._unix_offset_ns, self._planner, state))
+            self._write(PlannerRecord(now_ns + self.unix_offset_ns, self._planner, state))
 
     def swept(self, swept: SweptMap, now_ns: int) -> None:
         """The map of the swept floor so far."""
         grid = swept.to_occupancy()
         self._write(
             CoverageRecord(
-                now_ns + self._unix_offset_ns,
+                now_ns + self.unix_offset_ns,
                 grid.cells,
                 grid.origin_x_m,
                 grid.origin_y_m,
@@ -304,7 +305,7 @@ class HostRecords:
         fit = sync.fit
         if fit is None:
             return
-        offset_ns = self._unix_offset_ns
+        offset_ns = self.unix_offset_ns
         self._write(
             ClockRecord(
                 now_ns + offset_ns,

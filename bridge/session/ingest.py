@@ -24,11 +24,12 @@ class Ingest:
     """Times the messages of one device."""
 
     def __init__(self, sync: TimeSync, unix_offset_ns: int) -> None:
-        """``unix_offset_ns``: Unix time less the host's clock."""
+        """Know the offset of Unix time, and no device yet."""
         self.sync = sync
         self.device_us = DeviceUs(0)
         """When the newest message was made, by the device's clock."""
-        self._unix_offset_ns = unix_offset_ns
+        self.unix_offset_ns = unix_offset_ns
+        """Unix time less the host's clock; one for all records of a log."""
         self._mapped: Mapped | None = None
         """The same by ours."""
         self._stamp = self._arrived_ns = -1
@@ -42,7 +43,7 @@ class Ingest:
             # What is read at once mostly is of one moment.
             self._stamp, self._arrived_ns = t_us, now_ns
             self.device_us, self._mapped = self.sync.observe(t_us, now_ns)
-        offset_ns, mapped = self._unix_offset_ns, self._mapped
+        offset_ns, mapped = self.unix_offset_ns, self._mapped
         publish_ns = bound_ns = None
         if mapped is not None:
             host_ns, bound_ns = mapped

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import random
 import threading
 import time
@@ -24,6 +23,7 @@ from bridge.errors import (
     PortError,
     StoppedForSafetyError,
 )
+from bridge.io import clock
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.record.errors import LogError, LogExistsError
@@ -98,7 +98,7 @@ def test_it_drives_as_long_as_it_is_told_to(emulated: Emulated) -> None:
         assert robot.enabled
         robot.enable()  # again is no error
         for wrong in (float("nan"), float("inf")):
-            with pytest.raises(ValueError, match="velocity"):
+            with pytest.raises(ValueError, match="finite number"):
                 robot.drive(wrong, 0.0)
         until(lambda: emulated.pose.x_m - start.x_m > 0.1, lambda: robot.drive(99.0, 0.0))
         assert emulated.device.truth.v_m_s < robot.model.max_speed_m_s + 0.05
@@ -254,8 +254,8 @@ def test_a_reboot_is_found_again_and_told(emulated: Emulated) -> None:
 
 
 def test_a_failed_open_gives_the_port_back(emulated: Emulated) -> None:
-    with pytest.raises(ValueError, match="NaN"):
-        bridge.open(emulated.port, timeout_s=math.nan)
+    with pytest.raises(NoDeviceError):
+        bridge.open(emulated.port, timeout_s=0)
     with bridge.open(emulated.port) as robot:
         with pytest.raises(BridgeError, match="is no planner"):
             robot.planner.start(1)  # type: ignore[arg-type]  # as from a script without types
@@ -428,6 +428,26 @@ def test_a_program_records_and_the_log_is_whole(emulated: Emulated, tmp_path: Pa
     second = LogReader(tmp_path / "again.mcap")
     assert not second.truncated
     assert json.loads(second.attachments["summary.json"])["log"].endswith("again.mcap")
+
+
+def test_a_log_has_the_time_of_its_beginning_and_no_step_in_it(
+    emulated: Emulated, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system clock is set before the first log, and once more while it is written."""
+    hour_ns = 3_600_000_000_000
+    offset_ns = clock.unix_offset_ns()
+    with bridge.open(emulated.port) as robot:
+        for hours, name in ((1, "first"), (2, "second")):
+            set_ns = offset_ns + hours * hour_ns
+            monkeypatch.setattr(clock, "unix_offset_ns", lambda set_ns=set_ns: set_ns)
+            robot.record(tmp_path / f"{name}.mcap")
+            another(robot.encoders)
+            another(robot.encoders)
+    for name in ("first", "second"):
+        reader = LogReader(tmp_path / f"{name}.mcap")
+        since_ns = [m.log_ns - offset_ns - hour_ns for m in reader.messages()]
+        assert max(since_ns) - min(since_ns) < hour_ns / 2, "no step"
+        assert abs(since_ns[0] - clock.now()) < hour_ns / 2
 
 
 def test_a_log_that_fails_is_an_error_at_the_end_and_no_stop(emulated: Emulated) -> None:
