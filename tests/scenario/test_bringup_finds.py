@@ -105,7 +105,7 @@ def test_motors_and_encoders(wrong: list[str], expected: set[tuple[str, str]]) -
     assert found[-1].ok is None
 
 
-SEEDS = range(20)
+SEEDS = [range(4), pytest.param(range(4, 20), marks=pytest.mark.nightly, id="others")]
 IMU_WRONG = {
     "": set[tuple[str, str]](),
     "imu upside down": {
@@ -118,18 +118,22 @@ IMU_WRONG = {
 }
 
 
+@pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize("noise", NOISE_LEVELS)
 @pytest.mark.parametrize("wrong", IMU_WRONG)
-def test_miswired_axes_are_named_whatever_the_noise(wrong: str, noise: str) -> None:
-    for seed in SEEDS:
+def test_miswired_axes_are_named_whatever_the_noise(wrong: str, noise: str, seeds: range) -> None:
+    for seed in seeds:
         found = brought_up(Stand(wrong, seed=seed, noise=noise), "rest", "axes")
         assert wrongs(found) == IMU_WRONG[wrong], seed
         assert {f.step for f in found if f.ok is not None} >= {"imu turn", "imu nose", "imu side"}
 
 
+@pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize("noise", NOISE_LEVELS)
-def test_a_robot_that_nobody_turns_is_not_blamed_for_its_gyro_bias(noise: str) -> None:
-    for seed in SEEDS:
+def test_a_robot_that_nobody_turns_is_not_blamed_for_its_gyro_bias(
+    noise: str, seeds: range
+) -> None:
+    for seed in seeds:
         device = VirtualSweeper(PLAN, noise=noise, seed=seed)
         person = Scripted(confirm=lambda text: "Turn" in text, choose=lambda _text: "n")
         desk, _ = desk_on(device)

@@ -55,8 +55,8 @@ class Decisions:
 
 LOST = pytest.mark.xfail(reason="harsh: no known wall is found again, and σ grows to 1.7°")
 SEEDS = (
-    *range(1, 5),
-    *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (5, 6, 8)),
+    *(1, 2),
+    *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (3, 4, 5, 6, 8)),
     pytest.param(7, marks=[pytest.mark.nightly, LOST]),
 )
 """All from 1 to 8."""

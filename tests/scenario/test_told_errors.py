@@ -33,7 +33,7 @@ def told(noise: str, seed: int) -> tuple[Told, ...]:
 
 
 @pytest.mark.parametrize("noise", LEVELS)
-@pytest.mark.parametrize("seed", seeds(2, RUNS - 2))
+@pytest.mark.parametrize("seed", seeds(1, RUNS - 1))
 def test_no_run_is_far_from_what_it_tells(noise: str, seed: int) -> None:
     run = told(noise, seed)
     assert len(run) > 10

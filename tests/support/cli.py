@@ -7,10 +7,8 @@ import json
 import os
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
-from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mcap.reader import make_reader
@@ -26,8 +24,7 @@ from tools.virtual.summary import summarise
 
 if TYPE_CHECKING:
     import signal
-    from collections.abc import Iterator, Mapping, Sequence
-    from concurrent.futures import Future
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     import pytest
@@ -35,11 +32,6 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 110.0
 """For what takes seconds; only a hang is longer."""
-NUMBER_OF_PROCESSES = 2
-
-
-Asked = tuple[str, str, int]
-"""Room, planner and seed of a run."""
 
 
 class Done(NamedTuple):
@@ -173,18 +165,11 @@ def _short_runs(base: Path) -> tuple[Recorded, Recorded, Recorded]:
     return first, again, other
 
 
-def _summary(room: str, planner: str, seed: int) -> dict[str, Any]:
+def summary(room: str, planner: str, seed: int) -> dict[str, Any]:
+    """What a run without a log gives."""
     plan, model = load_room(room), RobotModel()
     finished = run_virtual(plan, model, planner, NullSink(), seed=seed)
     return summarise(finished, plan, planner, seed, None)
-
-
-@contextmanager
-def summaries(runs: Sequence[Asked]) -> Iterator[dict[Asked, Future[dict[str, Any]]]]:
-    """Simulate (room, planner, seed) without a log, several at a time, while tests go on."""
-    # Not forked: other tests may have left threads.
-    with ProcessPoolExecutor(NUMBER_OF_PROCESSES, get_context("spawn")) as pool:
-        yield {asked: pool.submit(_summary, *asked) for asked in runs}
 
 
 class Plain(NamedTuple):

@@ -15,6 +15,7 @@ from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import IDEAL, TYPICAL, KinematicWorld, Run, WorldNoise, run_plan
+from support.selection import seeds
 
 pytestmark = pytest.mark.slow
 
@@ -63,7 +64,7 @@ def test_paper_on_case_1_without_noise_is_the_computed_figure() -> None:
     assert report.coverage.mouth_free < 0.774
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(2, 3))
 def test_paper_on_case_1_with_typical_noise(seed: int) -> None:
     done = run(CASE_1, "paper", seed, TYPICAL)
     report = meter(CASE_1).measure(done.poses)
