@@ -8,17 +8,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from bridge.session.agreement import QUESTIONS_AT_ONCE, Agreement
 from bridge.session.diagnosis import Evidence
-from bridge.session.discovery import LISTEN_NS
-from bridge.session.handshake import ANSWER_PERIOD_NS, SessionHandshake
+from bridge.session.discovery import LISTEN_NS, Answers
+from bridge.session.key import SessionKey
+from bridge.session.outbox import CommandCounts, Outbox
+from bridge.session.pace import Pace
 from bridge.session.round_trip import RoundTrip
 from bridge.session.states import (
     RESTLESS,
+    TRANSITIONS,
+    Agreed,
     CommandEnded,
     Data,
+    Failed,
     Ping,
+    Restless,
     SessionEvent,
     State,
+    StateChanged,
 )
 from protocol.clock import HostNs
 from protocol.commands import CommandSender
@@ -26,9 +34,12 @@ from protocol.link import Link, LinkBase, Medium, Received, Rejected
 from protocol.messages import (
     Ack,
     Challenge,
+    ClearStop,
     DescribeReply,
     Hello,
+    HostHello,
     Nack,
+    SetMode,
     Stop,
     TimeReply,
 )
@@ -40,6 +51,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 HELLO_PERIOD_NS = 200_000_000
+ANSWER_PERIOD_NS = 100_000_000
+HANDSHAKES_AT_ONCE = 3
+"""Handshakes that may follow each other at once: a device that boots twice as it is plugged in."""
+HANDSHAKE_PERIOD_NS = 1_000_000_000
+"""Period of further handshakes, ns: that of a device's own hellos. A device that answers each of
+our hellos with another boot id would else be answered as often as the link carries it."""
 OPEN_TIMEOUT_NS = 3_000_000_000
 """Three of the device's own hellos, which it sends at 1 Hz."""
 AGREE_TIMEOUT_NS = 8_000_000_000
@@ -59,7 +76,7 @@ _new = tuple.__new__
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
 
 
-class Session(SessionHandshake):
+class Session:
     """The host's end of a conversation with one device."""
 
     def __init__(  # noqa: PLR0913 - what a session can be made with
@@ -80,14 +97,36 @@ class Session(SessionHandshake):
             BadKeyError: the key has not 16 bytes.
 
         """
-        super().__init__(
-            link(Direction.HOST, codec=Codec(catalogue)),
-            new_session_id,
-            name=name,
-            node=node,
-            catalogue=catalogue,
-            key=key,
-        )
+        self.link = made = link(Direction.HOST, codec=Codec(catalogue))
+        self.state = State.CLOSED
+        self.hello: Hello | None = None
+        self.session_id = 0
+        self._key = SessionKey(made, key)
+        self._new_session_id = new_session_id
+        self._name = name
+        self._agreement = Agreement(catalogue, made)
+        self._joined = False
+        """The device has said that it is in our session."""
+        self._pace = Pace(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
+        self._greeted = False
+        """The device has our hello for this handshake; else that waits for its turn."""
+        self._renew = False
+        """The next handshake begins another session."""
+        self._restless = False
+        """The device begins anew so often that it is not answered each time."""
+        self._answers = Answers()
+        self._opened_ns = 0
+        self._next_ns = 0
+        """When something is due."""
+        self._tries = 0
+        self._boot_known: int | None = None
+        self._schema_known: int | None = None
+        """The device's catalogue, as hashed, when the session was last ready."""
+        self._events: list[SessionEvent] = []
+        self._outbox = Outbox(made, node)
+        self._catalogue = catalogue
+        self._open_stop: int | None = None
+        """Gravest cause of a stop that no device has confirmed yet; it outlives a lost link."""
         self._pings = 0
         self.round_trip = RoundTrip()
         """Of the pings since both ends agreed."""
@@ -231,6 +270,77 @@ class Session(SessionHandshake):
         """When the device's last intact frame came; 0: never."""
         return self._heard_ns
 
+    # ---- what its user asks for -----------------------------------------------------------
+
+    @property
+    def node(self) -> int | None:
+        """The device's node; None until one has answered, or while any will do."""
+        return self._outbox.node
+
+    @property
+    def commands(self) -> CommandSender:
+        """Commands on their way."""
+        return self._outbox.commands
+
+    @property
+    def command_counts(self) -> CommandCounts:
+        """What became of all commands so far."""
+        return self._outbox.counts
+
+    def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
+        """Send a velocity; it replaces one that still waits to be written.
+
+        What is faster than the wire can say is sent as the fastest that it can.
+        """
+        self._outbox.setpoint(v_m_s, yaw_rate_rad_s, ttl_ms, now_ns)
+
+    def duty(self, left: float, right: float, ttl_ms: int, now_ns: HostNs) -> None:
+        """Send motor duties, -1..1, which a device obeys in bring-up mode only, capped."""
+        self._outbox.duty(left, right, ttl_ms, now_ns)
+
+    def stop(self, cause: int, now_ns: HostNs) -> int:
+        """Latch a stop, repeated until the device has said yes, in a later session if need be.
+
+        It is sent at once in any state: a device obeys a stop outside a session too.
+        """
+        self._open_stop = max(cause, self._open_stop or 0)
+        return self._command(Stop, cause, now_ns, forever=True)
+
+    def clear_stop(self, cause: int, now_ns: HostNs) -> int:
+        """Release a latched stop of this cause."""
+        return self._command(ClearStop, cause, now_ns)
+
+    def set_mode(self, mode: int, now_ns: HostNs) -> int:
+        """Choose what moves the wheels."""
+        return self._command(SetMode, mode, now_ns)
+
+    def command(self, kind: type[Message], fields: tuple[int, ...], now_ns: HostNs) -> int:
+        """Send any other command, its fields after the id; gives the id."""
+        type_id = self._catalogue.by_class[kind].type_id
+        return self._outbox.command(lambda i: kind(i, *fields), type_id, now_ns, forever=False)  # type: ignore[call-arg]  # a command's first field is its id
+
+    def _command(
+        self,
+        message: Callable[[int, int], Message],
+        value: int,
+        now_ns: HostNs,
+        *,
+        forever: bool = False,
+    ) -> int:
+        type_id = self._catalogue.by_class[message].type_id  # type: ignore[index]  # a class
+        return self._outbox.command(lambda i: message(i, value), type_id, now_ns, forever=forever)
+
+    def set_key(self, key: bytes | None, now_ns: HostNs) -> None:
+        """Sign with this key from now on, and ask for the challenge; None: sign nothing."""
+        self._key.use(key)
+        if key is not None and self.state is State.READY:
+            self._send_hello(now_ns, agreed=1)
+
+    @property
+    def signs(self) -> bool:
+        """Whether what moves the robot is signed: there is a key, and the device's challenge."""
+        return self.link.key is not None and self.link.key.begun
+
     # ---- inside ---------------------------------------------------------------------------
 
     def _drain(self) -> list[SessionEvent]:
@@ -317,3 +427,147 @@ class Session(SessionHandshake):
     def _no_device(self) -> None:
         kind, text = self._evidence.verdict(self.link.medium, self.link.statistics.damaged)
         self._fail("no_device", kind, text)
+
+    # ---- who is there ---------------------------------------------------------------------
+
+    def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
+        self._outbox.send(
+            HostHello(self._catalogue.hash, self.session_id, agreed, self._name), now_ns
+        )
+
+    def _ask(self, now_ns: HostNs) -> None:
+        if self._agreement.settled:
+            self._send_hello(now_ns, agreed=1)
+            return
+        for question in self._agreement.questions():
+            self._outbox.send(question, now_ns)
+
+    def _hello(self, hello: Hello, event: Received, now_ns: HostNs) -> None:
+        if self.state is State.OPENING and self.link.medium is Medium.CAN:
+            self._answers.note(hello, event, self._opened_ns, now_ns)
+            return
+        self._accept(hello, event.frame.node, now_ns)
+
+    def _challenge(self, message: Challenge, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+        self._key.take(message, self.hello, self.session_id)
+
+    def _choose(self, now_ns: HostNs) -> None:
+        """Everybody on the bus has had time to answer: go on where it was one."""
+        chosen = self._answers.choose()
+        if isinstance(chosen, str):
+            self._fail("no_device", "several", chosen)
+        else:
+            self._accept(*chosen, now_ns)
+
+    def _accept(self, hello: Hello, node: int, now_ns: HostNs) -> None:
+        known = self.hello
+        if known is not None and known.uid != hello.uid:
+            self._fail(
+                "other_device",
+                "other_device",
+                f"another device answered: uid {hello.uid.hex()}, expected {known.uid.hex()}",
+            )
+            return
+        if self.state in {State.OPENING, State.LOST}:
+            self._outbox.node = node
+            self._move("hello", "device answered")
+            self._agree(hello, now_ns)
+        elif self.state is State.READY:
+            rebooted = known is not None and known.boot_id != hello.boot_id
+            if rebooted or hello.session_id != self.session_id:
+                self._move(
+                    "rebooted" if rebooted else "forgotten",
+                    "the device booted anew" if rebooted else "the device ended the session",
+                )
+                self._agree(hello, now_ns)
+        elif self.state is State.AGREEING:
+            if known is not None and (known.boot_id, known.catalogue_hash) != (
+                hello.boot_id,
+                hello.catalogue_hash,
+            ):
+                self._agree(hello, now_ns)
+                return
+            self.hello = hello
+            if self._greeted and hello.session_id == self.session_id:
+                self._joined = True
+
+    def _agree(self, hello: Hello, now_ns: HostNs) -> None:
+        """Start agreement with the device that says ``hello``, always in a new session.
+
+        Where it begins anew too often, it is answered once a second.
+        """
+        self._renew = self._renew or self.hello is not None
+        if self._boot_known is not None and self._boot_known != hello.boot_id:
+            self.link.forget_sequence()
+        self.hello = hello
+        self._joined = False
+        self._key.end()
+        self._outbox.forget()
+        self._agreement.begin(hello)
+        self._greeted = False
+        self._restless = self._restless and not self._pace.rested(now_ns)
+        due_ns = self._pace.due_ns()
+        if now_ns >= due_ns:
+            self._greet(now_ns)
+            return
+        self._next_ns = due_ns
+        if not self._restless:
+            self._restless = True
+            self._events.append(Restless(RESTLESS))
+
+    def _greet(self, now_ns: HostNs) -> None:
+        """Say hello in a session of its own, and ask the first questions."""
+        self._pace.take(now_ns)
+        self._greeted = True
+        if self._renew:
+            self._renew = False
+            self.session_id = self._new_session_id()
+        self._send_hello(now_ns, agreed=0)
+        self._ask(now_ns)
+        self._next_ns = now_ns + ANSWER_PERIOD_NS
+
+    def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+        agreement = self._agreement
+        if self.state is not State.AGREEING or not self._greeted or not agreement.answer(reply):
+            return
+        if not agreement.settled:
+            # One answer, one new question; what is lost is asked again by the clock.
+            for question in agreement.questions()[QUESTIONS_AT_ONCE - 1 :]:
+                self._outbox.send(question, now_ns)
+            return
+        broken = agreement.apply()
+        if broken is not None:
+            self._fail("disagree", "disagreement", f"no common ground with the device: {broken}")
+            return
+        self._ask(now_ns)
+
+    def _ready(self, now_ns: HostNs) -> None:
+        hello = self.hello
+        assert hello is not None  # noqa: S101 - set when agreement began
+        assert self.node is not None  # noqa: S101 - set when agreement began
+        again = self._boot_known is not None
+        rebooted = again and self._boot_known != hello.boot_id
+        other_schema = again and self._schema_known != hello.catalogue_hash
+        self._boot_known, self._schema_known = hello.boot_id, hello.catalogue_hash
+        self._tries = 0
+        self._next_ns = now_ns
+        self._move("agreed", "both ends agree")
+        differences = self._agreement.differences
+        self._events.append(Agreed(hello, self.node, rebooted, differences, again, other_schema))
+        if self._open_stop is not None:
+            self.stop(self._open_stop, now_ns)
+
+    # ---- moves ----------------------------------------------------------------------------
+
+    def _move(self, what: str, why: str) -> None:
+        new = TRANSITIONS.get((self.state, what))
+        if new is None:
+            return
+        if new is not self.state:
+            self._events.append(StateChanged(self.state, new, why))
+        self.state = new
+
+    def _fail(self, what: str, kind: str, text: str) -> None:
+        if (self.state, what) in TRANSITIONS:
+            self._move(what, text)
+            self._events.append(Failed(kind, text))

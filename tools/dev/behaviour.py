@@ -11,7 +11,6 @@ from bridge.api import pump
 from bridge.run import host
 from bridge.session import agreement as session_agreement
 from bridge.session import discovery as session_bus
-from bridge.session import handshake as session_handshake
 from bridge.session import round_trip, session
 from bridge.session import states as session_events
 from protocol import commands
@@ -222,16 +221,16 @@ def _host_rules() -> Iterator[Rule]:
     )
     yield Rule(
         "host",
-        f"handshakes with a device that begins anew: {session_handshake.HANDSHAKES_AT_ONCE} at "
+        f"handshakes with a device that begins anew: {session.HANDSHAKES_AT_ONCE} at "
         "once, then one every",
-        _ms(session_handshake.HANDSHAKE_PERIOD_NS),
-        "bridge.session.handshake.HANDSHAKE_PERIOD_NS",
+        _ms(session.HANDSHAKE_PERIOD_NS),
+        "bridge.session.session.HANDSHAKE_PERIOD_NS",
     )
     yield Rule(
         "host",
         "questions asked again after",
-        _ms(session_handshake.ANSWER_PERIOD_NS),
-        "bridge.session.handshake.ANSWER_PERIOD_NS",
+        _ms(session.ANSWER_PERIOD_NS),
+        "bridge.session.session.ANSWER_PERIOD_NS",
     )
     yield Rule(
         "host",

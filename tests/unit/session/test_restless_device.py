@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.session.handshake import HANDSHAKE_PERIOD_NS, HANDSHAKES_AT_ONCE
-from bridge.session.session import AGREE_TIMEOUT_NS, Session
+from bridge.session.session import (
+    AGREE_TIMEOUT_NS,
+    HANDSHAKE_PERIOD_NS,
+    HANDSHAKES_AT_ONCE,
+    Session,
+)
 from bridge.session.states import RESTLESS, Agreed, Failed, Restless, SessionEvent, State
 from protocol.clock import HostNs
 from protocol.link import Link, Received
