@@ -14,7 +14,7 @@ from bridge.errors import Remedy
 from bridge.motion.observation import HALT
 from bridge.run.commands import Dialogue, carry_out
 from bridge.run.ending import Ending
-from bridge.run.localisation import HostSenses
+from bridge.run.localisation import Localisation
 from bridge.run.mission import Mission, Phase, Request
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.pings import Pings
@@ -68,11 +68,13 @@ from protocol.values import Mode, StopCause, label
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from bridge.motion.estimation.estimator import PoseEstimator
     from bridge.motion.geometry import Pose2
     from bridge.motion.observation import VelocityCommand
     from bridge.motion.robot_model import RobotModel
     from bridge.record.sink import Sink
     from bridge.run.options import HostOptions
+    from bridge.run.robot_state import RobotState
     from bridge.supervise import Supervisor
     from protocol.commands import Outcome
     from protocol.messages import Hello
@@ -93,7 +95,7 @@ _DOUBT_NS = round(STALE_S * 1e9)
 _EXIT = {"disagreement": 4, "version": 4, "several": 2}
 
 
-class Host(HostSenses):
+class Host:
     """One robot's host end, from opening the session to the end of the run."""
 
     def __init__(
@@ -105,7 +107,8 @@ class Host(HostSenses):
         new_session_id: Callable[[], int],
     ) -> None:
         """Make everything, closed; :meth:`open` begins."""
-        super().__init__(model, options.start)
+        self.model = model
+        self.localisation = Localisation(model, options.start)
         self.mission = mission
         self.session = Session(
             new_session_id, node=options.node, link=options.link, key=options.key
@@ -146,21 +149,31 @@ class Host(HostSenses):
         self._partial = True
         """Messages may come without some of the fields that we know."""
         self._listeners: dict[type[Message], Callable[[Any, DeviceUs, HostNs], None]] = {
-            Imu: self._imu,
-            Encoders: self._encoders,
+            Imu: self.localisation.imu,
+            Encoders: self.localisation.encoders,
             Range: self._range,
-            Power: self._keep,
-            PlannerState: self._keep,
+            Power: self.localisation.keep,
+            PlannerState: self.localisation.keep,
             Status: self._status,
             LogText: self._log_text,
             ParameterValue: self.commands.parameter,
-            TimeReply: self._time_reply,
+            TimeReply: self.localisation.time_reply,
         }
 
     @property
     def sync(self) -> TimeSync:
         """Maps the device's clock to ours."""
         return self.ingest.sync
+
+    @property
+    def state(self) -> RobotState:
+        """The newest of everything that the device has sent."""
+        return self.localisation.state
+
+    @property
+    def estimator(self) -> PoseEstimator:
+        """The estimate of pose; another object after the device booted anew."""
+        return self.localisation.estimator
 
     # ---- in and out -----------------------------------------------------------------------
 
@@ -388,7 +401,7 @@ class Host(HostSenses):
         if event.rebooted:
             self.ingest.reset()
             self.commands.forget()
-            self._booted()
+            self.localisation.begin_again()
         for difference in event.differences:
             self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
         self._missing = missing_needs(event.differences)
@@ -406,7 +419,7 @@ class Host(HostSenses):
     def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:
         fresh = self.state.take(message, device_us, now_ns / 1e9)
         if fresh and self.mission.phase is Phase.DRIVING:
-            self._see_walls(message, device_us)
+            self.localisation.see_walls(message, device_us)
 
     def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
         self._records.log_text(message, now_ns)
@@ -429,7 +442,7 @@ class Host(HostSenses):
             estimator.v_m_s,
             estimator.yaw_rate_rad_s,
             estimator.gyro_bias_sigma_rad_s,
-            self.heading_doubt_rad,
+            self.localisation.heading_doubt_rad,
         )
         stale = self._stale(now_ns)
         if self._in_doubt(now_ns):
@@ -514,7 +527,7 @@ class Host(HostSenses):
             self._jumps = self.state.times.jumps
             text = "the device's clock was set anew; the estimate begins again where it stood"
             self.event(now_ns, Severity.WARNING, "clock", "set", text)
-            self._booted()
+            self.localisation.begin_again()
         stale = self.state.stale(now_ns / 1e9, self.mission.needs)
         return "odometry" if stale is None and not self.estimator.known else stale
 

@@ -1,4 +1,4 @@
-"""What a robot's samples say of it: its newest state, and where it is by our estimate."""
+"""Localisation: a robot's samples to its newest state and its estimated pose."""
 
 from __future__ import annotations
 
@@ -17,29 +17,32 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 
-class HostSenses:
-    """The part of a host that listens to sensors."""
+class Localisation:
+    """Takes a robot's samples, and estimates where it is."""
 
     def __init__(self, model: RobotModel, start: Pose2) -> None:
-        self.model = model
+        self._model = model
         self.state = RobotState()
         self.estimator = PoseEstimator(model, start)
         self.encoders_us = 0
         """Device time of the newest encoder sample: the estimate's position is of then."""
         self._walls = Relocaliser(model, self.estimator)
 
-    def _booted(self) -> None:
+    def begin_again(self) -> None:
         """Its clock and its wheel counts began anew; the robot has not moved for that."""
-        self.estimator = PoseEstimator(self.model, self.estimator.pose)
-        self._walls = Relocaliser(self.model, self.estimator)
+        self.estimator = PoseEstimator(self._model, self.estimator.pose)
+        self._walls = Relocaliser(self._model, self.estimator)
 
-    def _keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
+    def keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
+        """Take a message that only the state needs."""
         self.state.take(message, device_us, now_ns / 1e9)
 
-    def _time_reply(self, message: TimeReply, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+    def time_reply(self, message: TimeReply, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+        """Take the device's clock."""
         self.state.times.hear(device_us, now_ns / 1e9)
 
-    def _imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
+    def imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
+        """Take a sample of the inertial sensor."""
         if not self.state.take(message, device_us, now_ns / 1e9):
             return
         self.estimator.on_imu(
@@ -50,7 +53,8 @@ class HostSenses:
             message.temperature_deg_c,
         )
 
-    def _encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
+    def encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
+        """Take wheel counts."""
         if not self.state.take(message, device_us, now_ns / 1e9):
             return
         self.encoders_us = device_us
@@ -61,7 +65,7 @@ class HostSenses:
         """Standard deviation of the heading against the walls found square; 0: there are none."""
         return self._walls.walls.heading_doubt_rad
 
-    def _see_walls(self, message: Range, device_us: DeviceUs) -> None:
+    def see_walls(self, message: Range, device_us: DeviceUs) -> None:
         """Let walls that are seen again correct the estimate."""
         self._walls.update(
             message.ultrasonic_m,

@@ -76,10 +76,10 @@ def told_errors(
             begun_s[:] = begun_s or [time_s]
             since_s = time_s - begun_s[0]
             due_s = told[-1].time_s + every_s if told else FIRST_S
-            true = truth.get(host.encoders_us // 1000)
+            true = truth.get(host.localisation.encoders_us // 1000)
             if since_s < due_s or true is None:
                 return
-            pose = host.estimator.pose_at(1e-6 * host.encoders_us)
+            pose = host.estimator.pose_at(1e-6 * host.localisation.encoders_us)
             turn = math.remainder(pose.theta_rad - true.theta_rad, math.tau)
             error = np.array([pose.x_m - true.x_m, pose.y_m - true.y_m, turn])
             told.append(Told(since_s, error, np.array(host.estimator.covariance)))

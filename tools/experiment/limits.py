@@ -51,7 +51,9 @@ class TruePose:
 
 def give_true_pose(run: VirtualRun) -> None:
     """Let planner and controllers have the true pose."""
-    run.host.estimator = cast("PoseEstimator", TruePose(run.host.estimator, run.device))
+    run.host.localisation.estimator = cast(
+        "PoseEstimator", TruePose(run.host.estimator, run.device)
+    )
 
 
 def split_loss(observed: Observed, planner: object) -> dict[str, float]:

@@ -157,12 +157,12 @@ class VirtualLoop:
     def _receive(self, data: bytes, now_ns: HostNs) -> None:
         """Hand bytes to the host; hold the estimate against the truth of the encoders' moment."""
         host, mission = self.host, self.host.mission
-        before_us = host.encoders_us
+        before_us = host.localisation.encoders_us
         host.receive(data, now_ns)
-        if host.encoders_us == before_us:
+        if host.localisation.encoders_us == before_us:
             return
         if mission.drive_started_s is not None and mission.drive_ended_s is None:
-            truth = self._poses.get(host.encoders_us // 1000)
+            truth = self._poses.get(host.localisation.encoders_us // 1000)
             if truth is not None:
                 self.end_error_m = error_m = truth.distance_m(host.estimator.pose)
                 if self.max_error_m is None or error_m > self.max_error_m:
