@@ -24,9 +24,10 @@ from bridge.session.records import RunInfo
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.schema.message import Direction
 from protocol.uart.framing import CRC, HEADER
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

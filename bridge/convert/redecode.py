@@ -23,9 +23,10 @@ from bridge.session.timesync import TimeSync
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import HostHello
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 from bridge.doctor.examination import Examination
 from bridge.session.session import Session
 from bridge.session.states import Agreed, Failed, State, StateChanged
-from protocol.link import Link, LinkBase
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.session.states import SessionEvent
     from protocol.clock import HostNs
+    from protocol.link import LinkBase
 
 
 class Visit:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from protocol.can.link import CanLink
-from protocol.link import Link, Medium, Received, Rejected
+from protocol.link import Medium, Received, Rejected
 from protocol.messages import (
     Hello,
     LinkCounters,
@@ -25,6 +25,7 @@ from protocol.messages import (
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.message import Direction
 from protocol.uart.framing import CRC, HEADER, DamagedFrame
+from protocol.uart.link import Link
 from protocol.values import OnboardPlanner, PlannerAction, label
 
 if TYPE_CHECKING:

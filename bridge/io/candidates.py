@@ -22,10 +22,11 @@ from bridge.io.port_loop import serve
 from bridge.io.ports import DEFAULT_BAUD, SerialPort
 from bridge.io.reopening import BY_ID, stable_name
 from protocol.clock import HostNs
-from protocol.link import NODE_ALL, Link, Received, Rejected
+from protocol.link import NODE_ALL, Received, Rejected
 from protocol.messages import Hello, HostHello
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

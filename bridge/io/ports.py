@@ -18,10 +18,12 @@ from bridge.io.tcp_port import SCHEME, TcpPort
 from bridge.io.waker import Waker
 from bridge.session.diagnosis import BEGINNING, words_of
 from protocol.can.link import CanLink
-from protocol.link import Link, LinkBase
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from types import TracebackType
+
+    from protocol.link import LinkBase
 
 DEFAULT_BAUD = 921_600
 READ_SIZE = 65_536

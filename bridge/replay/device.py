@@ -13,7 +13,7 @@ from bridge.convert.redecode import RAW_TOPICS, in_order, wire_records
 from bridge.record.errors import LogReadError
 from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
-from protocol.link import Link, Received, addresses
+from protocol.link import Received, addresses
 from protocol.messages import (
     Ack,
     Challenge,
@@ -37,6 +37,7 @@ from protocol.schema.agreement import describe
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame
+from protocol.uart.link import Link
 from protocol.values import NackReason
 
 if TYPE_CHECKING:

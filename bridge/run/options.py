@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from bridge.motion.geometry import Pose2
-from protocol.link import Link, LinkBase
+from protocol.uart.link import Link
+
+if TYPE_CHECKING:
+    from protocol.link import LinkBase
 
 _ORIGIN = Pose2(0.0, 0.0, 0.0)
 

@@ -30,7 +30,7 @@ from bridge.session.states import (
 )
 from protocol.clock import HostNs
 from protocol.commands import CommandSender
-from protocol.link import Link, LinkBase, Medium, Received, Rejected
+from protocol.link import LinkBase, Medium, Received, Rejected
 from protocol.messages import (
     Ack,
     Challenge,
@@ -46,6 +46,7 @@ from protocol.messages import (
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction, Message
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Callable

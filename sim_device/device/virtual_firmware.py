@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from protocol.commands import CommandLog
-from protocol.link import Link, LinkBase, Received, addresses
+from protocol.link import LinkBase, Received, addresses
 from protocol.messages import (
     Ack,
     Describe,
@@ -30,6 +30,7 @@ from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_AUTHENTICATED
+from protocol.uart.link import Link
 from protocol.values import (
     Fault,
     LogLevel,

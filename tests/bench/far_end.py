@@ -16,10 +16,11 @@ import serial
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import Ack, Hello, HostHello, Sync, TimeReply, TimeRequest
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 
 TIOCSPTLCK, TIOCGPTN = 0x4004_5431, 0x8004_5430
 """Of Linux: unlock a pseudo-terminal's slave; its number."""

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.motion.robot_model import RobotModel
 from bridge.session.records import CommandRecord, EventRecord, PoseRecord, TruthRecord
 from protocol.can.link import CanLink
-from protocol.link import Link
+from protocol.uart.link import Link
 from sim_device.faults.kinds import parse_fault
 from tools.cli.rooms import load_room, shipped_rooms
 from tools.virtual.run import EPOCH_NS, run_virtual

@@ -37,9 +37,9 @@ from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
 from bridge.session.records import RunInfo
 from bridge.session.states import State
-from protocol.link import Link
 from protocol.messages import Ack, SetStreamRate
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from protocol.commands import Outcome

@@ -15,10 +15,11 @@ import time
 from protocol.authentication import Authenticator
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
-from protocol.link import Link, LinkBase, Received
+from protocol.link import LinkBase, Received
 from protocol.messages import TimeRequest, VelocitySetpoint
 from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_AUTHENTICATED
+from protocol.uart.link import Link
 
 COUNT = 1000
 SESSION = (1, 2, 3)

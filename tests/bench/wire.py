@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 
 from bench import signing
 from bench.mavlink import parse_all, same_content
-from protocol.link import Link
 from protocol.messages import Imu
 from protocol.schema.message import Direction
 from protocol.uart.batch import decode_capture
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Callable

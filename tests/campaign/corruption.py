@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
 from protocol.schema.message import Direction
 from protocol.uart.batch import decode_capture
 from protocol.uart.framing import HEADER, encode_frame
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

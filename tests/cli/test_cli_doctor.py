@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.writer import Writer
 
-from protocol.link import Link
 from protocol.messages import Hello
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import ResetCause
 from support.cli import end, start, sweepctl
 

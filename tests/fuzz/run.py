@@ -25,8 +25,8 @@ from support.root import ROOT
 with atheris.instrument_imports(include=["protocol"]):
     from fuzz.targets import TARGETS
     from protocol.can.link import CanLink
-    from protocol.link import Link
     from protocol.schema.catalogue import CATALOGUE
+    from protocol.uart.link import Link
 
 
 CORPUS = Path(__file__).parent / "corpus"

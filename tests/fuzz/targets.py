@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 
 from protocol.can.link import CanLink
 from protocol.errors import ProtocolError
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import Encoders, LogText, VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE, Catalogue
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.batch import REASONS, decode_capture
 from protocol.uart.framing import DamagedFrame, Frame, UartParser, encode_frame
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -14,10 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from protocol.commands import MAX_TIMEOUT_US, MAX_TRIES, REMEMBERED, CommandLog, CommandSender
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import Ack, ClearStop, Nack, SetMode, Stop
 from protocol.schema.message import Direction, Message
 from protocol.uart.framing import FLAG_RETRY
+from protocol.uart.link import Link
 from support.hostile import BitFlips, Delayed, Duplicating, Lossy, Pipe, Wire
 
 TYPES = {Stop: 0x00, ClearStop: 0x05, SetMode: 0x06}

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from protocol.link import Link, LinkEvent, Received, Rejected
+from protocol.link import LinkEvent, Received, Rejected
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame, Frame, UartParser
+from protocol.uart.link import Link
 from support import reference_codec as ref
 from support import strategies as wire
 from support.hostile import (

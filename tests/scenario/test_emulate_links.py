@@ -19,9 +19,9 @@ import pytest
 
 from bridge.io.ports import open_port
 from bridge.io.stopping import stop_device
-from protocol.link import Link
 from protocol.messages import TimeRequest
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from sim_device.ports import PortUnavailableError, PtyPort, ask_control
 from sim_device.ports.tcp import SILENT_S
 from support.root import ROOT

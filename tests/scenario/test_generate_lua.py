@@ -11,12 +11,12 @@ import pytest
 
 from protocol.authentication import Authenticator
 from protocol.generate import render
-from protocol.link import Link
 from protocol.messages import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.framing import encode_frame
+from protocol.uart.link import Link
 from support import reference_codec as ref
 from support.captures import (
     USER0,

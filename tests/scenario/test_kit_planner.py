@@ -10,7 +10,7 @@ import pytest
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.floor_plan.floor_plan import parse_floorplan
 from bridge.motion.robot_model import RobotModel
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import (
     ClearStop,
     HostHello,
@@ -22,6 +22,7 @@ from protocol.messages import (
     TimeRequest,
 )
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause
 from sim_device.sweeper import VirtualSweeper
 from support.kit_build import the_kit

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 import bridge
-from protocol.link import Link
 from protocol.messages import Hello, Imu, Status
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from support.cli import end, start, sweepctl
 from support.served import Served
 

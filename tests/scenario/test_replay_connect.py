@@ -16,7 +16,7 @@ from bridge.session.session import Session
 from bridge.session.states import Data, Ping, State
 from bridge.session.timesync import TimeSync
 from protocol.clock import HostNs
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import (
     Ack,
     Describe,
@@ -31,6 +31,7 @@ from protocol.messages import (
 )
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame
+from protocol.uart.link import Link
 from protocol.values import NackReason
 from support.cli import end, plain_messages, short_runs, start, sweepctl
 

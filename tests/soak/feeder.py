@@ -15,10 +15,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import Ack, Encoders, Hello, HostHello, Imu, Status, TimeReply, TimeRequest
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 
 PERIOD_S = 0.002
 MOST_AT_ONCE = 200

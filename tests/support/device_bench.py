@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import (
     ClearStop,
     HostHello,
@@ -14,6 +14,7 @@ from protocol.messages import (
 )
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, Message
+from protocol.uart.link import Link
 from protocol.values import Mode, StopCause
 from support.ends import sweeper
 

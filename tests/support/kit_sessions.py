@@ -10,7 +10,6 @@ from cobs import cobs
 from hypothesis import strategies as st
 
 from protocol.can.link import CanLink
-from protocol.link import Link
 from protocol.messages import (
     ClearStop,
     Describe,
@@ -29,6 +28,7 @@ from protocol.messages import (
 )
 from protocol.schema.message import Direction
 from protocol.uart.framing import encode_frame
+from protocol.uart.link import Link
 from protocol.values import Mode, StopCause
 from support.kit_script import NO_RANGE, PARAMETERS, Boot, Readings, Step
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from bridge.session.session import Session
 from bridge.session.states import Agreed, Data, Ping, State
 from protocol.clock import HostNs
-from protocol.link import Link
 from protocol.messages import Imu
+from protocol.uart.link import Link
 from protocol.values import Mode, StopCause
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import STRAIGHT, LineSettings

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import (
     Ack,
     ClearStop,
@@ -20,6 +20,7 @@ from protocol.messages import (
 )
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import Mode, NackReason, OnboardPlanner, PlannerAction, StopCause
 
 if TYPE_CHECKING:

@@ -146,7 +146,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     from bridge.config import load_robot
     from bridge.errors import PortError
     from protocol.can.link import CanLink
-    from protocol.link import Link
+    from protocol.uart.link import Link
     from sim_device.ports import ControlServer, PortUnavailableError, Stopper, Watchers, serve
     from tools.cli.keyfile import read_key
     from tools.cli.rooms import load_room

@@ -19,7 +19,7 @@ from bridge.run.mission import Resume
 from bridge.run.options import HostOptions
 from bridge.session.records import RoomRecord, Severity, TruthRecord
 from bridge.session.stop_request import StopRequest
-from protocol.link import Link
+from protocol.uart.link import Link
 from protocol.values import StopCause
 from sim_device.line.line import STRAIGHT
 from sim_device.rig import Rig

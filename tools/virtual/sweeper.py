@@ -26,8 +26,8 @@ from bridge.run.options import HostOptions
 from bridge.run.summary import run_summary
 from bridge.session.states import State
 from protocol.can.link import CanLink
-from protocol.link import Link
 from protocol.messages import Encoders, Imu, Power, Range, Status
+from protocol.uart.link import Link
 from protocol.values import StopCause
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import STRAIGHT

@@ -14,9 +14,10 @@ from bridge.run.ending import Ending
 from bridge.session.records import EventRecord
 from protocol.clock import HostNs
 from protocol.errors import FieldRangeError
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import GetParameter, Stop, VelocitySetpoint
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import StopCause
 from support.ends import Collector, spinning_host, sweeper
 

@@ -8,10 +8,10 @@ from bridge.doctor import ADVICE, Examination
 from bridge.doctor.wire_view import Damaged
 from bridge.session.records import Severity
 from campaign.doctor import PATIENTS, uncovered, visit
-from protocol.link import Link
 from protocol.messages import Encoders, Hello, LinkCounters, Power, Status
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import ResetCause, StopCause
 from support.clinic import Visit, examine
 

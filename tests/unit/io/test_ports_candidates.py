@@ -21,10 +21,11 @@ from bridge.io import candidates as module
 from bridge.io import ports
 from bridge.io.candidates import ADAPTERS, Candidate, candidates, probe
 from bridge.io.reopening import Opener, PortOptions, stable_name
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import Hello, HostHello
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -23,7 +23,7 @@ from protocol.authentication import (
 from protocol.can.authentication import TOGETHER_US
 from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
-from protocol.link import Link, Received, Rejected
+from protocol.link import Received, Rejected
 from protocol.messages import (
     Describe,
     HostHello,
@@ -34,6 +34,7 @@ from protocol.messages import (
 )
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from protocol.link import LinkBase

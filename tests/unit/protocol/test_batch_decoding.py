@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from protocol.link import Link
 from protocol.messages import Encoders, Hello, Imu, LogText, Range
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
 from protocol.uart.batch import BatchDecoder, decode_capture, iter_capture, row_dtype
 from protocol.uart.framing import Damage, encode_frame
+from protocol.uart.link import Link
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,7 +8,7 @@ import pytest
 
 from protocol.clock import DeviceUs, extend_us
 from protocol.errors import FieldRangeError, LocalError, ProtocolError, RemoteError
-from protocol.link import Link, LinkEvent, Received, Rejected, WrongDirectionError
+from protocol.link import LinkEvent, Received, Rejected, WrongDirectionError
 from protocol.messages import (
     Encoders,
     Hello,
@@ -25,6 +25,7 @@ from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.framing import FLAG_RETRY, Damage, DamagedFrame, FrameSizeError
+from protocol.uart.link import Link
 from protocol.values import Fault, Mode, flag_labels, label
 from support import reference_codec as ref
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from protocol.link import Link, Received, Rejected
+from protocol.link import Received, Rejected
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.codec import Codec
 from protocol.schema.message import Direction
 from protocol.uart.framing import DamagedFrame, Frame, UartParser, encode_frame
+from protocol.uart.link import Link
 from support import reference_codec as ref
 from support.root import ROOT
 

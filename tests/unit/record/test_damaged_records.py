@@ -15,9 +15,9 @@ from bridge.session.records import EventRecord, RawBytes, RunInfo
 from bridge.session.states import State
 from bridge.view.report.run_data import frames_of, load_run
 from protocol.clock import HostNs
-from protocol.link import Link
 from protocol.schema.message import Direction
 from protocol.uart.framing import Damage, DamagedFrame, encode_frame
+from protocol.uart.link import Link
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
 from support.hostile import Pipe
 

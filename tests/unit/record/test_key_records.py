@@ -12,9 +12,10 @@ from bridge.session.records import RawBytes, RawCan
 from bridge.session.states import State
 from protocol.authentication import key_words
 from protocol.can.frames import RECORD
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import SetKey, Stop
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from support.ends import Collector, Ends, HostEnd, spinning_host, sweeper
 
 KEYS = [bytes(range(1, 17)), b"a pass\0phrase!\0\x0f", bytes(15) + b"\x01"]

@@ -8,8 +8,8 @@ import pytest
 
 from bridge.session.outbox import Outbox
 from protocol.clock import HostNs
-from protocol.link import Link
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from tools.virtual.settings import Settings
 from tools.virtual.sweeper import SimulatedSweeper
 

@@ -10,7 +10,7 @@ import pytest
 from bridge.run.mission import Phase
 from bridge.run.robot_state import missing_needs, understood
 from bridge.session.states import Agreed, Data, Failed, State
-from protocol.link import Link, Received, Rejected
+from protocol.link import Received, Rejected
 from protocol.messages import (
     ALL_MESSAGES,
     Ack,
@@ -32,6 +32,7 @@ from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.fields import U8, U16, number
 from protocol.schema.message import Direction, Message, RateClass, message, specify
 from protocol.uart.framing import encode_frame
+from protocol.uart.link import Link
 from support.ends import Ends, HostEnd, SessionEnd, Valve, session_end, spinning_host, sweeper
 from support.hostile import Lossy, Piece, Pipe, Wire
 from support.peers import EXTRA, catalogue, hints_of, variant

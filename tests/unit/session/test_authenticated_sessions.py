@@ -13,7 +13,6 @@ from protocol.authentication import (
     key_words,
 )
 from protocol.can.link import CanLink
-from protocol.link import Link
 from protocol.messages import (
     ClearStop,
     GetParameter,
@@ -23,6 +22,7 @@ from protocol.messages import (
 )
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import Mode, NackReason, StopCause
 from support.ends import Ends, HostEnd, SessionEnd, check_safe, spinning_host, sweeper
 

@@ -21,9 +21,10 @@ from bridge.session.records import EventRecord
 from bridge.session.round_trip import LIMIT_NS, LinkTrouble, RoundTrip
 from bridge.session.states import State
 from protocol.can.link import CanLink
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import PlannerCommand, TimeReply, TimeRequest
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import Mode, OnboardPlanner, StopCause
 from support.bench_wire import desk_on
 from support.ends import Collector, Ends, HostEnd, Spinning, check_safe, spinning_host, sweeper

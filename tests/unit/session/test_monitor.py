@@ -9,9 +9,9 @@ import pytest
 from bridge.session.monitor import Monitor, UnknownTypeError
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
-from protocol.link import Link
 from protocol.messages import Encoders, Hello, Stop, Sync
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import StopCause
 from support.reference_codec import cobs_encode, crc32
 

@@ -15,10 +15,11 @@ from bridge.session.session import (
 )
 from bridge.session.states import RESTLESS, Agreed, Failed, Restless, SessionEvent, State
 from protocol.clock import HostNs
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import Hello, HostHello, Status
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from support.ends import Ends, SessionEnd, session_end, sweeper
 
 if TYPE_CHECKING:

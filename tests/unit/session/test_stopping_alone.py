@@ -11,10 +11,11 @@ from bridge.io import clock
 from bridge.io.stopping import CONFIRM_S, send_until_confirmed, stop_device
 from bridge.session.stop_request import REPEAT_NS, StopRequest
 from protocol.clock import HostNs
-from protocol.link import NODE_ALL, Link, Received
+from protocol.link import NODE_ALL, Received
 from protocol.messages import Ack, Nack, Stop
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import NackReason, StopCause
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from protocol.authentication import Authenticator
-from protocol.link import Link, Received
+from protocol.link import Received
 from protocol.messages import (
     Ack,
     Challenge,
@@ -23,6 +23,7 @@ from protocol.messages import (
 from protocol.schema.catalogue import CATALOGUE
 from protocol.schema.message import Direction, Message
 from protocol.uart.framing import FLAG_AUTHENTICATED, encode_frame
+from protocol.uart.link import Link
 from protocol.values import Mode, StopCause
 from support.ends import sweeper
 

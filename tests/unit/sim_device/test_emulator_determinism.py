@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from protocol.link import Link
 from protocol.messages import ClearStop, HostHello, SetMode, TimeRequest, VelocitySetpoint
 from protocol.schema.message import Direction
+from protocol.uart.link import Link
 from protocol.values import Mode, StopCause
 from sim_device.faults.kinds import parse_fault
 from sim_device.line.line import LineSettings
