@@ -136,13 +136,16 @@ class Fairly:
 
     # ---- what came of it ------------------------------------------------------------------
 
-    def pytest_report_teststatus(self, report: pytest.TestReport) -> tuple[str, str, str] | None:
+    def pytest_report_teststatus(
+        self, report: pytest.TestReport | pytest.CollectReport
+    ) -> tuple[str, str, str] | None:
         if _notes(report, PUT_OFF):
             return PUT_OFF, "p", "PUT OFF"
         return None
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        reports = [r for kind in terminalreporter.stats.values() for r in kind if _is_test(r)]
+        stats = terminalreporter.stats.values()
+        reports = [r for kind in stats for r in kind if isinstance(r, pytest.TestReport)]
         if again := [f"{r.nodeid}: {text}" for r in reports for text in _notes(r, AGAIN)]:
             terminalreporter.section("ran again, because the machine was busy")
             terminalreporter.write("\n".join(again) + "\n")
@@ -159,15 +162,12 @@ def _is_realtime(item: pytest.Item) -> bool:
     return item.get_closest_marker("realtime") is not None
 
 
-def _is_test(report: object) -> bool:
-    return isinstance(report, pytest.TestReport)
-
-
 def _cause(report: pytest.TestReport) -> str:
     """A failure in one line."""
     lines = report.longreprtext.strip().splitlines() or [""]
     return next((line[1:].strip() for line in lines if line.startswith("E ")), lines[-1])
 
 
-def _notes(report: pytest.TestReport, kind: str) -> list[Any]:
-    return [value for key, value in report.user_properties if key == kind]
+def _notes(report: pytest.TestReport | pytest.CollectReport, kind: str) -> list[Any]:
+    properties = report.user_properties if isinstance(report, pytest.TestReport) else ()
+    return [value for key, value in properties if key == kind]
