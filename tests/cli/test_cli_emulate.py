@@ -5,17 +5,20 @@ from __future__ import annotations
 import os
 import signal
 import time
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.io.owner_client import ask
 from bridge.record.reader import LogReader
 from support.cli import PATIENCE_S, decoded, end, plain_messages, start, sweepctl
 
 if TYPE_CHECKING:
     import subprocess
+    from collections.abc import Iterator
 
 pytestmark = pytest.mark.slow
 
@@ -37,6 +40,39 @@ def test_ready_and_ended_by_a_signal(tmp_path: Path, number: signal.Signals) -> 
     assert (done.status, done.out) == (0, "")
     assert "case-1" in done.line
     assert list(tmp_path.iterdir()) == []
+
+
+@contextmanager
+def nohup() -> Iterator[None]:
+    """What is started meanwhile runs on when its terminal goes away."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.realtime
+def test_under_nohup_a_lost_terminal_ends_neither_the_emulator_nor_a_run(tmp_path: Path) -> None:
+    with nohup():
+        emulator = start("emulate", "empty", cwd=tmp_path)
+        port = ready(emulator)
+        host = start("connect", port, "--duration", "2", "--json", cwd=tmp_path)
+    until_s = time.monotonic() + PATIENCE_S
+    while not _is_owned(port):
+        assert time.monotonic() < until_s
+        time.sleep(0.05)
+    emulator.send_signal(signal.SIGHUP)
+    ended = end(host, signal.SIGHUP)
+    assert (ended.status, ended.json["reason"]) == (0, "the time asked for is over"), ended
+    assert end(emulator, signal.SIGTERM).status == 0
+
+
+def _is_owned(port: str) -> bool:
+    """Whether a run is under way on it."""
+    with suppress(Exception):  # nobody has it yet
+        return bool(ask(port, {"do": "status"})["status"])
+    return False
 
 
 def test_two_at_once_have_ports_of_their_own(tmp_path: Path) -> None:

@@ -18,16 +18,21 @@ if sys.platform != "win32":
     _ENDING.add(signal.SIGHUP)
 
 
-@contextlib.contextmanager
-def until_signalled(end: Callable[[], None]) -> Iterator[None]:
-    """Call ``end`` at Ctrl-C, at a request to terminate and where the terminal goes away.
+def ending_signals() -> list[signal.Signals]:
+    """Signals that end a command: Ctrl-C, a request to terminate, and the loss of the terminal.
 
-    That it goes away is of no account where it was told so (``nohup``).
+    Not the last one where it is ignored: ``nohup`` asks for that.
     """
     numbers = [signal.SIGINT, signal.SIGTERM]
     if sys.platform != "win32" and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, lambda _n, _f: end()) for number in numbers}
+    return numbers
+
+
+@contextlib.contextmanager
+def until_signalled(end: Callable[[], None]) -> Iterator[None]:
+    """Call ``end`` at a signal that ends a command."""
+    before = {number: signal.signal(number, lambda _n, _f: end()) for number in ending_signals()}
     try:
         yield
     finally:

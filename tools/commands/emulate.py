@@ -14,6 +14,7 @@ import click
 from tools.cli import options
 from tools.cli.completion import complete_room
 from tools.cli.console import flush, say, write_line
+from tools.cli.signals import ending_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -159,7 +160,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     kind = Link if link in _SERIAL else CanLink
     boot_id = secrets.randbelow(0xFFFF_FFFF) + 1  # a host must notice that it was started anew
     stopper = Stopper()
-    for number in _signals():
+    for number in ending_signals():
         signal.signal(number, lambda _number, _frame: stopper.stop())
     try:
         with ExitStack() as stack:
@@ -217,7 +218,7 @@ def command(  # noqa: PLR0913 - one parameter per option
             _sum_up(rig, report, chip, asked=stats)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
-    for number in _signals():  # a second one, as `timeout` sends, must not spoil the status
+    for number in ending_signals():  # a second one, as `timeout` sends, must not spoil the status
         signal.signal(number, signal.SIG_IGN)
     return 0
 
@@ -286,12 +287,6 @@ def _warn(  # noqa: PLR0913 - everything that can be wrong at the start
     risk = port_risk(link, listen, lan=lan, keyed=keyed)
     if risk is not None:
         _tell(f"warning: {risk}")
-
-
-def _signals() -> list[signal.Signals]:
-    """Those that end it; SIGHUP where there is one."""
-    names = ("SIGINT", "SIGTERM", "SIGHUP")
-    return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
 def _line(link: str, baud: int | None, latency_ms: float | None, bitrate: int) -> LineSettings:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import gc
 import signal
-import sys
 from array import array
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -44,6 +43,7 @@ from tools.cli.options import DEFAULT_PLANNER
 from tools.cli.recording import check_view, live_view
 from tools.cli.remedies import with_remedy
 from tools.cli.replaced_log import ReplacedLog
+from tools.cli.signals import ending_signals
 from tools.live.comparing import compared, start_checked
 from tools.live.heading import LiveCoverage, RunFacts
 from tools.live.live import LivePicture, Teller
@@ -334,10 +334,7 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
         pump.request_end(Ending("stopped", f"ended by {name}", 0))
 
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if sys.platform != "win32":
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, interrupted) for number in numbers}
+    before = {number: signal.signal(number, interrupted) for number in ending_signals()}
     try:
         with contextlib.ExitStack() as stack:
             if gamepad is not None:
