@@ -15,52 +15,24 @@ from __future__ import annotations
 import dataclasses
 import math
 import tomllib
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from bridge.errors import ConfigError
 from bridge.motion.robot_model import RangerMount, RobotModel
-from bridge.spelling import unknown_key
 from bridge.supervise.settings import PREFIX as SUPERVISE
 from bridge.supervise.settings import SuperviseSettings, settings_from
+from bridge.validation import fill
 
 if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
     from pathlib import Path
 
 MAX_FILE_BYTES = 64 * 1024
-MAX_NAME = 64
 ROUNDING_M = 1e-6
 """Length that counts as zero: rounding of the numbers in a robot file."""
 MAX_OVERHANG = 0.5
 """Largest distance of a sensor from the hull, outside it, as a share of the radius: the longest
 bracket that is plausible. A sensor farther out is a typing error."""
-_SHOWN = 10**30
-_RANGES: dict[str, tuple[float, float]] = {
-    "robot_diameter_m": (0.05, 2.0),
-    "cleaning_width_m": (0.02, 2.0),
-    "cruise_speed_m_s": (0.01, 2.0),
-    "max_speed_m_s": (0.01, 2.0),
-    "max_accel_m_s2": (0.01, 10.0),
-    "max_yaw_rate_rad_s": (0.05, 20.0),
-    "max_yaw_accel_rad_s2": (0.05, 100.0),
-    "wheel_diameter_m": (0.01, 1.0),
-    "wheel_base_m": (0.02, 2.0),
-    "battery_v": (3.0, 60.0),
-    "battery_ah": (0.1, 200.0),
-    "mouth_offset_m": (-1.0, 1.0),
-    "driver_drop_v": (0.0, 5.0),
-    "counts_per_turn": (4, 1_000_000),
-    "wheel_ratio": (0.8, 1.25),
-    "gyro_bias_rad_s": (-0.4, 0.4),
-    "scale": (0.5, 2.0),
-    "offset_m": (-0.2, 0.2),
-    "x_m": (-1.0, 1.0),
-    "y_m": (-1.0, 1.0),
-    "yaw_rad": (-2 * math.pi, 2 * math.pi),
-    "min_range_m": (0.0, 10.0),
-    "max_range_m": (0.01, 20.0),
-    "cone_rad": (0.0, math.pi),
-}
 
 
 def load_robot(path: Path | None) -> tuple[RobotModel, str]:
@@ -147,7 +119,7 @@ def parse_robot(text: str) -> RobotModel:
         settings_from(data.pop(SUPERVISE, {}))  # a wrong rule is told before a run, not in it
     except ConfigError as error:
         problems += error.problems
-    model = _fill(RobotModel(), data, "", problems)
+    model = fill(RobotModel(), data, "", problems, also_known=(SUPERVISE,))
     problems += _impossible(model, {problem.partition(":")[0] for problem in problems})
     if problems:
         raise ConfigError(*problems)
@@ -243,42 +215,3 @@ def _escaped(character: str) -> str:
     if character in '"\\':
         return "\\" + character
     return character if character.isprintable() else f"\\U{ord(character):08x}"
-
-
-_T = TypeVar("_T", RobotModel, RangerMount)
-
-
-def _fill(base: _T, data: dict[str, Any], prefix: str, problems: list[str]) -> _T:
-    """``base`` with what stands in the file; what is wrong there is added to ``problems``."""
-    known: list[str] = [field.name for field in dataclasses.fields(base)]
-    tables: list[str] = [] if prefix else [SUPERVISE]
-    changes: dict[str, Any] = {}
-    for key, value in data.items():
-        if key not in known:
-            problems.append(unknown_key(prefix, key, [*known, *tables]))
-            continue
-        try:
-            changes[key] = _value(f"{prefix}{key}", key, getattr(base, key), value, problems)
-        except ConfigError as error:
-            problems += error.problems
-    return dataclasses.replace(base, **changes)
-
-
-def _value(path: str, key: str, default: object, value: object, problems: list[str]) -> object:
-    if isinstance(default, RangerMount):
-        if not isinstance(value, dict):
-            raise ConfigError(f"{path}: must be a table")
-        return _fill(default, value, f"{path}.", problems)
-    if isinstance(default, str):
-        if not isinstance(value, str) or not 0 < len(value) <= MAX_NAME:
-            raise ConfigError(f"{path}: must be a text of 1 to {MAX_NAME} characters")
-        return value
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{path}: {value!r} is not a number")
-    if isinstance(default, int) and not isinstance(value, int):
-        raise ConfigError(f"{path}: {value!r} is not a whole number")
-    low, high = _RANGES[key]
-    if not low <= value <= high:
-        shown = repr(value) if isinstance(value, float) or abs(value) < _SHOWN else "a huge number"
-        raise ConfigError(f"{path}: {shown} is out of range {low:g}..{high:g}")
-    return value if isinstance(default, int) else float(value)

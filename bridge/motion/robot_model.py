@@ -8,6 +8,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
+
+
+def _in(default: float, low: float, high: float) -> Any:  # noqa: ANN401 - a dataclass field
+    """A number with the range that a robot file may give it."""
+    return field(default=default, metadata={"range": (low, high)})
+
+
+def _limited(low: float, high: float) -> Any:  # noqa: ANN401 - a dataclass field
+    """The same without a default."""
+    return field(metadata={"range": (low, high)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,15 +28,15 @@ class RangerMount:
     Mount in the body frame (x forward, y left, from the axle's centre).
     """
 
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    min_range_m: float
-    max_range_m: float
-    cone_rad: float = 0.0
+    x_m: float = _limited(-1.0, 1.0)
+    y_m: float = _limited(-1.0, 1.0)
+    yaw_rad: float = _limited(-2 * math.pi, 2 * math.pi)
+    min_range_m: float = _limited(0.0, 10.0)
+    max_range_m: float = _limited(0.01, 20.0)
+    cone_rad: float = _in(0.0, 0.0, math.pi)
     """Full opening angle; 0 for a beam."""
-    scale: float = 1.0
-    offset_m: float = 0.0
+    scale: float = _in(1.0, 0.5, 2.0)
+    offset_m: float = _in(0.0, -0.2, 0.2)
     """What the device makes of its raw range: scale · raw + offset, by ``calibrate range``."""
 
     @property
@@ -61,33 +72,33 @@ class RobotModel:
     """Everything about the robot that the host and the virtual device must agree on."""
 
     name: str = "sweeper"
-    robot_diameter_m: float = 0.32
+    robot_diameter_m: float = _in(0.32, 0.05, 2.0)
     """Φ of the paper's Table 1."""
-    cleaning_width_m: float = 0.16
+    cleaning_width_m: float = _in(0.16, 0.02, 2.0)
     """W of the paper's Table 1."""
-    mouth_offset_m: float = 0.0
+    mouth_offset_m: float = _in(0.0, -1.0, 1.0)
     """How far ahead of the axle the mouth sits."""
-    cruise_speed_m_s: float = 0.20
-    max_speed_m_s: float = 0.30
-    max_accel_m_s2: float = 0.40
-    max_yaw_rate_rad_s: float = 2.0
-    max_yaw_accel_rad_s2: float = 8.0
-    wheel_diameter_m: float = 0.065
+    cruise_speed_m_s: float = _in(0.20, 0.01, 2.0)
+    max_speed_m_s: float = _in(0.30, 0.01, 2.0)
+    max_accel_m_s2: float = _in(0.40, 0.01, 10.0)
+    max_yaw_rate_rad_s: float = _in(2.0, 0.05, 20.0)
+    max_yaw_accel_rad_s2: float = _in(8.0, 0.05, 100.0)
+    wheel_diameter_m: float = _in(0.065, 0.01, 1.0)
     """D of eq. 3, which is not the D of the algorithm."""
-    counts_per_turn: int = 1560
+    counts_per_turn: int = _in(1560, 4, 1_000_000)
     """n of eq. 3: encoder counts per wheel turn, after ×4."""
-    wheel_base_m: float = 0.23
+    wheel_base_m: float = _in(0.23, 0.02, 2.0)
     """B of eq. 4."""
     ultrasonic: RangerMount = field(default_factory=_ultrasonic)
     infrared_left: RangerMount = field(default_factory=_infrared_left)
     infrared_right: RangerMount = field(default_factory=_infrared_right)
-    battery_v: float = 16.0
-    battery_ah: float = 9.0
-    driver_drop_v: float = 1.9
+    battery_v: float = _in(16.0, 3.0, 60.0)
+    battery_ah: float = _in(9.0, 0.1, 200.0)
+    driver_drop_v: float = _in(1.9, 0.0, 5.0)
     """L298N saturation voltage, both legs together."""
-    wheel_ratio: float = 1.0
+    wheel_ratio: float = _in(1.0, 0.8, 1.25)
     """Right wheel's diameter over the left's (Borenstein's E_d); their mean is the diameter."""
-    gyro_bias_rad_s: float = 0.0
+    gyro_bias_rad_s: float = _in(0.0, -0.4, 0.4)
     """Yaw rate that the gyro tells at rest, by ``calibrate gyro``: each run measures it anew."""
 
     @property

@@ -20,10 +20,10 @@ import enum
 import math
 import tomllib
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 from bridge.errors import ConfigError
-from bridge.spelling import unknown_key
+from bridge.validation import fill, number
 
 MAX_CORNERS = 256
 MAX_SECONDS = 3600.0
@@ -51,6 +51,26 @@ def _in(default: float, low: float, high: float) -> Any:  # noqa: ANN401 - a dat
 
 def _seconds(default: float) -> Any:  # noqa: ANN401 - a dataclass field
     return _in(default, 0.0, MAX_SECONDS)
+
+
+def _polygon(path: str, value: object) -> tuple[Point, ...]:
+    if not isinstance(value, list) or not (value == [] or 3 <= len(value) <= MAX_CORNERS):  # noqa: PLR2004 - a triangle
+        raise ConfigError(f"{path}: must be a list of 3 to {MAX_CORNERS} corners [x, y]")
+    corners = []
+    for index, corner in enumerate(value):
+        if not isinstance(corner, list) or len(corner) != 2:  # noqa: PLR2004 - x and y
+            raise ConfigError(f"{path}[{index}]: must be [x, y], in metres")
+        x, y = (number(f"{path}[{index}]", v, -1000.0, 1000.0) for v in corner)
+        corners.append((x, y))
+    if corners and math.isclose(_area(corners), 0.0, abs_tol=1e-6):
+        raise ConfigError(f"{path}: its corners enclose nothing")
+    return tuple(corners)
+
+
+def _area(corners: list[Point]) -> float:
+    return 0.5 * sum(
+        corners[i - 1][0] * y - x * corners[i - 1][1] for i, (x, y) in enumerate(corners)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +183,7 @@ class FenceRule(Rule):
 
     radius_m: float = _in(0.0, 0.0, 1000.0)
     """Around where it was as the watch began; 0: none."""
-    polygon: tuple[Point, ...] = ()
+    polygon: tuple[Point, ...] = field(default=(), metadata={"read": _polygon})
     """Corners, in the frame of the map."""
 
 
@@ -225,7 +245,6 @@ class SuperviseSettings:
         return {name: value for name, value in values.items() if isinstance(value, Rule)}
 
 
-_T = TypeVar("_T", bound="SuperviseSettings | Rule")
 PREFIX = "supervise"
 
 
@@ -239,7 +258,7 @@ def settings_from(table: object, base: SuperviseSettings | None = None) -> Super
     if not isinstance(table, dict):
         raise ConfigError(f"{PREFIX}: must be a table")
     problems: list[str] = []
-    settings = _fill(base or SuperviseSettings(), table, PREFIX, problems)
+    settings = fill(base or SuperviseSettings(), table, f"{PREFIX}.", problems)
     if problems:
         raise ConfigError(*problems)
     return settings
@@ -287,78 +306,3 @@ def _as_toml(value: object) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(f'[{x!r}, {y!r}]' for x, y in value)}]"
     return repr(value)
-
-
-def _fill(base: _T, table: dict[str, Any], path: str, problems: list[str]) -> _T:
-    """``base`` with what stands in the table; what is wrong there is added to ``problems``."""
-    fields = {each.name: each for each in dataclasses.fields(base)}
-    changes: dict[str, Any] = {}
-    for key, value in table.items():
-        if key not in fields:
-            problems.append(unknown_key(f"{path}.", key, fields))
-            continue
-        try:
-            default = getattr(base, key)
-            changes[key] = _value(f"{path}.{key}", default, fields[key], value, problems)
-        except ConfigError as error:
-            problems += error.problems
-    return dataclasses.replace(base, **changes)
-
-
-def _value(
-    path: str,
-    default: object,
-    declared: dataclasses.Field[Any],
-    value: object,
-    problems: list[str],
-) -> object:
-    if isinstance(default, Rule):
-        if not isinstance(value, dict):
-            raise ConfigError(f"{path}: must be a table")
-        return _fill(default, value, path, problems)
-    if isinstance(default, Level):
-        return _level(path, value)
-    if isinstance(default, tuple):
-        return _polygon(path, value)
-    low, high = declared.metadata["range"]
-    return _number(path, value, low, high)
-
-
-def _level(path: str, value: object) -> Level:
-    names = {level.name.lower(): level for level in Level}
-    if not isinstance(value, str) or value not in names:
-        raise ConfigError(f"{path}: {_shown(value)} is not one of {', '.join(names)}")
-    return names[value]
-
-
-def _number(path: str, value: object, low: float, high: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{path}: {_shown(value)} is not a number")
-    if not low <= value <= high:  # "nan" is in no range
-        raise ConfigError(f"{path}: {_shown(value)} is out of range {low:g}..{high:g}")
-    return float(value)
-
-
-def _polygon(path: str, value: object) -> tuple[Point, ...]:
-    if not isinstance(value, list) or not (value == [] or 3 <= len(value) <= MAX_CORNERS):  # noqa: PLR2004 - a triangle
-        raise ConfigError(f"{path}: must be a list of 3 to {MAX_CORNERS} corners [x, y]")
-    corners = []
-    for number, corner in enumerate(value):
-        if not isinstance(corner, list) or len(corner) != 2:  # noqa: PLR2004 - x and y
-            raise ConfigError(f"{path}[{number}]: must be [x, y], in metres")
-        x, y = (_number(f"{path}[{number}]", v, -1000.0, 1000.0) for v in corner)
-        corners.append((x, y))
-    if corners and math.isclose(_area(corners), 0.0, abs_tol=1e-6):
-        raise ConfigError(f"{path}: its corners enclose nothing")
-    return tuple(corners)
-
-
-def _area(corners: list[Point]) -> float:
-    return 0.5 * sum(
-        corners[i - 1][0] * y - x * corners[i - 1][1] for i, (x, y) in enumerate(corners)
-    )
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:40]}…"  # noqa: PLR2004 - what a line takes

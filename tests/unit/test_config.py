@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from bridge.config import (
-    _RANGES,
     MAX_FILE_BYTES,
     load_robot,
     parse_robot,
@@ -38,7 +37,7 @@ def test_every_number_of_the_model_has_a_range() -> None:
     for cls in (RobotModel, RangerMount):
         for field in dataclasses.fields(cls):
             if field.type in {"float", "int"}:
-                low, high = _RANGES[field.name]
+                low, high = field.metadata["range"]
                 assert low < high
 
 

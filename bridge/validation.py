@@ -1,0 +1,103 @@
+"""Tables of a TOML file to dataclasses: every problem is named by its key.
+
+A field's default gives its type. Its metadata may hold ``range`` (lowest and highest value of a
+number) or ``read`` (a function of path and value, for what is none of these).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from bridge.errors import ConfigError, shown
+from bridge.spelling import unknown_key
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from _typeshed import DataclassInstance
+
+MAX_TEXT = 64
+"""Longest text, characters."""
+_T = TypeVar("_T", bound="DataclassInstance")
+
+
+def fill(
+    base: _T,
+    table: dict[str, Any],
+    path: str,
+    problems: list[str],
+    *,
+    also_known: tuple[str, ...] = (),
+) -> _T:
+    """Give ``base`` with the values of a table.
+
+    Args:
+        base: The defaults.
+        table: The table, as the TOML file has it.
+        path: The table's name and a dot; empty for the file's top.
+        problems: What is wrong is added to it.
+        also_known: Keys that somebody else reads.
+
+    """
+    fields = {each.name: each for each in dataclasses.fields(base)}
+    changes: dict[str, Any] = {}
+    for key, value in table.items():
+        if key not in fields:
+            problems.append(unknown_key(path, key, [*fields, *also_known]))
+            continue
+        try:
+            default = getattr(base, key)
+            changes[key] = _value(f"{path}{key}", default, value, fields[key].metadata, problems)
+        except ConfigError as error:
+            problems += error.problems
+    return dataclasses.replace(base, **changes)
+
+
+def number(path: str, value: object, low: float, high: float) -> float:
+    """Read a number.
+
+    Raises:
+        ConfigError: it is none, or out of its range.
+
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ConfigError(f"{path}: {shown(value)} is not a number")
+    if not low <= value <= high:  # "nan" is in no range
+        raise ConfigError(f"{path}: {shown(value)} is out of range {low:g}..{high:g}")
+    return float(value)
+
+
+def _value(
+    path: str,
+    default: object,
+    value: object,
+    metadata: Mapping[str, Any],
+    problems: list[str],
+) -> object:
+    if "read" in metadata:
+        return metadata["read"](path, value)
+    if dataclasses.is_dataclass(default) and not isinstance(default, type):
+        if not isinstance(value, dict):
+            raise ConfigError(f"{path}: must be a table")
+        return fill(default, value, f"{path}.", problems)
+    if isinstance(default, enum.Enum):
+        return _member(path, type(default), value)
+    if isinstance(default, str):
+        if not isinstance(value, str) or not 0 < len(value) <= MAX_TEXT:
+            raise ConfigError(f"{path}: must be a text of 1 to {MAX_TEXT} characters")
+        return value
+    checked = number(path, value, *metadata["range"])
+    if not isinstance(default, int):
+        return checked
+    if not isinstance(value, int):
+        raise ConfigError(f"{path}: {value!r} is not a whole number")
+    return value
+
+
+def _member(path: str, kind: type[enum.Enum], value: object) -> enum.Enum:
+    members = {member.name.lower(): member for member in kind}
+    if not isinstance(value, str) or value not in members:
+        raise ConfigError(f"{path}: {shown(value)} is not one of {', '.join(members)}")
+    return members[value]
