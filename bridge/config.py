@@ -18,6 +18,7 @@ import tomllib
 from typing import TYPE_CHECKING, Any
 
 from bridge.errors import ConfigError
+from bridge.files import open_to_read
 from bridge.motion.robot_model import RangerMount, RobotModel
 from bridge.supervise.settings import PREFIX as SUPERVISE
 from bridge.supervise.settings import SuperviseSettings, settings_from
@@ -46,7 +47,7 @@ def load_robot(path: Path | None) -> tuple[RobotModel, str]:
         model = RobotModel()
         return model, to_toml(model)
     try:
-        with path.open("rb") as file:  # not by its size: a device file says 0
+        with open_to_read(path, takes_pipe=True) as file:
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
             raise ConfigError(f"robot file {path} is larger than {MAX_FILE_BYTES} bytes")

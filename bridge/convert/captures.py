@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from bridge.config import to_toml
 from bridge.convert.file_kinds import CANDUMP, LOG_LINE, SHOWN_LINE, kind_of
 from bridge.convert.listening import Listener
+from bridge.files import open_to_read
 from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogReadError
 from bridge.record.log_writer import RunWriter
@@ -100,7 +101,7 @@ def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
 
 def _candump(path: Path) -> Iterator[_Piece]:
     """Every classic frame, in the file's order; other lines are passed over."""
-    with path.open("rb") as file:
+    with open_to_read(path) as file:
         # Of a longer line the first part is looked at, and is no frame: it is too long for one.
         for line in iter(lambda: file.readline(MAX_LINE), b""):
             match = LOG_LINE.match(line) or SHOWN_LINE.match(line)
@@ -122,7 +123,7 @@ def _candump(path: Path) -> Iterator[_Piece]:
 
 def _raw(path: Path) -> Iterator[_Piece]:
     """A piece for every frame of the device, at the moment that its stamp says."""
-    with path.open("rb") as file:  # not by its size: a device file says 0
+    with open_to_read(path) as file:
         reads = iter(lambda: file.read(_READ), b"")
         data = b"".join(islice(reads, MAX_RAW_BYTES // _READ + 1))
     if len(data) > MAX_RAW_BYTES:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 from pyarrow import csv
 
+from bridge.files import check_target
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
@@ -25,6 +27,7 @@ class CsvTable:
         """
         fields = [(name, pa.string() if _is_text(kind) else kind) for name, kind in columns.items()]
         self._schema = pa.schema(fields)
+        check_target(path)
         self._file = path.open("wb")
         self._writer = csv.CSVWriter(self._file, self._schema)
 

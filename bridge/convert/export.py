@@ -109,7 +109,7 @@ def export(  # noqa: PLR0913 - what can be asked for
     except OSError as error:
         if isinstance(error, BridgeError):
             raise
-        raise LogWriteError(out, error.strerror or str(error)) from None
+        raise LogWriteError.of(out, error) from None
     return result
 
 
@@ -250,7 +250,7 @@ class _Exporter:
         try:
             self._out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise LogWriteError(self._out, error.strerror or str(error)) from None
+            raise LogWriteError.of(self._out, error) from None
         file = self._tables.get(topic)
         if file is None:  # its file's own summary says that it has no messages
             name = f"{table_names([topic])[topic]}~{crc32(topic.encode()):08x}"
@@ -266,7 +266,7 @@ class _Exporter:
         try:
             writer = TableWriter(file, self._form(channel_id).columns, notes)
         except OSError as error:
-            raise LogWriteError(file, error.strerror or str(error)) from None
+            raise LogWriteError.of(file, error) from None
         self._writers[topic] = writer
         self._result.files[topic] = file
         return writer

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from bridge.files import open_to_read
 from bridge.record.errors import LogReadError
 from bridge.record.mcap_file import MAGIC
 
@@ -33,7 +34,7 @@ def kind_of(path: Path) -> str:
 
     """
     try:
-        with path.open("rb") as file:
+        with open_to_read(path) as file:
             begin = file.read(_SNIFFED)
     except OSError as error:
         raise LogReadError(path, error.strerror or str(error)) from None

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from bridge.errors import BridgeError, Remedy
+from bridge.files import cause
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,6 +34,11 @@ class LogWriteError(LogError):
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(path, f"cannot write {path}: {reason}")
         self.reason = reason
+
+    @classmethod
+    def of(cls, path: Path, error: OSError) -> Self:
+        """Say what the system refused, and what to do where that is known."""
+        return cls(path, cause(path, error))
 
 
 class LogGoneError(LogWriteError):

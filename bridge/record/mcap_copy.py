@@ -10,6 +10,7 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Schema
 
+from bridge.files import check_target
 from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.record.mcap_file import MAGIC, ZSTD_LEVEL, Chunk, McapFile, bytes_of
 from bridge.record.unpack import HEAD, MAX_SCHEMA_BYTES
@@ -222,8 +223,9 @@ def _free(used: dict[int, Any], wanted: int) -> int:
 
 def _create(path: Path, *, force: bool) -> BinaryIO:
     try:
+        check_target(path)
         return path.open("wb" if force else "xb")
     except FileExistsError:
         raise LogExistsError(path) from None
     except OSError as error:
-        raise LogWriteError(path, error.strerror or str(error)) from None
+        raise LogWriteError.of(path, error) from None

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 
+from bridge.files import open_to_read
 from bridge.record.errors import LogReadError
 from bridge.record.mcap_file import MAGIC
 from bridge.record.records_kernel import skip_indexes
@@ -80,7 +81,7 @@ def opened(path: Path) -> Iterator[Bytes]:
 
     """
     try:
-        with path.open("rb") as file:
+        with open_to_read(path) as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise LogReadError(path, "it is not an MCAP file")
             with mmap(file.fileno(), 0, access=ACCESS_READ) as data:

@@ -9,6 +9,7 @@ import tempfile
 from io import FileIO
 from typing import TYPE_CHECKING, BinaryIO
 
+from bridge.files import check_target
 from bridge.record.errors import LogExistsError, LogWriteError
 
 if TYPE_CHECKING:
@@ -147,13 +148,14 @@ def open_log_file(path: Path, *, force: bool, fsync: bool = False) -> LogFile:
 
     """
     try:
+        check_target(path)
         file = LogFile(path, "wb" if force else "xb", sync=_datasync if fsync else None)
         if fsync:
             _sync_folder(path.parent)
     except FileExistsError:
         raise LogExistsError(path) from None
     except OSError as error:
-        raise LogWriteError(path, error.strerror or str(error)) from None
+        raise LogWriteError.of(path, error) from None
     return file
 
 

@@ -8,6 +8,7 @@ import stat
 from typing import TYPE_CHECKING
 
 from bridge.errors import BridgeError
+from bridge.files import open_to_read
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,7 +33,7 @@ def read_key(path: Path | None) -> bytes | None:
     if path is None:
         return None
     try:
-        with path.open("rb") as file:
+        with open_to_read(path, takes_pipe=True) as file:
             mode = os.fstat(file.fileno()).st_mode
             text = file.read(MAX_FILE)
     except OSError as error:

@@ -258,7 +258,7 @@ def log_path(out: Path | None, name: str) -> Path:
     except OSError as error:
         from bridge.record.errors import LogWriteError
 
-        raise LogWriteError(path, error.strerror or str(error)) from None
+        raise LogWriteError.of(path, error) from None
     while is_there(path):  # two runs in one second
         path = path.with_name(f"{stamp}-{clean}-{secrets.token_hex(2)}.mcap")
     return path

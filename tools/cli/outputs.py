@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import stat
 from typing import TYPE_CHECKING
 
 import click
+
+from tools.cli.paths import is_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,15 +44,16 @@ def check_outputs(
 ) -> None:
     """Refuse to write over what exists, over a log that is read, or twice into one file.
 
-    A device holds nothing to lose.
+    /dev/null holds nothing to lose.
 
     Raises:
         click.UsageError: two outputs have one name.
         LogWriteError: an output is one of ``sources``, whatever ``force`` is.
-        LogWriteError: its folder may not be entered, or the path is none.
+        LogWriteError: its folder may not be entered, or it is a pipe, a socket or a device.
         LogExistsError: it exists and ``force`` is not set.
 
     """
+    from bridge.files import check_target
     from bridge.record.errors import LogExistsError, LogWriteError
 
     given = [path for path in wanted if path is not None]
@@ -63,12 +65,11 @@ def check_outputs(
         if resolved in read:
             raise LogWriteError(path, "it is the file to read; give another name")
         try:
-            is_file = stat.S_ISREG(path.stat().st_mode)
-        except (FileNotFoundError, NotADirectoryError):
-            is_file = False
+            check_target(path)
+            is_there = is_file(path)
         except OSError as error:  # a name too long, a folder that may not be entered
-            raise LogWriteError(path, error.strerror or str(error)) from None
-        if is_file and not force:
+            raise LogWriteError.of(path, error) from None
+        if is_there and not force:
             raise LogExistsError(path)
 
 

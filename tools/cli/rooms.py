@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+from bridge.files import open_to_read
 from bridge.floor_plan.floor_plan import MAX_FILE_BYTES, FloorPlan, FloorPlanError, parse_floorplan
 from tools.cli.paths import is_there
 
@@ -29,7 +30,7 @@ def load_room(room: str, radius_m: float | None = None) -> FloorPlan:
         text = (resources.files("sim_device") / "rooms" / f"{room}.json").read_text("utf-8")
         return parse_floorplan(text, default_name=room, radius_m=radius_m)
     try:
-        with path.open("rb") as file:  # not by its size: a device file says 0
+        with open_to_read(path, takes_pipe=True) as file:
             content = file.read(MAX_FILE_BYTES + 1)
         if len(content) > MAX_FILE_BYTES:
             raise FloorPlanError(f"room {room} is larger than {MAX_FILE_BYTES} bytes")

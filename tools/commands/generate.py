@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from bridge.files import check_target
 from protocol.generate import GENERATORS, PER_NODE
 from tools.cli.console import complain, write_line
 from tools.cli.paths import is_there
@@ -55,6 +56,7 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
         for name, text in files.items():
             path = out / name
             path.parent.mkdir(parents=True, exist_ok=True)
+            check_target(path)
             path.write_text(text, encoding="utf-8", newline="\n")
             write_line(str(path))
     except OSError as error:

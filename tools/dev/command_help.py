@@ -55,11 +55,14 @@ the key for it, given by a person who looked.
 | 5 | stopped for safety |
 
 **Files**: logs go to `runs/<UTC>-<room or port>.mcap` unless `--out` says otherwise, and none is
-replaced without `--force`. A robot file is TOML: the keys of the robot's model, a table for each
-range sensor, `[supervise.RULE]` for rules. One line names every unknown key, wrong value and
-impossible size in it (a sensor far outside the footprint, a wheel base wider than the robot), with
-exit status 2. What will not work well (an infrared sensor below its minimum range at the hull) is a
-warning as a run begins. A room is a small [JSON file](rooms.md).
+replaced without `--force`. A file that is read or written is a regular one: a pipe, a socket or a
+device is an error. A room, a robot file and a key file may also come from the shell, as
+`--robot <(command)` or `/dev/stdin`; what is written may go to `/dev/null`. A robot file is TOML:
+the keys of the robot's model, a table for each range sensor, `[supervise.RULE]` for rules. One line
+names every unknown key, wrong value and impossible size in it (a sensor far outside the footprint,
+a wheel base wider than the robot), with exit status 2. What will not work well (an infrared sensor
+below its minimum range at the hull) is a warning as a run begins. A room is a small
+[JSON file](rooms.md).
 
 **Environment**: with `NO_COLOR` set nothing is coloured. A run that owns its port can be reached by
 other shells through a Unix socket in the user's runtime directory (`XDG_RUNTIME_DIR`).

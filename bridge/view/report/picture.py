@@ -74,7 +74,7 @@ def draw_run(log: Path, png: Path) -> Path:
         png.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(png, format="png")  # whatever the file is called
     except OSError as error:
-        raise LogWriteError(png, error.strerror or str(error)) from None
+        raise LogWriteError.of(png, error) from None
     return png
 
 

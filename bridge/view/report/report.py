@@ -7,6 +7,7 @@ from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from bridge.files import check_target
 from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.view.report import figures
 from bridge.view.report import tables as rows
@@ -61,9 +62,10 @@ def write(path: Path, content: bytes) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        check_target(path)
         path.write_bytes(content)
     except OSError as error:
-        raise LogWriteError(path, error.strerror or str(error)) from None
+        raise LogWriteError.of(path, error) from None
 
 
 # ---- the page ------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import uuid
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bridge.files import check_target
 from bridge.record.errors import LogWriteError
 from bridge.record.names import is_utf8, readable_name
 from bridge.view.errors import NoDisplayError, ViewerFailedError, ViewerMissingError
@@ -81,9 +82,10 @@ def write_rerun_file(path: Path, file: Path) -> LogReader:
     stream = rr.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
     try:
         # Rerun only warns where it cannot write.
+        check_target(file)
         file.open("wb").close()
     except OSError as error:
-        raise LogWriteError(file, error.strerror or str(error)) from None
+        raise LogWriteError.of(file, error) from None
     try:
         stream.save(file)
         try:

@@ -45,14 +45,14 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("no/such/folder/run.mcap", "No such file or directory"), (".", "Is a directory")],
+    [("no/such/folder/run.mcap", "there is no folder"), (".", "Is a directory")],
 )
 def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, name: str, reason: str) -> None:
     with pytest.raises(LogWriteError) as caught:
         RunWriter(tmp_path / name, run_info(), force=True)
     assert str(tmp_path / name) in str(caught.value)
     assert "\n" not in str(caught.value)
-    assert caught.value.reason == reason
+    assert caught.value.reason.startswith(reason)
 
 
 def test_a_chunk_closes_by_log_time_and_by_size(tmp_path: Path) -> None:

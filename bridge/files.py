@@ -1,0 +1,87 @@
+"""Files that people name: whole ones on a disk, not what waits for a writer or never ends."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from typing import BinaryIO
+
+_PIPES_OF_SHELLS = ("/dev/fd/", "/dev/stdin", "/proc/self/fd/")
+"""What a shell gives for ``<(command)``, and for what is piped in."""
+_READING = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOCTTY", 0)
+
+
+def open_to_read(path: Path, *, takes_pipe: bool = False) -> BinaryIO:
+    """Open a regular file; with ``takes_pipe`` also the pipe of a shell, as ``<(command)`` gives.
+
+    Raises:
+        OSError: it cannot be opened, or is something else; a folder is an ``IsADirectoryError``.
+
+    """
+    waits = takes_pipe and str(path).startswith(_PIPES_OF_SHELLS)
+    found = path.stat().st_mode  # first: opening alone may act on a device
+    if not waits:
+        _check_regular(path, found)
+    # A named pipe that took the file's place meanwhile would wait for a writer.
+    number = os.open(path, _READING | (0 if waits else getattr(os, "O_NONBLOCK", 0)))
+    try:
+        opened = os.fstat(number).st_mode
+        if not (waits and stat.S_ISFIFO(opened)):
+            _check_regular(path, opened)
+        return os.fdopen(number, "rb")
+    except BaseException:
+        os.close(number)
+        raise
+
+
+def check_target(path: Path) -> None:
+    """See that a file can be written at a path: none is there, a regular one, or as /dev/null.
+
+    Raises:
+        OSError: something else stands there, which would wait for a reader, or act on the bytes.
+
+    """
+    try:
+        found = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    if stat.S_ISCHR(found.st_mode) and _keeps_nothing(found.st_rdev):
+        return
+    _check_regular(path, found.st_mode)
+
+
+def cause(path: Path, error: OSError) -> str:
+    """Why a file at a path could not be written, and what to do where that is known."""
+    if error.errno == errno.ENOENT and not path.parent.exists():
+        return f"there is no folder {path.parent}; make it first"
+    return error.strerror or str(error)
+
+
+def _keeps_nothing(device: int) -> bool:
+    """Whether a device is of the family of /dev/null, which drops or refuses every byte."""
+    try:
+        return os.major(device) == os.major(Path(os.devnull).stat().st_rdev)
+    except (OSError, AttributeError):  # Windows
+        return False
+
+
+def _check_regular(path: Path, mode: int) -> None:
+    if stat.S_ISREG(mode):
+        return
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    what = next((name for test, name in _KINDS if test(mode)), "something else")
+    raise OSError(errno.EINVAL, f"it is {what}, not a file", str(path))
+
+
+_KINDS = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
