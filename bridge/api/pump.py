@@ -14,6 +14,7 @@ from bridge.io.identifiers import new_command_id
 from bridge.io.stopping import send_until_confirmed
 from bridge.run.ending import CRASH_CAUSE, Ending, crash_ending, described, traced
 from bridge.run.mission import Phase
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from bridge.session.states import State
 from bridge.session.stop_request import StopRequest
@@ -221,7 +222,7 @@ class Pump:
     def _note_failure(self, failure: Exception, now_ns: HostNs) -> None:
         text = f"a request to the run failed: {described(failure)}"
         trace = traced(failure)
-        self.host.event(now_ns, Severity.ERROR, "request", "failed", text, traceback=trace)
+        self.host.event(now_ns, Severity.ERROR, "request", EventKind.FAILED, text, traceback=trace)
 
     def _refuse_calls(self) -> None:
         with suppress(IndexError):
@@ -253,7 +254,7 @@ class Pump:
                 clock.now(),
                 Severity.ERROR,
                 "session",
-                "crash",
+                EventKind.CRASH,
                 ending.reason,
                 traceback=traced(error),
             )
@@ -316,7 +317,7 @@ class Pump:
         if not self._stuck:
             self._stuck = True
             text = f"the port takes no bytes; {len(self._pending)} bytes are dropped"
-            self.host.event(now_ns, Severity.WARNING, "link", "stuck", text)
+            self.host.event(now_ns, Severity.WARNING, "link", EventKind.STUCK, text)
         self._pending = b""
 
     def _flush(self) -> None:
@@ -328,7 +329,7 @@ class Pump:
     def _gone(self, error: PortError, now_ns: HostNs) -> None:
         self.host.session.unplugged(now_ns)
         if self.host.session.state is not State.FAILED:  # else the reason is known, and given
-            self.host.event(now_ns, Severity.ERROR, "link", "port_lost", str(error))
+            self.host.event(now_ns, Severity.ERROR, "link", EventKind.PORT_LOST, str(error))
         if self._port is not None:
             self._port.close()
         self._port = None
@@ -347,6 +348,8 @@ class Pump:
             backoff = _BACKOFF_NS[min(self._tries, len(_BACKOFF_NS) - 1)]
             self._retry_ns = HostNs(now_ns + backoff)
             return
-        self.host.event(now_ns, Severity.INFO, "link", "port_back", f"{self._port.name} is back")
+        self.host.event(
+            now_ns, Severity.INFO, "link", EventKind.PORT_BACK, f"{self._port.name} is back"
+        )
         self.host.session.replugged(now_ns)
         self.on_reopened(self._port.name)

@@ -21,6 +21,7 @@ from bridge.errors import (
     StoppedForSafetyError,
 )
 from bridge.run.refusals import check_known, check_outcome
+from bridge.session.event_kinds import EventKind
 from bridge.session.sample_times import SampleTimes
 from bridge.session.session import Session
 from bridge.session.states import Agreed, CommandEnded, Data, Failed, State, StateChanged
@@ -34,7 +35,7 @@ from protocol.messages import (
     SetMode,
     Status,
 )
-from protocol.values import Mode, StopCause, label
+from protocol.values import LogLevel, Mode, StopCause, label
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,7 +61,7 @@ LINK_S = 4.0
 SILENT_NS = 100_000_000
 """Silence on which the link is not judged, ns: ten frames of the quickest stream. The session
 judges a silence, within a second."""
-_DISAGREES = frozenset({"disagreement", "version"})
+_DISAGREES = frozenset({EventKind.DISAGREEMENT, EventKind.VERSION})
 """Failures of a session in which a device answers and does not agree."""
 M = TypeVar("M", bound="Message")
 
@@ -99,6 +100,8 @@ class Desk:
         self._steer: Callable[[], tuple[float, float]] | None = None
         self._outcomes: dict[int, Outcome] = {}
         self._failed: Failed | None = None
+        self._unsafe = ""
+        """Why the robot was or must be stopped; empty: nothing is wrong."""
         self._moved = self._interrupted = False
         self._free = False
         """No stop should be latched: one that is has come from the device."""
@@ -106,8 +109,8 @@ class Desk:
         """The gravest cause for a stop so far."""
         self._cycle_ns = wire.now()
         self._t_us = DeviceUs(0)
-        self.lines: list[str] = []
-        """What the device said for people."""
+        self._error = ""
+        """The newest error in the device's own log."""
         self._polled_ns = wire.now()
         if records is not None:
             records.opened(self._polled_ns)
@@ -120,7 +123,7 @@ class Desk:
         failed = self._failed
         if failed is None:
             return NoDeviceError(f"no sweeper answered within {timeout_s:g} s")
-        if failed.kind == "several":
+        if failed.kind is EventKind.SEVERAL:
             error = SeveralDevicesError(failed.text)
             error.remedy = Remedy.NODE
             return error
@@ -161,7 +164,7 @@ class Desk:
         end_ns = wire.now() + round(duration_s * 1e9)
         while not until():
             now_ns = wire.now()
-            if now_ns >= end_ns or self._interrupted or self._failed is not None:
+            if now_ns >= end_ns or self._interrupted or self._failed or self._unsafe:
                 return False
             if now_ns >= self._cycle_ns:
                 self._cycle_ns = HostNs(max(self._cycle_ns + CYCLE_NS, now_ns))
@@ -194,24 +197,22 @@ class Desk:
         link = self.session.round_trip.trouble(now_ns) if self._free and self.ready else None
         if link is not None and now_ns - self.session.heard_ns <= SILENT_NS:
             self._cause = StopCause.LINK
-            self._failed = Failed("slow", link.text)
+            self._unsafe = link.text
             return False
         moving = self._duty is not None or self._steer is not None
         now_s = now_ns / 1e9
         if moving and now_s - self._times.taken_s.get(Encoders, now_s) > STALE_S:
-            self._failed = Failed("stale", "no fresh encoder readings from the device any more")
+            self._unsafe = "no fresh encoder readings from the device any more"
             return False
         return True
 
     def _check(self) -> None:
         if self._interrupted:
             raise InterruptedByPersonError("ended by Ctrl-C")
-        failed = self._failed
-        if failed is None:
-            return
-        if failed.kind in {"latched", "stale", "slow"}:
-            raise StoppedForSafetyError(failed.text)
-        raise DeviceLostError(failed.text)
+        if self._unsafe:
+            raise StoppedForSafetyError(self._unsafe)
+        if self._failed is not None:
+            raise DeviceLostError(self._failed.text)
 
     # ---- news -----------------------------------------------------------------------------
 
@@ -233,7 +234,7 @@ class Desk:
                 case Failed():
                     self._failed = event
                 case StateChanged() if event.old is State.READY and event.new is not State.CLOSED:
-                    self._failed = Failed("lost", f"the device was lost: {event.why}")
+                    self._failed = Failed(EventKind.LOST, f"the device was lost: {event.why}")
                     self._times.forget()
                 case Agreed():
                     self.newest[Hello] = event.hello
@@ -250,13 +251,13 @@ class Desk:
             if kind in kinds:
                 kept.append((self._t_us / 1e6, message))
         if isinstance(message, LogText):
-            self.lines.append(message.line)
+            if message.level == LogLevel.ERROR:
+                self._error = message.line
         elif isinstance(message, Status) and self._free and message.stop_cause != StopCause.NONE:
             cause = label(StopCause, message.stop_cause)
-            told = [line for line in self.lines if not line.startswith("stop latched")]
-            why = f": {told[-1]}" if told else ""
+            why = f": {self._error}" if self._error else ""
             self._free = False
-            self._failed = Failed("latched", f"the device latched a stop (cause: {cause}){why}")
+            self._unsafe = f"the device latched a stop (cause: {cause}){why}"
 
     def latest(self, kind: type[M]) -> M | None:
         """The newest message of a kind."""
@@ -372,7 +373,7 @@ class Desk:
         self.let_go()
         self._free = False
         self._interrupted = False
-        self._failed = None
+        self._failed, self._unsafe = None, ""
         cause = max(cause, self._cause)
         if not (self.ready and self._stop_in_session(cause)) and not self._stop_without(cause):
             raise DeviceLostError("the device did not confirm the stop; see that the robot stands")

@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from bridge.bringup.wiring import Finding
+
 
 class Person(Protocol):
     """Is told things, and asked."""
 
     def tell(self, text: str) -> None:
         """Read a line."""
+
+    def report(self, finding: Finding) -> None:
+        """Read what one look found."""
 
     def confirm(self, text: str) -> bool:
         """Say yes, before something moves or is written."""

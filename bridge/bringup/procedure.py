@@ -106,7 +106,7 @@ class BringUp:
 
     def _note(self, finding: Finding) -> None:
         self.findings.append(finding)
-        self._person.tell(finding.line)
+        self._person.report(finding)
 
     # ---- what needs no hands --------------------------------------------------------------
 

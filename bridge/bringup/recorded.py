@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.run.recording import HostRecords
+from bridge.session.event_kinds import EventKind
 from bridge.session.ingest import Ingest
 from bridge.session.records import Severity
 from bridge.session.states import Agreed, Data, Failed, Ping, Restless, StateChanged
@@ -38,7 +39,7 @@ class BenchRecords:
 
     def opened(self, now_ns: HostNs) -> None:
         """Note that a session begins."""
-        self._records.event(now_ns, Severity.INFO, "session", "opening", "at the bench")
+        self._records.event(now_ns, Severity.INFO, "session", EventKind.OPENING, "at the bench")
 
     def passed(self, data: bytes, now_ns: HostNs, *, outgoing: bool) -> None:
         """Note bytes that were sent, or that came."""
@@ -51,7 +52,7 @@ class BenchRecords:
 
     def told(self, text: str) -> None:
         """Note a line that a person was told."""
-        self._records.event(self._wire.now(), Severity.INFO, "bench", "told", text)
+        self._records.event(self._wire.now(), Severity.INFO, "bench", EventKind.TOLD, text)
 
     def heard(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         """Note what a session had to say, all of one moment."""
@@ -80,9 +81,13 @@ class BenchRecords:
             case DamagedFrame():
                 self._records.damaged([event], now_ns)
             case StateChanged():
-                self._records.event(now_ns, Severity.INFO, "session", event.new.value, event.why)
+                self._records.event(
+                    now_ns, Severity.INFO, "session", EventKind(event.new.value), event.why
+                )
             case Restless():
-                self._records.event(now_ns, Severity.WARNING, "session", "restless", event.text)
+                self._records.event(
+                    now_ns, Severity.WARNING, "session", EventKind.RESTLESS, event.text
+                )
             case Failed():
                 self._records.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
             case _:

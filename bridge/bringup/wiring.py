@@ -38,6 +38,8 @@ class Finding:
     text: str
     advice: str = ""
     """What to do about it."""
+    swapped: str = ""
+    """Which plugs are swapped, ``motor`` or ``encoder``; empty: none."""
 
     @property
     def line(self) -> str:
@@ -85,11 +87,10 @@ def judge_kicks(kicks: Sequence[Kick]) -> list[Finding]:
         found += _judge_motor(kick)
         if kick.turned != "none":
             found += _judge_encoder(kick)
-    swapped = [f for f in found if f.ok is False and "swapped" in f.text]
+    swapped = [f.swapped for f in found if f.swapped]
     if len(swapped) > 1:  # both sides say the same: once is enough
-        names = {(f.step.split()[0], f.text) for f in swapped}
-        kept = [f for f in found if f not in swapped]
-        found = kept + [wrong(f"{what}s", text, _SWAP_ADVICE[what]) for what, text in sorted(names)]
+        found = [f for f in found if not f.swapped]
+        found += [_swapped(what, f"{what}s") for what in sorted(set(swapped))]
     return found
 
 
@@ -97,6 +98,11 @@ _SWAP_ADVICE = {
     "motor": "cross the two motor plugs (or OUT1/2 with OUT3/4 at the bridge)",
     "encoder": "cross the two encoder plugs",
 }
+
+
+def _swapped(what: str, step: str) -> Finding:
+    text = "left and right are swapped"
+    return Finding(step, ok=False, text=text, advice=_SWAP_ADVICE[what], swapped=what)
 
 
 def _judge_motor(kick: Kick) -> list[Finding]:
@@ -111,8 +117,7 @@ def _judge_motor(kick: Kick) -> list[Finding]:
         ]
     found = []
     if kick.turned != kick.output:
-        text = "left and right are swapped"
-        found.append(wrong(step, text, _SWAP_ADVICE["motor"]))
+        found.append(_swapped("motor", step))
     if not kick.forwards:
         advice = f"turn the plug of the {kick.turned} wheel's motor round"
         found.append(wrong(step, "turns backwards", advice))
@@ -130,8 +135,7 @@ def _judge_encoder(kick: Kick) -> list[Finding]:
         advice = "look at the encoder's plug and its supply"
         return [wrong(step, f"counts nothing ({own})", advice)]
     if abs(others) > 2 * abs(own):
-        text = "left and right are swapped"
-        found.append(wrong(step, text, _SWAP_ADVICE["encoder"]))
+        found.append(_swapped("encoder", step))
         own = others
     if (own > 0) is not kick.forwards:
         text = f"counts down forwards ({own:+d})"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.run.recording import HostRecords
+from bridge.session.event_kinds import EventKind
 from bridge.session.ingest import Ingest
 from bridge.session.records import Severity
 from bridge.session.timesync import TimeSync
@@ -85,4 +86,4 @@ class Listener:
                 self._records.log_text(message, now_ns)
             case Hello() if message.catalogue_hash != self._link.codec.catalogue.hash:
                 text = "the device has another catalogue; fields may be missing or misread"
-                self._records.event(now_ns, Severity.WARNING, "session", "schema", text)
+                self._records.event(now_ns, Severity.WARNING, "session", EventKind.SCHEMA, text)

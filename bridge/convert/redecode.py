@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from bridge.record.encode.schemas import device_encoders
 from bridge.record.reader import MISREAD, LogReader
 from bridge.session.discovery import LISTEN_NS
+from bridge.session.event_kinds import EventKind
 from bridge.session.ingest import Ingest
 from bridge.session.session import Session
 from bridge.session.states import Agreed, Data, Ping
@@ -200,7 +201,7 @@ def _opened_ns(reader: LogReader, records: list[WireRecord]) -> int:
     for message in reader.messages({"/events"}):
         with suppress(*MISREAD):
             event = message.decoded
-            if event.source == "session" and event.kind == "opening":
+            if event.source == "session" and event.kind == EventKind.OPENING:
                 return min(message.log_ns, opened_ns)
     return opened_ns
 

@@ -11,6 +11,7 @@ from bridge.doctor.findings import Finding
 from bridge.doctor.timing import HOLE_S, Timing, measure
 from bridge.doctor.wire_view import WireView
 from bridge.session.diagnosis import Evidence, words_of
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from protocol.link import Medium
 from protocol.schema.catalogue import CATALOGUE
@@ -46,6 +47,12 @@ _CONTACT = frozenset(
     {"no_data", "wrong_baud", "no_answer", "echo", "other_node", "words", "version"}
 )
 """Failures of a session that are findings of the same name."""
+_FINDING_OF: dict[str, str] = {
+    EventKind.SILENCE: "no_data",
+    EventKind.GARBAGE: "wrong_baud",
+    EventKind.DEAF: "no_answer",
+}
+"""Failures of a session that are findings of another name."""
 _WARN, _BAD, _NOTE = Severity.WARNING, Severity.ERROR, Severity.INFO
 
 
@@ -108,12 +115,11 @@ class Examination:
         wire = self.wire
         if self.failure is not None:
             kind, text = self.failure
-            known = {"silence": "no_data", "garbage": "wrong_baud", "deaf": "no_answer"}
-            kind = known.get(kind, kind)
+            kind = _FINDING_OF.get(kind, kind)
             if kind in _CONTACT:
                 yield Finding(kind, _BAD, text)
                 return
-            yield Finding("schema" if kind == "disagreement" else "no_answer", _BAD, text)
+            yield Finding("schema" if kind == EventKind.DISAGREEMENT else "no_answer", _BAD, text)
         elif self.raw and wire.bytes_in == 0:
             yield Finding("no_data", _BAD, "not a byte came from the device")
         elif wire.versions and wire.frames == 0:
@@ -153,8 +159,7 @@ class Examination:
         evidence = Evidence()
         evidence.hear(self.wire.beginning)
         kind, text = evidence.verdict(self.medium, self.wire.damaged.total)
-        known = {"garbage": "wrong_baud", "silence": "no_data"}
-        return Finding(known.get(kind, kind), _BAD, text, {"bytes": self.wire.bytes_in})
+        return Finding(_FINDING_OF.get(kind, kind), _BAD, text, {"bytes": self.wire.bytes_in})
 
     def _is_refused(self) -> bool:
         """Whether the other end gave a reason in words; it then hangs up, and no plug is out."""

@@ -17,6 +17,7 @@ from bridge.convert.sources import readable
 from bridge.doctor.examination import Examination
 from bridge.doctor.findings import Finding
 from bridge.record.reader import LogReader
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from protocol.can.frames import RECORD
 from protocol.link import Medium
@@ -40,8 +41,9 @@ WINDOW_NS = 2_000_000_000
 FROZEN = 60
 _FAILURES = frozenset(
     {
-        *("silence", "garbage", "echo", "words", "version", "deaf", "restless"),
-        *("disagreement", "other_host", "other_node"),
+        *(EventKind.SILENCE, EventKind.GARBAGE, EventKind.ECHO, EventKind.WORDS),
+        *(EventKind.VERSION, EventKind.DEAF, EventKind.RESTLESS, EventKind.DISAGREEMENT),
+        *(EventKind.OTHER_HOST, EventKind.OTHER_NODE),
     }
 )
 _SHOWN = 5
@@ -161,12 +163,12 @@ class _Log:
     def _event(self, source: str, kind: str, text: str, severity: str) -> None:
         """What the session said, which the bytes do not show."""
         examination = self._examination
-        if source == "link" and kind == "port_lost":
+        if source == "link" and kind == EventKind.PORT_LOST:
             examination.port_lost.append(text)
-        elif source == "session" and kind == "schema":
+        elif source == "session" and kind == EventKind.SCHEMA:
             if text not in examination.differences:
                 examination.differences.append(text)
-        elif source == "session" and kind == "late":
+        elif source == "session" and kind == EventKind.LATE:
             self._late.append(text)
         elif source == "session" and kind in _FAILURES and severity == "error":
             examination.failure = kind, text

@@ -7,6 +7,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 from bridge.record.errors import LogWriteError
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import EventRecord, Severity
 
 if TYPE_CHECKING:
@@ -136,7 +137,7 @@ class ThreadedRecorder:
         text = f"{lost} records were not written: the recorder's queue was full"
         data = {"dropped": lost, "dropped_total": dropped}
         self._writer.write(
-            EventRecord(self._last_ns, Severity.WARNING, "recorder", "overflow", text, data)
+            EventRecord(self._last_ns, Severity.WARNING, "recorder", EventKind.OVERFLOW, text, data)
         )
 
     def _fail(self, error: Exception) -> None:

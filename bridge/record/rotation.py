@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from bridge.record.family import part_name
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import (
     ClockRecord,
     CoverageRecord,
@@ -114,13 +115,17 @@ class RotatingWriter:
         following = part_name(self._first, len(self.parts) + 1)
         text = f"the log goes on in {following.name}"
         data = {"next": following.name}
-        self._writer.write(EventRecord(log_ns, Severity.INFO, "recorder", "rotated", text, data))
+        self._writer.write(
+            EventRecord(log_ns, Severity.INFO, "recorder", EventKind.ROTATED, text, data)
+        )
         self._writer.close()
         self._begun_ns, self._count = log_ns, 0
         before, self._writer = self._writer.path, self._begin()
         text = f"the log goes on from {before.name}"
         data = {"previous": before.name}
-        self._writer.write(EventRecord(log_ns, Severity.INFO, "recorder", "rotated", text, data))
+        self._writer.write(
+            EventRecord(log_ns, Severity.INFO, "recorder", EventKind.ROTATED, text, data)
+        )
         for record in self._state.values():
             self._writer.write(record._replace(log_ns=log_ns))
 

@@ -32,6 +32,7 @@ from bridge.run.snapshot import (
     SyncSnapshot,
 )
 from bridge.run.supervision import End, Note, Plan, Supervision
+from bridge.session.event_kinds import EventKind
 from bridge.session.ingest import Ingest
 from bridge.session.link_stats import WireStatistics
 from bridge.session.records import Severity
@@ -92,7 +93,7 @@ CLOCK_PERIOD_NS = 1_000_000_000
 COUNT_PERIOD_NS = 100_000_000
 """Time between two copies of the link's counts for other threads, ns: a person reads no more."""
 _DOUBT_NS = round(STALE_S * 1e9)
-_EXIT = {"disagreement": 4, "version": 4, "several": 2}
+_EXIT = {EventKind.DISAGREEMENT: 4, EventKind.VERSION: 4, EventKind.SEVERAL: 2}
 
 
 class Host:
@@ -209,7 +210,7 @@ class Host:
                 self._control_ns = HostNs(now_ns + CONTROL_PERIOD_NS)
                 self._silent_ns = now_ns  # what came meanwhile may be lost, or still unread
                 text = f"the host was held up for {late_ns / 1e6:.0f} ms; this step drives nothing"
-                self.event(now_ns, Severity.WARNING, "session", "late", text)
+                self.event(now_ns, Severity.WARNING, "session", EventKind.LATE, text)
             else:
                 self._control(now_ns)
         self._records.flush(now_ns, at_once=self.mission.done)
@@ -346,12 +347,12 @@ class Host:
             case Failed():
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
-                remedy = Remedy.NODE if event.kind == "several" else None
+                remedy = Remedy.NODE if event.kind is EventKind.SEVERAL else None
                 if self.mission.under_way:  # whoever is there now, and whatever it understands
                     self.session.stop(StopCause.LINK, now_ns)
                 self.mission.on_failed(event.text, status, now_ns / 1e9, remedy)
             case Restless():
-                self.event(now_ns, Severity.WARNING, "session", "restless", event.text)
+                self.event(now_ns, Severity.WARNING, "session", EventKind.RESTLESS, event.text)
             case Rejected():
                 self._records.rejected(event, now_ns)
 
@@ -367,7 +368,7 @@ class Host:
         if request.kind == "stop" and ending is not None:
             severity = Severity.INFO if ending.exit_status == 0 else Severity.ERROR
             cause = label(StopCause, request.value)
-            self.event(now_ns, severity, "safety", "stop", ending.reason, cause=cause)
+            self.event(now_ns, severity, "safety", EventKind.STOP, ending.reason, cause=cause)
 
     def _answered(self, outcome: Outcome, now_ns: HostNs) -> None:
         mission, supervision = self.mission, self.supervision
@@ -384,7 +385,7 @@ class Host:
             now_ns,
             Severity.WARNING if bad else Severity.INFO,
             "session",
-            event.new.value,
+            EventKind(event.new.value),
             event.why,
         )
         if event.old is State.READY:
@@ -403,7 +404,7 @@ class Host:
             self.commands.forget()
             self.localisation.begin_again()
         for difference in event.differences:
-            self.event(now_ns, Severity.WARNING, "session", "schema", difference.report())
+            self.event(now_ns, Severity.WARNING, "session", EventKind.SCHEMA, difference.report())
         self._missing = missing_needs(event.differences)
         self.mission.link = self.session.round_trip.trouble(now_ns)
         self.mission.on_ready(now_ns / 1e9)
@@ -464,7 +465,9 @@ class Host:
         if mission.runner is not None:
             self._records.plan(mission.runner, now_ns)
         if mission.phase is not was:
-            self.event(now_ns, Severity.INFO, "session", "phase", f"run is {mission.phase.value}")
+            phase = mission.phase.value
+            text = f"run is {phase}"
+            self.event(now_ns, Severity.INFO, "session", EventKind.PHASE, text, phase=phase)
         if mission.pending:
             self._serve(now_ns)
 
@@ -510,7 +513,7 @@ class Host:
         for decision in self.supervision.decisions():
             match decision:
                 case Note(severity, kind, text, data):
-                    self.event(now_ns, severity, "supervise", kind, text, **data)
+                    self._records.named(now_ns, severity, "supervise", kind, text, data)
                 case End(ending, first):
                     if not (first and mission.ending is not None):
                         mission.request_end(ending, now_ns / 1e9)
@@ -526,7 +529,7 @@ class Host:
         if self.state.times.jumps != self._jumps:
             self._jumps = self.state.times.jumps
             text = "the device's clock was set anew; the estimate begins again where it stood"
-            self.event(now_ns, Severity.WARNING, "clock", "set", text)
+            self.event(now_ns, Severity.WARNING, "clock", EventKind.SET, text)
             self.localisation.begin_again()
         stale = self.state.stale(now_ns / 1e9, self.mission.needs)
         return "odometry" if stale is None and not self.estimator.known else stale
@@ -542,10 +545,10 @@ class Host:
         if slow is not self._slow:
             self._slow = slow
             if trouble is not None:
-                self.event(now_ns, Severity.WARNING, "link", "slow", trouble.text)
+                self.event(now_ns, Severity.WARNING, "link", EventKind.SLOW, trouble.text)
             else:
                 text = "the link is quick enough to drive over again"
-                self.event(now_ns, Severity.INFO, "link", "quick", text)
+                self.event(now_ns, Severity.INFO, "link", EventKind.QUICK, text)
         if trouble is None or mission.runner is not None:
             return
         status = self.state.status
@@ -580,7 +583,7 @@ class Host:
         now_ns: HostNs,
         severity: Severity,
         source: str,
-        kind: str,
+        kind: EventKind,
         text: str,
         **data: float | str | bool,
     ) -> None:

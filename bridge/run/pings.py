@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from bridge.session.timesync import STAMP_NS
 
@@ -18,7 +19,7 @@ class Tell(Protocol):
     """Puts an event on record."""
 
     def __call__(
-        self, now_ns: HostNs, severity: Severity, source: str, kind: str, text: str, /
+        self, now_ns: HostNs, severity: Severity, source: str, kind: EventKind, text: str, /
     ) -> None:
         """When, how grave, of what, and in words."""
 
@@ -35,7 +36,9 @@ class Pings:
     def take(self, ping: Ping, ingest: Ingest, now_ns: HostNs) -> None:
         """Fit the clock, count the round trip, and hold the declaration against it."""
         if not ingest.exchange(ping):
-            self._tell(now_ns, Severity.WARNING, "clock", "step", "the device's clock has jumped")
+            self._tell(
+                now_ns, Severity.WARNING, "clock", EventKind.STEP, "the device's clock has jumped"
+            )
         round_trip_ns = ingest.sync.round_trip_ns
         self._wire.round_trip.add(round_trip_ns)
         if round_trip_ns + 2 * STAMP_NS < self._declared_ns:
@@ -44,5 +47,5 @@ class Pings:
                 f"were declared come to {self._declared_ns / 1e6:.3f} ms: the bounds on time "
                 "stamps are not true; declare less (--adapter-delay)"
             )
-            self._tell(now_ns, Severity.WARNING, "clock", "declared", text)
+            self._tell(now_ns, Severity.WARNING, "clock", EventKind.DECLARED, text)
             self._declared_ns = 0

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from itertools import takewhile
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bridge.motion.estimation.disturbance import DisturbanceKind
 from bridge.run.ending import Ending
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import (
     ClockRecord,
     CommandRecord,
@@ -119,11 +120,23 @@ class HostRecords:
         now_ns: int,
         severity: Severity,
         source: str,
-        kind: str,
+        kind: EventKind,
         text: str,
         **data: float | str | bool,
     ) -> None:
         """Something worth finding again."""
+        self.named(now_ns, severity, source, kind, text, data)
+
+    def named(  # noqa: PLR0913, PLR0917 - the parts of an event
+        self,
+        now_ns: int,
+        severity: Severity,
+        source: str,
+        kind: str,
+        text: str,
+        data: dict[str, Any],
+    ) -> None:
+        """The same, of a source that names its own kinds."""
         log_ns = now_ns + self.unix_offset_ns
         self._write(EventRecord(log_ns, severity, source, kind, text, data))
 
@@ -143,7 +156,7 @@ class HostRecords:
         if self._bus and event.reason == "direction" and not self._other_host:
             self._other_host = True
             text = "another host talks on this bus, and a bus has one: end it"
-            self.event(now_ns, Severity.WARNING, "link", "other_host", text)
+            self.event(now_ns, Severity.WARNING, "link", EventKind.OTHER_HOST, text)
         tally, frame = self._rejected, event.frame
         tally.counts[event.reason] += 1
         tally.length += len(frame.payload)
@@ -163,13 +176,13 @@ class HostRecords:
         frames, length, kinds, data = self._damaged.take(now_ns)
         stretches = "" if frames == 1 else f" in {frames} stretches"
         text = f"{length} bytes{stretches} that are no frame ({kinds})"
-        self.event(now_ns, Severity.DEBUG, "link", "damaged", text, **data)
+        self.event(now_ns, Severity.DEBUG, "link", EventKind.DAMAGED, text, **data)
 
     def _tell_rejected(self, now_ns: int) -> None:
         frames, _, kinds, data = self._rejected.take(now_ns)
         what = "frame" if frames == 1 else f"{frames} frames, the first"
         text = f"{what} of type {data['type']:#04x} not used: {kinds}"
-        self.event(now_ns, Severity.DEBUG, "link", "rejected", text, **data)
+        self.event(now_ns, Severity.DEBUG, "link", EventKind.REJECTED, text, **data)
 
     def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
         """What a serial port gave or took, without a key."""
@@ -194,12 +207,14 @@ class HostRecords:
         if faults != self._faults:
             new = flag_labels(DeviceFault, faults & ~self._faults)
             if new:
-                self.event(now_ns, Severity.WARNING, "device", "fault", ", ".join(new))
+                self.event(now_ns, Severity.WARNING, "device", EventKind.FAULT, ", ".join(new))
             self._faults = faults
         if status.stop_cause != self._stop_cause:
             self._stop_cause = status.stop_cause
             name = label(StopCause, status.stop_cause)
-            self.event(now_ns, Severity.INFO, "safety", "latch", f"stop cause is now {name}")
+            self.event(
+                now_ns, Severity.INFO, "safety", EventKind.LATCH, f"stop cause is now {name}"
+            )
 
     def link(self, wire: WireStatistics, now_ns: int) -> None:
         """What the link was like so far, every ten seconds."""
@@ -208,7 +223,9 @@ class HostRecords:
             log_ns = now_ns + self.unix_offset_ns
             text = "rate, loss, order and age of each message, and the round trip"
             self._write(
-                EventRecord(log_ns, Severity.DEBUG, "link", "statistics", text, wire.to_dict())
+                EventRecord(
+                    log_ns, Severity.DEBUG, "link", EventKind.STATISTICS, text, wire.to_dict()
+                )
             )
 
     def again(self, event: Agreed, now_ns: int) -> None:
@@ -217,18 +234,20 @@ class HostRecords:
         if event.rebooted:
             cause = label(ResetCause, hello.reset_cause)
             text = f"the device has booted anew since (cause: {cause})"
-            self.event(now_ns, Severity.WARNING, "session", "new_boot", text, reset_cause=cause)
+            self.event(
+                now_ns, Severity.WARNING, "session", EventKind.NEW_BOOT, text, reset_cause=cause
+            )
         else:
             text = "the same device is back, in the same boot"
-            self.event(now_ns, Severity.INFO, "session", "same_boot", text)
+            self.event(now_ns, Severity.INFO, "session", EventKind.SAME_BOOT, text)
         if event.other_schema:
             text = f"the device declares its messages otherwise now ({hello.catalogue_hash:08x})"
-            self.event(now_ns, Severity.WARNING, "session", "new_schema", text)
+            self.event(now_ns, Severity.WARNING, "session", EventKind.NEW_SCHEMA, text)
 
     def asking(self, now_ns: int) -> None:
         """A run that lost its device waits for a person."""
         text = "look at the robot, then press r to let it go on, or s to end the run (30 s)"
-        self.event(now_ns, Severity.WARNING, "session", "asking", text)
+        self.event(now_ns, Severity.WARNING, "session", EventKind.ASKING, text)
 
     def identity(self, event: Agreed, now_ns: int) -> None:
         """The device that a session agreed with."""
@@ -274,14 +293,14 @@ class HostRecords:
         fresh = list(takewhile(lambda each: each is not last, reversed(found)))
         for each in reversed(fresh):
             kind, text = each.kind.value, _FELT[each.kind].format(each.size)
-            self.event(now_ns, Severity.INFO, "estimator", kind, text, size=round(each.size, 3))
+            data = {"size": round(each.size, 3)}
+            self.named(now_ns, Severity.INFO, "estimator", kind, text, data)
 
     def plan(self, runner: Runner, now_ns: int) -> None:
         """The planner's decisions since the last call, and its state where that has changed."""
         for decision in runner.drain_events():
-            self.event(
-                now_ns, Severity.INFO, "planner", decision.kind, decision.reason, **decision.data
-            )
+            what = decision.kind, decision.reason, decision.data
+            self.named(now_ns, Severity.INFO, "planner", *what)
         state, known = runner.state, self._planner_state
         if state is not known and state != known:
             self._planner_state = state
@@ -325,7 +344,7 @@ class LogFailureRule:
     def __init__(
         self,
         recorder: ThreadedRecorder,
-        report: Callable[[Severity, str, str, str], None],
+        report: Callable[[Severity, str, EventKind, str], None],
         *,
         stop_on_error: bool,
     ) -> None:
@@ -343,5 +362,5 @@ class LogFailureRule:
             return Ending("fault", f"the log failed: {error}", 1, StopCause.SUPERVISE)
         self._is_reported = True
         text = f"the log failed: {error}; the run goes on without it, as asked"
-        self._report(Severity.ERROR, "recorder", "failed", text)
+        self._report(Severity.ERROR, "recorder", EventKind.FAILED, text)
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from bridge.session.event_kinds import EventKind
 from protocol.link import Medium
 from protocol.schema.catalogue import PROTOCOL_VERSION
 
@@ -58,39 +59,39 @@ class Evidence:
         elif event.reason == "direction":
             self.echoes += 1
 
-    def verdict(self, medium: Medium, damaged: int) -> tuple[str, str]:
+    def verdict(self, medium: Medium, damaged: int) -> tuple[EventKind, str]:
         """Kind of failure and a line for people; ``damaged`` frames were counted by the link."""
         if self.versions:
             spoken = ", ".join(str(v) for v in sorted(self.versions))
-            kind = "version"
+            kind = EventKind.VERSION
             text = (
                 f"the device speaks protocol version {spoken}, this program "
                 f"{PROTOCOL_VERSION}; update the older of the two"
             )
         elif self.echoes and medium is Medium.CAN:
-            kind = "other_host"
+            kind = EventKind.OTHER_HOST
             text = "another host talks on this bus, and a bus has one: end it first"
         elif self.echoes:
-            kind = "echo"
+            kind = EventKind.ECHO
             text = "our own bytes come back: RX and TX are joined, or echo is on"
         elif self.nodes:
             heard = ", ".join(map(str, sorted(self.nodes)))
-            kind = "other_node"
+            kind = EventKind.OTHER_NODE
             text = (
                 f"the node that was asked for does not answer; choose what is heard: node {heard}"
             )
         elif (words := self.words) is not None:
-            kind, text = "words", f"the other end says: {words}"
+            kind, text = EventKind.WORDS, f"the other end says: {words}"
         elif damaged:
-            kind = "garbage"
+            kind = EventKind.GARBAGE
             text = (
                 f"{self.received} bytes came, none of them an intact frame; "
                 "check the baud rate, or this is not a sweeper"
             )
         elif self.received:
-            kind = "garbage"
+            kind = EventKind.GARBAGE
             text = f"{self.received} bytes came that are not a sweeper's; check the port"
         else:
-            kind = "silence"
+            kind = EventKind.SILENCE
             text = "nothing was heard for 3 s; check power, wiring, and that this is the right port"
         return kind, text

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.session.agreement import QUESTIONS_AT_ONCE, Agreement
 from bridge.session.diagnosis import Evidence
 from bridge.session.discovery import LISTEN_NS, Answers
+from bridge.session.event_kinds import EventKind
 from bridge.session.key import SessionKey
 from bridge.session.outbox import CommandCounts, Outbox
 from bridge.session.pace import Pace
@@ -238,11 +239,11 @@ class Session:
             and now_ns - self._opened_ns > AGREE_TIMEOUT_NS
         ):
             if self._restless:
-                self._fail("give_up", "restless", RESTLESS)
+                self._fail("give_up", EventKind.RESTLESS, RESTLESS)
             else:
                 self._fail(
                     "give_up",
-                    "deaf",
+                    EventKind.DEAF,
                     "the device is heard but does not answer; check the wire from this host's TX "
                     "to its RX",
                 )
@@ -456,7 +457,7 @@ class Session:
         """Everybody on the bus has had time to answer: go on where it was one."""
         chosen = self._answers.choose()
         if isinstance(chosen, str):
-            self._fail("no_device", "several", chosen)
+            self._fail("no_device", EventKind.SEVERAL, chosen)
         else:
             self._accept(*chosen, now_ns)
 
@@ -465,7 +466,7 @@ class Session:
         if known is not None and known.uid != hello.uid:
             self._fail(
                 "other_device",
-                "other_device",
+                EventKind.OTHER_DEVICE,
                 f"another device answered: uid {hello.uid.hex()}, expected {known.uid.hex()}",
             )
             return
@@ -538,7 +539,9 @@ class Session:
             return
         broken = agreement.apply()
         if broken is not None:
-            self._fail("disagree", "disagreement", f"no common ground with the device: {broken}")
+            self._fail(
+                "disagree", EventKind.DISAGREEMENT, f"no common ground with the device: {broken}"
+            )
             return
         self._ask(now_ns)
 
@@ -568,7 +571,7 @@ class Session:
             self._events.append(StateChanged(self.state, new, why))
         self.state = new
 
-    def _fail(self, what: str, kind: str, text: str) -> None:
+    def _fail(self, what: str, kind: EventKind, text: str) -> None:
         if (self.state, what) in TRANSITIONS:
             self._move(what, text)
             self._events.append(Failed(kind, text))

@@ -10,6 +10,7 @@ from protocol.link import Received, Rejected
 from protocol.uart.framing import DamagedFrame
 
 if TYPE_CHECKING:
+    from bridge.session.event_kinds import EventKind
     from protocol.clock import HostNs
     from protocol.commands import Outcome
     from protocol.messages import Hello
@@ -78,9 +79,8 @@ class Agreed:
 class Failed:
     """The session cannot go on."""
 
-    kind: str
-    """``silence``, ``garbage``, ``echo``, ``version``, ``deaf``, ``restless``,
-    ``disagreement``, ``other_device``, ``other_host``, ``other_node`` or ``several``."""
+    kind: EventKind
+    """Of those that say why a session cannot go on."""
     text: str
 
 

@@ -14,6 +14,7 @@ from sim_device.rig import Rig
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from bridge.bringup.wiring import Finding
     from protocol.link import LinkBase
     from sim_device.sweeper import VirtualSweeper
 
@@ -89,6 +90,9 @@ class Scripted:
 
     def tell(self, text: str) -> None:
         self.told.append(text)
+
+    def report(self, finding: Finding) -> None:
+        self.told.append(finding.line)
 
     def confirm(self, text: str) -> bool:
         self.asked.append(text)

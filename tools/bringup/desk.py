@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from bridge.bringup.desk import Desk
     from bridge.bringup.desk_wire import Wire
     from bridge.bringup.recorded import BenchRecords
+    from bridge.bringup.wiring import Finding
     from bridge.motion.robot_model import RobotModel
     from tools.cli.port_options import PortAsked
 
@@ -132,13 +133,13 @@ class Terminal:
 
     def tell(self, text: str) -> None:
         """Print a line."""
-        colour = None
-        if ": WRONG: " in text:
-            colour = "red"
-        elif ": ok: " in text:
-            colour = "green"
-        elif ": left out: " in text:
-            colour = "yellow"
+        self._print(text, None)
+
+    def report(self, finding: Finding) -> None:
+        """Print a finding, coloured by what it says."""
+        self._print(finding.line, {True: "green", False: "red", None: "yellow"}[finding.ok])
+
+    def _print(self, text: str, colour: str | None) -> None:
         self._desk.told(text)
         say(text, style=colour)
 

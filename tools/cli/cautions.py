@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from bridge.config import robot_cautions
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import EventRecord, Severity
 
 if TYPE_CHECKING:
@@ -28,6 +29,6 @@ def caution_lines(model: RobotModel, plan: FloorPlan | None) -> list[str]:
 def caution_records(model: RobotModel, plan: FloorPlan | None, log_ns: int) -> list[EventRecord]:
     """The same for a log."""
     return [
-        EventRecord(log_ns, Severity.WARNING, source, "caution", text, {})
+        EventRecord(log_ns, Severity.WARNING, source, EventKind.CAUTION, text, {})
         for source, text in cautions(model, plan)
     ]

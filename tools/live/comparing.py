@@ -12,6 +12,7 @@ from bridge.errors import BridgeError
 from bridge.io import clock
 from bridge.run.mission import Phase
 from bridge.run.start_pose import contradictions
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from bridge.session.states import State
 
@@ -77,7 +78,11 @@ def start_checked(pump: Pump, model: RobotModel, plan: FloorPlan | None) -> Iter
                 f"the robot does not seem to stand at the start of {plan.name}: "
                 f"{', '.join(found)}; put it there, or map and coverage are wrong"
             )
-            pump.call(lambda: pump.host.event(clock.now(), Severity.WARNING, "room", "start", text))
+            pump.call(
+                lambda: pump.host.event(
+                    clock.now(), Severity.WARNING, "room", EventKind.START, text
+                )
+            )
 
     if plan is not None:
         threading.Thread(target=look, args=(plan,), name="start", daemon=True).start()
@@ -91,4 +96,6 @@ def _report(pump: Pump, difference: Difference, source: str) -> None:
     name, unit, device, file = difference
     shown = "" if unit == "ratio" else f" {unit}"
     text = f"{name}: the device has {device:.7g}{shown}, {source} {file:.7g}{shown}"
-    pump.call(lambda: pump.host.event(clock.now(), Severity.WARNING, "session", "parameter", text))
+    pump.call(
+        lambda: pump.host.event(clock.now(), Severity.WARNING, "session", EventKind.PARAMETER, text)
+    )

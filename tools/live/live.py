@@ -20,8 +20,8 @@ from rich.text import Text
 
 from bridge.io import clock
 from bridge.run.ending import described
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import EventRecord, IdentityRecord, LogRecord, Severity
-from bridge.session.states import State
 from tools.cli.console import drop_queued, err, say
 from tools.cli.visible_text import one_line
 from tools.live.heading import RunFacts, heading
@@ -109,7 +109,7 @@ class Teller:
 def _ends_run(event: EventRecord) -> bool:
     """Whether an event is a failure of the session, whose text is the run's last line."""
     return event.source == "session" and (
-        event.kind == State.FAILED.value or event.severity is Severity.ERROR
+        event.kind == EventKind.FAILED or event.severity is Severity.ERROR
     )
 
 

@@ -13,6 +13,7 @@ from bridge.run.manual import Hand, Operator
 from bridge.run.mission import Phase
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.refusals import refusal
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from protocol.messages import PlannerCommand
 from protocol.values import PlannerAction, PlannerPhase, StopCause, label
@@ -111,7 +112,7 @@ class Operating:
 
     def _tell_gone(self, path: str) -> None:
         text = f"the gamepad {path} is gone: the robot was stopped"
-        self._host.event(clock.now(), Severity.WARNING, "operator", "gamepad_gone", text)
+        self._host.event(clock.now(), Severity.WARNING, "operator", EventKind.GAMEPAD_GONE, text)
 
     def _end(self, ending: Ending) -> None:
         self._pump.request_end(ending)
@@ -158,7 +159,7 @@ class Operating:
                 clock.now(),
                 Severity.INFO,
                 "operator",
-                "mark",
+                EventKind.MARK,
                 text,
                 number=number,
                 x_m=pose.x_m,
@@ -221,6 +222,7 @@ class Operating:
         action = PlannerAction.RESUME if paused else PlannerAction.PAUSE
         fields = (int(action), int(mission.planner))
         host, what = self._host, action.name.lower()
+        failed = EventKind.NOT_RESUMED if paused else EventKind.NOT_PAUSED
 
         def ended(outcome: Outcome | None) -> None:
             if outcome is not None and outcome.accepted:
@@ -229,7 +231,7 @@ class Operating:
             reason = None if outcome is None else outcome.reason
             why = "it did not answer" if reason is None else refusal(reason)
             self.message = f"the device did not {what} its planner ({why}); space stops it"
-            host.event(clock.now(), Severity.ERROR, "operator", f"not_{what}d", self.message)
+            host.event(clock.now(), Severity.ERROR, "operator", failed, self.message)
 
         self.message = f"asking the device's planner to {what}"
         self._pump.call(lambda: host.commands.ask(PlannerCommand, fields, clock.now(), ended))

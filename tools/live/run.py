@@ -34,6 +34,7 @@ from bridge.run.manual import Operator
 from bridge.run.options import HostOptions
 from bridge.run.recording import LogFailureRule
 from bridge.run.summary import crash_summary, run_summary
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import RoomRecord, RunInfo, Severity
 from bridge.supervise import Supervisor
 from tools.cli.cautions import cautions
@@ -182,7 +183,7 @@ def run_live(asked: LiveOptions) -> LiveResult:
         stop_on_error=asked.recording.stop_on_error,
     )
     for source, text in cautions(asked.model, asked.plan):
-        host.event(clock.now(), Severity.WARNING, source, "caution", text)
+        host.event(clock.now(), Severity.WARNING, source, EventKind.CAUTION, text)
     operating = _operating(asked, pump, operator)
     if asked.duration_s is not None:
         pump.end_after(asked.duration_s)
@@ -251,19 +252,19 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
 def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
     """Let other shells reach the robot through this run; say what is amiss with the port."""
 
-    def tell(kind: str, text: str) -> None:
+    def tell(kind: EventKind, text: str) -> None:
         pump.host.event(clock.now(), Severity.WARNING, "link", kind, text)
 
     note = latency_note(opened)
     if note is not None:
-        tell("latency", note)
+        tell(EventKind.LATENCY, note)
     risk = bus_risk(asked.port, lan=asked.opening.lan, keyed=asked.key is not None)
     if risk is not None:
-        tell("lan", risk)
+        tell(EventKind.LAN, risk)
     try:
         owner = OwnerSocket(asked.port, OwnerService(pump.host, pump))
     except BridgeError as error:
-        tell("no_socket", f"other shells cannot reach this run: {error}")
+        tell(EventKind.NO_SOCKET, f"other shells cannot reach this run: {error}")
         yield
         return
 
@@ -271,7 +272,10 @@ def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
         try:
             owner.also(name)
         except OSError as error:
-            tell("no_socket", f"other shells cannot find this run under {name}: {error.strerror}")
+            tell(
+                EventKind.NO_SOCKET,
+                f"other shells cannot find this run under {name}: {error.strerror}",
+            )
 
     pump.on_reopened = reopened
     with owner:
@@ -413,7 +417,7 @@ def _conclude(pump: Pump, asked: LiveOptions, way: array[float]) -> dict[str, An
             raise
         text = f"no summary after the crash: {described(error)}"
         with contextlib.suppress(Exception):  # the record may be what has failed
-            host.event(clock.now(), Severity.WARNING, "session", "no_summary", text)
+            host.event(clock.now(), Severity.WARNING, "session", EventKind.NO_SUMMARY, text)
         return crash_summary(
             host,
             room=asked.plan.name if asked.plan else None,

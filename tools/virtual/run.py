@@ -17,6 +17,7 @@ from bridge.run.build import build_run
 from bridge.run.ending import CRASH_CAUSE, Ending, crash_ending, traced
 from bridge.run.mission import Resume
 from bridge.run.options import HostOptions
+from bridge.session.event_kinds import EventKind
 from bridge.session.records import RoomRecord, Severity, TruthRecord
 from bridge.session.stop_request import StopRequest
 from protocol.uart.link import Link
@@ -170,7 +171,12 @@ def stop_crashed(host: Host, device: Rig | VirtualSweeper, error: Exception) -> 
     with contextlib.suppress(Exception):  # what fails may be the record itself
         now_ns = host_ns(device.next_deadline_us())
         host.event(
-            now_ns, Severity.ERROR, "session", "crash", ending.reason, traceback=traced(error)
+            now_ns,
+            Severity.ERROR,
+            "session",
+            EventKind.CRASH,
+            ending.reason,
+            traceback=traced(error),
         )
 
 

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.record.losses import LossCounter
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
+from bridge.run.mission import Phase
+from bridge.session.event_kinds import EventKind
 from bridge.view.report.run_track import load_track
 from bridge.view.run_reading import PoseErrors
 from protocol.schema.catalogue import CATALOGUE
@@ -180,15 +182,27 @@ def _drive(reader: LogReader, start_ns: int) -> tuple[float, float]:
     for message in reader.messages({"/events"}):
         try:
             event = message.decoded
-            source, kind, text = event.source, event.kind, event.text
+            is_phase = event.source == "session" and event.kind == EventKind.PHASE
+            phase = _phase(event) if is_phase else None
         except MISREAD:
             continue
-        if source == "session" and kind == "phase":
-            if text == "run is driving" and begin_s == -math.inf:
-                begin_s = (message.log_ns - start_ns) / _NS
-            elif text == "run is ending":
-                end_s = (message.log_ns - start_ns) / _NS
+        if phase == Phase.DRIVING.value and begin_s == -math.inf:
+            begin_s = (message.log_ns - start_ns) / _NS
+        elif phase == Phase.ENDING.value:
+            end_s = (message.log_ns - start_ns) / _NS
     return begin_s, end_s
+
+
+def _phase(event: Any) -> object:  # noqa: ANN401 - decoded
+    """The phase that a run's event names; logs of version 0.1 have it as their text's last word.
+
+    Raises:
+        ValueError: its data are no JSON: another program's event.
+
+    """
+    data = json.loads(event.data_json or "{}")
+    phase = data.get("phase") if isinstance(data, dict) else None
+    return event.text.rpartition(" ")[2] if phase is None else phase
 
 
 def frames_of(data_json: str) -> int:
@@ -247,7 +261,7 @@ class _Gatherer:
                 data.clock.append((time_s, _number(bound_ms), _number(trip_ms), drift_ppm))
             case "/events":
                 event = message.decoded
-                if event.source == "link" and event.kind == "damaged":
+                if event.source == "link" and event.kind == EventKind.DAMAGED:
                     data.damaged += frames_of(event.data_json)
                 told = event.severity, event.source, event.kind, event.text
                 data.happenings.append(Happening(time_s, *map(str, told)))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.bringup.desk_wire import InterruptedByPersonError
-from bridge.errors import DeviceLostError
-from protocol.values import Mode, StopCause
+from bridge.errors import DeviceLostError, StoppedForSafetyError
+from protocol.values import LogLevel, Mode, StopCause
 from support.bench_wire import RigWire, desk_on
 from support.ends import sweeper
 
@@ -64,3 +64,20 @@ def test_a_stop_that_is_not_confirmed_is_an_error(
         raise InterruptedByPersonError("ended by Ctrl-C")
     assert raised.value.exit_status == 3
     assert wire.closed
+
+
+@pytest.mark.parametrize("error", ["", "stopped by itself: motor stalled"])
+def test_a_latch_is_explained_by_the_devices_errors_only(
+    moving: tuple[Desk, RigWire], error: str
+) -> None:
+    desk, wire = moving
+    firmware = wire.device.firmware
+    if error:
+        firmware.log(LogLevel.ERROR, error)
+    firmware.log(LogLevel.INFO, "parameters saved")
+    desk.run(0.5)
+    firmware.control.stop(StopCause.HARDWARE)
+    with pytest.raises(StoppedForSafetyError) as raised:
+        desk.run(1.0)
+    why = f": {error}" if error else ""
+    assert str(raised.value) == f"the device latched a stop (cause: hardware){why}"
