@@ -15,8 +15,8 @@ from bridge.coverage.recovery.evidence_kernels import SURE
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.window import Buffers, Window
 from bridge.motion.geometry import Pose2
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,9 +46,8 @@ def driven(memory: EvidenceMap, start: Pose2, end: Pose2, range_m: float, *, see
         y = start.y_m + share * (end.y_m - start.y_m)
         right_m = range_m if seen else None
         pose = Pose2(x, y, end.theta_rad)
-        memory.update(
-            Observation(0.1 * k, pose, 0.2, 0.0, None, None, right_m, False, False, cliff=False)  # noqa: FBT003
-        )
+        seen_there = AT_REST._replace(time_s=0.1 * k, pose=pose, v_m_s=0.2)
+        memory.update(seen_there._replace(infrared_right_m=right_m))
 
 
 def remembered(told: list[tuple[str, tuple[float, float, float], float, bool]]) -> EvidenceMap:

@@ -33,6 +33,7 @@ from protocol.messages import Encoders, Imu, Range, Status
 from protocol.values import Mode, StopCause
 from sim_device.ports import PtyPort
 from support.emulated import PLAN, Emulated
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -181,8 +182,7 @@ def test_another_node_than_asked_for(emulated: Emulated) -> None:
 
 
 def observed(time_s: float) -> Observation:
-    still = Pose2(0.0, 0.0, 0.0)
-    return Observation(time_s, still, 0.0, 0.0, None, None, None, *(False,) * 3)
+    return AT_REST._replace(time_s=time_s)
 
 
 def test_a_velocity_holds_for_half_a_second() -> None:

@@ -19,13 +19,14 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Turn
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 
 MODEL = RobotModel()
 END = 99
 
 
 def seen(pose: Pose2, time_s: float = 0.0) -> Observation:
-    return Observation(time_s, pose, 0.0, 0.0, None, None, None, False, False, False)  # noqa: FBT003 - the record's own fields
+    return AT_REST._replace(time_s=time_s, pose=pose)
 
 
 class Corridor:

@@ -15,14 +15,15 @@ from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, LegResult, StopReason, Turn
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.recovery.choice import Choice
     from bridge.motion.legs import Leg
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 OPTIONS = RecoveryOptions()
@@ -133,14 +134,14 @@ class Following(RecoveryPlanner):
         super().__init__(MODEL)
         self._brisk_s = 0.6 if brisk else 0.4  # the outline ends at 1 s
         self._memory = empty()
-        self._obs = Observation(*(0.0, HERE, 0.0, 0.0, None, None, None), *[False] * 3)
+        self._obs = AT_REST._replace(pose=HERE)
         standing(self._memory, -75.0, 0.002)  # the wall that is followed
         standing(self._memory, bearing_deg)
 
     def brisk_after(self, time_s: float, v_m_s: float, following: int) -> float:
         """When it was brisk last, after one more observation."""
         self._following = following
-        self.watch(Observation(*(time_s, HERE, v_m_s, 0.0, None, None, None), *[False] * 3))
+        self.watch(AT_REST._replace(time_s=time_s, pose=HERE, v_m_s=v_m_s))
         return self._brisk_s
 
     def turns_deg(self, way_m: float, count: int, rest_s: float = 0.0) -> list[float]:
@@ -193,7 +194,8 @@ def test_along_a_bend_it_is_slower_than_along_a_straight_wall(
     planner = Following(-45.0)
     planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
     planner._following = following  # noqa: SLF001 - as within an outline
-    planner.watch(Observation(*(5.0, HERE, 0.2, yaw_rad_s, None, None, None), *[False] * 3))
+    seen = AT_REST._replace(time_s=5.0, pose=HERE, v_m_s=0.2, yaw_rate_rad_s=yaw_rad_s)
+    planner.watch(seen)
     assert planner.most_m_s == pytest.approx(most_m_s)
 
 
@@ -202,7 +204,7 @@ def test_a_bend_is_followed_no_faster_than_the_robot_cruises() -> None:
     planner.model = replace(MODEL, cruise_speed_m_s=0.1)
     planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
     planner._following = -1  # noqa: SLF001 - as within an outline
-    planner.watch(Observation(*(5.0, HERE, 0.1, 0.5, None, None, None), *[False] * 3))
+    planner.watch(AT_REST._replace(time_s=5.0, pose=HERE, v_m_s=0.1, yaw_rate_rad_s=0.5))
     assert planner.most_m_s == pytest.approx(0.1)
 
 
@@ -236,7 +238,7 @@ class Ending(RecoveryPlanner):
     def __init__(self) -> None:
         super().__init__(MODEL)
         self._memory = empty()
-        self._obs = Observation(*(0.0, HERE, 0.0, 0.0, None, None, None), *[False] * 3)
+        self._obs = AT_REST._replace(pose=HERE)
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - bumped
         self.memory.add_bump(HERE, left=True, right=True)

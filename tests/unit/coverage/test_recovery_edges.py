@@ -17,11 +17,13 @@ from bridge.coverage.recovery.window import Buffers, Window
 from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from collections.abc import Generator
+
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 QUARTER = 0.5 * math.pi
@@ -32,8 +34,7 @@ AHEAD_M, ASIDE_M = SPOT_M * math.cos(SPAN_RAD), SPOT_M * math.sin(SPAN_RAD)
 
 
 def seen(pose: Pose2, time_s: float = 0.0, *, cliff: bool = False) -> Observation:
-    bumper = (False, False)
-    return Observation(time_s, pose, 0.2, 0.0, None, None, None, *bumper, cliff)
+    return AT_REST._replace(time_s=time_s, pose=pose, v_m_s=0.2, cliff=cliff)
 
 
 def nowhere(x_m: float, y_m: float) -> bool:

@@ -13,14 +13,15 @@ from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult, StopReason
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.planner import Scalar, Step
     from bridge.motion.legs import Leg
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 PLACE = (1.5, 0.0)
@@ -33,7 +34,7 @@ class Judge(RecoveryPlanner):
         super().__init__(MODEL)
         pose = Pose2(x_m, 0.0, 0.0)
         self._memory = EvidenceMap(MODEL, RecoveryOptions(), pose)
-        self._obs = Observation(*(0.0, pose, 0.0, 0.0, None, None, None), *[False] * 3)
+        self._obs = AT_REST._replace(pose=pose)
 
     def blames(self, *, arrived: bool, futile: int = 0, new_cells: int = 0) -> bool:
         """Whether the place that was gone for has one try less."""
@@ -96,7 +97,7 @@ class Refused(RecoveryPlanner):
 
     def run(self, most: int) -> tuple[str | None, Counter[str]]:
         """Why it ended, if it did in so many attempts; and what was decided how often."""
-        here = Observation(*(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, None, None, None), *[False] * 3)
+        here = AT_REST
         self.options = RecoveryOptions(max_decisions=most)
         end: str | None = None
         script = self.script(here)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -21,8 +22,11 @@ from bridge.coverage.recovery.evidence_kernels import (
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
+
+if TYPE_CHECKING:
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 
@@ -34,18 +38,8 @@ def layers(rows: int, cols: int, count: int) -> list[np.ndarray]:
 def observed(
     x: float, y: float, theta: float = 0.0, *, time_s: float = 0.0, right_m: float | None = None
 ) -> Observation:
-    return Observation(
-        time_s=time_s,
-        pose=Pose2(x, y, theta),
-        v_m_s=0.2,
-        yaw_rate_rad_s=0.0,
-        ultrasonic_m=None,
-        infrared_left_m=None,
-        infrared_right_m=right_m,
-        bumper_left=False,
-        bumper_right=False,
-        cliff=False,
-    )
+    pose = Pose2(x, y, theta)
+    return AT_REST._replace(time_s=time_s, pose=pose, v_m_s=0.2, infrared_right_m=right_m)
 
 
 def test_a_straight_sweep_marks_exactly_the_centres_passed() -> None:

@@ -14,13 +14,14 @@ from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.planner import PlannerEvent
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 OPTIONS = RecoveryOptions()
@@ -31,7 +32,7 @@ MIDDLE_DEG = 38.5
 
 
 def seen(pose: Pose2 = HERE, v_m_s: float = 0.0) -> Observation:
-    return Observation(*(0.0, pose, v_m_s, 0.0, None, None, None), *[False] * 3)
+    return AT_REST._replace(pose=pose, v_m_s=v_m_s)
 
 
 class AtDoor(RecoveryPlanner):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,8 +30,11 @@ from bridge.coverage.recovery.window_kernels import (
     scan_outlines,
 )
 from bridge.motion.geometry import Pose2
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
+
+if TYPE_CHECKING:
+    from bridge.motion.observation import Observation
 
 QUEUE = np.zeros((RING, 4096), dtype=np.int32)
 FAR = 1 << 24
@@ -204,7 +208,7 @@ def test_a_lane_is_taken_from_its_nearer_end() -> None:
 
 
 def seen(pose: Pose2) -> Observation:
-    return Observation(*(pose.x_m, pose, 0.2, 0.0, None, None, None, False, False, False))
+    return AT_REST._replace(time_s=pose.x_m, pose=pose, v_m_s=0.2)
 
 
 def test_of_what_is_left_only_pieces_that_hold_a_disc_are_holes() -> None:

@@ -19,9 +19,10 @@ from bridge.coverage.recovery.stretches import OFF_M, Start
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, Leg, LegResult, StopReason
-from bridge.motion.observation import HALT, Observation
+from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import FastWorld
+from support.observed import AT_REST
 from tools.experiment.room_generator import generate_room
 
 if TYPE_CHECKING:
@@ -44,9 +45,7 @@ def swept_lane(options: RecoveryOptions) -> EvidenceMap:
     memory = EvidenceMap(MODEL, options, Pose2(0.0, 0.0, 0.0))
     for k in range(101):
         pose = Pose2(0.02 * k, 0.0, 0.0)
-        memory.update(
-            Observation(*(0.02 * k, pose, 0.2, 0.0, None, None, None, False, False, False))
-        )
+        memory.update(AT_REST._replace(time_s=0.02 * k, pose=pose, v_m_s=0.2))
     return memory
 
 
@@ -138,7 +137,7 @@ def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> Open:
     """A planner that went along a wall on the left through places on a line, 1 cm at a time."""
     planner = Open(MODEL)
     begun = Pose2(*poses[0], 0.0)
-    planner.start(Observation(*(0.0, begun, 0.2, 0.0, None, None, None), *[False] * 3))
+    planner.start(AT_REST._replace(pose=begun, v_m_s=0.2))
     planner.follow(LEFT)
     time_s = 0.0
     for (x0, y0), (x1, y1) in pairwise(poses):
@@ -147,7 +146,8 @@ def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> Open:
             time_s += 0.05
             at = Pose2(x0 + k / steps * (x1 - x0), y0 + k / steps * (y1 - y0), 0.0)
             rate = yaw_rate_rad_s if abs(at.x_m - 0.6) < 0.02 else 0.0
-            planner.watch(Observation(*(time_s, at, 0.2, rate, 0.9, 0.1, None), *[False] * 3))
+            seen = AT_REST._replace(time_s=time_s, pose=at, v_m_s=0.2, yaw_rate_rad_s=rate)
+            planner.watch(seen._replace(ultrasonic_m=0.9, infrared_left_m=0.1))
     planner.end()
     return planner
 
@@ -183,7 +183,7 @@ def test_what_is_met_near_the_walls_beginning_is_that_wall(
     leg = next(way)
     assert isinstance(leg, Drive)
     pose = Pose2(2.2 - short_m, 0.0, 0.0)
-    obs = Observation(*(9.0, pose, 0.0, 0.0, 0.04, None, None), *[False] * 3)
+    obs = AT_REST._replace(time_s=9.0, pose=pose, ultrasonic_m=0.04)
     planner.watch(obs)
     result = LegResult(leg, reason, 1.0 - short_m, 5.0, pose)
     arrived = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,10 +18,13 @@ from bridge.coverage.recovery.shadows import Shadow
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult, StopReason
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
+from support.observed import AT_REST
 from tools.experiment.room_generator import generate_room
+
+if TYPE_CHECKING:
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 PLAN = generate_room(7, np.random.default_rng(7), "turned")
@@ -70,9 +74,7 @@ def test_a_second_plan_does_not_tell_the_end_of_the_first() -> None:
 
 def observed(doubt_deg: float, time_s: float = 0.0) -> Observation:
     """Nothing in reach, the heading in doubt."""
-    at = Pose2(0.0, 0.0, 0.0)
-    seen = Observation(*(time_s, at, 0.0, 0.0, None, None, None), *[False] * 3)
-    return seen._replace(heading_doubt_rad=math.radians(doubt_deg))
+    return AT_REST._replace(time_s=time_s, heading_doubt_rad=math.radians(doubt_deg))
 
 
 class Watching(RecoveryPlanner):

@@ -15,6 +15,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, Turn
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from bridge.coverage.planner import PlannerEvent
@@ -24,10 +25,8 @@ DOUBTFUL, SURE = math.radians(0.02), math.radians(0.004)
 
 
 def seen(time_s: float, doubt: float, x: float = 0.0) -> Observation:
-    return Observation(
-        *(time_s, Pose2(x, 0.0, 0.0), 0.0, 0.0, None, None, None, False, False, False),
-        doubt,
-    )
+    pose = Pose2(x, 0.0, 0.0)
+    return AT_REST._replace(time_s=time_s, pose=pose, gyro_doubt_rad_s=doubt)
 
 
 def test_a_rest_lasts_until_the_bias_is_sure() -> None:

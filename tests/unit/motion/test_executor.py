@@ -15,6 +15,7 @@ from bridge.motion.legs import Drive, GoTo, Leg, LegResult, Rest, StopReason, Tu
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import STEP_S, TYPICAL, KinematicWorld
+from support.observed import AT_REST
 
 MODEL = RobotModel()
 HALL = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
@@ -181,8 +182,7 @@ def test_rest_stands_still_for_its_time() -> None:
 
 def frozen(time_s: float) -> Observation:
     """A robot that does not move whatever it is told."""
-    pose = Pose2(1.0, 1.0, 0.0)
-    return Observation(time_s, pose, 0.0, 0.0, None, None, None, False, False, False)  # noqa: FBT003 - the record's own fields
+    return AT_REST._replace(time_s=time_s, pose=Pose2(1.0, 1.0, 0.0))
 
 
 @pytest.mark.parametrize("leg", [Drive(0.0), Turn(1.0), GoTo(2.0, 1.0), Drive(0.0, -1.0)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -14,7 +15,6 @@ from bridge.motion.control.point_to_point import BEARING_GAINS
 from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, GoTo, Leg
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
 from bridge.motion.steering_response import (
     BEARING_BAND_RAD,
@@ -24,8 +24,12 @@ from bridge.motion.steering_response import (
     wall_step,
 )
 from bridge.motion.step_response import DEAD_S, StepResponse
+from support.observed import AT_REST
 from support.sim_body import box, room
 from support.sim_drive import SimDrive
+
+if TYPE_CHECKING:
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 CRUISE_M_S = MODEL.cruise_speed_m_s
@@ -120,9 +124,13 @@ def test_a_stiff_yaw_swings_where_the_line_is_slow() -> None:
 
 def observe(drive: SimDrive, left_m: float | None) -> Observation:
     estimator = drive.estimator
-    now_s, v, w = 0.01 * drive.tick, estimator.v_m_s, estimator.yaw_rate_rad_s
-    bare = {"bumper_left": False, "bumper_right": False, "cliff": False}
-    return Observation(now_s, estimator.pose, v, w, None, left_m, None, **bare)
+    return AT_REST._replace(
+        time_s=0.01 * drive.tick,
+        pose=estimator.pose,
+        v_m_s=estimator.v_m_s,
+        yaw_rate_rad_s=estimator.yaw_rate_rad_s,
+        infrared_left_m=left_m,
+    )
 
 
 def drive_leg(level: str, seed: int, leg: Leg, start: Pose2) -> list[Pose2]:

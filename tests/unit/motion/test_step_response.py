@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -13,7 +14,6 @@ from bridge.motion.control.point_to_point import DISTANCE_GAINS
 from bridge.motion.control.rotary import ROTARY_GAINS
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
 from bridge.motion.step_response import (
     BAND_RAD,
@@ -25,9 +25,13 @@ from bridge.motion.step_response import (
     rotary_step,
     smoothing_series,
 )
+from support.observed import AT_REST
 from support.sim_body import room
 from support.sim_drive import SimDrive
 from tools.experiment.u_cycles import PAPER_CYCLES, CycleOffset, UCycles
+
+if TYPE_CHECKING:
+    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 
@@ -167,18 +171,12 @@ def drive_cycles(seed: int) -> list[CycleOffset]:
 
 def observe(drive: SimDrive) -> Observation:
     estimator = drive.estimator
-    now_s, v, w = 0.01 * drive.tick, estimator.v_m_s, estimator.yaw_rate_rad_s
-    return Observation(
-        now_s,
-        estimator.pose,
-        v,
-        w,
-        drive.front_m,
-        None,
-        None,
-        bumper_left=False,
-        bumper_right=False,
-        cliff=False,
+    return AT_REST._replace(
+        time_s=0.01 * drive.tick,
+        pose=estimator.pose,
+        v_m_s=estimator.v_m_s,
+        yaw_rate_rad_s=estimator.yaw_rate_rad_s,
+        ultrasonic_m=drive.front_m,
     )
 
 

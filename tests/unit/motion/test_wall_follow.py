@@ -18,6 +18,7 @@ from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import IDEAL, STEP_S, TYPICAL, KinematicWorld, WorldNoise
+from support.observed import AT_REST
 
 MODEL = RobotModel()
 ORIGIN = Pose2(0.0, 0.0, 0.0)
@@ -270,7 +271,9 @@ def sees(
     bumper: tuple[bool, bool] = (False, False),
     cliff: bool = False,
 ) -> Observation:
-    return Observation(0.0, ORIGIN, 0.2, 0.0, front_m, left_m, None, *bumper, cliff)
+    left, right = bumper
+    seen = AT_REST._replace(v_m_s=0.2, bumper_left=left, bumper_right=right, cliff=cliff)
+    return seen._replace(ultrasonic_m=front_m, infrared_left_m=left_m)
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.control.wall_follow import FollowState, Side, WallFollower
 from bridge.motion.estimation.wall_track import WallTrack
 from bridge.motion.geometry import Pose2
-from bridge.motion.observation import Observation
 from bridge.motion.robot_model import RobotModel
 from support.kinematic_world import STEP_S
+from support.observed import AT_REST
 
 MODEL = RobotModel()
 RADIUS_M = MODEL.radius_m
@@ -42,8 +42,7 @@ def test_who_comes_to_a_wall_rubs_along_without_pressing(start_gap_m: float) -> 
     mount = MODEL.infrared_left
     follower = WallFollower(MODEL, Side.LEFT, 0.0005)
     distance, yaw, told = RADIUS_M + start_gap_m, 0.0, Pose2(0.0, 0.0, 0.0)
-    bumper, cliff = (False, False), False
-    free = Observation(0.0, told, 0.2, 0.0, None, None, None, *bumper, cliff)
+    free = AT_REST._replace(pose=told, v_m_s=0.2)
     smooth = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
     not_made_m, along_m, range_m = 0.0, 0.0, 0.0
     for i in range(600):

@@ -16,12 +16,12 @@ from bridge.coverage.planner import PlannerEvent, PlannerState
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import PortError
 from bridge.io.gamepad import Gamepad, Layout, PadState, Sticks
-from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
 from bridge.run.manual import Hand, Operator
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -221,8 +221,7 @@ class Straight:
 
 
 def observed(time_s: float, *, bumped: bool = False) -> Observation:
-    still = Pose2(0.0, 0.0, 0.0)
-    return Observation(time_s, still, 0.0, 0.0, None, None, None, bumped, False, False)  # noqa: FBT003 - of the tuple
+    return AT_REST._replace(time_s=time_s, bumper_left=bumped)
 
 
 def operator(*, manual: bool = False, plan: bool = True) -> Operator:

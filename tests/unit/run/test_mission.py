@@ -6,7 +6,6 @@ import pytest
 
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import Remedy
-from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 from bridge.run.ending import Ending
@@ -23,6 +22,7 @@ from protocol.commands import Outcome
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause
 from support.ends import Spinning
+from support.observed import AT_REST
 
 MODEL = RobotModel()
 CLEARED = Outcome(ClearStop(1, 1), accepted=True, reason=None)
@@ -52,18 +52,7 @@ def status(cause: int = 0) -> Status:
 
 
 def seen(now_s: float) -> Observation:
-    return Observation(
-        now_s,
-        pose=Pose2(0, 0, 0),
-        v_m_s=0.0,
-        yaw_rate_rad_s=0.0,
-        ultrasonic_m=None,
-        infrared_left_m=None,
-        infrared_right_m=None,
-        bumper_left=False,
-        bumper_right=False,
-        cliff=False,
-    )
+    return AT_REST._replace(time_s=now_s)
 
 
 def driving(**options: bool | float) -> Mission:

@@ -6,21 +6,18 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.run.ending import Ending
 from bridge.run.mission import Mission, Phase, Request, Resume
 from protocol.commands import Outcome
 from protocol.messages import ClearStop, SetMode, Status, Stop
 from protocol.values import Mode, NackReason, StopCause
+from support.observed import AT_REST
 
 if TYPE_CHECKING:
     from bridge.run.runner import Runner
 
 AHEAD = VelocityCommand(0.2, 0.0)
-OBS = Observation(
-    *(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, None, None, None, False, False, False),
-)
 
 
 class Plan:
@@ -61,8 +58,8 @@ def driving(plan: Plan | None = None, **options: object) -> Mission:
     mission.on_ready(10.0)
     mission.on_status(status(), 12.0)
     mission.on_command(accepted(SetMode(1, 1)), 14.0)
-    assert mission.step(OBS, None, 16.0) == HALT
-    assert mission.step(OBS, None, 16.0) == AHEAD
+    assert mission.step(AT_REST, None, 16.0) == HALT
+    assert mission.step(AT_REST, None, 16.0) == AHEAD
     mission.requests()
     return mission
 
@@ -84,7 +81,7 @@ def go_on(mission: Mission, at_s: float, cause: StopCause = StopCause.LINK) -> N
     mission.on_status(status(cause), at_s)
     mission.on_command(accepted(ClearStop(2, cause)), at_s)
     mission.on_command(accepted(SetMode(3, 1)), at_s)
-    mission.step(OBS, None, at_s + 2.0)
+    mission.step(AT_REST, None, at_s + 2.0)
 
 
 def test_what_a_mission_begins_with() -> None:
@@ -100,13 +97,13 @@ def test_by_default_it_settles_for_2_5_s() -> None:
     mission.on_ready(0.0)
     mission.on_status(status(), 0.0)
     mission.on_command(accepted(SetMode(1, 1)), 1.0)
-    assert mission.step(OBS, None, 3.49) == HALT
+    assert mission.step(AT_REST, None, 3.49) == HALT
     assert phase(mission) is Phase.SETTLING
-    mission.step(OBS, None, 3.5)
+    mission.step(AT_REST, None, 3.5)
     assert phase(mission) is Phase.DRIVING
 
 
-@pytest.mark.parametrize(("obs", "stale"), [(None, None), (OBS, "imu"), (None, "imu")])
+@pytest.mark.parametrize(("obs", "stale"), [(None, None), (AT_REST, "imu"), (None, "imu")])
 def test_it_does_not_set_out_without_its_data(obs: Observation | None, stale: str | None) -> None:
     mission = made(settle_s=2.0)
     mission.on_ready(0.0)
@@ -127,20 +124,20 @@ def test_without_an_observation_it_stands() -> None:
     assert ending(mission) is None
     assert mission.step(None, "imu", 17.0) == HALT
     assert ending(mission) is None, "nothing to judge by"
-    assert mission.step(OBS, "imu", 17.0) == HALT
+    assert mission.step(AT_REST, "imu", 17.0) == HALT
     assert ending(mission) == Ending(
         "stopped", "no imu data from the device", 5, StopCause.SUPERVISE
     )
     idle = Mission(None)
     idle.phase = Phase.DRIVING
-    assert idle.step(OBS, None, 1.0) == HALT
+    assert idle.step(AT_REST, None, 1.0) == HALT
 
 
 @pytest.mark.parametrize(("reason", "told"), [("all swept", "all swept"), (None, "finished")])
 def test_a_plan_that_ends_completes_the_run(reason: str | None, told: str) -> None:
     mission = driving(plan := Plan())
     plan.finished, plan.finish_reason = True, reason
-    assert mission.step(OBS, None, 20.0) == AHEAD, "its last command; the stop follows"
+    assert mission.step(AT_REST, None, 20.0) == AHEAD, "its last command; the stop follows"
     assert ending(mission) == Ending("complete", told, 0)
     assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
     assert (mission.drive_started_s, mission.drive_ended_s) == (16.0, 20.0)
@@ -152,8 +149,8 @@ def test_a_plan_that_ends_completes_the_run(reason: str | None, told: str) -> No
 
 def test_a_run_may_take_all_of_its_time() -> None:
     mission = driving(max_time_s=4.0)
-    assert mission.step(OBS, None, 20.0) == AHEAD
-    assert mission.step(OBS, None, 20.25) == HALT
+    assert mission.step(AT_REST, None, 20.0) == AHEAD
+    assert mission.step(AT_REST, None, 20.25) == HALT
     assert ending(mission) == Ending("timeout", "not finished after 4 s", 1)
 
 
@@ -167,9 +164,9 @@ def test_a_stop_that_was_refused_is_not_confirmed() -> None:
 def test_a_stop_is_waited_for_as_long_as_it_takes_and_no_longer() -> None:
     mission = driving()
     mission.request_end(Ending("stopped", "so", 0), 17.0)
-    assert mission.step(OBS, None, 18.0) is None
+    assert mission.step(AT_REST, None, 18.0) is None
     assert not mission.done
-    mission.step(OBS, None, 18.25)
+    mission.step(AT_REST, None, 18.25)
     assert mission.done
 
 
