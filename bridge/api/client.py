@@ -7,6 +7,7 @@ Used by :class:`bridge.api.robot.Robot` and by the socket through which other pr
 from __future__ import annotations
 
 import threading
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from bridge.errors import BridgeError, DeviceLostError, ParameterError, shown
@@ -35,7 +36,7 @@ from protocol.values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from concurrent.futures import Future
 
     from bridge.run.host import Host
@@ -62,6 +63,17 @@ _NAMES = {
 
 _HANGS = "the loop that has its port does not answer"
 R = TypeVar("R")
+
+
+@contextmanager
+def noted(what: str | None) -> Iterator[None]:
+    """Have a Ctrl-C meanwhile say what it leaves unknown; None: nothing."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        if what is not None:
+            error.add_note(f"the device may have carried out {what}: no answer has come")
+        raise
 
 
 class InLoop(Protocol):
@@ -103,8 +115,9 @@ class Asker:
             check_known(what, kind, self._host.session.link)
             self._host.commands.ask(kind, fields, clock.now(), ended)
 
-        self._in_loop(ask)
-        self._await(answered, what)
+        with noted(None if kind is GetParameter else what):
+            self._in_loop(ask)
+            self._await(answered, what)
         check_outcome(what, answers[0])
 
     def _in_loop(self, action: Callable[[], R]) -> R:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from bridge.api import arguments
+from bridge.api.client import noted
 from bridge.errors import OwnerRefusedError
 from bridge.io.owner_client import ask, has_owner
 from bridge.session.parameters import Parameter
@@ -96,21 +97,21 @@ class RemoteRobot:
     @arguments.checked(name=arguments.PARAMETER, value=arguments.VALUE)
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
         """Change one until the next boot; gives what the device has then."""
-        return Parameter.from_dict(self._ask("set", name=name, value=value)["parameter"])
+        return Parameter.from_dict(self._change("set", name=name, value=value)["parameter"])
 
     def save_parameters(self) -> None:
         """Make the present values the next boot's."""
-        self._ask("save")
+        self._change("save")
 
     @arguments.checked(stream=arguments.TEXT, rate_hz=arguments.HERTZ)
     def stream_rate(self, stream: str, rate_hz: float) -> None:
         """Have a stream sent this often until the session ends; 0: not at all."""
-        self._ask("rate", stream=stream, hz=rate_hz)
+        self._change("rate", stream=stream, hz=rate_hz)
 
     @arguments.checked(factory_reset=arguments.FLAG)
     def reboot(self, *, factory_reset: bool = False) -> None:
         """Have the device boot anew."""
-        self._ask("reboot", factory_reset=factory_reset)
+        self._change("reboot", factory_reset=factory_reset)
 
     def snapshot(self) -> dict[str, Any]:
         """What is known of the robot now, for JSON."""
@@ -127,6 +128,10 @@ class RemoteRobot:
         if answer.get("confirmed") is not True:
             reason = str(answer.get("ending", "no reason is given"))
             raise OwnerRefusedError(f"the device did not confirm the stop: {reason}", 3)
+
+    def _change(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
+        with noted(f"{what}, which was asked of the process that has the port"):
+            return self._ask(what, **fields)
 
     def _ask(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
         return ask(self._port, {"do": what, **fields})

@@ -29,6 +29,6 @@ class Wire(Protocol):
 
 
 class InterruptedByPersonError(StoppedForSafetyError):
-    """A person ended the procedure; the robot was stopped."""
+    """A person ended the procedure before it was done; the robot was stopped."""
 
-    exit_status = 0
+    exit_status = 1

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Never, Self
+import json
+import signal
+from typing import TYPE_CHECKING, Any, Never, Self
 
+import pytest
+
+from bridge.api.client import Asker
+from bridge.api.remote import RemoteRobot
+from support.emulated import Emulated
+from tools.cli.console import print_summary as print_whole
 from tools.cli.main import run
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
-
-    import pytest
 
     from bridge.io.reopening import Opener
 
@@ -48,8 +55,96 @@ def test_a_key_that_is_set_is_reported_before_the_port_is_closed(
 ) -> None:
     monkeypatch.setattr("bridge.open", lambda *_, **__: Robot())
     new = tmp_path / "robot.key"
-    run(["key", str(tmp_path / "port"), "--set", str(new)])
+    assert run(["key", str(tmp_path / "port"), "--set", str(new)]) == 0
     said = capsys.readouterr().err
     assert f"the key is set; keep {new}" in said
     assert "interrupted" in said
     assert new.exists()
+
+
+def _device() -> dict[str, Any]:
+    return {"session": "ready", "run": "waiting", "device": {"boot_id": 1}}
+
+
+class Asked(Robot):
+    """One whose port is closed at once, and that Ctrl-C finds at one of its calls."""
+
+    def __init__(self, cut: str) -> None:
+        self._cut = cut
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing to wait for."""
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        if name == self._cut:
+            return interrupt
+        return {"snapshot": _device}.get(name, lambda *_, **__: None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cut", "known"),
+    [
+        (("reboot",), "reboot", "it was not done yet"),
+        (("reboot",), "snapshot", "it was not done yet"),
+        (("param", "save"), "list_parameters", "it was not done yet"),
+        (("param", "get", "max_speed"), "get_parameter", "it was not done yet"),
+    ],
+)
+def test_what_ctrl_c_cuts_off_is_not_done(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...],
+    cut: str,
+    known: str,
+) -> None:
+    monkeypatch.setattr("bridge.api.remote.reach", lambda *_, **__: Asked(cut))
+    group, *rest = arguments
+    names = [] if group == "reboot" else [rest.pop(0)]
+    assert run([group, *names, "/nowhere", *rest]) == 1
+    assert capsys.readouterr().err.strip() == f"sweepctl: interrupted: {known}"
+
+
+def test_a_boot_that_is_awaited_is_said_to_be_under_way(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("bridge.api.remote.reach", lambda *_, **__: Asked(""))
+    monkeypatch.setattr("bridge.io.clock.pause", interrupt)
+    assert run(["reboot", "/nowhere", "--json"]) == 1
+    said = capsys.readouterr()
+    assert "the device took the command and was not back yet" in said.err
+    assert json.loads(said.out)["exit_status"] == 1
+
+
+def test_what_a_device_may_have_done_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Host:
+        """A session whose device does not answer before Ctrl-C."""
+
+    def call(_action: object) -> Never:
+        interrupt()
+
+    asker = Asker(Host(), call)  # type: ignore[arg-type]  # it is not looked at
+    with pytest.raises(KeyboardInterrupt) as caught:
+        asker.save_parameters()
+    said = ["the device may have carried out save parameters: no answer has come"]
+    assert caught.value.__notes__ == said
+    monkeypatch.setattr("bridge.api.remote.ask", interrupt)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        RemoteRobot("/nowhere").save_parameters()
+    assert "save, which was asked of the process that has the port" in caught.value.__notes__[0]
+
+
+def test_a_second_ctrl_c_does_not_cut_off_the_summary(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    def print_summary(summary: dict[str, Any], *, as_json: bool) -> None:
+        signal.raise_signal(signal.SIGINT)
+        print_whole(summary, as_json=as_json)
+
+    monkeypatch.setattr("tools.commands.connect.print_summary", print_summary)
+    before = signal.getsignal(signal.SIGINT)
+    with Emulated() as emulated:
+        out = str(tmp_path / "run.mcap")
+        status = run(["connect", emulated.port, "--duration", "0.5", "--json", "--out", out])
+    assert status == 0
+    assert json.loads(capsys.readouterr().out)["outcome"] == "stopped"
+    assert signal.getsignal(signal.SIGINT) == before

@@ -25,6 +25,7 @@ _LOADERS = ("importlib._bootstrap", "bridge.motion.kernel_", "bridge.motion.comp
 
 _put_off = 0
 _has_begun = False
+_is_done = False
 
 
 def install() -> None:
@@ -37,6 +38,17 @@ def begin() -> None:
     """From now on Ctrl-C raises ``KeyboardInterrupt``: all is imported, and it is caught."""
     global _has_begun  # noqa: PLW0603 - the handler of a signal gets nothing else to look at
     _has_begun = True
+
+
+def set_done(*, done: bool = True) -> None:
+    """From now on Ctrl-C takes nothing back: what was asked for is confirmed and reported."""
+    global _is_done  # noqa: PLW0603 - as above
+    _is_done = done
+
+
+def is_done() -> bool:
+    """Whether what was asked for is confirmed and reported."""
+    return _is_done
 
 
 def interrupted(_number: int, frame: FrameType | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import gc
 import importlib
@@ -11,15 +12,18 @@ import signal
 import sys
 import warnings
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
 from tools.cli.console import complain, flush, say, write_json
-from tools.cli.interrupt import interrupted
+from tools.cli.interrupt import interrupted, is_done, set_done
 from tools.cli.output_queue import QueuedOutput
 from tools.cli.visible_text import shortened
 from tools.version import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _COMMANDS = {
     "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
@@ -89,6 +93,13 @@ _LIVE = {
 
 _STOP = "stop"
 """Command that is not done before the device has confirmed it, Ctrl-C or not."""
+_UNTIL_ENDED = frozenset(
+    {"connect", "drive", "monitor", "emulate", "simulate", "replay", "view"},
+)
+"""Commands that run until somebody ends them: there Ctrl-C leaves nothing undone."""
+_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 
 
 def run(arguments: list[str] | None = None) -> int:
@@ -96,22 +107,43 @@ def run(arguments: list[str] | None = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     if _command_of(given) not in _LIVE:
         return _run(given)
-    with QueuedOutput() as output:
+    with QueuedOutput() as output, _unchanged_signals(is_process=arguments is None):
         status = _run(given)
     return status if output.error is None else _unwritten(output.error)
 
 
+@contextlib.contextmanager
+def _unchanged_signals(*, is_process: bool) -> Iterator[None]:
+    """Undo what a command did to signals, but where it is the whole of a process.
+
+    A run leaves them ignored as it ends, so that nothing cuts off its summary.
+    """
+    handlers = {} if is_process else {number: signal.getsignal(number) for number in _SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            with contextlib.suppress(ValueError, TypeError):  # of another thread, or not Python's
+                signal.signal(number, handler)
+
+
 def _run(arguments: list[str]) -> int:
+    set_done(done=False)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _warned
             return _invoke(arguments)
-    except (click.Abort, KeyboardInterrupt):
-        if _command_of(arguments) == _STOP:  # where a script asks for one, 0 means that it stands
-            complain("interrupted: no stop is confirmed; see that the robot stands")
-            return 3
-        complain("interrupted")
-        return 0
+    except (click.Abort, KeyboardInterrupt) as error:
+        command = _command_of(arguments)
+        if command in _UNTIL_ENDED or command is None or is_done():
+            complain("interrupted")
+            return 0
+        if command == _STOP:  # where a script asks for one, 0 means that it stands
+            text = "interrupted: no stop is confirmed; see that the robot stands"
+            return _failed(arguments, text, 3)
+        # click puts an exception of its own in the place of the signal's.
+        notes = getattr(error.__cause__ or error, "__notes__", ["it was not done yet"])
+        return _failed(arguments, f"interrupted: {'; '.join(notes)}", 1)
 
 
 def _command_of(arguments: list[str]) -> str | None:
@@ -216,7 +248,7 @@ def main() -> None:
     try:
         status = run()
     except KeyboardInterrupt:  # a second one, as the first was answered
-        status = 0
+        status = 0 if is_done() or _command_of(sys.argv[1:]) in _UNTIL_ENDED else 1
     if signal.getsignal(signal.SIGINT) in {signal.default_int_handler, interrupted}:
         # From here on Ctrl-C finds nothing that it could break off in order.
         signal.signal(signal.SIGINT, signal.SIG_DFL)

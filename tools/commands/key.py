@@ -9,6 +9,7 @@ import click
 
 from tools.cli import options
 from tools.cli.console import say, write_json
+from tools.cli.interrupt import set_done
 from tools.cli.port_options import port_argument
 
 
@@ -72,4 +73,5 @@ def command(
         else:
             said = f"set; keep {new}: it is told nowhere else" if new else "removed"
             say(f"{port}: the key is {said}")
+        set_done()
     return 0

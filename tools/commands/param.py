@@ -11,6 +11,7 @@ import click
 from tools.cli import options
 from tools.cli.completion import complete_parameter, complete_robot
 from tools.cli.console import plain_console, say, write_json, write_line
+from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
@@ -94,12 +95,13 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
         if save:
             robot.save_parameters()
             after = [robot.get_parameter(p.number) for p in after]
-    for name, now in zip(names, after, strict=True):
-        was = before[name]
-        say(f"{now.name}: {_number(was, was.value)} -> {_number(now, now.value)} {now.unit}")
-    _remind(after)
-    if as_json:
-        _show(after, as_json=True)
+        for name, now in zip(names, after, strict=True):
+            was = before[name]
+            say(f"{now.name}: {_number(was, was.value)} -> {_number(now, now.value)} {now.unit}")
+        _remind(after)
+        if as_json:
+            _show(after, as_json=True)
+        set_done()
     return 0
 
 
@@ -112,13 +114,14 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
         kept = [p for p in robot.list_parameters() if p.changed]
         robot.save_parameters()
         found = robot.list_parameters()
-    names = ", ".join(p.name for p in kept)
-    say(f"saved: {names}" if names else "saved; nothing had changed")
-    late = ", ".join(p.name for p in kept if p.needs_reboot)
-    if late:
-        say(f"{late}: counts from the device's next boot on, so reboot it (sweepctl reboot)")
-    if as_json:
-        _show(found, as_json=True)
+        names = ", ".join(p.name for p in kept)
+        say(f"saved: {names}" if names else "saved; nothing had changed")
+        late = ", ".join(p.name for p in kept if p.needs_reboot)
+        if late:
+            say(f"{late}: counts from the device's next boot on, so reboot it (sweepctl reboot)")
+        if as_json:
+            _show(found, as_json=True)
+        set_done()
     return 0
 
 

@@ -8,6 +8,7 @@ import click
 
 from tools.cli import options
 from tools.cli.console import say, write_json
+from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
@@ -30,23 +31,40 @@ def command(*, port: PortAsked, as_json: bool) -> int:
     port, it is asked. Refused while the robot may move: stop it first.
     """
     from bridge.api.remote import reach
-    from bridge.errors import DeviceLostError
-    from bridge.io import clock
 
     with reach(port.name, node=port.node, key=port.key, **port.how) as robot:
         before = _at_rest(port.name, robot)
         robot.reboot()
-        until_ns = clock.now() + round(BACK_S * 1e9)
-        while (after := _back(robot, before)) is None:
-            if clock.now() > until_ns:
-                raise DeviceLostError(
-                    f"{port.name}: the device took the command and was not back after {BACK_S:g} s"
-                )
-            clock.pause(_POLL_S)
-    say(f"{port.name}: the device has booted anew (cause: {after['reset_cause']})")
-    if as_json:
-        write_json({"port": port.name, "device": after})
+        try:
+            after = _awaited(port.name, robot, before)
+        except KeyboardInterrupt as error:
+            error.add_note("the device took the command and was not back yet")
+            raise
+        say(f"{port.name}: the device has booted anew (cause: {after['reset_cause']})")
+        if as_json:
+            write_json({"port": port.name, "device": after})
+        set_done()
     return 0
+
+
+def _awaited(port: str, robot: Reached, before: dict[str, Any]) -> dict[str, Any]:
+    """The device after its boot.
+
+    Raises:
+        DeviceLostError: it did not come back.
+
+    """
+    from bridge.errors import DeviceLostError
+    from bridge.io import clock
+
+    until_ns = clock.now() + round(BACK_S * 1e9)
+    while (after := _back(robot, before)) is None:
+        if clock.now() > until_ns:
+            raise DeviceLostError(
+                f"{port}: the device took the command and was not back after {BACK_S:g} s"
+            )
+        clock.pause(_POLL_S)
+    return after
 
 
 def _at_rest(port: str, robot: Reached) -> dict[str, Any]:

@@ -47,8 +47,8 @@ the key for it, given by a person who looked.
 
 | status | meaning |
 | --- | --- |
-| 0 | done, or ended as asked by the first Ctrl-C or `--duration` |
-| 1 | anything else: out of time, log not writable, a check that found something |
+| 0 | done, or a run ended as asked by the first Ctrl-C or `--duration` |
+| 1 | anything else: out of time, log not writable, a fault found, Ctrl-C before it was done |
 | 2 | usage, or an invalid room, robot file, fault or value |
 | 3 | cannot open the port, or the device was lost for good |
 | 4 | the device refused or disagreed |

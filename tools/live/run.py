@@ -332,13 +332,18 @@ def _result(
 
 @contextlib.contextmanager
 def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[None]:
-    """Turn signals into an orderly end, the robot stopped first; let keys and gamepad act."""
+    """Turn signals into an orderly end, the robot stopped first; let keys and gamepad act.
+
+    Afterwards they are ignored: nothing is left to end but the writing of log and summary.
+    """
 
     def interrupted(number: int, _frame: object) -> None:
         name = "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
         pump.request_end(Ending("stopped", f"ended by {name}", 0))
 
-    before = {number: signal.signal(number, interrupted) for number in ending_signals()}
+    numbers = ending_signals()
+    for number in numbers:
+        signal.signal(number, interrupted)
     try:
         with contextlib.ExitStack() as stack:
             if gamepad is not None:
@@ -349,8 +354,8 @@ def _endings(pump: Pump, operating: Operating, gamepad: str | None) -> Iterator[
             operating.dead_man.releases = keyboard.releases
             yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number in numbers:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _answered(operating: Operating) -> Callable[[Key], None]:
