@@ -127,11 +127,10 @@ def _check_plot(path: Path) -> None:
 
 
 def _draw(steps: tuple[WheelStep, ...], path: Path) -> None:
-    from matplotlib.figure import Figure
-
     from bridge.errors import BridgeError
+    from bridge.view.report.drawing import blank
 
-    figure = Figure(figsize=(7, 4), layout="constrained")
+    figure = blank(7.0, 4.0)
     axes = figure.subplots()
     for step in steps:
         axes.plot(step.response.time_s, step.response.value, label=f"{step.wheel} wheel")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from importlib.util import find_spec
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from bridge.view.report.picture import PlotMissingError
+from bridge.view.report.drawing import PlotMissingError, as_svg, blank, tidy
 from tools.experiment.compare_tables import display_name, shared
 from tools.experiment.curves import MULTIPLES
 from tools.experiment.cycles import PAPER_END_MM
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from tools.experiment.store import Row
 
@@ -43,7 +41,7 @@ def check() -> None:
 
 def coverage_curves(rows: Sequence[Row], noise: str) -> str:
     """Coverage against time and against energy, in multiples of the reference of each."""
-    figure = _figure(9.6, 4.0)
+    figure = blank(9.6, 4.0)
     over_time, over_energy = figure.subplots(1, 2, sharey=True)
     at_level = [row for row in rows if row["noise"] == noise]
     for (planner,), runs in group(at_level, "planner").items():
@@ -55,12 +53,12 @@ def coverage_curves(rows: Sequence[Row], noise: str) -> str:
     over_time.set_xlabel("time / reference time")
     over_energy.set_xlabel("energy / reference energy")
     _finish(over_time, over_energy)
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def zimablue_curves(rows: Sequence[Row]) -> str:
     """Ours and theirs, each against its own reference time and path."""
-    figure = _figure(9.6, 4.0)
+    figure = blank(9.6, 4.0)
     over_time, over_path = figure.subplots(1, 2, sharey=True)
     theirs = 0
     for (planner, noise), runs in group(shared(rows), "planner", "noise").items():
@@ -75,7 +73,7 @@ def zimablue_curves(rows: Sequence[Row]) -> str:
     over_time.set_xlabel("time / own reference time")
     over_path.set_xlabel("path / own reference path")
     _finish(over_time, over_path)
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def _mean_curve(runs: Sequence[Row], curve: str) -> list[float]:
@@ -93,16 +91,15 @@ def _mean_curve(runs: Sequence[Row], curve: str) -> list[float]:
 def _finish(left: Axes, right: Axes) -> None:
     left.set_ylabel("mouth, % of sweepable")
     for axes in (left, right):
-        axes.grid(alpha=0.25)
+        tidy(axes)
         axes.set_ylim(0, 102)
         axes.set_xlim(left=0)
-        axes.spines[["top", "right"]].set_visible(False)
     left.legend(frameon=False, loc="lower right", fontsize=8)
 
 
 def cycles_figure(rows: Sequence[Row]) -> str:
     """Fig. 15: offset after each cycle, every seed, the median and the quartiles."""
-    figure = _figure(7.0, 3.6)
+    figure = blank(7.0, 3.6)
     axes = figure.add_subplot()
     for row in rows:
         points = row["offsets"]
@@ -122,15 +119,14 @@ def cycles_figure(rows: Sequence[Row]) -> str:
     axes.set_ylabel("offset, mm")
     axes.set_xlim(0, len(spread) + 0.3)
     axes.set_ylim(bottom=0)
-    axes.grid(alpha=0.25)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes)
     axes.legend(frameon=False, loc="upper left")
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def smoothing_figure(row: Row) -> str:
     """Fig. 12: the forward speed wanted, and the speed sent after smoothing."""
-    figure = _figure(7.0, 3.2)
+    figure = blank(7.0, 3.2)
     axes = figure.add_subplot()
     times, wanted, sent = zip(*row["smoothing"], strict=True)
     axes.plot(times, wanted, lw=0.9, color="#c0504d", label="before smoothing")
@@ -138,16 +134,15 @@ def smoothing_figure(row: Row) -> str:
     axes.set_xlabel("time, s")
     axes.set_ylabel("forward speed, m/s")
     axes.set_ylim(top=1.3 * max(wanted))
-    axes.grid(alpha=0.25)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes)
     axes.legend(frameon=False, loc="upper right", ncols=2, fontsize=8)
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def loss_figure(rows: Sequence[Row]) -> str:
     """The loss by cause, a bar for each planner and level."""
     groups = group(rows, "planner", "noise")
-    figure = _figure(8.0, 1.2 + 0.45 * len(groups))
+    figure = blank(8.0, 1.2 + 0.45 * len(groups))
     axes = figure.add_subplot()
     names = [f"{planner}, {noise}" for planner, noise in groups]
     base = [0.0] * len(groups)
@@ -161,12 +156,12 @@ def loss_figure(rows: Sequence[Row]) -> str:
     axes.legend(
         frameon=False, fontsize=8, ncols=len(CAUSES), loc="lower left", bbox_to_anchor=(0, 1)
     )
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def path_picture(row: Row) -> str:
     """One run's path in its room."""
-    figure = _figure(4.2, 4.2)
+    figure = blank(4.2, 4.2)
     axes = figure.add_subplot()
     if row["room"] != OPEN_FLOOR:  # whose walls are ten metres off
         _room(axes, row["room"])
@@ -185,7 +180,7 @@ def path_picture(row: Row) -> str:
     axes.set_title(title, fontsize=8)
     axes.set_aspect("equal")
     axes.set_axis_off()
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def _room(axes: Axes, name: str) -> None:
@@ -196,23 +191,3 @@ def _room(axes: Axes, name: str) -> None:
     xs, ys = zip(*plan.walls, strict=True)
     axes.set_xlim(min(xs) - 0.1, max(xs) + 0.1)
     axes.set_ylim(min(ys) - 0.1, max(ys) + 0.1)
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasSVG(figure)
-    return figure
-
-
-def _svg(figure: Figure) -> str:
-    """The figure, the same text for the same data."""
-    import matplotlib as mpl
-
-    out = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": "sweepctl", "svg.fonttype": "path"}):
-        figure.savefig(out, format="svg", metadata={"Date": None})
-    text = out.getvalue()
-    return text[text.index("<svg") :]

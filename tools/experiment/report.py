@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
+from bridge.view.report.page import Tile, document, gallery, section, table
 from tools.cli.options import DEFAULT_PLANNER
 from tools.experiment import compare_tables, figures, layout_tables, paper_tables, tables
 from tools.experiment.paired import paired_table
@@ -17,44 +17,6 @@ if TYPE_CHECKING:
 
     from tools.experiment.store import Row
     from tools.experiment.tables import Table
-
-_STYLE = """
-:root { --ink: #20262c; --soft: #5d6670; --line: #e4e8ec; --accent: #1f4e79; }
-* { box-sizing: border-box; }
-body { font: 15px/1.55 system-ui, -apple-system, "Segoe UI", sans-serif; color: var(--ink);
-  background: #f5f7f9; margin: 0; -webkit-text-size-adjust: 100%; }
-header, main { max-width: 72rem; margin: 0 auto; padding: 0 1rem; }
-header { padding-top: 2rem; padding-bottom: .5rem; }
-h1 { font-size: 1.7rem; margin: 0 0 .3rem; } h2 { font-size: 1.1rem; margin: 0 0 .6rem; }
-section { background: #fff; border: 1px solid var(--line); border-radius: .6rem;
-  padding: 1rem 1.2rem; margin: 1rem 0; }
-.facts { display: flex; flex-wrap: wrap; gap: .4rem 1.6rem; margin: .8rem 0 0; padding: 0;
-  list-style: none; color: var(--soft); } .facts b { color: var(--ink); font-weight: 600; }
-code { font: .88em/1.4 ui-monospace, Menlo, Consolas, monospace; background: #eef1f4;
-  border-radius: .25rem; padding: .1em .35em; }
-.wide { overflow-x: auto; -webkit-overflow-scrolling: touch; margin: 0 -.2rem; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .93em; }
-th, td { padding: .32rem .6rem; border-bottom: 1px solid var(--line); text-align: left;
-  white-space: nowrap; }
-th { font-weight: 600; color: var(--soft); font-size: .85em; vertical-align: bottom;
-  white-space: normal; min-width: 3.2rem; border-bottom: 2px solid var(--line); }
-td.n, th.n { text-align: right; } tbody tr:hover td { background: #f3f6fa; }
-th:first-child, td:first-child { position: sticky; left: 0; background: #fff; }
-td.long { white-space: normal; min-width: 13rem; }
-.note { color: var(--soft); font-size: .88em; max-width: 54rem; margin: .6rem 0 0; }
-.grid { display: grid; gap: 1rem;
-  grid-template-columns: repeat(auto-fill, minmax(min(17rem, 100%), 1fr)); }
-.figure svg { display: block; width: 100%; height: auto; max-width: 56rem; }
-.grid svg { display: block; width: 100%; height: auto; }
-@media (max-width: 40rem) {
-  section { padding: .8rem .7rem; border-radius: 0; margin: .7rem -1rem; border-width: 1px 0; }
-  h1 { font-size: 1.35rem; } .figure { overflow-x: auto; } .figure svg { min-width: 36rem; }
-}
-@media print { body { background: #fff; } section { break-inside: avoid; border: 0; } }
-"""
-_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?( %)?$|-$|$")
-_LONG = 28
-"""Letters from which a cell may break its line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +71,7 @@ def all_tables(rows: Sequence[Row], rooms_folder: str) -> list[Table]:
     return made
 
 
-def render(title: str, command: str, rows: Sequence[Row], made: Sequence[Table]) -> str:
+def render(title: str, command: str, rows: Sequence[Row], tables_made: Sequence[Table]) -> str:
     """The page, from its tables and what figures the rows give."""
     facts = [
         ("runs", len(rows)),
@@ -117,38 +79,30 @@ def render(title: str, command: str, rows: Sequence[Row], made: Sequence[Table])
         ("planners", len({row["planner"] for row in rows})),
         ("seeds", len({row["seed"] for row in rows})),
     ]
-    listed = "".join(f"<li><b>{count}</b> {escape(name)}</li>" for name, count in facts)
-    parts = [_figure(heading, svg, note) for heading, svg, note in _figures(rows)]
-    parts += [_table(table) for table in made]
+    parts = [section(heading, svg, note) for heading, svg, note in _figures(rows)]
+    parts += [table(made.title, made.head, made.rows, note=made.note) for made in tables_made]
     firsts = [
         runs[0]
         for runs in tables.group(rows, "room", "planner", "noise").values()
         if runs[0].get("path") and runs[0]["kind"] != Kind.RANGES
     ]
     if firsts:
-        pictures = "".join(f"<div>{figures.path_picture(row)}</div>" for row in firsts)
-        parts.append(
-            '<section><h2>Paths</h2><p class="note">The first seed of each; a dot: the start, '
-            f'a square: the end.</p><div class="grid">{pictures}</div></section>'
-        )
-    body = "\n".join(parts)
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>"
-        f'<header><h1>{escape(title)}</h1><p class="note">Made by <code>{escape(command)}</code>; '
-        "equal seeds give equal figures. All coverage is measured from the truth.</p>"
-        f'<ul class="facts">{listed}</ul></header>\n<main>{body}</main></body></html>\n'
+        note = "The first seed of each; a dot: the start, a square: the end."
+        parts.append(gallery("Paths", [figures.path_picture(row) for row in firsts], note))
+    lead = (
+        f"<p>Made by <code>{escape(command)}</code>; equal seeds give equal figures. "
+        "All coverage is measured from the truth.</p>"
     )
+    return document(title, "", lead, [Tile(str(count), name) for name, count in facts], parts)
 
 
 def markdown(made: Sequence[Table]) -> str:
     """The tables, to be kept in a repository."""
     parts = []
-    for table in made:
-        parts += [f"## {table.title}", "", _line(table.head), _line(["---"] * len(table.head))]
-        parts += [_line(row) for row in table.rows]
-        parts += ["", *([table.note, ""] if table.note else [])]
+    for one in made:
+        parts += [f"## {one.title}", "", _line(one.head), _line(["---"] * len(one.head))]
+        parts += [_line(row) for row in one.rows]
+        parts += ["", *([one.note, ""] if one.note else [])]
     return "\n".join(parts)
 
 
@@ -187,34 +141,3 @@ def _figures(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
         note = "Each robot against its own reference time and path; dashed: zimablue's."
         made.append(("Side by side with zimablue", figures.zimablue_curves(rows), note))
     return made
-
-
-def _figure(heading: str, svg: str, note: str) -> str:
-    text = f'<p class="note">{escape(note)}</p>' if note else ""
-    return f'<section><h2>{escape(heading)}</h2><div class="figure">{svg}</div>{text}</section>'
-
-
-def _table(table: Table) -> str:
-    columns = list(zip(*table.rows, strict=True)) if table.rows else [()] * len(table.head)
-    numeric = [bool(column) and all(_NUMBER.match(cell) for cell in column) for column in columns]
-    kinds = [' class="n"' if number else "" for number in numeric]
-    head = "".join(
-        f"<th{kind}>{escape(cell)}</th>" for cell, kind in zip(table.head, kinds, strict=True)
-    )
-    lines = "".join(
-        "<tr>" + "".join(_cell(cell, kind) for cell, kind in zip(row, kinds, strict=True)) + "</tr>"
-        for row in table.rows
-    )
-    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
-    return (
-        f'<section><h2>{escape(table.title)}</h2><div class="wide"><table><thead><tr>{head}</tr>'
-        f"</thead><tbody>{lines}</tbody></table></div>{note}</section>"
-    )
-
-
-def _cell(text: str, kind: str) -> str:
-    if text.startswith("sweepctl "):
-        return f"<td><code>{escape(text)}</code></td>"
-    if not kind and len(text) > _LONG:
-        kind = ' class="long"'
-    return f"<td{kind}>{escape(text)}</td>"

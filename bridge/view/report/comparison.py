@@ -6,10 +6,12 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from bridge.record.errors import LogExistsError
+from bridge.view.output import write
 from bridge.view.report import figures as report_figures
-from bridge.view.report import report, words
+from bridge.view.report import words
+from bridge.view.report.drawing import as_png, blank, drawn_text, floor_axes, nothing, svg
 from bridge.view.report.page import document, section, table
-from bridge.view.report.picture import draw_plan, drawn_text, plan_legend
+from bridge.view.report.picture import draw_plan, plan_legend
 from bridge.view.report.run_data import load_run
 
 if TYPE_CHECKING:
@@ -135,7 +137,7 @@ def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str,
     content = (
         picture(*runs) if out.suffix.lower() == ".png" else render(*runs).encode(errors="replace")
     )
-    report.write(out, content)
+    write(out, content)
     return compare(*runs)
 
 
@@ -145,14 +147,12 @@ def render(a: RunData, b: RunData) -> str:
     parts = [table("Figures", ("", "A", "B", "B less A"), rows(a, b), note=_POINTS)]
     if any(run.track.best for run in runs):
         note = "Both paths in the room of A. Where the rooms differ, so does what is compared."
-        parts.append(
-            section("Paths", report_figures.svg(6.6, 7.0, lambda axes: _paths(axes, a, b)), note)
-        )
+        parts.append(section("Paths", svg(6.6, 7.0, lambda axes: _paths(axes, a, b)), note))
     if any(run.coverage is not None for run in runs):
         parts.append(
             section(
                 "Coverage against time",
-                report_figures.svg(7.6, 3.8, lambda axes: _curves(axes, a, b)),
+                svg(7.6, 3.8, lambda axes: _curves(axes, a, b)),
             )
         )
     lead = f"<p><b>A</b>: {escape(words.title(a))}, {escape(words.when(a))}.</p>"
@@ -162,24 +162,19 @@ def render(a: RunData, b: RunData) -> str:
 
 def picture(a: RunData, b: RunData) -> bytes:
     """Paths and curves as a PNG."""
-    figure = report_figures.blank(14.0, 6.6)
+    figure = blank(14.0, 6.6)
     left, right = figure.subplots(1, 2)
     if any(run.track.best for run in (a, b)):
         _paths(left, a, b)
     else:
-        _nothing(left, "no pose in either log")
+        nothing(left, "no pose in either log")
     if any(run.coverage is not None for run in (a, b)):
         _curves(right, a, b)
     else:
-        _nothing(right, "the coverage of neither run is known")
+        nothing(right, "the coverage of neither run is known")
     titles = f"A: {words.title(a)}      B: {words.title(b)}"
     figure.suptitle(drawn_text(titles), fontsize=10)
-    return report_figures.as_png(figure)
-
-
-def _nothing(axes: Axes, why: str) -> None:
-    axes.text(0.5, 0.5, why, ha="center", transform=axes.transAxes)
-    axes.set_axis_off()
+    return as_png(figure)
 
 
 def _paths(axes: Axes, a: RunData, b: RunData) -> None:
@@ -193,9 +188,7 @@ def _paths(axes: Axes, a: RunData, b: RunData) -> None:
             label = drawn_text(f"{name}: {run.track.name}")
             axes.plot(xs, ys, color=colour, lw=1.0, alpha=0.85, label=label)
             axes.plot(xs[-1], ys[-1], "s", color=colour, mec="white", ms=8)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
+    floor_axes(axes)
     lines, _ = axes.get_legend_handles_labels()
     axes.legend(
         handles=[*lines, *plan_legend(plan)],

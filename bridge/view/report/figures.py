@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.view.report.picture import PlotMissingError, draw_floor, draw_path, floor_legend
+from bridge.view.report.drawing import floor_axes, tidy
+from bridge.view.report.picture import draw_floor, draw_path, floor_legend
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from bridge.view.report.run_data import RunData
 
@@ -29,49 +28,6 @@ OTHER = "#b03a48"
 _POINTS = 400
 _ROOM_HEIGHTS, _ROOM_REST = (2.6, 9.0), 1.0
 """Inches: what a page has room for, and what legend and axis take."""
-_DPI = 110
-
-
-def blank(width: float, height: float) -> Figure:
-    """A figure of this size in inches, for no display.
-
-    Raises:
-        PlotMissingError: matplotlib is not installed.
-
-    """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra
-        from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise PlotMissingError from None
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def svg(width: float, height: float, draw: Callable[[Axes], None]) -> str:
-    """One figure as SVG text, the same text for the same data."""
-    figure = blank(width, height)
-    draw(figure.add_subplot())
-    return as_svg(figure)
-
-
-def as_svg(figure: Figure) -> str:
-    """A figure as SVG text, to stand within a page."""
-    import matplotlib as mpl  # noqa: PLC0415 - an extra
-
-    out = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": "sweepctl", "svg.fonttype": "path"}):
-        figure.savefig(out, format="svg", metadata={"Date": None})
-    text = out.getvalue()
-    return text[text.index("<svg") :]
-
-
-def as_png(figure: Figure) -> bytes:
-    """A figure as a PNG."""
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=_DPI)
-    return out.getvalue()
 
 
 def room_ratio(data: RunData) -> float:
@@ -94,9 +50,7 @@ def draw_room(axes: Axes, data: RunData) -> None:
     measured = None if meter is None or report is None else (meter, report)
     draw_floor(axes, data.track, measured)
     draw_path(axes, data.track)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
+    floor_axes(axes)
     lines, _ = axes.get_legend_handles_labels()
     # Of the figure: below axes as low as those of a corridor one would lie on their label.
     axes.figure.legend(
@@ -171,12 +125,6 @@ def finish_coverage(axes: Axes) -> None:
     axes.set_xlim(left=0)
     tidy(axes)
     axes.legend(frameon=False, fontsize=8, loc="lower right")
-
-
-def tidy(axes: Axes) -> None:
-    """A light grid and no frame."""
-    axes.grid(alpha=0.25)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def draw_power(data: RunData, axes: Axes) -> None:

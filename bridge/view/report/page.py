@@ -14,7 +14,7 @@ _STYLE = """
 * { box-sizing: border-box; }
 body { font: 15px/1.55 system-ui, -apple-system, "Segoe UI", sans-serif; color: var(--ink);
   background: #f5f7f9; margin: 0; }
-header, main { max-width: 60rem; margin: 0 auto; padding: 0 1rem; }
+header, main { max-width: 66rem; margin: 0 auto; padding: 0 1rem; }
 header { padding-top: 2rem; }
 h1 { font-size: 1.7rem; margin: 0; } h2 { font-size: 1.1rem; margin: 0 0 .6rem; }
 .when { color: var(--soft); margin: .2rem 0 1rem; } .lead p { margin: .3rem 0; max-width: 48rem; }
@@ -28,21 +28,31 @@ section { background: #fff; border: 1px solid var(--line); border-radius: .6rem;
 .tile span { color: var(--soft); font-size: .84rem; line-height: 1.3; display: block; }
 .good { border-left-color: #3f8f5f; } .fair { border-left-color: #e0a52e; }
 .bad { border-left-color: #c0504d; }
-.wide { overflow-x: auto; } .figure svg { display: block; width: 100%; height: auto; }
+code { font: .88em/1.4 ui-monospace, Menlo, Consolas, monospace; background: #eef1f4;
+  border-radius: .25rem; padding: .1em .35em; }
+.wide { overflow-x: auto; } svg { display: block; width: 100%; height: auto; }
+.figure svg { max-width: 58rem; }
+.grid { display: grid; gap: 1rem;
+  grid-template-columns: repeat(auto-fill, minmax(min(17rem, 100%), 1fr)); }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .93em; }
 th, td { padding: .32rem .7rem; border-bottom: 1px solid var(--line); text-align: left;
-  vertical-align: top; }
-th { font-weight: 600; color: var(--soft); font-size: .85em; border-bottom-width: 2px; }
-td.n, th.n { text-align: right; white-space: nowrap; }
+  vertical-align: top; white-space: nowrap; }
+td.long { white-space: normal; min-width: 13rem; }
+th { white-space: normal; font-weight: 600; color: var(--soft); font-size: .85em;
+  border-bottom-width: 2px; }
+td.n, th.n { text-align: right; } tbody tr:hover td { background: #f3f6fa; }
+th:first-child, td:first-child { position: sticky; left: 0; background: #fff; }
 tr.warning td { background: #fdf6e7; } tr.error td { background: #fbeceb; }
 tr.debug td { color: var(--soft); }
 .note { color: var(--soft); font-size: .88em; max-width: 48rem; margin: .6rem 0 0; }
-footer { color: var(--soft); font-size: .85em; max-width: 60rem; margin: 0 auto 2rem;
+footer { color: var(--soft); font-size: .85em; max-width: 66rem; margin: 0 auto 2rem;
   padding: 0 1rem; }
 @media (max-width: 40rem) { section { border-radius: 0; margin: .7rem -1rem; } }
 @media print { body { background: #fff; } section { break-inside: avoid; border: 0; } }
 """
-_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?$|$")
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?( %)?$|-$|$")
+_LONG = 28
+"""Letters from which a cell may break its line."""
 _SEVERITIES = {"debug", "info", "warning", "error"}
 
 
@@ -80,6 +90,15 @@ def section(heading: str, svg: str, note: str = "") -> str:
     )
 
 
+def gallery(heading: str, svgs: Sequence[str], note: str = "") -> str:
+    """Small figures beside each other."""
+    pictures = "".join(f"<div>{svg}</div>" for svg in svgs)
+    return (
+        f"<section><h2>{escape(heading)}</h2>{_note(note)}"
+        f'<div class="grid">{pictures}</div></section>'
+    )
+
+
 def table(
     heading: str, head: Sequence[str], rows: Sequence[Sequence[str]], *, note: str = ""
 ) -> str:
@@ -96,14 +115,20 @@ def table(
     lines = []
     for row in rows:
         severity = next((cell for cell in row if cell in _SEVERITIES), "")
-        cells = "".join(
-            f"<td{kind}>{escape(cell)}</td>" for cell, kind in zip(row, kinds, strict=True)
-        )
+        cells = "".join(_cell(cell, kind) for cell, kind in zip(row, kinds, strict=True))
         lines.append(f'<tr class="{severity}">{cells}</tr>' if severity else f"<tr>{cells}</tr>")
     return (
         f'<section><h2>{escape(heading)}</h2><div class="wide"><table>{top}'
         f"<tbody>{''.join(lines)}</tbody></table></div>{_note(note)}</section>"
     )
+
+
+def _cell(text: str, kind: str) -> str:
+    if text.startswith("sweepctl "):
+        return f"<td><code>{escape(text)}</code></td>"
+    if not kind and len(text) > _LONG:
+        kind = ' class="long"'
+    return f"<td{kind}>{escape(text)}</td>"
 
 
 def _note(note: str) -> str:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bridge.errors import BridgeError
 from bridge.evaluation.metrics import CoverageMeter
-from bridge.record.errors import LogWriteError
+from bridge.view.output import write
+from bridge.view.report.drawing import as_png, blank, drawn_text, floor_axes
 from bridge.view.report.run_track import load_track
 
 if TYPE_CHECKING:
@@ -21,20 +21,11 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.view.report.run_track import RunTrack
 
-_MOST_LETTERS = 1000
-"""Longest text in a figure, letters: laying out a hundred thousand takes a minute."""
 LEAST_SPAN_M = 1.0
 _WALL, _OBSTACLE = "#30343b", "#9aa2ad"
 _MOUTH, _BODY, _MISSED = "#8fd0b5", "#d9efe5", "#f0a35e"
 _PATH, _ESTIMATE = "#1f4e79", "#b03a48"
 _CARPET, _THRESHOLD, _CLIFF = "#8455a8", "#c98a00", "#c0392b"
-
-
-class PlotMissingError(BridgeError):
-    """matplotlib is not installed."""
-
-    def __init__(self) -> None:
-        super().__init__("pictures need matplotlib: pip install 'sweepctl[plot]'")
 
 
 def draw_run(log: Path, png: Path) -> Path:
@@ -46,20 +37,12 @@ def draw_run(log: Path, png: Path) -> Path:
         PlotMissingError: matplotlib is not installed.
 
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415 - an extra
-        from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise PlotMissingError from None
+    figure = blank(8.0, 8.6)
     track = load_track(log)
-    figure = Figure(figsize=(8.0, 8.6), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     draw_floor(axes, track)
     draw_path(axes, track)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
+    floor_axes(axes)
     figure.suptitle(drawn_text(_title(track)), fontsize=10, x=0.06, ha="left")
     lines, _ = axes.get_legend_handles_labels()
     axes.legend(
@@ -70,11 +53,7 @@ def draw_run(log: Path, png: Path) -> Path:
         frameon=False,
         fontsize=9,
     )
-    try:
-        png.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(png, format="png")  # whatever the file is called
-    except OSError as error:
-        raise LogWriteError.of(png, error) from None
+    write(png, as_png(figure, dpi=120))  # a PNG, whatever the file is called
     return png
 
 
@@ -204,13 +183,6 @@ def _widen(axes: Axes) -> None:
         axes.set_xlim(left - more_x, right + more_x)
     if more_y:
         axes.set_ylim(bottom - more_y, top + more_y)
-
-
-def drawn_text(text: str) -> str:
-    """Others' words, as a figure takes them: no mathematics between dollars, no half letters."""
-    if len(text) > _MOST_LETTERS:
-        text = text[:_MOST_LETTERS] + "…"
-    return text.encode("utf-8", "replace").decode().replace("$", r"\$")
 
 
 def _title(track: RunTrack) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from bridge.view.report import figures as report_figures
 from bridge.view.report import tables as report_tables
 from bridge.view.report import words
-from bridge.view.report.picture import drawn_text
+from bridge.view.report.drawing import as_png, blank, drawn_text, nothing
 
 if TYPE_CHECKING:
     from bridge.view.report.run_data import RunData
@@ -30,7 +30,7 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
 
     """
     panels = report_figures.panels(data)[:3]
-    figure = report_figures.blank(_WIDTH, _HEIGHT)
+    figure = blank(_WIDTH, _HEIGHT)
     heights = [_HEAD, 1.0 - _HEAD]
     top, below = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     top.text(0.012, 0.93, drawn_text(words.title(data)), fontsize=17, weight="bold", va="top")
@@ -50,8 +50,7 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
         marks = [(h.x_m, h.y_m, h.area_cm2, h.inradius_m) for h in found]
         report_figures.draw_holes(room, marks)
     else:
-        room.text(0.5, 0.5, "no pose in the log", ha="center", transform=room.transAxes)
-        room.set_axis_off()
+        nothing(room, "no pose in the log")
     heights = [3, 7] if is_band else [2, 8]
     tiles, plots = right.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
     for index, tile in enumerate(words.tiles(data)[:8]):
@@ -74,7 +73,7 @@ def picture(data: RunData, found: list[Hole]) -> bytes:
             at = 1
         for axis, (_, _, draw) in zip(axes[at:], panels, strict=True):
             draw(data, axis)
-    return report_figures.as_png(figure)
+    return as_png(figure)
 
 
 def _shares(count: int, data: RunData) -> list[float]:

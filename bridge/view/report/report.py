@@ -7,10 +7,11 @@ from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from bridge.files import check_target
-from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.errors import LogExistsError
+from bridge.view.output import write
 from bridge.view.report import figures
 from bridge.view.report import tables as rows
+from bridge.view.report.drawing import svg
 from bridge.view.report.page import document, section, table
 from bridge.view.report.png import picture
 from bridge.view.report.run_data import load_run
@@ -53,24 +54,6 @@ def write_report(
     return data
 
 
-def write(path: Path, content: bytes) -> None:
-    """Write a file, its folder made where it is missing.
-
-    Raises:
-        LogWriteError: it cannot be.
-
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        check_target(path)
-        path.write_bytes(content)
-    except OSError as error:
-        raise LogWriteError.of(path, error) from None
-
-
-# ---- the page ------------------------------------------------------------------------------
-
-
 def render(data: RunData, found: list[Hole]) -> str:
     """The page as HTML."""
     parts = []
@@ -78,18 +61,18 @@ def render(data: RunData, found: list[Hole]) -> str:
         parts.append(
             section(
                 "Room and path",
-                figures.svg(_WIDE, figures.room_height(data, _WIDE), _room(data, found)),
+                svg(_WIDE, figures.room_height(data, _WIDE), _room(data, found)),
                 _room_note(data),
             )
         )
     if data.coverage is not None:
-        drawn = figures.svg(7.6, 3.8, _coverage(data))
+        drawn = svg(7.6, 3.8, _coverage(data))
         parts.append(section("Coverage against time", drawn, _CURVE_NOTE))
         heading = "Against the paper, the bounds and the reference"
         parts.append(table(heading, *rows.comparison(data)))
         parts.append(table("What was missed", *rows.hole_rows(found), note=_HOLE_NOTE))
     for heading, note, draw in figures.panels(data):
-        parts.append(section(heading, figures.svg(7.6, 2.8, partial(draw, data)), note))
+        parts.append(section(heading, svg(7.6, 2.8, partial(draw, data)), note))
     parts.append(table("Messages of the device", *rows.stream_rows(data), note=_STREAM_NOTE))
     parts.append(table("Faults and events", *rows.event_rows(data), note=rows.event_note(data)))
     parts.append(table("What was run", ("", ""), rows.settings(data)))

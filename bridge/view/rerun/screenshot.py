@@ -11,7 +11,7 @@ from bridge.io import clock
 from bridge.io.free_port import free_tcp_port
 from bridge.record.names import readable_name
 from bridge.view.errors import ViewerFailedError
-from bridge.view.report.report import write
+from bridge.view.output import write
 from bridge.view.rerun.launch import viewer_command, viewer_environment, write_rerun_file
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ import pytest
 from matplotlib.image import imread
 
 from bridge.record.reader import LogReader
-from bridge.view.report.figures import blank, draw_bounds, room_height
+from bridge.view.report.drawing import blank
+from bridge.view.report.figures import draw_bounds, room_height
 from bridge.view.report.report import render
 from bridge.view.report.run_data import RunData, load_run
 from bridge.view.report.tables import holes

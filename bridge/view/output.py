@@ -1,0 +1,26 @@
+"""Files that a viewer writes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bridge.files import check_target
+from bridge.record.errors import LogWriteError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file, its folder made where it is missing.
+
+    Raises:
+        LogWriteError: it cannot be.
+
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_target(path)
+        path.write_bytes(content)
+    except OSError as error:
+        raise LogWriteError.of(path, error) from None
