@@ -12,10 +12,17 @@ import pytest
 from mcap.writer import Writer
 
 from support.root import ROOT
+from tools.cli.main import run as main
+from tools.cli.visible_console import VisibleConsole
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+_SUMMARY = (
+    *("room", "planner", "seed", "duration_s", "path_m", "turns", "collisions", "energy_wh"),
+    *("t90_s", "t99_s", "largest_hole_cm2", "log"),
+)
+_COVERAGE = ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8")
 ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
@@ -67,3 +74,41 @@ def test_without_a_stdout_it_does_its_work(log: Path, tmp_path: Path) -> None:
     whole = run("info", target, "--json")
     assert json.loads(whole.stdout)["messages"] == 1
     assert target.read_bytes().startswith(b"\x89MCAP"), "nothing was said into it"
+
+
+@pytest.mark.parametrize("size", ["²", "٣", "9" * 5000, "0", "-1", ""])
+@pytest.mark.parametrize("name", ["COLUMNS", "LINES"])
+def test_a_size_that_is_no_number_is_passed_over(
+    name: str, size: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(name, size)
+    console = VisibleConsole()
+    assert console.width > 0
+    assert console.height > 0
+
+
+def test_a_size_that_is_a_number_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "77")
+    assert VisibleConsole().width == 77
+
+
+def test_info_shortens_long_values_and_names_what_is_unknown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    known = dict.fromkeys((*_SUMMARY, "outcome", "reason"))
+    ways = {"rx": 1, "tx": 1}
+    wire = {"lost": None, "crc_errors": None, "frames": ways, "bytes": ways}
+    tables = {"coverage": dict.fromkeys(_COVERAGE), "pose_error_m": {"end": None, "max": None}}
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_metadata("sweepctl", {"seed": "7" * 5000})
+        summary = json.dumps({**known, **tables, "wire": wire}).encode()
+        writer.add_attachment(1, 1, "summary.json", "application/json", summary)
+        writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
+    assert main(["info", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "[... 4880 characters ...]" in said
+    assert "unknown lost" in said
+    assert "None" not in said

@@ -121,8 +121,9 @@ def summary_table(summary: dict[str, Any]) -> Table:
     what = [one_line(str(summary[k])) for k in ("room", "planner") if summary[k] is not None]
     if summary["seed"] is not None:
         what.append(f"seed {summary['seed']}")
-    reason = one_line(str(summary["reason"]))
-    outcome = Text.assemble((str(summary["outcome"]), style), f" - {reason}")
+    outcome = Text(_told(summary["outcome"]), style)
+    if summary["reason"] is not None:
+        outcome.append(f" - {one_line(summary['reason'])}", style="none")
     rows: list[tuple[str, str | Text | None]] = [
         ("run", ", ".join(what) or None),
         ("outcome", outcome),
@@ -139,7 +140,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
             "wire",
             (
                 f"{wire['frames']['rx']} frames in, {wire['frames']['tx']} out, "
-                f"{wire['lost']} lost, {wire['crc_errors']} damaged, "
+                f"{_told(wire['lost'])} lost, {_told(wire['crc_errors'])} damaged, "
                 f"{(wire['bytes']['rx'] + wire['bytes']['tx']) / 1024:.0f} KiB"
             ),
         ),
@@ -150,6 +151,10 @@ def summary_table(summary: dict[str, Any]) -> Table:
             # Rooms and reasons are others' words: no markup.
             table.add_row(name, Text(value) if isinstance(value, str) else value)
     return table
+
+
+def _told(value: object) -> str:
+    return "unknown" if value is None else one_line(str(value))
 
 
 def _with(value: float | None, form: str) -> str | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
@@ -17,6 +19,9 @@ if TYPE_CHECKING:
 
     from rich.console import ConsoleOptions, RenderableType
 
+_SIZES = frozenset({"COLUMNS", "LINES", "JUPYTER_COLUMNS", "JUPYTER_LINES"})
+"""Variables from which Rich takes the size of a terminal."""
+_SIZE = re.compile("[1-9][0-9]{0,5}")
 _KEPT = "\n\t"
 """Characters that Rich lays out itself: line ends, and tabs."""
 MAX_COLUMNS, MAX_ROWS = 500, 200
@@ -29,7 +34,9 @@ class VisibleConsole(Console):
 
     def __init__(self, *, stderr: bool = False) -> None:
         """Write to stdout, or to stderr."""
-        super().__init__(stderr=stderr, highlight=False, markup=False, emoji=False)
+        super().__init__(
+            stderr=stderr, highlight=False, markup=False, emoji=False, _environ=_environment()
+        )
 
     @property
     def size(self) -> ConsoleDimensions:
@@ -57,6 +64,18 @@ class VisibleConsole(Console):
                 yield Segment(visible(segment.text, keep="\n"), segment.style)
             else:
                 yield segment
+
+
+def _environment() -> dict[str, str]:
+    """The environment, without sizes that are no numbers.
+
+    Rich takes every digit of Unicode for one of a number: ``²`` would be an error in it.
+    """
+    return {
+        name: value
+        for name, value in os.environ.items()
+        if name not in _SIZES or _SIZE.fullmatch(value)
+    }
 
 
 def _visible(text: Text) -> Text:

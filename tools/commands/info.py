@@ -9,6 +9,7 @@ import click
 
 from tools.cli import options
 from tools.cli.console import plain_console, summary_table, write_json
+from tools.cli.visible_text import one_line
 
 if TYPE_CHECKING:
     from bridge.record.info import RunDescription
@@ -52,13 +53,14 @@ def _print(description: RunDescription) -> None:
     if parts:
         console.print(f"the run is in {len(parts)} files, {parts[0].name} to {parts[-1].name}")
     elif description.metadata.get("previous"):
-        part, previous = description.metadata.get("part", "?"), description.metadata["previous"]
+        part = one_line(description.metadata.get("part", "?"))
+        previous = one_line(description.metadata["previous"])
         console.print(f"file {part} of a run: what came before is in {previous}")
     for problem in description.problems:
         console.print(problem, style="yellow")
     for key in ("version", "port", "firmware", "uid", "boot_id", "planner", "seed", "noise"):
         if description.metadata.get(key):
-            console.print(f"{key:<9}{description.metadata[key]}")
+            console.print(f"{key:<9}{one_line(description.metadata[key])}")
     if description.summary is not None and is_run(description.summary):
         console.print(summary_table({**description.summary, "log": None}))
     table = Table(box=None, header_style="dim")
