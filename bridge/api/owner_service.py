@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.api.client import Asker
+from bridge.api.exchange import LoopExchange
 from bridge.errors import BridgeError, NoOwnerError, shown
 from bridge.io import clock
+from bridge.run.client import DeviceClient
 from bridge.run.ending import Ending
 from bridge.run.snapshot import snapshot
 from protocol.values import StopCause
@@ -26,7 +27,7 @@ class OwnerService:
     def __init__(self, host: Host, pump: Pump) -> None:
         self._host = host
         self._pump = pump
-        self._asker = Asker(host, pump.call)
+        self._client = DeviceClient(LoopExchange(host, pump.call))
 
     @property
     def over(self) -> bool:
@@ -44,7 +45,7 @@ class OwnerService:
             BridgeError: it cannot be done, or is no request.
 
         """
-        what, ours = request.get("do"), self._asker
+        what, ours = request.get("do"), self._client
         match what:
             case "stop":
                 return self._stop(asker)
@@ -61,7 +62,7 @@ class OwnerService:
         return {}
 
     def _told(self, what: object, request: dict[str, Any]) -> dict[str, Any]:
-        ours = self._asker
+        ours = self._client
         match what:
             case "status":
                 return {"status": self.snapshot()}
@@ -89,7 +90,7 @@ class OwnerService:
         value = request.get("value")
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             raise BridgeError("set needs a value, a number or a text")
-        return self._asker.set_parameter(_name(request), value)
+        return self._client.set_parameter(_name(request), value)
 
     def _stop(self, asker: str) -> dict[str, Any]:
         reason = f"stopped from another shell ({asker})"

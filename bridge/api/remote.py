@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from bridge.api import arguments
-from bridge.api.client import noted
 from bridge.errors import OwnerRefusedError
 from bridge.io.owner_client import ask, has_owner
+from bridge.run.client import noted
 from bridge.session.parameters import Parameter
 
 if TYPE_CHECKING:

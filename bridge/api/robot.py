@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from bridge.api import arguments
-from bridge.api.client import Asker
+from bridge.api.exchange import LoopExchange
 from bridge.api.owner_service import OwnerService
 from bridge.api.pump import Pump, Result
 from bridge.api.recording import Recording
@@ -47,6 +47,7 @@ from bridge.motion.robot_model import RobotModel
 from bridge.record.errors import LogError
 from bridge.record.sink import NullSink
 from bridge.run.build import build_run
+from bridge.run.client import DeviceClient
 from bridge.run.ending import Ending, cannot_move
 from bridge.run.mission import Phase
 from bridge.run.options import HostOptions
@@ -160,7 +161,7 @@ class Robot:
         self.host = build_run(self.model, self._events, options, new_session_id)
         self._mission = self.host.mission
         self._pump = Pump(self.host, self._open(), self._open)
-        self.asker = Asker(self.host, self._pump.call)
+        self.client = DeviceClient(LoopExchange(self.host, self._pump.call))
         self._owner: OwnerSocket | None = None
         with suppress(BridgeError):  # the robot works without other shells
             self._owner = OwnerSocket(self._name, OwnerService(self.host, self._pump))
@@ -462,7 +463,7 @@ class Robot:
         """
         self._reopen()
         self.wait_for_status()
-        return self.asker.clear_stop()
+        return self.client.clear_stop()
 
     # ---- parameters and the rest ----------------------------------------------------------
 
@@ -474,7 +475,7 @@ class Robot:
             DeviceLostError: it did not answer.
 
         """
-        return self.asker.list_parameters()
+        return self.client.list_parameters()
 
     @arguments.checked(name=arguments.PARAMETER)
     def get_parameter(self, name: str | int) -> Parameter:
@@ -486,7 +487,7 @@ class Robot:
             DeviceLostError: the device did not answer.
 
         """
-        return self.asker.get_parameter(name)
+        return self.client.get_parameter(name)
 
     @arguments.checked(name=arguments.PARAMETER, value=arguments.VALUE)
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
@@ -498,7 +499,7 @@ class Robot:
             DeviceLostError: it did not answer.
 
         """
-        return self.asker.set_parameter(name, value)
+        return self.client.set_parameter(name, value)
 
     def save_parameters(self) -> None:
         """Make the present values the next boot's.
@@ -508,7 +509,7 @@ class Robot:
             DeviceLostError: it did not answer.
 
         """
-        self.asker.save_parameters()
+        self.client.save_parameters()
 
     @arguments.checked(stream=arguments.TEXT, rate_hz=arguments.HERTZ)
     def stream_rate(self, stream: str, rate_hz: float) -> None:
@@ -520,7 +521,7 @@ class Robot:
             DeviceLostError: it did not answer.
 
         """
-        self.asker.stream_rate(stream, rate_hz)
+        self.client.stream_rate(stream, rate_hz)
 
     @arguments.checked(factory_reset=arguments.FLAG)
     def reboot(self, *, factory_reset: bool = False) -> None:
@@ -531,7 +532,7 @@ class Robot:
             DeviceLostError: it did not answer.
 
         """
-        self.asker.reboot(factory_reset=factory_reset)
+        self.client.reboot(factory_reset=factory_reset)
 
     @arguments.checked(key=arguments.KEY | arguments.NONE)
     def set_key(self, key: bytes | None) -> None:
@@ -548,7 +549,7 @@ class Robot:
 
         """
         check_local(self._name)
-        self.asker.command(SetKey, *key_words(key or bytes(KEY_SIZE)))
+        self.client.command(SetKey, *key_words(key or bytes(KEY_SIZE)))
         self._key = key
         session = self.host.session
         self._in_loop(lambda: session.set_key(key, clock.now()))

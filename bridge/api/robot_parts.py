@@ -17,8 +17,8 @@ from protocol.values import Mode, OnboardPlanner, PlannerAction, StopCause, labe
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bridge.api.client import Asker
     from bridge.record.sink import Sink
+    from bridge.run.client import DeviceClient
     from bridge.run.snapshot import StateSnapshot
     from bridge.session.records import Record
     from protocol.messages import Status
@@ -134,7 +134,7 @@ class EventTap:
 class Drivable(Protocol):
     """A robot that a program drives, as its own planner needs it."""
 
-    asker: Asker
+    client: DeviceClient
 
     @property
     def state(self) -> StateSnapshot:
@@ -183,21 +183,21 @@ class OwnPlanner:
                 "clear_stop()"
             )
         if status.stop_cause == StopCause.SESSION_END:
-            robot.asker.clear_stop()
-        robot.asker.command(SetMode, Mode.ONBOARD)
-        robot.asker.planner(PlannerAction.START, number)
+            robot.client.clear_stop()
+        robot.client.command(SetMode, Mode.ONBOARD)
+        robot.client.planner(PlannerAction.START, number)
 
     def pause(self) -> None:
         """Hold still, the plan kept."""
-        self._robot.asker.planner(PlannerAction.PAUSE)
+        self._robot.client.planner(PlannerAction.PAUSE)
 
     def resume(self) -> None:
         """Go on where it was held."""
-        self._robot.asker.planner(PlannerAction.RESUME)
+        self._robot.client.planner(PlannerAction.RESUME)
 
     def abort(self) -> None:
         """End the plan."""
-        self._robot.asker.planner(PlannerAction.ABORT)
+        self._robot.client.planner(PlannerAction.ABORT)
 
 
 def planner_number(name: str) -> OnboardPlanner:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from bridge.bringup.device_values import list_parameters, save_parameters, set_parameter
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -52,16 +50,16 @@ def set_on_device(desk: Desk, changes: Sequence[Change]) -> Applied:
         BridgeError: a value does not fit, or the device refused or fell silent.
 
     """
-    known = {p.name: p for p in list_parameters(desk)}
+    known = {p.name: p for p in desk.client.list_parameters()}
     ours = [c for c in changes if c.parameter in known]
     for change in ours:
         known[change.parameter].raw(change.new)  # nothing is changed where one of them cannot be
     late = [
         change.parameter
         for change in ours
-        if set_parameter(desk, change.parameter, change.new).needs_reboot
+        if desk.client.set_parameter(change.parameter, change.new).needs_reboot
     ]
     if ours:
-        save_parameters(desk)
+        desk.client.save_parameters()
     lacking = tuple(c.parameter for c in changes if c.parameter not in known)
     return Applied(tuple(c.parameter for c in ours), lacking, tuple(late))

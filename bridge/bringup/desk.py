@@ -7,7 +7,7 @@ without planner, log or estimate: for those there is :class:`bridge.run.host.Hos
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar, cast
 
 from bridge.bringup.desk_wire import InterruptedByPersonError
 from bridge.errors import (
@@ -20,7 +20,8 @@ from bridge.errors import (
     SeveralDevicesError,
     StoppedForSafetyError,
 )
-from bridge.run.refusals import check_known, check_outcome
+from bridge.run.client import DeviceClient
+from bridge.run.commands import Dialogue
 from bridge.session.event_kinds import EventKind
 from bridge.session.sample_times import SampleTimes
 from bridge.session.session import Session
@@ -32,6 +33,7 @@ from protocol.messages import (
     Encoders,
     Hello,
     LogText,
+    ParameterValue,
     SetMode,
     Status,
 )
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from bridge.bringup.recorded import BenchRecords
     from bridge.session.states import SessionEvent
     from protocol.commands import Outcome
+    from protocol.messages import Stop
     from protocol.schema.message import Message
 
 CYCLE_NS = 20_000_000
@@ -64,6 +67,7 @@ judges a silence, within a second."""
 _DISAGREES = frozenset({EventKind.DISAGREEMENT, EventKind.VERSION})
 """Failures of a session in which a device answers and does not agree."""
 M = TypeVar("M", bound="Message")
+R = TypeVar("R")
 
 
 class Desk:
@@ -93,12 +97,16 @@ class Desk:
         self.session = Session(
             new_session_id, name="sweepctl bench", node=node, link=wire.link, key=key
         )
+        self.commands = Dialogue(self.session)
+        self.client = DeviceClient(self)
+        """Asks the device; time passes meanwhile."""
         self.newest: dict[type[Message], Message] = {}
         self._times = SampleTimes()
         self._taps: list[tuple[tuple[type[Message], ...], list[tuple[float, Message]]]] = []
         self._duty: tuple[float, float] | None = None
         self._steer: Callable[[], tuple[float, float]] | None = None
-        self._outcomes: dict[int, Outcome] = {}
+        self._stops: list[Outcome] = []
+        """How the newest stop, and earlier ones meanwhile, have ended."""
         self._failed: Failed | None = None
         self._unsafe = ""
         """Why the robot was or must be stopped; empty: nothing is wrong."""
@@ -229,13 +237,14 @@ class Desk:
                 case Data():
                     self._take(event, now_ns)
                 case CommandEnded():
-                    command_id: int = event.outcome.message.command_id  # type: ignore[attr-defined]  # of every command
-                    self._outcomes[command_id] = event.outcome
+                    if not self.commands.ended(event.outcome):
+                        self._stops.append(event.outcome)
                 case Failed():
                     self._failed = event
                 case StateChanged() if event.old is State.READY and event.new is not State.CLOSED:
                     self._failed = Failed(EventKind.LOST, f"the device was lost: {event.why}")
                     self._times.forget()
+                    self.commands.lost()
                 case Agreed():
                     self.newest[Hello] = event.hello
                 case _:
@@ -250,7 +259,9 @@ class Desk:
         for kinds, kept in self._taps:
             if kind in kinds:
                 kept.append((self._t_us / 1e6, message))
-        if isinstance(message, LogText):
+        if isinstance(message, ParameterValue):
+            self.commands.parameter(message)
+        elif isinstance(message, LogText):
             if message.level == LogLevel.ERROR:
                 self._error = message.line
         elif isinstance(message, Status) and self._free and message.stop_cause != StopCause.NONE:
@@ -299,19 +310,30 @@ class Desk:
 
     # ---- commands -------------------------------------------------------------------------
 
-    def ask(self, what: str, kind: type[Message], *fields: int) -> None:
-        """Send a command and wait until the device has carried it out.
+    @property
+    def status(self) -> Status | None:
+        """The device's newest status."""
+        return self.latest(Status)
+
+    def now(self) -> HostNs:
+        """The wire's time."""
+        return self._wire.now()
+
+    def call(self, action: Callable[[], R]) -> R:
+        """Run something: there is no other thread here."""
+        return action()
+
+    def wait(self, begin: Callable[[Callable[[], None]], None], what: str) -> None:
+        """Run ``begin``, and let time pass until it has called its argument.
 
         Raises:
-            CommandRejectedError: it refused; the text has its reason.
-            DeviceLostError: it did not answer.
+            DeviceLostError: it was not called in time, or the device was lost.
 
         """
-        check_known(what, kind, self.session.link)
-        command_id = self.session.command(kind, fields, self._wire.now())
-        self._outcomes.pop(command_id, None)
-        self.run(ANSWER_S, lambda: command_id in self._outcomes)
-        check_outcome(what, self._outcomes.pop(command_id, None))
+        answered: list[bool] = []
+        begin(lambda: answered.append(True))
+        if not self.run(ANSWER_S, lambda: bool(answered)):
+            raise DeviceLostError(f"the device did not answer {what}")
 
     def enable(self, mode: Mode, *, clear_stop: bool = False) -> None:
         """Ask for leave to move in this mode.
@@ -337,8 +359,8 @@ class Desk:
             raise held
         self._moved = True
         if status.stop_cause != StopCause.NONE:
-            self.ask("clear stop", ClearStop, status.stop_cause)
-        self.ask(f"{label(Mode, mode)} mode", SetMode, mode)
+            self.client.command(ClearStop, status.stop_cause)
+        self.client.command(SetMode, mode, what=f"{label(Mode, mode)} mode")
         self.run(1.0, lambda: self._in_mode(mode))
         self._free = True
 
@@ -381,14 +403,20 @@ class Desk:
     def _stop_in_session(self, cause: StopCause) -> bool:
         self.newest.pop(Status, None)  # what it said before counts no more
         try:
+            self._stops.clear()
             command_id = self.session.stop(cause, self._wire.now())
-            self._spin(CONFIRM_S, lambda: command_id in self._outcomes)
+            self._spin(CONFIRM_S, lambda: self._ending_of(command_id) is not None)
         except PortError:
             raise
         except Exception:  # noqa: BLE001 - whatever fails in the session, the robot must stop
             return False
-        outcome = self._outcomes.get(command_id)
+        outcome = self._ending_of(command_id)
         return outcome is not None and outcome.accepted
+
+    def _ending_of(self, command_id: int) -> Outcome | None:
+        """How the stop with this id has ended; None: not yet."""
+        stops = ((cast("Stop", each.message), each) for each in self._stops)
+        return next((each for stop, each in stops if stop.command_id == command_id), None)
 
     def _stop_without(self, cause: StopCause) -> bool:
         """Repeat a stop that needs no session; True once it is confirmed."""

@@ -332,7 +332,7 @@ class BringUp:
     def _step(self) -> tuple[WheelStep, ...]:
         desk = self._desk
         encoders = desk.session.link.codec.catalogue.by_class[Encoders].type_id
-        desk.ask("encoders at 100 Hz", SetStreamRate, encoders, 1000)
+        desk.client.command(SetStreamRate, encoders, 1000, what="encoders at 100 Hz")
         kept = desk.watch(Encoders)
         desk.steer(lambda: (0.0, 0.0))
         desk.run(0.3)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, Never, Self
 
 import pytest
 
-from bridge.api.client import Asker
+from bridge.api.exchange import LoopExchange
 from bridge.api.remote import RemoteRobot
+from bridge.run.client import DeviceClient
 from support.emulated import Emulated
 from tools.cli.console import print_summary as print_whole
 from tools.cli.main import run
@@ -122,9 +123,9 @@ def test_what_a_device_may_have_done_is_said(monkeypatch: pytest.MonkeyPatch) ->
     def call(_action: object) -> Never:
         interrupt()
 
-    asker = Asker(Host(), call)  # type: ignore[arg-type]  # it is not looked at
+    client = DeviceClient(LoopExchange(Host(), call))  # type: ignore[arg-type]  # it is not looked at
     with pytest.raises(KeyboardInterrupt) as caught:
-        asker.save_parameters()
+        client.save_parameters()
     said = ["the device may have carried out save parameters: no answer has come"]
     assert caught.value.__notes__ == said
     monkeypatch.setattr("bridge.api.remote.ask", interrupt)

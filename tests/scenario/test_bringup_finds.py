@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.bringup.desk_wire import InterruptedByPersonError
-from bridge.bringup.device_values import list_parameters, set_parameter
 from bridge.bringup.procedure import BringUp
 from bridge.errors import CommandRejectedError, ParameterError, StoppedForSafetyError
 from bridge.motion.robot_model import RobotModel
@@ -239,14 +238,14 @@ def test_a_bus_does_as_well_as_a_line() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1, link=CanLink)
     desk, wire = desk_on(device)
     with desk:
-        names = [p.name for p in list_parameters(desk)]
+        names = [p.name for p in desk.client.list_parameters()]
         assert names[:3] == ["node", "wheel_diameter", "wheel_base"]
-        assert set_parameter(desk, "cruise_speed", 0.15).value == pytest.approx(0.15)
+        assert desk.client.set_parameter("cruise_speed", 0.15).value == pytest.approx(0.15)
         assert len(desk.collect(Imu, 1.0)) == pytest.approx(100, abs=2)
         with pytest.raises(CommandRejectedError, match="other_cause"):
-            desk.ask("clear stop", ClearStop, StopCause.OPERATOR)
+            desk.client.command(ClearStop, StopCause.OPERATOR)
         with pytest.raises(ParameterError, match="did you mean cruise_speed"):
-            set_parameter(desk, "cruise_sped", 0.1)
+            desk.client.set_parameter("cruise_sped", 0.1)
     assert wire.closed
 
 
@@ -299,7 +298,7 @@ def test_a_device_with_a_key_is_moved_by_whoever_has_it() -> None:
     key = bytes(range(1, 17))
     desk, _ = desk_on(device)
     with desk:
-        desk.ask("set key", SetKey, *key_words(key))
+        desk.client.command(SetKey, *key_words(key))
     desk, _ = desk_on(device)
     with desk, pytest.raises((CommandRejectedError, StoppedForSafetyError)):
         desk.enable(Mode.BRINGUP)
@@ -310,4 +309,4 @@ def test_a_device_with_a_key_is_moved_by_whoever_has_it() -> None:
         desk.run(0.5)
         assert device.plant.wheel_angles_rad[0] > 0.5
         desk.stop()
-        assert set_parameter(desk, "cruise_speed", 0.1).value == pytest.approx(0.1)
+        assert desk.client.set_parameter("cruise_speed", 0.1).value == pytest.approx(0.1)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.bringup.device_values import save_parameters, set_parameter
 from bridge.bringup.square import Result, Squares
 from bridge.bringup.umbmark import Benchmark, Correction
 from bridge.config import parse_robot
@@ -96,9 +95,9 @@ def test_a_calibrated_device_tells_corrected_ranges() -> None:
     desk, _ = desk_on(device)
     with desk:
         assert desk.await_newest(Range).ultrasonic_m == pytest.approx(2.88, abs=0.002)
-        set_parameter(desk, "ultrasonic_scale", 0.9)
-        set_parameter(desk, "ultrasonic_offset", 0.05)
-        save_parameters(desk)
+        desk.client.set_parameter("ultrasonic_scale", 0.9)
+        desk.client.set_parameter("ultrasonic_offset", 0.05)
+        desk.client.save_parameters()
         device.reset(ResetCause.SOFTWARE)
     desk, _ = desk_on(device)
     with desk:

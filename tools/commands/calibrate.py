@@ -311,7 +311,6 @@ def _range(  # noqa: PLR0913 - one parameter per option
     You hold a flat wall at each distance from the sensor's own face. One distance gives an offset,
     two or more a scale too.
     """
-    from bridge.bringup.device_values import list_parameters
     from bridge.bringup.ranging import fit
     from tools.bringup.calibrating import load_existing, write_results
     from tools.bringup.desk import Terminal, desk_on
@@ -322,7 +321,7 @@ def _range(  # noqa: PLR0913 - one parameter per option
     changes: list[Change] = []
     with desk_on(port, log, model, text) as desk:
         person = Terminal(desk, yes=yes)
-        known = {p.name: p.value for p in list_parameters(desk)}
+        known = {p.name: p.value for p in desk.client.list_parameters()}
         for sensor in sensors or _SENSORS:
             name = sensor.replace("-", "_")
             mount: RangerMount = getattr(model, name)

@@ -6,10 +6,11 @@ import contextlib
 import threading
 from typing import TYPE_CHECKING
 
-from bridge.api.client import Asker
+from bridge.api.exchange import LoopExchange
 from bridge.bringup.values import Difference, differences
 from bridge.errors import BridgeError
 from bridge.io import clock
+from bridge.run.client import DeviceClient
 from bridge.run.mission import Phase
 from bridge.run.start_pose import contradictions
 from bridge.session.event_kinds import EventKind
@@ -45,7 +46,9 @@ def compared(pump: Pump, model: RobotModel, *, from_file: bool) -> Iterator[None
             if over.wait(_POLL_S):
                 return
         with contextlib.suppress(BridgeError):
-            for difference in differences(Asker(pump.host, pump.call).list_parameters(), model):
+            for difference in differences(
+                DeviceClient(LoopExchange(pump.host, pump.call)).list_parameters(), model
+            ):
                 _report(pump, difference, source)
 
     thread = threading.Thread(target=look, name="compare", daemon=True)

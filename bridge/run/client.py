@@ -1,17 +1,15 @@
-"""Asking a device from any thread but the loop's: each call waits for its answer.
+"""Acknowledged commands to a device: each call waits for its answer.
 
-Used by :class:`bridge.api.robot.Robot` and by the socket through which other processes ask
-(:mod:`bridge.api.owner_service`).
+Used by a robot that a program drives, by the socket through which other processes ask, and by the
+bring-up procedures. How a call waits is the business of its :class:`Exchange`.
 """
 
 from __future__ import annotations
 
-import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from bridge.errors import BridgeError, DeviceLostError, ParameterError, shown
-from bridge.io import clock
 from bridge.run.refusals import check_fields, check_known, check_outcome
 from bridge.session.parameters import Parameter, closest
 from protocol.messages import (
@@ -37,14 +35,14 @@ from protocol.values import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-    from concurrent.futures import Future
 
-    from bridge.run.host import Host
+    from bridge.run.commands import Dialogue
+    from bridge.session.session import Session
+    from protocol.clock import HostNs
     from protocol.commands import Outcome
+    from protocol.messages import Status
     from protocol.schema.message import Message
 
-WAIT_S = 8.0
-"""Six tries with the timeout doubling, and a flash that erases: only a dead loop is longer."""
 AT_ONCE = 8
 """Half of the replies that a device remembers."""
 _TRIES = 3
@@ -61,7 +59,6 @@ _NAMES = {
 }
 
 
-_HANGS = "the loop that has its port does not answer"
 R = TypeVar("R")
 
 
@@ -76,25 +73,53 @@ def noted(what: str | None) -> Iterator[None]:
         raise
 
 
-class InLoop(Protocol):
-    """What runs something in a loop's own thread."""
+class Exchange(Protocol):
+    """Where commands are sent, and how to wait for what becomes of them."""
 
-    def __call__(self, action: Callable[[], R]) -> Future[R]:
-        """Have it run at the loop's next turn; what it gives or raises is the answer's."""
+    @property
+    def session(self) -> Session:
+        """The session with the device."""
+
+    @property
+    def commands(self) -> Dialogue:
+        """The session's commands under way."""
+
+    @property
+    def status(self) -> Status | None:
+        """The device's newest status."""
+
+    def now(self) -> HostNs:
+        """Host time."""
+
+    def call(self, action: Callable[[], R]) -> R:
+        """Run something where the session lives; gives its result.
+
+        Raises:
+            DeviceLostError: what serves the session has ended, or hangs.
+            Exception: what the action raised.
+
+        """
+
+    def wait(self, begin: Callable[[Callable[[], None]], None], what: str) -> None:
+        """Run ``begin`` where the session lives, and wait until it has called its argument.
+
+        Raises:
+            DeviceLostError: it was not called in time; ``what`` names the command.
+
+        """
 
 
-class Asker:
-    """Sends acknowledged commands through a running loop and waits for how they end."""
+class DeviceClient:
+    """Sends acknowledged commands and waits for how they end."""
 
-    def __init__(self, host: Host, call: InLoop) -> None:
-        """``call`` runs something in the loop's own thread, as :meth:`Pump.call` does."""
-        self._host = host
-        self._call = call
+    def __init__(self, exchange: Exchange) -> None:
+        """``exchange`` reaches the session."""
+        self._exchange = exchange
 
     # ---- commands -------------------------------------------------------------------------
 
-    def command(self, kind: type[Message], *fields: int) -> None:
-        """Send one command and wait.
+    def command(self, kind: type[Message], *fields: int, what: str | None = None) -> None:
+        """Send one command and wait; ``what`` names it in errors.
 
         Raises:
             ParameterError: a value does not fit its field; nothing was sent.
@@ -102,43 +127,22 @@ class Asker:
             DeviceLostError: it did not answer, or is not there.
 
         """
-        what = _NAMES.get(kind, kind.__name__)
-        check_fields(what, kind, fields)
+        name = what or _NAMES.get(kind, kind.__name__)
+        check_fields(name, kind, fields)
+        exchange = self._exchange
         answers: list[Outcome | None] = []
-        answered = threading.Event()
 
-        def ended(outcome: Outcome | None) -> None:
-            answers.append(outcome)
-            answered.set()
+        def begin(done: Callable[[], None]) -> None:
+            def ended(outcome: Outcome | None) -> None:
+                answers.append(outcome)
+                done()
 
-        def ask() -> None:
-            check_known(what, kind, self._host.session.link)
-            self._host.commands.ask(kind, fields, clock.now(), ended)
+            check_known(name, kind, exchange.session.link)
+            exchange.commands.ask(kind, fields, exchange.now(), ended)
 
-        with noted(None if kind is GetParameter else what):
-            self._in_loop(ask)
-            self._await(answered, what)
-        check_outcome(what, answers[0])
-
-    def _in_loop(self, action: Callable[[], R]) -> R:
-        """Have something run in the loop and wait for what it gives.
-
-        Raises:
-            DeviceLostError: the loop has ended, or hangs.
-            Exception: what the action raised.
-
-        """
-        answer = self._call(action)
-        try:
-            return answer.result(WAIT_S)
-        except TimeoutError:
-            answer.cancel()  # it must not happen late
-            raise DeviceLostError(_HANGS) from None
-
-    @staticmethod
-    def _await(answered: threading.Event, what: str) -> None:
-        if not answered.wait(WAIT_S):
-            raise DeviceLostError(f"no answer to {what}: {_HANGS}")
+        with noted(None if kind is GetParameter else name):
+            exchange.wait(begin, name)
+        check_outcome(name, answers[0])
 
     # ---- parameters -----------------------------------------------------------------------
 
@@ -151,7 +155,7 @@ class Asker:
 
         """
         first = self._fetch([0])
-        count = self._in_loop(lambda: self._host.commands.parameter_count) or 0
+        count = self._exchange.call(lambda: self._exchange.commands.parameter_count) or 0
         found = {**first, **self._fetch(range(1, count))}
         return [found[number] for number in sorted(found)]
 
@@ -196,7 +200,7 @@ class Asker:
     def _number(self, name: str | int) -> int:
         if isinstance(name, int):
             return name
-        names = {p.name: n for n, p in self._host.commands.parameters.items()}
+        names = {p.name: n for n, p in self._exchange.commands.parameters.items()}
         if name not in names:
             names = {p.name: p.number for p in self.list_parameters()}
         if name not in names:
@@ -218,23 +222,22 @@ class Asker:
         raise DeviceLostError(f"the device did not tell parameter {missing[0]}")
 
     def _fetch_some(self, numbers: Sequence[int]) -> dict[int, Parameter]:
+        exchange, name = self._exchange, _NAMES[GetParameter]
         answers: list[tuple[Outcome | None, Parameter | None]] = []
-        answered = threading.Event()
 
-        def ended(outcome: Outcome | None, parameter: Parameter | None) -> None:
-            answers.append((outcome, parameter))
-            if len(answers) == len(numbers):
-                answered.set()
+        def begin(done: Callable[[], None]) -> None:
+            def ended(outcome: Outcome | None, parameter: Parameter | None) -> None:
+                answers.append((outcome, parameter))
+                if len(answers) == len(numbers):
+                    done()
 
-        def ask() -> None:
-            check_known(_NAMES[GetParameter], GetParameter, self._host.session.link)
+            check_known(name, GetParameter, exchange.session.link)
             for number in numbers:
-                self._host.commands.fetch(number, clock.now(), ended)
+                exchange.commands.fetch(number, exchange.now(), ended)
 
-        self._in_loop(ask)
-        self._await(answered, _NAMES[GetParameter])
+        exchange.wait(begin, name)
         for outcome, _ in answers:
-            check_outcome(_NAMES[GetParameter], outcome)
+            check_outcome(name, outcome)
         return {found.number: found for _, found in answers if found is not None}
 
     # ---- the rest -------------------------------------------------------------------------
@@ -281,7 +284,7 @@ class Asker:
             DeviceLostError: it did not answer.
 
         """
-        status = self._in_loop(lambda: self._host.state.status)
+        status = self._exchange.call(lambda: self._exchange.status)
         if status is None:
             raise BridgeError("the device has not told its status yet")
         if status.stop_cause == StopCause.NONE:
