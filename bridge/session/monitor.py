@@ -103,7 +103,10 @@ class Monitor:
         self._device_ear = link(Direction.HOST, codec=Codec(catalogue))
         self._host_ear = link(Direction.DEVICE, codec=Codec(catalogue))
         self._wanted = frozenset(types)
-        self._node = node
+        self.node = node
+        """The device whose messages are wanted; None: all."""
+        self.others: set[int] = set()
+        """Nodes of the messages that are not wanted."""
         self._since_ns = -1
         self._now_ns = 0
         self.types: dict[str, TypeCount] = {}
@@ -153,7 +156,8 @@ class Monitor:
 
     def _message(self, event: Received, now_ns: int) -> Seen | None:
         message, frame, spec = event
-        if self._node is not None and frame.node not in {self._node, 0}:
+        if self.node is not None and frame.node not in {self.node, 0}:
+            self.others.add(frame.node)
             return None
         if isinstance(message, Hello) and message.catalogue_hash != self._catalogue.hash:
             self.strangers[frame.node] = message.catalogue_hash

@@ -195,6 +195,7 @@ def _account(monitor: Monitor, port: str) -> dict[str, object]:
         "damaged": monitor.damaged,
         "rejected": monitor.rejected,
         "lost": monitor.lost,
+        "other_nodes": sorted(monitor.others),
         "strange_catalogues": {str(n): f"{h:08x}" for n, h in monitor.strangers.items()},
         "types": {
             name: {

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _REDRAW_NS = 250_000_000
 _RATES_NS = 1_000_000_000
 _SHOWN_BYTES = 32
+_SILENCE = "rates (Hz): nothing comes"
 
 
 class Nothing:
@@ -58,6 +59,8 @@ class TextLines(Nothing):
         self._rates_ns = 0
         self._start_ns: int | None = None
         self._warned: set[int] = set()
+        self._rates = ""
+        """What was said of a silence, as long as it lasts."""
 
     def show(self, seen: Seen) -> None:
         """Print it."""
@@ -82,8 +85,10 @@ class TextLines(Nothing):
                 self._warned.add(node)
                 say(_stranger(node, value))
         if now_ns - self._rates_ns >= _RATES_NS:
-            if self._rates_ns:
-                say(_rates(monitor))
+            rates = _rates(monitor)
+            if self._rates_ns and rates != self._rates:  # nothing is worth saying once
+                say(rates)
+                self._rates = rates if rates.startswith(_SILENCE) else ""
             self._rates_ns = now_ns
 
     def sum_up(self, monitor: Monitor) -> None:
@@ -163,6 +168,8 @@ class Table(Nothing):
                 name, newest.direction, f"{rates[name]:.1f}", str(count.count), Text(newest.text)
             )
         parts: list[RichTable | Text] = [table, Text(_totals(monitor), style="dim")]
+        if not monitor.types and monitor.others:
+            parts.append(Text(f"nothing comes{_others(monitor)}", style="yellow"))
         parts += [Text(_stranger(n, h), style="yellow") for n, h in monitor.strangers.items()]
         bad = monitor.newest_damage
         if bad is not None:
@@ -278,7 +285,16 @@ def owner_rows(known: dict[str, Any]) -> list[tuple[str, str]]:
 def _rates(monitor: Monitor) -> str:
     rates = monitor.rates_hz()
     found = ", ".join(f"{name} {rate:.1f}" for name, rate in sorted(rates.items()) if rate)
-    return f"rates (Hz): {found or 'nothing comes'}"
+    return f"rates (Hz): {found}" if found else f"{_SILENCE}{_others(monitor)}"
+
+
+def _others(monitor: Monitor) -> str:
+    """What is heard in the place of the node that was asked for."""
+    if monitor.node is None:
+        return ""
+    heard = ", ".join(map(str, sorted(monitor.others)))
+    instead = f"; heard are messages of node {heard}" if heard else ""
+    return f" from node {monitor.node}{instead}"
 
 
 def _totals(monitor: Monitor) -> str:

@@ -14,6 +14,7 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from protocol.values import StopCause
 from support.reference_codec import cobs_encode, crc32
+from tools.live.monitor_view import TextLines
 
 MS = 1_000_000
 
@@ -135,3 +136,34 @@ def test_a_bus_is_heard_in_both_directions() -> None:
     seen = monitor.receive(device.data_to_send() + host.data_to_send(), HostNs(0))
     assert [s.name for s in seen] == ["sync", "encoders", "stop"]
     assert seen[1].fields == {"left": 10, "right": 20}
+
+
+def test_a_node_that_is_not_there_is_said_once_with_those_that_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monitor, lines = Monitor(node=9), TextLines(raw=False)
+    second = 1_000_000_000
+    for at in range(1, 6):
+        monitor.receive(framed(3, 0x13, at, 1, struct.pack("<HH", 1, 2)), HostNs(at * second))
+        lines.tick(monitor, HostNs(at * second))
+    monitor.receive(framed(4, 0x13, 1, 1, struct.pack("<HH", 1, 2)), HostNs(6 * second))
+    lines.tick(monitor, HostNs(6 * second))
+    said = capsys.readouterr().err.splitlines()
+    assert said == [
+        "rates (Hz): nothing comes from node 9; heard are messages of node 3",
+        "rates (Hz): nothing comes from node 9; heard are messages of node 3, 4",
+    ]
+
+
+def test_a_silence_is_said_once_and_again_after_it_was_broken(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monitor, lines = Monitor(), TextLines(raw=False)
+    second = 1_000_000_000
+    for at in range(1, 20):
+        data = framed(3, 0x13, at, 1, struct.pack("<HH", 1, 2)) if at == 8 else b""
+        monitor.receive(data, HostNs(at * second))
+        lines.tick(monitor, HostNs(at * second))
+    said = capsys.readouterr().err.splitlines()
+    assert [line for line in said if "nothing" in line] == ["rates (Hz): nothing comes"] * 2
+    assert any("encoders" in line for line in said)
