@@ -56,16 +56,20 @@ def nohup() -> Iterator[None]:
 def test_under_nohup_a_lost_terminal_ends_neither_the_emulator_nor_a_run(tmp_path: Path) -> None:
     with nohup():
         emulator = start("emulate", "empty", cwd=tmp_path)
+    try:
         port = ready(emulator)
-        host = start("connect", port, "--duration", "2", "--json", cwd=tmp_path)
-    until_s = time.monotonic() + PATIENCE_S
-    while not _is_owned(port):
-        assert time.monotonic() < until_s
-        time.sleep(0.05)
-    emulator.send_signal(signal.SIGHUP)
-    ended = end(host, signal.SIGHUP)
+        with nohup():
+            host = start("connect", port, "--duration", "2", "--json", cwd=tmp_path)
+        until_s = time.monotonic() + PATIENCE_S
+        while not _is_owned(port):
+            assert time.monotonic() < until_s
+            time.sleep(0.05)
+        emulator.send_signal(signal.SIGHUP)
+        ended = end(host, signal.SIGHUP)
+    finally:
+        status = end(emulator, signal.SIGTERM).status
     assert (ended.status, ended.json["reason"]) == (0, "the time asked for is over"), ended
-    assert end(emulator, signal.SIGTERM).status == 0
+    assert status == 0
 
 
 def _is_owned(port: str) -> bool:
