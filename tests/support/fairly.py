@@ -15,7 +15,6 @@ import pytest
 from _pytest.runner import runtestprotocol
 from xdist.scheduler.loadscope import LoadScopeScheduling
 
-from support import conformance
 from support.hold_up import Busy
 
 if TYPE_CHECKING:
@@ -60,8 +59,8 @@ class Units(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
     def _split_scope(self, nodeid: str) -> str:
         file = nodeid.partition("::")[0]
         path = self.config.rootpath / file
-        if conformance.in_suite(path):
-            return str(conformance.FOLDER)
+        if "conformance" in path.parts:
+            return "conformance"
         return file if _shares(path) else nodeid
 
 

@@ -33,7 +33,7 @@ COMMANDS = {
 }
 DRAWING = {"report", "picture", "rerun"}
 """They read as ``diff`` does, and take seconds to draw: of a group whose harm is not in what is
-drawn they get the first file only."""
+drawn they get the first of several files only."""
 DRAWN = {"contents", "impostors"}
 
 
@@ -47,7 +47,7 @@ def main() -> None:
         file = folder / (re.sub(r"\W+", "-", name) + ".mcap")
         file.write_bytes(data)
         for command, words in COMMANDS.items():
-            if command in DRAWING and number and group not in DRAWN:
+            if command in DRAWING and group not in DRAWN and (number or files == 1):
                 continue
             out = folder / f"{file.stem}-{command}"
             arguments = [str(file) if w == "FILE" else w.replace("OUT", str(out)) for w in words]

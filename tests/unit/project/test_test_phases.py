@@ -32,6 +32,8 @@ def pytest_configure(config):
 class Measured(hold_up.Busy):
     share = {share}
 """
+QUICK = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTEST_PLUGINS": "xdist.plugin"}
+"""No other plugin: each run of the phases starts pytest three times."""
 PASSES, FAILS, BREAKS = "assert True", "assert False", "import os; os._exit(3)"
 FAILS_BESIDE_OTHERS = "import sys; assert '--alone' in ' '.join(sys.argv)"
 
@@ -54,7 +56,11 @@ def run(
     done = subprocess.run(
         [sys.executable, "-m", "support.phases", selection, "-p", "no:cacheprovider", "-n0"],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT)])},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(ROOT / "tests"), str(ROOT)]),
+            **QUICK,
+        },
         capture_output=True,
         text=True,
         check=False,
