@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from bridge.errors import (
+    CommandRejectedError,
+    DisagreementError,
+    PortError,
+    StoppedForSafetyError,
+)
 from bridge.io.identifiers import new_session_id
+from tools.cli.cautions import caution_lines
 from tools.cli.console import ask, say
 from tools.cli.signals import until_signalled
 
@@ -37,7 +44,8 @@ def desk_on(
     """A desk on a port; Ctrl-C ends what it does, and it leaves the robot stopped.
 
     With ``log`` everything that passes, and what the person is told, is recorded, with the robot
-    ``model`` and the text of its file.
+    ``model`` and the text of its file. What will not work well on that robot is said first. An
+    error of the device or its link names the port.
 
     Raises:
         PortError: the port cannot be opened, or nothing answers on it.
@@ -50,7 +58,10 @@ def desk_on(
     from bridge.io.desk_wire import PortWire
 
     key = asked.key
+    for line in caution_lines(model, None):
+        say(line)
     with contextlib.ExitStack() as stack:
+        stack.enter_context(_named(asked.name))
         wire = PortWire(asked.open())
         stack.callback(wire.close)
         records = None
@@ -65,6 +76,17 @@ def desk_on(
         )
         with until_signalled(desk.interrupt), desk:
             yield desk
+
+
+@contextlib.contextmanager
+def _named(port: str) -> Iterator[None]:
+    """Have an error of the device or its link name the port, where it does not yet."""
+    try:
+        yield
+    except (PortError, DisagreementError, CommandRejectedError, StoppedForSafetyError) as error:
+        if port not in error.bare:
+            error.args = (f"{port}: {error.bare}",)
+        raise
 
 
 @dataclass(frozen=True, slots=True)

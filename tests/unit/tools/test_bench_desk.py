@@ -1,0 +1,67 @@
+"""The desk of the bench commands: whose port failed, and what will not work on the robot."""
+
+from __future__ import annotations
+
+import dataclasses
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bridge.errors import (
+    BridgeError,
+    CommandRejectedError,
+    DeviceLostError,
+    StoppedForSafetyError,
+)
+from bridge.motion.robot_model import RobotModel
+from tools.bringup.desk import desk_on
+
+PORT = "/dev/robot"
+
+
+class Desk(nullcontext[None]):
+    """One that has agreed."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        super().__init__(None)
+
+    def interrupt(self) -> None:
+        """Nothing to end."""
+
+
+@pytest.fixture(name="asked")
+def _asked(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401 - in the place of a port's options
+    monkeypatch.setattr("bridge.bringup.desk.Desk", Desk)
+    port = SimpleNamespace(name=PORT, close=lambda: None)
+    return SimpleNamespace(name=PORT, key=None, node=None, open=lambda: port)
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (DeviceLostError("no status from the device"), f"{PORT}: no status from the device"),
+        (StoppedForSafetyError("the link was lost"), f"{PORT}: the link was lost"),
+        (
+            CommandRejectedError("mode", "stop latched"),
+            f"{PORT}: the device refused mode: stop latched",
+        ),
+        (DeviceLostError(f"{PORT} is gone"), f"{PORT} is gone"),
+        (BridgeError("no distance was measured"), "no distance was measured"),
+    ],
+)
+def test_a_failure_names_the_port_once(asked: Any, error: BridgeError, text: str) -> None:  # noqa: ANN401 - as above
+    with pytest.raises(type(error)) as caught, desk_on(asked, None, RobotModel(), ""):
+        raise error
+    assert str(caught.value) == text
+
+
+def test_what_will_not_work_well_is_said_first(
+    asked: Any,  # noqa: ANN401 - as above
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    wide = dataclasses.replace(RobotModel(), mouth_offset_m=0.15)
+    with desk_on(asked, None, wide, ""):
+        pass
+    assert "warning: robot: cleaning_width_m, mouth_offset_m: " in capsys.readouterr().err
