@@ -56,8 +56,7 @@ def test_a_full_port_says_so_and_does_not_spin(wire: Pty) -> None:
         taken = 0
         while written := port.write(bytes(1000)):
             taken += written
-        assert taken < 1_000_000
-        assert port.write(b"x") == 0
+            assert taken < 1_000_000, "it never says that it is full"
         got = 0
         while got < taken:
             got += len(os.read(wire.master, 65536))
