@@ -25,6 +25,7 @@ from bridge.view.rerun.launch import viewer_environment
 from bridge.view.rerun.live import LiveViewer, check
 from support.cli import sweepctl
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.viewer_colours import swept
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -50,8 +51,7 @@ def swept_pixels(client: ViewerClient, png: Path) -> int:
         return 0
     picture = imread(png)[..., :3]
     room = picture[60 : picture.shape[0] // 2, : picture.shape[1] // 2]
-    red, green, blue = room[..., 0], room[..., 1], room[..., 2]
-    return int(np.count_nonzero((green > 0.45) & (red < 0.35) & (blue < 0.5)))
+    return int(np.count_nonzero(swept(room)))
 
 
 def wait_for_more(client: ViewerClient, png: Path, than: int) -> int:

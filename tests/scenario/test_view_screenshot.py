@@ -16,6 +16,7 @@ from bridge.record.log_writer import RunWriter
 from bridge.session.records import PoseRecord
 from bridge.view.rerun.screenshot import save_screenshot
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.viewer_colours import swept, walls
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,11 +71,8 @@ def test_the_window_shows_room_and_swept_floor_and_asks_nobody(
     picture = imread(png)[..., :3]
     assert picture.shape == (1080, 1920, 3)
     room = picture[60:620, :950]
-    red, green, blue = room[..., 0], room[..., 1], room[..., 2]
-    swept = (green > 0.45) & (red < 0.35) & (blue < 0.5)
-    walls = (red > 0.9) & (green > 0.9) & (blue > 0.9)
-    assert np.count_nonzero(swept) > 2_000, "no swept floor to be seen"
-    assert np.count_nonzero(walls) > 1_000, "no walls to be seen"
+    assert np.count_nonzero(swept(room)) > 2_000, "no swept floor to be seen"
+    assert np.count_nonzero(walls(room)) > 1_000, "no walls to be seen"
 
 
 def _long_run(log: Path) -> None:
@@ -102,7 +100,7 @@ def test_the_newest_minute_of_a_long_path_stands_out_and_the_floor_is_marked(
     save_screenshot(log, png)
     room = imread(png)[60:580, :950, :3]
     red, green, blue = room[..., 0], room[..., 1], room[..., 2]
-    rows = np.flatnonzero(((red > 0.9) & (green > 0.9) & (blue > 0.9)).sum(axis=1) > 300)
+    rows = np.flatnonzero(walls(room).sum(axis=1) > 300)
     top, bottom = rows.min(), rows.max()  # the walls at y = 3 and at y = 0
     bright = (blue > 0.9) & (red < 0.5) & (green > 0.4)
 

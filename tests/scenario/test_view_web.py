@@ -16,6 +16,7 @@ from bridge.record.log_writer import RunWriter
 from support.browser import Browser
 from support.root import ROOT
 from support.synthetic_run import EPOCH_NS, run_info, summary, synthetic_run
+from support.viewer_colours import swept
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,8 +32,7 @@ def swept_pixels(png: Path) -> int:
     """How much green floor there is in the upper left, where the layout has the room."""
     picture = imread(png)[..., :3]
     room = picture[: SIZE[1] * 6 // 10, : SIZE[0] // 2]
-    red, green, blue = room[..., 0], room[..., 1], room[..., 2]
-    return int(np.count_nonzero((green > 0.45) & (red < 0.35) & (blue < 0.5)))
+    return int(np.count_nonzero(swept(room)))
 
 
 def test_a_browser_shows_room_and_swept_floor(tmp_path: Path) -> None:

@@ -7,9 +7,8 @@ import pytest
 
 from bridge.motion.estimation.disturbance import Disturbance, DisturbanceKind
 from bridge.motion.robot_model import RobotModel
-from bridge.record.sink import NullSink
 from bridge.run.recording import HostRecords
-from bridge.session.records import EventRecord
+from support.events import Events
 from tools.experiment.room_generator import generate_room
 from tools.virtual.run import run_virtual
 
@@ -19,22 +18,9 @@ AGAIN = Disturbance(DisturbanceKind.BUMP, 1.0, 0.0312)
 """Equal to the first, found by another estimator."""
 
 
-class Kept(NullSink):
-    """A sink in memory."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.events: list[EventRecord] = []
-
-    def write(self, record: object) -> None:
-        """Keep what is an event."""
-        if isinstance(record, EventRecord):
-            self.events.append(record)
-
-
 def kinds_after(*found: tuple[Disturbance, ...]) -> list[list[str]]:
     """What is told at each of some calls."""
-    sink = Kept()
+    sink = Events()
     records = HostRecords(sink, 10, "recovery")
     told = []
     for k, each in enumerate(found):
@@ -56,7 +42,7 @@ def test_of_a_new_estimator_too() -> None:
 
 def test_a_host_tells_what_its_robot_bumps_into() -> None:
     """A chair's leg, 52° off the bow, at 0.2 m/s, 2 s after it set out."""
-    sink = Kept()
+    sink = Events()
     room = generate_room(105, np.random.default_rng([0x5EED, 105]), "legs")
     run_virtual(room, RobotModel(), "recovery", sink, seed=5, noise="typical", max_time_s=4.0)
     bumps = [e for e in sink.events if (e.source, e.kind) == ("estimator", "bump")]
@@ -66,14 +52,14 @@ def test_a_host_tells_what_its_robot_bumps_into() -> None:
 
 @pytest.mark.parametrize("kind", DisturbanceKind)
 def test_the_text_of_each_kind_has_the_speed_before_its_unit(kind: DisturbanceKind) -> None:
-    sink = Kept()
+    sink = Events()
     HostRecords(sink, 10, "recovery").disturbances((Disturbance(kind, 1.0, 0.1234),), 5)
     (event,) = sink.events
     assert "0.123 m/s" in event.text
 
 
 def test_with_source_and_size() -> None:
-    sink = Kept()
+    sink = Events()
     HostRecords(sink, 10, "recovery").disturbances((BUMP,), 5)
     (event,) = sink.events
     assert (event.log_ns, event.source, event.data) == (15, "estimator", {"size": 0.031})

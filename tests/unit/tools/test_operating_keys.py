@@ -12,17 +12,17 @@ from bridge.coverage.runner import PlanRunner
 from bridge.motion.legs import Drive
 from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
-from bridge.record.sink import NullSink
 from bridge.run.dead_man import DeadMan
 from bridge.run.host import Host
 from bridge.run.manual import Hand, Operator
 from bridge.run.mission import Mission
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
-from bridge.session.records import EventRecord, Severity
+from bridge.session.records import Severity
 from protocol.commands import Outcome
 from protocol.messages import PlannerCommand, Status
 from protocol.values import Mode, NackReason, OnboardPlanner, StopCause
+from support.events import Events
 from tools.live.operating import Operating
 from tools.live.terminal_keys import Key
 
@@ -33,20 +33,8 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
     from bridge.run.ending import Ending
     from bridge.run.snapshot import Snapshot
-    from bridge.session.records import Record
 
 MODEL = RobotModel()
-
-
-class Kept(NullSink):
-    """Keeps events."""
-
-    def __init__(self) -> None:
-        self.events: list[EventRecord] = []
-
-    def write(self, record: Record) -> None:
-        if isinstance(record, EventRecord):
-            self.events.append(record)
 
 
 class Straight:
@@ -87,7 +75,7 @@ class Bench:
 
     def __init__(self, *, cause: StopCause = StopCause.SESSION_END) -> None:
         ids = itertools.count(1)
-        self.sink = Kept()
+        self.sink = Events()
         self.host = Host(MODEL, self.sink, HostOptions(0), Mission(None), lambda: next(ids))
         self.host.state.take(Status(Mode.IDLE, cause, 0, 0, 0), 0, 0.0)
         self.loop = Loop(self.host)
