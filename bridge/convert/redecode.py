@@ -10,18 +10,17 @@ import json
 from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
-from struct import error as StructError  # noqa: N812 - it is a class
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.record.encode.schemas import device_encoders
 from bridge.record.reader import MISREAD, LogReader
+from bridge.record.wire_records import RAW_TOPICS, in_order, wire_records
 from bridge.session.discovery import LISTEN_NS
 from bridge.session.event_kinds import EventKind
 from bridge.session.ingest import Ingest
 from bridge.session.session import Session
 from bridge.session.states import Agreed, Data, Ping
 from bridge.session.timesync import TimeSync
-from protocol.can.frames import RECORD
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
 from protocol.link import Received
@@ -30,23 +29,11 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
-    from bridge.record.reader import LogMessage
+    from bridge.record.wire_records import WireRecord
     from protocol.link import LinkBase
-
-RAW_TOPICS = frozenset({"/raw/uart/rx", "/raw/uart/tx", "/raw/can"})
-
-
-class WireRecord(NamedTuple):
-    """Bytes of a wire and the moment of their record."""
-
-    log_ns: int
-    outgoing: bool
-    data: bytes
-    """Of a bus: frames in 16 bytes each."""
-    is_can: bool
 
 
 class Decoded(NamedTuple):
@@ -74,25 +61,6 @@ class Comparison:
     def same(self) -> bool:
         """Bit for bit, all of them."""
         return not self.differing
-
-
-def wire_records(messages: Iterable[LogMessage]) -> Iterator[WireRecord]:
-    """The raw bytes among a log's messages; another program's topics of that name have none."""
-    for message in messages:
-        topic = message.channel.topic
-        if topic in RAW_TOPICS:
-            with suppress(*MISREAD, StructError):
-                yield _wire_record(message, topic)
-
-
-def _wire_record(message: LogMessage, topic: str) -> WireRecord:
-    raw = message.decoded
-    if not isinstance(raw.data, bytes | bytearray | list | tuple):
-        raise TypeError("its data are no bytes")  # a number would become as many zeros
-    if topic == "/raw/can":
-        data = RECORD.pack(raw.can_id, len(raw.data), raw.data)
-        return WireRecord(message.log_ns, bool(raw.outgoing), data, is_can=True)
-    return WireRecord(message.log_ns, topic.endswith("tx"), bytes(raw.data), is_can=False)
 
 
 def compare(path: Path) -> Comparison:
@@ -151,11 +119,6 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
                     ingest.exchange(event)
                 case Agreed() if event.rebooted:
                     ingest.reset()
-
-
-def in_order(record: WireRecord) -> tuple[int, bool]:
-    """What came in was heard before an answer went out in the same moment."""
-    return record.log_ns, record.outgoing
 
 
 class _DeviceTopics:

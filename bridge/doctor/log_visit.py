@@ -8,7 +8,6 @@ nobody here knows, pauses are still found.
 from __future__ import annotations
 
 import heapq
-import struct
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -17,9 +16,9 @@ from bridge.convert.sources import readable
 from bridge.doctor.examination import Examination
 from bridge.doctor.findings import Finding
 from bridge.record.reader import LogReader
+from bridge.record.wire_records import RAW_CAN, RAW_TOPICS, wire_record
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
-from protocol.can.frames import RECORD
 from protocol.link import Medium
 from protocol.schema.catalogue import CATALOGUE
 
@@ -29,8 +28,7 @@ if TYPE_CHECKING:
 
     from bridge.record.reader import LogMessage
 
-_UART = {"/raw/uart/rx", "/raw/uart/tx"}
-_CAN, _EVENTS, _DEVICE = "/raw/can", "/events", "/device/"
+_EVENTS, _DEVICE = "/events", "/device/"
 _NANO = 1e-9
 PAUSE_TIMES = 20.0
 PAUSE_S = 1.0
@@ -114,9 +112,9 @@ class _Log:
 
     def examine(self) -> Examination:
         reader = self._reader
-        first = next((m.topic for m in reader.messages({*_UART, _CAN})), "")
+        first = next((m.topic for m in reader.messages(RAW_TOPICS)), "")
         self._raw = bool(first)
-        medium = Medium.CAN if first == _CAN else Medium.UART
+        medium = Medium.CAN if first == RAW_CAN else Medium.UART
         examination = self._examination = Examination(medium, raw=self._raw)
         for message in _in_order(reader.messages()):
             if self._begin_ns is None:
@@ -128,7 +126,7 @@ class _Log:
 
     def _take(self, message: LogMessage) -> None:
         topic = message.topic
-        if topic in _UART or topic == _CAN:
+        if topic in RAW_TOPICS:
             self._take_raw(message)
             return
         if topic == _EVENTS:
@@ -148,17 +146,11 @@ class _Log:
             known.compare(_values(message, *_INERTIAL))
 
     def _take_raw(self, message: LogMessage) -> None:
-        examination, outgoing = self._examination, message.topic.endswith("tx")
-        if message.topic != _CAN:
-            told = _values(message, "data")
-            data = None if told is None else _octets(told[0])
-        else:
-            told = _values(message, "can_id", "data", "outgoing")
-            data = None if told is None else _frame(told[0], _octets(told[1]))
-            outgoing = told is not None and bool(told[2])
-        if data is not None:  # else another program's topic of the same name
-            take = examination.sent if outgoing else examination.received
-            take(data, message.log_ns)
+        record = wire_record(message)
+        if record is not None:
+            examination = self._examination
+            take = examination.sent if record.outgoing else examination.received
+            take(record.data, record.log_ns)
 
     def _event(self, source: str, kind: str, text: str, severity: str) -> None:
         """What the session said, which the bytes do not show."""
@@ -251,20 +243,4 @@ def _values(message: LogMessage, *names: str) -> tuple[Any, ...] | None:
     try:
         return tuple(attrgetter(name)(decoded) for name in names)
     except AttributeError:
-        return None
-
-
-def _octets(value: object) -> bytes | None:
-    """Bytes, as a schema may give them; None: they are none."""
-    try:
-        return bytes(value) if isinstance(value, bytes | bytearray | list | tuple) else None
-    except (TypeError, ValueError):
-        return None
-
-
-def _frame(can_id: object, data: bytes | None) -> bytes | None:
-    """A bus frame as the link takes it; None: it is none."""
-    try:
-        return None if data is None else RECORD.pack(can_id, len(data), data)
-    except struct.error:
         return None

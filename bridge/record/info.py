@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.record.names import DEVICE_METADATA
 from bridge.record.reader import LogMessage, LogReader
+from bridge.record.wire_records import RAW_CAN
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -15,7 +16,6 @@ _NANOSECONDS = 1e9
 _LEAST_COUNT, _LEAST_SPAN_NS = 3, 1_000_000_000
 """Messages, and from the first to the last, that make a rate; of a short log half of it."""
 _RAW = {"/raw/uart/rx": "received_bytes", "/raw/uart/tx": "sent_bytes"}
-_RAW_CAN = "/raw/can"
 
 
 @dataclass(slots=True)
@@ -165,7 +165,7 @@ def describe(path: Path) -> RunDescription:
 def _raw_name(message: LogMessage) -> str | None:
     """Which figure a raw message belongs to; None for all others."""
     topic = message.channel.topic
-    if topic != _RAW_CAN:
+    if topic != RAW_CAN:
         return _RAW.get(topic)
     try:
         return "sent_bytes" if message.decoded.outgoing else "received_bytes"

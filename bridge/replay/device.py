@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.convert.redecode import RAW_TOPICS, in_order, wire_records
 from bridge.record.errors import LogReadError
+from bridge.record.wire_records import RAW_TOPICS, in_order, wire_records
 from protocol.can.link import CanLink
 from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.link import Received, addresses
@@ -41,8 +41,8 @@ from protocol.uart.link import Link
 from protocol.values import NackReason
 
 if TYPE_CHECKING:
-    from bridge.convert.redecode import WireRecord
     from bridge.record.reader import LogReader
+    from bridge.record.wire_records import WireRecord
     from protocol.link import LinkBase
     from protocol.schema.message import Message
 
