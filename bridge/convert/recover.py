@@ -31,7 +31,15 @@ from bridge.record.mcap_records import (
     Schema,
     parse,
 )
-from bridge.record.scan import Damage, Search, has_shape, inner_end, next_file, opened, records
+from bridge.record.scan import (
+    DamagedBytes,
+    Search,
+    has_shape,
+    inner_end,
+    next_file,
+    opened,
+    records,
+)
 from bridge.record.unpack import (
     CHUNK_HEAD,
     DAMAGE,
@@ -266,7 +274,7 @@ class _Recoverer:
         """Take the records from here on; where to go on, None at the end."""
         whole = False
         for found in records(self._data, position, search=self._search):
-            if isinstance(found, Damage):
+            if isinstance(found, DamagedBytes):
                 going_on = self._damaged(found)
                 self.end = max(self.end, found.end)
             else:
@@ -326,7 +334,7 @@ class _Recoverer:
     def _stands(self, position: int) -> bool:
         """Whether a whole record stands here."""
         found = next(records(self._data, position, search=self._search_inner), None)
-        return found is not None and not isinstance(found, Damage)
+        return found is not None and not isinstance(found, DamagedBytes)
 
     def _is_misplaced(self, opcode: int, offset: int) -> bool:
         """Whether a record stands before the summary that belongs into it, or a second header."""
@@ -342,7 +350,7 @@ class _Recoverer:
         self._result.losses.append(self._loss)
         return self._loss
 
-    def _damaged(self, damage: Damage) -> int | None:
+    def _damaged(self, damage: DamagedBytes) -> int | None:
         """Save what can be saved of damaged bytes; where to go on, where that is known better."""
         offset, end, is_tail = damage
         expected = self._summary.kinds.get(offset)
@@ -662,7 +670,7 @@ class _Recoverer:
             return
         self._looked_ahead = True
         for found in records(self._data, self._begin):
-            if isinstance(found, Damage):
+            if isinstance(found, DamagedBytes):
                 continue
             content = self._data[found.start : found.end]
             with contextlib.suppress(*DAMAGE):

@@ -47,7 +47,7 @@ class Decoded(NamedTuple):
 
 
 @dataclass(slots=True)
-class Comparison:
+class Redecoded:
     """Recorded messages against the same bytes decoded again."""
 
     recorded: int = 0
@@ -63,7 +63,7 @@ class Comparison:
         return not self.differing
 
 
-def compare(path: Path) -> Comparison:
+def compare(path: Path) -> Redecoded:
     """Decode a log's raw bytes again and compare with its ``/device/*`` messages.
 
     Raises:
@@ -78,7 +78,7 @@ def compare(path: Path) -> Comparison:
     again: dict[str, list[Decoded]] = defaultdict(list)
     for decoded in redecode(reader):
         again[decoded.topic].append(decoded)
-    result = Comparison(sum(map(len, recorded.values())))
+    result = Redecoded(sum(map(len, recorded.values())))
     for topic in sorted({*recorded, *again}):
         then, now = recorded[topic], again[topic]
         equal = sum(a == b for a, b in zip(then, now, strict=False))
@@ -178,7 +178,7 @@ def _difference(topic: str, then: list[Decoded], now: list[Decoded]) -> str:
     return f"{topic}: {len(then)} recorded, {len(now)} in the raw bytes"
 
 
-def as_json(result: Comparison) -> str:
+def as_json(result: Redecoded) -> str:
     """The comparison as one JSON object."""
     return json.dumps(
         {

@@ -12,7 +12,7 @@ from mcap.records import Metadata
 
 from bridge.record.errors import LogReadError
 from bridge.record.names import METADATA
-from bridge.record.scan import Damage, opened, records
+from bridge.record.scan import DamagedBytes, opened, records
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,7 +75,7 @@ def _run(path: Path) -> dict[str, str]:
     """What a file says of its run; it stands before all messages."""
     with opened(path) as data:
         for found in records(data):
-            if isinstance(found, Damage) or found.opcode in {Opcode.CHUNK, Opcode.DATA_END}:
+            if isinstance(found, DamagedBytes) or found.opcode in {Opcode.CHUNK, Opcode.DATA_END}:
                 break
             if found.opcode == Opcode.METADATA:
                 metadata = Metadata.read(ReadDataStream(BytesIO(data[found.start : found.end])))

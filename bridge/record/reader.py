@@ -25,7 +25,7 @@ from mcap_ros2.decoder import DecoderFactory as RosDecoderFactory
 
 from bridge.record.family import parts_of
 from bridge.record.names import METADATA, SUMMARY_ATTACHMENT
-from bridge.record.scan import Damage, first_end, opened, records
+from bridge.record.scan import DamagedBytes, first_end, opened, records
 from bridge.record.summaries import read_summary
 from bridge.record.unpack import (
     DAMAGE,
@@ -177,7 +177,7 @@ class LogReader:
                 self._head_problems.append(f"{where}{rest}, as of files joined; see recover")
             in_summary = False
             for found in records(data):
-                if isinstance(found, Damage):
+                if isinstance(found, DamagedBytes):
                     if not found.is_tail and not in_summary:
                         size = found.end - found.offset
                         damage = f"{size} bytes at offset {found.offset} are damaged, stepped over"
@@ -305,7 +305,7 @@ class LogReader:
         """Opcode and content of every record up to the end of the data."""
         with opened(path) as data:
             for found in records(data):
-                if isinstance(found, Damage):
+                if isinstance(found, DamagedBytes):
                     continue  # told once, by the constructor
                 opcode, _, start, end = found
                 if opcode == Opcode.DATA_END:

@@ -63,7 +63,7 @@ class Found(NamedTuple):
     end: int
 
 
-class Damage(NamedTuple):
+class DamagedBytes(NamedTuple):
     """Bytes that are no record."""
 
     offset: int
@@ -117,7 +117,7 @@ def records(
     *,
     indexes: bool = True,
     search: Search | None = None,
-) -> Iterator[Found | Damage]:
+) -> Iterator[Found | DamagedBytes]:
     """Every record from ``position`` to the end of the file, its summary included.
 
     The footer ends it, and so does the beginning of another file that was joined to this one.
@@ -144,9 +144,9 @@ def records(
                 return
             continue
         if following is None:
-            yield Damage(position, size, is_tail=True)
+            yield DamagedBytes(position, size, is_tail=True)
             return
-        yield Damage(position, following, is_tail=False)
+        yield DamagedBytes(position, following, is_tail=False)
         position = following
 
 

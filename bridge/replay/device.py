@@ -75,7 +75,7 @@ class Played(NamedTuple):
     is_damaged: bool
 
 
-class Recording(NamedTuple):
+class RecordedRun(NamedTuple):
     """What a robot sent, and who it was."""
 
     hello: Hello
@@ -84,7 +84,7 @@ class Recording(NamedTuple):
     duration_s: float
 
 
-def load(reader: LogReader) -> Recording:
+def load(reader: LogReader) -> RecordedRun:
     """Read a log's received bytes.
 
     Raises:
@@ -99,7 +99,7 @@ def load(reader: LogReader) -> Recording:
         raise LogReadError(reader.path, "it holds no raw bytes of a robot")
     first, last = loader.played[0], loader.played[-1]
     duration_s = (last.log_ns - first.log_ns) / 1e9
-    return Recording(loader.hello or _NOBODY, loader.node, loader.played, duration_s)
+    return RecordedRun(loader.hello or _NOBODY, loader.node, loader.played, duration_s)
 
 
 class _Loader:
@@ -137,7 +137,7 @@ class _Loader:
 class ReplayDevice:
     """The device's end of a line, playing a recording once a host has agreed."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: RecordedRun) -> None:
         self.recording = recording
         self.session_id = 0
         """Of the host that has agreed; 0: none."""

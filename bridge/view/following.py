@@ -9,7 +9,7 @@ from bridge.io import clock
 from bridge.record.errors import LogReadError
 from bridge.record.family import part_after
 from bridge.record.reader import ChunkReader
-from bridge.record.scan import Damage, opened, records
+from bridge.record.scan import DamagedBytes, opened, records
 from bridge.record.unpack import DAMAGE
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class Follower:
         with opened(self.path) as data:
             start = records(data) if self._position is None else records(data, self._position)
             for record in start:
-                if isinstance(record, Damage):
+                if isinstance(record, DamagedBytes):
                     if not record.is_tail:
                         self._position = record.end
                     continue

@@ -10,7 +10,7 @@ from google.protobuf.unknown_fields import UnknownFieldSet
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.record.encode.layout import FlatField, FlatMessage, Kind
+from bridge.record.encode.layout import FieldKind, FlatField, FlatMessage
 from bridge.record.encode.schemas import DeviceEncoder
 from bridge.session.records import DeviceMessage
 from protocol.schema.catalogue import CATALOGUE
@@ -70,18 +70,18 @@ def test_fields_that_a_peer_leaves_out_are_absent(spec: Any) -> None:  # noqa: A
 
 @given(
     st.lists(
-        st.sampled_from(list(Kind)).flatmap(
+        st.sampled_from(list(FieldKind)).flatmap(
             lambda kind: st.tuples(
                 st.just(kind),
                 st.none()
                 | {
-                    Kind.DOUBLE: st.floats(allow_nan=False),
-                    Kind.FIXED32: st.integers(0, 2**32 - 1),
-                    Kind.SFIXED32: st.integers(-(2**31), 2**31 - 1),
-                    Kind.FIXED64: st.integers(0, 2**64 - 1),
-                    Kind.SFIXED64: st.integers(-(2**63), 2**63 - 1),
-                    Kind.STRING: st.text(max_size=200),
-                    Kind.BYTES: st.binary(max_size=200),
+                    FieldKind.DOUBLE: st.floats(allow_nan=False),
+                    FieldKind.FIXED32: st.integers(0, 2**32 - 1),
+                    FieldKind.SFIXED32: st.integers(-(2**31), 2**31 - 1),
+                    FieldKind.FIXED64: st.integers(0, 2**64 - 1),
+                    FieldKind.SFIXED64: st.integers(-(2**63), 2**63 - 1),
+                    FieldKind.STRING: st.text(max_size=200),
+                    FieldKind.BYTES: st.binary(max_size=200),
                 }[kind],
             )
         ),
@@ -89,7 +89,9 @@ def test_fields_that_a_peer_leaves_out_are_absent(spec: Any) -> None:  # noqa: A
         max_size=40,
     )
 )
-def test_any_flat_message_decodes_with_googles_protobuf(fields: list[tuple[Kind, Any]]) -> None:
+def test_any_flat_message_decodes_with_googles_protobuf(
+    fields: list[tuple[FieldKind, Any]],
+) -> None:
     layout = FlatMessage(
         "Any", [FlatField(f"f{i}", kind, i) for i, (kind, _) in enumerate(fields, 1)]
     )

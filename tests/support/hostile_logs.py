@@ -16,7 +16,7 @@ from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata,
 from mcap.writer import CompressionType, Writer
 
 from bridge.record.encode import foxglove, schemas
-from bridge.record.encode.layout import FlatField, FlatMessage, Kind
+from bridge.record.encode.layout import FieldKind, FlatField, FlatMessage
 from bridge.record.encode.packer import Packer
 from bridge.record.encode.ros import OCCUPANCY_GRID, schema_text
 
@@ -240,7 +240,11 @@ def impostors() -> dict[str, bytes]:
         "/raw/can": schemas.RAW_CAN,
     } | {f"/device/{name}": layout for name, layout in _device_layouts().items()}
     made = {}
-    for kind, value in ((Kind.STRING, "x"), (Kind.DOUBLE, 1e308), (Kind.FIXED64, _LAST_NS)):
+    for kind, value in (
+        (FieldKind.STRING, "x"),
+        (FieldKind.DOUBLE, 1e308),
+        (FieldKind.FIXED64, _LAST_NS),
+    ):
         file = io.BytesIO()
         writer = Writer(file, compression=CompressionType.LZ4)
         writer.start()

@@ -13,7 +13,7 @@ from mcap.records import Channel, Schema
 
 from bridge.record.file_summary import summary_declarations
 from bridge.record.records_kernel import find_records
-from bridge.record.scan import Damage, opened, records
+from bridge.record.scan import DamagedBytes, opened, records
 from bridge.record.unpack import DAMAGE, MAX_DECLARED, MAX_SCHEMA_BYTES, chunk_content
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def blocks(
                 declared.channels[record.id] = record
         work = _Gatherer(declared)
         for found in records(data, indexes=False):
-            if isinstance(found, Damage):
+            if isinstance(found, DamagedBytes):
                 what = "all from there on is cut or damaged" if found.is_tail else "stepped over"
                 problems.append(f"damaged bytes at offset {found.offset}: {what}")
                 continue

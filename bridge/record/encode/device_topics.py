@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from bridge.record.chunked_file import ChunkedFile
-    from bridge.record.encode.ros import RosForm, RosTopic
+    from bridge.record.encode.ros import RosMessages, RosTopic
     from bridge.record.encode.rows import Rows
     from bridge.session.records import DeviceMessage
     from protocol.schema.message import MessageSpec
@@ -40,7 +40,7 @@ class DeviceTopics:
         self,
         file: ChunkedFile,
         spec: MessageSpec,
-        ros: RosForm | None,
+        ros: RosMessages | None,
         ros_channel: Callable[[RosTopic], int],
     ) -> None:
         """Declare the device's own channel; those of ROS follow with the first message."""

@@ -34,7 +34,7 @@ PACKAGE = "sweepctl"
 _Proto = FieldDescriptorProto
 
 
-class Kind(Enum):
+class FieldKind(Enum):
     """A protobuf type: its descriptor's number, wire type and ``struct`` code."""
 
     DOUBLE = (_Proto.TYPE_DOUBLE, WIRE_FIXED64, "d")
@@ -58,7 +58,7 @@ class FlatField:
     """One field of a flat message."""
 
     name: str
-    kind: Kind
+    kind: FieldKind
     number: int
 
     @property
@@ -132,6 +132,6 @@ class FlatMessage:
             value = values[index]
             if value is not None:
                 # A lone surrogate must not end a recording.
-                data = value.encode(errors="replace") if kind is Kind.STRING else value
+                data = value.encode(errors="replace") if kind is FieldKind.STRING else value
                 out += key + varint(len(data)) + data
         return out

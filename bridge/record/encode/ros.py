@@ -92,7 +92,7 @@ class RosTopic(NamedTuple):
     layout: CdrLayout
 
 
-class RosForm(NamedTuple):
+class RosMessages(NamedTuple):
     """What messages of one type become in ROS."""
 
     topics: tuple[RosTopic, ...]
@@ -182,16 +182,16 @@ class RosTranslator:
             _ranger("left", model.infrared_left, _INFRARED),
             _ranger("right", model.infrared_right, _INFRARED),
         )
-        self._forms: dict[type, RosForm] = {
-            Imu: RosForm((RosTopic("/ros/imu", IMU, _IMU),), 7, _IMU_VALUES),
-            Encoders: RosForm((joints,), 2, values=self._encoders),
-            Range: RosForm(ranges, 3, values=self._range),
-            Power: RosForm(
+        self._forms: dict[type, RosMessages] = {
+            Imu: RosMessages((RosTopic("/ros/imu", IMU, _IMU),), 7, _IMU_VALUES),
+            Encoders: RosMessages((joints,), 2, values=self._encoders),
+            Range: RosMessages(ranges, 3, values=self._range),
+            Power: RosMessages(
                 (RosTopic("/ros/battery", BATTERY_STATE, battery),), 1, ((0, _BATTERY_GAIN),)
             ),
         }
 
-    def form(self, message: type) -> RosForm | None:
+    def form(self, message: type) -> RosMessages | None:
         """What ROS has for messages of this type, if anything."""
         return self._forms.get(message)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from bridge.record.encode.layout import FlatField, FlatMessage, Kind
+from bridge.record.encode.layout import FieldKind, FlatField, FlatMessage
 from bridge.record.encode.protobuf_wire import varint
 from bridge.record.encode.rows import scaled, whole
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION
@@ -33,12 +33,12 @@ _FIRST_FIELD = 4
 """Field i of the wire has number 4 + 2i, its value in SI units 5 + 2i."""
 
 
-def _raw_kind(field: Field) -> Kind:
+def _raw_kind(field: Field) -> FieldKind:
     if field.wire.is_text:
-        return Kind.STRING
+        return FieldKind.STRING
     if not field.wire.is_integer:
-        return Kind.BYTES
-    return Kind.SFIXED32 if field.wire.low < 0 else Kind.FIXED32
+        return FieldKind.BYTES
+    return FieldKind.SFIXED32 if field.wire.low < 0 else FieldKind.FIXED32
 
 
 class DeviceEncoder:
@@ -56,12 +56,12 @@ class DeviceEncoder:
         self.layout = FlatMessage(
             spec.cls.__name__,
             [
-                FlatField("t_us", Kind.FIXED32, _T_US),
-                FlatField("node", Kind.FIXED32, _NODE),
-                FlatField("bound_ns", Kind.FIXED64, _BOUND),
+                FlatField("t_us", FieldKind.FIXED32, _T_US),
+                FlatField("node", FieldKind.FIXED32, _NODE),
+                FlatField("bound_ns", FieldKind.FIXED64, _BOUND),
                 *raw,
                 *(
-                    FlatField(f"{f.name}{f.si_suffix}", Kind.DOUBLE, _FIRST_FIELD + 2 * i + 1)
+                    FlatField(f"{f.name}{f.si_suffix}", FieldKind.DOUBLE, _FIRST_FIELD + 2 * i + 1)
                     for i, f in scaled
                 ),
             ],
@@ -149,75 +149,77 @@ def _field_json(field: Field) -> dict[str, Any]:
     }
 
 
-def _flat(name: str, **kinds: Kind) -> FlatMessage:
+def _flat(name: str, **kinds: FieldKind) -> FlatMessage:
     return FlatMessage(name, [FlatField(f, k, i) for i, (f, k) in enumerate(kinds.items(), 1)])
 
 
-RAW_BYTES = _flat("RawBytes", data=Kind.BYTES)
+RAW_BYTES = _flat("RawBytes", data=FieldKind.BYTES)
 """``/raw/uart/rx`` and ``tx``: one read or write of the port, every byte as it was."""
 
-RAW_CAN = _flat("RawCan", outgoing=Kind.FIXED32, can_id=Kind.FIXED32, data=Kind.BYTES)
+RAW_CAN = _flat(
+    "RawCan", outgoing=FieldKind.FIXED32, can_id=FieldKind.FIXED32, data=FieldKind.BYTES
+)
 """``/raw/can``: one frame; the identifier has SocketCAN's flags in its top bits."""
 
 POSE_ESTIMATE = _flat(
     "PoseEstimate",
-    x_m=Kind.DOUBLE,
-    y_m=Kind.DOUBLE,
-    theta_rad=Kind.DOUBLE,
-    v_m_s=Kind.DOUBLE,
-    yaw_rate_rad_s=Kind.DOUBLE,
-    covariance_xx=Kind.DOUBLE,
-    covariance_xy=Kind.DOUBLE,
-    covariance_x_theta=Kind.DOUBLE,
-    covariance_yy=Kind.DOUBLE,
-    covariance_y_theta=Kind.DOUBLE,
-    covariance_theta_theta=Kind.DOUBLE,
-    gyro_bias_rad_s=Kind.DOUBLE,
-    wheel_scale=Kind.DOUBLE,
+    x_m=FieldKind.DOUBLE,
+    y_m=FieldKind.DOUBLE,
+    theta_rad=FieldKind.DOUBLE,
+    v_m_s=FieldKind.DOUBLE,
+    yaw_rate_rad_s=FieldKind.DOUBLE,
+    covariance_xx=FieldKind.DOUBLE,
+    covariance_xy=FieldKind.DOUBLE,
+    covariance_x_theta=FieldKind.DOUBLE,
+    covariance_yy=FieldKind.DOUBLE,
+    covariance_y_theta=FieldKind.DOUBLE,
+    covariance_theta_theta=FieldKind.DOUBLE,
+    gyro_bias_rad_s=FieldKind.DOUBLE,
+    wheel_scale=FieldKind.DOUBLE,
 )
 """``/pose/estimate``; covariances in m², m·rad and rad²."""
 
 COMMAND = _flat(
     "Command",
-    v_m_s=Kind.DOUBLE,
-    yaw_rate_rad_s=Kind.DOUBLE,
-    target_v_m_s=Kind.DOUBLE,
-    target_yaw_rate_rad_s=Kind.DOUBLE,
+    v_m_s=FieldKind.DOUBLE,
+    yaw_rate_rad_s=FieldKind.DOUBLE,
+    target_v_m_s=FieldKind.DOUBLE,
+    target_yaw_rate_rad_s=FieldKind.DOUBLE,
 )
 """``/cmd``: the velocity sent, and the one wanted before smoothing."""
 
 PLANNER_STATE = _flat(
     "PlanState",
-    turn_count=Kind.SFIXED32,
-    lane_distance_m=Kind.DOUBLE,
-    previous_lane_distance_m=Kind.DOUBLE,
-    length_m=Kind.DOUBLE,
-    case=Kind.SFIXED32,
-    target_x_m=Kind.DOUBLE,
-    target_y_m=Kind.DOUBLE,
-    planner=Kind.STRING,
-    state=Kind.STRING,
+    turn_count=FieldKind.SFIXED32,
+    lane_distance_m=FieldKind.DOUBLE,
+    previous_lane_distance_m=FieldKind.DOUBLE,
+    length_m=FieldKind.DOUBLE,
+    case=FieldKind.SFIXED32,
+    target_x_m=FieldKind.DOUBLE,
+    target_y_m=FieldKind.DOUBLE,
+    planner=FieldKind.STRING,
+    state=FieldKind.STRING,
 )
 """``/planner``: T, D, Prev-D and Length of the paper; no target, no ``target_*`` fields."""
 
 EVENT = _flat(
     "Event",
-    severity=Kind.STRING,
-    source=Kind.STRING,
-    kind=Kind.STRING,
-    text=Kind.STRING,
-    data_json=Kind.STRING,
+    severity=FieldKind.STRING,
+    source=FieldKind.STRING,
+    kind=FieldKind.STRING,
+    text=FieldKind.STRING,
+    data_json=FieldKind.STRING,
 )
 """``/events``."""
 
 CLOCK_SYNC = _flat(
     "ClockSync",
-    offset_ns=Kind.SFIXED64,
-    drift_ppm=Kind.DOUBLE,
-    bound_ns=Kind.SFIXED64,
-    round_trip_ns=Kind.SFIXED64,
-    samples=Kind.FIXED32,
-    boot_id=Kind.FIXED32,
+    offset_ns=FieldKind.SFIXED64,
+    drift_ppm=FieldKind.DOUBLE,
+    bound_ns=FieldKind.SFIXED64,
+    round_trip_ns=FieldKind.SFIXED64,
+    samples=FieldKind.FIXED32,
+    boot_id=FieldKind.FIXED32,
 )
 """``/clock/sync``: Unix time less device time, and how well it is known."""
 

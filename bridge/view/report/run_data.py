@@ -42,7 +42,7 @@ _LEVELS = {3: "warning", 4: "error", 5: "error"}
 
 
 @dataclass(slots=True)
-class Stream:
+class MessageStream:
     """One kind of the device's messages, as they came."""
 
     name: str
@@ -100,7 +100,7 @@ class RunData:
     file_bytes: int
     start_ns: int = 0
     end_ns: int = 0
-    streams: dict[str, Stream] = field(default_factory=dict)
+    streams: dict[str, MessageStream] = field(default_factory=dict)
     power: list[tuple[float, float, float, float]] = field(default_factory=list)
     """Time, battery (V), left and right motor (A)."""
     clock: list[tuple[float, float, float, float]] = field(default_factory=list)
@@ -273,7 +273,7 @@ class _Gatherer:
     def _count(self, message: LogMessage, name: str) -> None:
         stream = self._data.streams.get(name)
         if stream is None:
-            stream = self._data.streams[name] = Stream(name, self._rates.get(name, 0.0))
+            stream = self._data.streams[name] = MessageStream(name, self._rates.get(name, 0.0))
         stream.add(message.log_ns)
         second = int((message.log_ns - self._data.start_ns) // 1_000_000_000)
         self._seconds[second] += 1

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _NANOSECONDS = 1e9
 
 
-class Recording:
+class RerunRecording:
     """A Rerun recording and the moment that its run began."""
 
     def __init__(self, stream: rr.RecordingStream, start_ns: int) -> None:
@@ -72,7 +72,7 @@ class Series:
         self._times.append(time_ns)
         self._values.append(row)
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if not self._times:
             return
@@ -101,7 +101,7 @@ class States:
             self._times.append(time_ns)
             self._states.append(state)
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if self._times:
             recording.send(self._entity, self._times, rr.StateChange.columns(state=self._states))
@@ -123,7 +123,7 @@ class TextLines:
         self._lines.append(line)
         self._levels.append(_LEVELS.get(level, rr.TextLogLevel.INFO))
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if self._times:
             columns = rr.TextLog.columns(text=self._lines, level=self._levels)
@@ -144,7 +144,7 @@ class Document:
         self._times.append(time_ns)
         self._texts.append(text)
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if self._times:
             recording.style(

@@ -11,7 +11,7 @@ from bridge.record.names import readable_name
 from bridge.record.reader import LATEST_NS, MISREAD, LogReader
 from bridge.record.wheels import WheelAngles
 from bridge.view.rerun import paths, planning, scene
-from bridge.view.rerun.columns import Document, Recording, Series, States, TextLines
+from bridge.view.rerun.columns import Document, RerunRecording, Series, States, TextLines
 from bridge.view.run_reading import PoseErrors, plan_of, robot_of
 from protocol.values import Mode, StopCause, label
 
@@ -51,7 +51,7 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
     """
     reader = LogReader(path)
     first = next(reader.messages(), None)
-    recording = Recording(stream, min(first.log_ns, LATEST_NS) if first is not None else 0)
+    recording = RerunRecording(stream, min(first.log_ns, LATEST_NS) if first is not None else 0)
     model = robot_of(reader)
     scene.draw_robot(recording, model)
     plan = plan_of(reader)
@@ -68,7 +68,7 @@ def to_rerun(path: Path, stream: rr.RecordingStream) -> Converted:
 
 
 class _Part(Protocol):
-    def send(self, recording: Recording) -> None: ...
+    def send(self, recording: RerunRecording) -> None: ...
 
 
 class RunConverter:
@@ -139,7 +139,7 @@ class RunConverter:
         except MISREAD:
             return
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send everything that was collected."""
         for time_ns, error_m in self._errors.take():
             self._pose_error.add(time_ns, error_m * 1e3)
@@ -265,6 +265,6 @@ class _LinkHealth:
         self._frames += 1
         self._losses.add(message.sequence)
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         self._series.send(recording)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
     from bridge.record.reader import LogMessage
-    from bridge.view.rerun.columns import Recording
+    from bridge.view.rerun.columns import RerunRecording
 
 _LOOPBACK = "127.0.0.1"
 _FLUSH_S = 1.0
@@ -158,7 +158,7 @@ class _Feed:
         self._stream: rr.RecordingStream = rr.RecordingStream(
             APPLICATION, recording_id=uuid.uuid4()
         )
-        self._recording: Recording | None = None
+        self._recording: RerunRecording | None = None
         self._is_live = options.follow or options.speed is not None
 
     def run(self, ended: Callable[[], bool]) -> None:
@@ -193,12 +193,12 @@ class _Feed:
     def _send(self, batch: list[LogMessage]) -> None:
         from bridge.view.rerun import scene  # noqa: PLC0415 - loads rerun
         from bridge.view.rerun.blueprint import blueprint  # noqa: PLC0415 - loads rerun
-        from bridge.view.rerun.columns import Recording  # noqa: PLC0415 - loads rerun
+        from bridge.view.rerun.columns import RerunRecording  # noqa: PLC0415 - loads rerun
 
         if self._recording is None:
             if not batch:
                 return
-            self._recording = Recording(self._stream, batch[0].log_ns)
+            self._recording = RerunRecording(self._stream, batch[0].log_ns)
             scene.draw_robot(self._recording, self._model)
             if self._plan is not None:
                 scene.draw_plan(self._recording, self._plan)

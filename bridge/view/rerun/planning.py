@@ -14,7 +14,7 @@ from bridge.view.rerun import paths
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
-    from bridge.view.rerun.columns import Recording
+    from bridge.view.rerun.columns import RerunRecording
 
 _Z_LANE, _Z_SHADOW, _Z_COVARIANCE = 0.007, 0.005, 0.013
 _SIGMAS = 2.0
@@ -44,7 +44,7 @@ class Strips:
         self._times.append(time_ns)
         self._strips.append(strip)
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if not self._times:
             return
@@ -74,7 +74,7 @@ class Lanes:
             self._strips.add(time_ns, [[x0, y0, _Z_LANE], [x1, y1, _Z_LANE]])
         self._begun = pose if "lane" in name else None
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         self._strips.send(recording)
 
@@ -141,7 +141,7 @@ class Shadows:
         ]
         self._strips.add(time_ns, strip)
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         self._strips.send(recording)
 
@@ -169,7 +169,7 @@ class Covariance:
             [[estimate.x_m + x, estimate.y_m + y, _Z_COVARIANCE] for x, y in points.T.tolist()],
         )
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         self._strips.send(recording)
 

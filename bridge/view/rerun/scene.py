@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan, Polygon
     from bridge.motion.robot_model import RangerMount, RobotModel
     from bridge.session.records import CoverageRecord
-    from bridge.view.rerun.columns import Recording
+    from bridge.view.rerun.columns import RerunRecording
 
 _PATH_STEP_M = 0.01
 """A path is kept every centimetre of way: finer cannot be seen."""
@@ -35,7 +35,7 @@ _OCCUPIED = 50
 """Of 100, as nav_msgs has it; below is free floor, which in the swept map is swept floor."""
 
 
-def draw_plan(recording: Recording, plan: FloorPlan) -> None:
+def draw_plan(recording: RerunRecording, plan: FloorPlan) -> None:
     """Everything that the room file has as lines, for the whole run."""
     recording.log_static(
         paths.WALLS,
@@ -56,7 +56,7 @@ def draw_plan(recording: Recording, plan: FloorPlan) -> None:
 
 
 def _label(
-    recording: Recording,
+    recording: RerunRecording,
     entity: str,
     name: str,
     colour: paths.Colour,
@@ -80,7 +80,7 @@ def _closed(polygon: Polygon) -> list[list[float]]:
     return [[x, y, _Z_WALL] for x, y in (*polygon, polygon[0])]
 
 
-def draw_robot(recording: Recording, model: RobotModel) -> None:
+def draw_robot(recording: RerunRecording, model: RobotModel) -> None:
     """Outline, heading and mouth in the robot's own frame."""
     turns = np.linspace(0.0, 2.0 * math.pi, 49)
     radius_m, half_m, mouth_m = model.radius_m, model.cleaning_width_m / 2, model.mouth_offset_m
@@ -119,7 +119,7 @@ class Track:
             self._strokes.append((self._last, here))
         self._last = here
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if not self._times:
             return
@@ -161,7 +161,7 @@ class Motion:
         self._times.append(time_ns)
         self._poses.append((x_m, y_m, theta_rad))
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if not self._times:
             return
@@ -195,7 +195,7 @@ class Ray:
             end = [x_m + range_m * math.cos(yaw_rad), y_m + range_m * math.sin(yaw_rad), _Z_ROBOT]
             self._rays.append([[x_m, y_m, _Z_ROBOT], end])
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if not self._times:
             return
@@ -224,7 +224,7 @@ class Target:
         if point is not None:
             self._points.append([*point, _Z_ROBOT])
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was collected, if anything."""
         if not self._times:
             return
@@ -262,7 +262,7 @@ class Maps:
             self._bytes = sum(_RGBA * grid.cells.size for grid in self._grids)
             self._stride *= 2
 
-    def send(self, recording: Recording) -> None:
+    def send(self, recording: RerunRecording) -> None:
         """Send what was kept, and the last one in any case."""
         if self._latest is not None and (not self._grids or self._grids[-1] is not self._latest):
             self._grids.append(self._latest)
