@@ -107,7 +107,8 @@ class VirtualSweeper:
         if self._hung or not self._modes.awake:
             return b""  # what comes now is lost, and nothing is said
         firmware = self.firmware
-        if data:
+        # With a key, time alone decides too: a command on CAN waits for its tag.
+        if data or firmware.link.key is not None:
             firmware.receive(data, self.clock.uptime_us(now_us))
         out = firmware.link.data_to_send()
         if firmware.reboot_wanted is not None:

@@ -85,6 +85,19 @@ def test_with_the_key_everything_works(link: type[LinkBase]) -> None:
 
 
 @pytest.mark.parametrize("link", [Link, CanLink])
+def test_a_command_without_a_tag_is_refused_before_anything_else_comes(
+    link: type[LinkBase],
+) -> None:
+    """On CAN the device waits 10 ms for the tag, not until the host's next frame."""
+    ends, end = both(None, KEY, link)
+    for _ in range(5):
+        before = len(outcomes(end))
+        end.session.command(GetParameter, (0,), ends.host_ns)
+        ends.run(0.035)  # 10 ms, and what is left of two control periods
+        assert outcomes(end)[before:] == [(False, NackReason.NOT_AUTHENTICATED)]
+
+
+@pytest.mark.parametrize("link", [Link, CanLink])
 @pytest.mark.parametrize("own", [None, OTHER], ids=["no key", "another key"])
 def test_without_the_key_only_a_stop_is_obeyed(own: bytes | None, link: type[LinkBase]) -> None:
     ends, end = both(own, KEY, link)
