@@ -25,32 +25,43 @@ from tools.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_COMMANDS = {
-    "connect": "Open a robot's port, agree, record and show it; moves nothing unless asked.",
-    "key": "Set or remove the key that a robot's motion is authenticated with.",
-    "ports": "List the ports on which a robot may be.",
-    "stop": "Stop a robot from any shell, whoever has its port.",
-    "emulate": "Run a virtual sweeper on a serial line, a socket or a CAN bus, in real time.",
-    "simulate": "Run a plan against the virtual sweeper in virtual time.",
-    "drive": "Drive by hand, by keyboard or gamepad, with a dead man: the robot moves.",
-    "monitor": "Show what passes on a line, decoded; sends nothing.",
-    "param": "Read and change a device's parameters.",
-    "reboot": "Boot a device anew, and wait until it is back.",
-    "bringup": "Check a robot's wiring step by step, its wheels off the floor.",
-    "calibrate": "Find what this very robot gets wrong: gyro, odometry, range sensors.",
-    "fault": "Switch faults of a running emulator on and off.",
-    "experiment": "Run the paper's experiments, or compare planners over rooms and seeds.",
-    "view": "Open a log in Rerun.",
-    "info": "Say what a log holds.",
-    "doctor": "Say what is wrong with a device's line or a log, and what to do.",
-    "recover": "Save what is whole of a damaged log.",
-    "report": "Explain a run on one page.",
-    "diff": "Hold two runs against each other.",
-    "replay": "Play a log again, in the viewer or as a robot on a port.",
-    "export": "Write a log's topics as Parquet or CSV tables.",
-    "generate": "Write the wire's messages for C, CAN tools, Wireshark, protobuf or people.",
-    "completion": "Print the script that lets a shell complete this command.",
+_SECTIONS = {
+    "Run a robot": {
+        "connect": "Open a robot's port, show it and record it; moves nothing unless asked.",
+        "drive": "Drive by keyboard or gamepad with a dead-man switch: the robot moves.",
+        "stop": "Stop a robot from any shell, whichever process has its port.",
+        "ports": "List the ports on which a robot may be.",
+        "monitor": "Show the traffic on a port, decoded; sends nothing.",
+    },
+    "Set up a robot": {
+        "bringup": "Check a robot's wiring step by step, wheels off the floor.",
+        "calibrate": "Calibrate gyro, odometry and range sensors.",
+        "param": "Read and change a device's parameters.",
+        "key": "Set or remove the key that authenticates motion commands.",
+        "reboot": "Reboot a device and wait until it is back.",
+    },
+    "Logs": {
+        "info": "Show what a log contains.",
+        "view": "Open a log in Rerun.",
+        "report": "Explain a run on one page.",
+        "diff": "Compare two runs.",
+        "doctor": "Diagnose a port or a log, and say what to do.",
+        "export": "Write a log's topics as Parquet or CSV tables.",
+        "recover": "Save the intact parts of a damaged log.",
+        "replay": "Play a log in the viewer, or as a robot on a port.",
+    },
+    "Simulate": {
+        "simulate": "Run a planner against the virtual sweeper in virtual time.",
+        "emulate": "Run a virtual sweeper on a port in real time.",
+        "fault": "Switch faults of a running emulator on and off.",
+        "experiment": "Reproduce the paper, or compare planners over rooms and seeds.",
+    },
+    "Firmware and shell": {
+        "generate": "Generate C, DBC, Wireshark, protobuf or Markdown from the protocol.",
+        "completion": "Print the completion script of a shell.",
+    },
 }
+_COMMANDS = {name: text for section in _SECTIONS.values() for name, text in section.items()}
 
 
 class LazyGroup(click.Group):
@@ -70,8 +81,11 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the commands without importing them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(_COMMANDS.items()))
+        width = max(map(len, _COMMANDS))
+        for title, commands in _SECTIONS.items():
+            with formatter.section(title):
+                rows = [(name.ljust(width), text) for name, text in commands.items()]
+                formatter.write_dl(rows)
 
 
 @click.command(
@@ -81,7 +95,7 @@ class LazyGroup(click.Group):
 )
 @click.version_option(VERSION, prog_name="sweepctl")
 def cli() -> None:
-    """Bridge, recorder and virtual twin of a small sweeping robot."""
+    """Drive, record and simulate a small sweeping robot."""
 
 
 _LIVE = {
