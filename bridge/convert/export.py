@@ -13,14 +13,14 @@ from zlib import crc32
 
 from bridge.convert.table_names import table_names
 from bridge.errors import BridgeError
-from bridge.record.decode.blocks import BLOCK_BYTES, Declared, blocks
+from bridge.record.decode.blocks import BLOCK_BYTES, blocks
 from bridge.record.decode.forms import Form, Opaque
 from bridge.record.decode.protobuf_form import ProtobufForm
 from bridge.record.decode.ros_form import RosForm
 from bridge.record.errors import LogExistsError, LogWriteError
 from bridge.record.family import parts_of
-from bridge.record.file_summary import read_file_summary, summary_declarations
-from bridge.record.mcap_records import Channel
+from bridge.record.file_summary import read_file_summary
+from bridge.record.mcap_records import Declared
 from bridge.record.names import readable_name
 from bridge.record.scan import first_end, opened
 
@@ -137,7 +137,8 @@ def _check_patterns(parts: Sequence[Path], patterns: Sequence[str]) -> None:
 def _declared_topics(part: Path) -> list[str]:
     """What a file's own summary names."""
     with opened(part) as data:
-        return [d.topic for d in summary_declarations(data).values() if isinstance(d, Channel)]
+        declared = read_file_summary(data, 0, first_end(data)[0]).declared
+        return [channel.topic for channel in declared.channels.values()]
 
 
 def _topics_with_messages(part: Path) -> set[str]:
@@ -146,7 +147,7 @@ def _topics_with_messages(part: Path) -> set[str]:
         end, is_whole = first_end(data)
         summary = read_file_summary(data, 0, end)
     if is_whole and summary.is_proven and summary.counts is not None:
-        channels = summary.channels
+        channels = summary.declared.channels
         return {channels[c].topic for c, n in summary.counts.items() if n and c in channels}
     declared, found = Declared(), set[int]()
     for block in blocks(part, declared, []):

@@ -462,7 +462,7 @@ class _Recoverer:
 
     def _schema(self, _offset: int, content: bytes) -> None:
         schema = parse(Schema, content)
-        proven = self._summary.schemas.get(schema.id) if self._summary.is_proven else None
+        proven = self._summary.declared.schemas.get(schema.id) if self._summary.is_proven else None
         schema = proven or schema
         if schema.id and self._schemas.get(schema.id) != schema:
             self._schemas[schema.id] = schema
@@ -470,7 +470,9 @@ class _Recoverer:
 
     def _channel(self, _offset: int, content: bytes) -> None:
         channel = parse(Channel, content)
-        proven = self._summary.channels.get(channel.id) if self._summary.is_proven else None
+        proven = (
+            self._summary.declared.channels.get(channel.id) if self._summary.is_proven else None
+        )
         channel = proven or channel
         if self._channels.get(channel.id) != channel:
             self._channels[channel.id] = channel
@@ -632,7 +634,7 @@ class _Recoverer:
     # ---- channels
 
     def _topic(self, channel_id: int) -> str:
-        known = self._channels.get(channel_id) or self._summary.channels.get(channel_id)
+        known = self._channels.get(channel_id) or self._summary.declared.channels.get(channel_id)
         return known.topic if known is not None else f"channel {channel_id}"
 
     def _number(self, channel_id: int) -> int:
@@ -647,14 +649,14 @@ class _Recoverer:
         return number
 
     def _find_channel(self, channel_id: int) -> Channel:
-        found = self._channels.get(channel_id) or self._summary.channels.get(channel_id)
+        found = self._channels.get(channel_id) or self._summary.declared.channels.get(channel_id)
         if found is None:
             self._look_ahead()
             found = self._channels.get(channel_id)
         return found or Channel(channel_id, f"/undeclared/{channel_id}", "", {}, 0)
 
     def _find_schema(self, schema_id: int) -> Schema:
-        found = self._schemas.get(schema_id) or self._summary.schemas.get(schema_id)
+        found = self._schemas.get(schema_id) or self._summary.declared.schemas.get(schema_id)
         if found is None:
             self._look_ahead()
             found = self._schemas.get(schema_id)

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import glob
-from io import BytesIO
 from typing import TYPE_CHECKING
 
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Metadata
-
 from bridge.record.errors import LogReadError
+from bridge.record.mcap_records import Metadata, Opcode, parse
 from bridge.record.names import METADATA
 from bridge.record.scan import DamagedBytes, opened, records
 
@@ -78,7 +74,7 @@ def _run(path: Path) -> dict[str, str]:
             if isinstance(found, DamagedBytes) or found.opcode in {Opcode.CHUNK, Opcode.DATA_END}:
                 break
             if found.opcode == Opcode.METADATA:
-                metadata = Metadata.read(ReadDataStream(BytesIO(data[found.start : found.end])))
+                metadata = parse(Metadata, data[found.start : found.end])
                 if metadata.name == METADATA:
                     run: dict[str, str] = metadata.metadata
                     return run

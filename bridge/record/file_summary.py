@@ -6,17 +6,16 @@ import contextlib
 import struct
 import zlib
 from dataclasses import dataclass, field
-from io import BytesIO
 from typing import TYPE_CHECKING
 
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, ChunkIndex, MetadataIndex, Schema, Statistics
+from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from bridge.record.errors import LogReadError
 from bridge.record.mcap_file import MAGIC
-from bridge.record.scan import Found, first_end, records
-from bridge.record.unpack import DAMAGE, HEAD, MAX_SCHEMA_BYTES
+from bridge.record.mcap_records import Declared, parse
+from bridge.record.scan import Found, records
+from bridge.record.unpack import DAMAGE, HEAD
 
 if TYPE_CHECKING:
     from bridge.record.scan import Bytes
@@ -29,14 +28,11 @@ _DATA_END = struct.Struct("<BQI")
 class FileSummary:
     """What the summary says; empty where there is none, or it is damaged."""
 
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
+    declared: Declared = field(default_factory=Declared)
     kinds: dict[int, int] = field(default_factory=dict)
     """Opcode of the record at each place that an index names, from the file's beginning."""
     counts: dict[int, int] | None = None
     """Messages of each channel; None where that is not said."""
-    schema_bytes: int = 0
-    """Of all schemas together."""
     start: int | None = None
     """Where it begins, from the file's beginning."""
     is_proven: bool = False
@@ -49,27 +45,20 @@ class FileSummary:
             Exception: one of what the library raises on damage.
 
         """
-        stream = ReadDataStream(BytesIO(content))
         match opcode:
-            case Opcode.SCHEMA:
-                schema = Schema.read(stream)
-                self.schema_bytes += len(schema.data)
-                if self.schema_bytes <= MAX_SCHEMA_BYTES:
-                    self.schemas.setdefault(schema.id, schema)
-            case Opcode.CHANNEL:
-                channel = Channel.read(stream)
-                self.channels.setdefault(channel.id, channel)
+            case Opcode.SCHEMA | Opcode.CHANNEL:
+                self.declared.take(opcode, content)
             case Opcode.CHUNK_INDEX:
-                place = ChunkIndex.read(stream).chunk_start_offset
+                place = parse(ChunkIndex, content).chunk_start_offset
                 self.kinds[begin + place] = Opcode.CHUNK
             case Opcode.ATTACHMENT_INDEX:
-                place = AttachmentIndex.read(stream).offset
+                place = parse(AttachmentIndex, content).offset
                 self.kinds[begin + place] = Opcode.ATTACHMENT
             case Opcode.METADATA_INDEX:
-                place = MetadataIndex.read(stream).offset
+                place = parse(MetadataIndex, content).offset
                 self.kinds[begin + place] = Opcode.METADATA
             case Opcode.STATISTICS:
-                self.counts = Statistics.read(stream).channel_message_counts
+                self.counts = parse(Statistics, content).channel_message_counts
 
 
 def read_file_summary(data: Bytes, begin: int, end: int) -> FileSummary:
@@ -109,12 +98,3 @@ def is_summary_of(data: Bytes, begin: int, end: int) -> bool:
     length: int
     opcode, length, _ = _DATA_END.unpack_from(data, before)
     return opcode == Opcode.DATA_END and length == _DATA_END.size - HEAD.size
-
-
-def summary_declarations(data: Bytes) -> dict[tuple[type, int], Schema | Channel]:
-    """Schemas and channels of the first file's summary, by kind and id; none where damaged."""
-    summary = read_file_summary(data, 0, first_end(data)[0])
-    declared: dict[tuple[type, int], Schema | Channel] = {}
-    declared |= {(Schema, number): schema for number, schema in summary.schemas.items()}
-    declared |= {(Channel, number): channel for number, channel in summary.channels.items()}
-    return declared

@@ -7,11 +7,22 @@ from typing import TypeVar, cast
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, MessageIndex, Metadata, Schema
+from mcap.records import (
+    Attachment,
+    Channel,
+    Header,
+    McapRecord,
+    MessageIndex,
+    Metadata,
+    Schema,
+)
+
+from bridge.record.unpack import MAX_SCHEMA_BYTES
 
 __all__ = [
     "Attachment",
     "Channel",
+    "Declared",
     "Header",
     "MessageIndex",
     "Metadata",
@@ -20,9 +31,51 @@ __all__ = [
     "parse",
 ]
 
-_Record = TypeVar("_Record", Attachment, Channel, Header, MessageIndex, Metadata, Schema)
+_Record = TypeVar("_Record", bound=McapRecord)
 
 
 def parse(kind: type[_Record], content: bytes) -> _Record:
     """Read a record's content, which has neither opcode nor length."""
-    return cast("_Record", kind.read(ReadDataStream(BytesIO(content))))
+    read = kind.read  # type: ignore[attr-defined]  # every record that is read has it
+    return cast("_Record", read(ReadDataStream(BytesIO(content))))
+
+
+class Declared:
+    """Schemas and channels that a file has declared by now."""
+
+    def __init__(self) -> None:
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self._preloaded: set[int] = set()
+        self.schema_bytes = 0
+        """Of all schemas together."""
+
+    def preload(self, summary: Declared) -> None:
+        """Take what a summary declares, until the data declare it themselves."""
+        self.schemas, self.schema_bytes = summary.schemas.copy(), summary.schema_bytes
+        self.channels = summary.channels.copy()
+        self._preloaded = set(self.channels)
+
+    def take(self, opcode: int, content: bytes) -> Channel | None:
+        """Take a schema or a channel; all other records are left out. Gives a channel that is new.
+
+        Raises:
+            Exception: one of what the library raises on damage.
+            ValueError: the schemas are larger than anybody's.
+
+        """
+        if opcode == Opcode.SCHEMA:
+            schema = parse(Schema, content)
+            before = self.schemas.get(schema.id)
+            size = self.schema_bytes + len(schema.data) - (len(before.data) if before else 0)
+            if size > MAX_SCHEMA_BYTES:
+                raise ValueError(f"its schemas have more than {MAX_SCHEMA_BYTES} bytes")
+            self.schema_bytes = size
+            self.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = parse(Channel, content)
+            if channel.id not in self.channels or channel.id in self._preloaded:
+                self._preloaded.discard(channel.id)
+                self.channels[channel.id] = channel
+                return channel
+        return None

@@ -12,25 +12,29 @@ import struct
 from array import array
 from dataclasses import dataclass, field
 from functools import cached_property
-from io import BytesIO
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap_protobuf.decoder import DecoderFactory as ProtobufDecoderFactory
 from mcap_ros2.decoder import DecoderFactory as RosDecoderFactory
 
 from bridge.record.family import parts_of
+from bridge.record.mcap_records import (
+    Attachment,
+    Channel,
+    Declared,
+    Metadata,
+    Opcode,
+    Schema,
+    parse,
+)
 from bridge.record.names import METADATA, SUMMARY_ATTACHMENT
 from bridge.record.scan import DamagedBytes, first_end, opened, records
 from bridge.record.summaries import read_summary
 from bridge.record.unpack import (
     DAMAGE,
     HEAD,
-    MAX_SCHEMA_BYTES,
     attachment_is_damaged,
     chunk_content,
     content_records,
@@ -156,17 +160,17 @@ class LogReader:
         """Damage that was stepped over while messages were read, a line each."""
         self.bytes = 0
         self._head_problems: list[str] = []
-        self._declared: list[list[tuple[int, bytes]]] = []
+        self._declared: list[Declared] = []
         """Schemas and channels of each file's summary: those whose own place is damaged."""
         for part in self.parts:
-            self._declared.append([])
+            self._declared.append(Declared())
             self.truncated |= not self._read_head(part, self._declared[-1])
         if len(self.parts) > 1:
             for name in ("part", "previous"):  # of the last file
                 self.run.pop(name, None)
         self.problems = self._head_problems
 
-    def _read_head(self, path: Path, declared: list[tuple[int, bytes]]) -> bool:
+    def _read_head(self, path: Path, declared: Declared) -> bool:
         """Take what stands around the messages; whether the file is whole."""
         where = f"{path.name}: " if len(self.parts) > 1 else ""
         with opened(path) as data:
@@ -189,7 +193,8 @@ class LogReader:
                 if opcode == Opcode.DATA_END:
                     in_summary = True
                 elif in_summary and opcode in {Opcode.SCHEMA, Opcode.CHANNEL}:
-                    declared.append((opcode, data[start:end]))
+                    with contextlib.suppress(*DAMAGE):
+                        declared.take(opcode, data[start:end])
                 elif not in_summary:
                     try:
                         self._take_head(opcode, data, start, end)
@@ -208,7 +213,7 @@ class LogReader:
                 self.attachment_bytes[name] = size
                 return
             record = data[start:end]
-            attachment = Attachment.read(_stream(record))
+            attachment = parse(Attachment, record)
             if attachment_is_damaged(record):
                 self._head_problems.append(f"attachment {attachment.name} is damaged")
             self.attachments[attachment.name] = attachment.data
@@ -220,7 +225,7 @@ class LogReader:
                     f"attachment {attachment.name} is not read: all of them have {held} bytes"
                 )
         elif opcode == Opcode.METADATA:
-            metadata = Metadata.read(_stream(data[start:end]))
+            metadata = parse(Metadata, data[start:end])
             self.metadata.setdefault(metadata.name, {}).update(metadata.metadata)
 
     @property
@@ -352,41 +357,28 @@ class _Channels:
     def __init__(self, topics: Container[str] | None) -> None:
         self.wanted: dict[int, LogChannel] = {}
         self._topics = topics
-        self._schemas: dict[int, Schema] = {}
-        self._preloaded: set[int] = set()
-        self._schema_bytes = 0
+        self._declared = Declared()
 
-    def preload(self, declared: list[tuple[int, bytes]]) -> None:
+    def preload(self, declared: Declared) -> None:
         """Take what the summary declares, until the data declare it themselves."""
-        for opcode, record in declared:
-            with contextlib.suppress(*DAMAGE):
-                self.take(opcode, record)
-        self._preloaded = set(self.wanted)
+        self._declared.preload(declared)
+        for channel in self._declared.channels.values():
+            self._choose(channel)
 
     def take(self, opcode: int, record: bytes) -> None:
         """Take a schema or a channel; all other records are left out."""
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(record))
-            before = self._schemas.get(schema.id)
-            size = self._schema_bytes + len(schema.data) - (len(before.data) if before else 0)
-            if size > MAX_SCHEMA_BYTES:
-                raise ValueError(f"its schemas have more than {MAX_SCHEMA_BYTES} bytes")
-            self._schema_bytes = size
-            self._schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(record))
-            if channel.id in self._preloaded:
-                self._preloaded.discard(channel.id)
-                del self.wanted[channel.id]
-            if channel.id not in self.wanted and (
-                self._topics is None or channel.topic in self._topics
-            ):
-                self.wanted[channel.id] = self._describe(channel)
+        channel = self._declared.take(opcode, record)
+        if channel is not None:
+            self._choose(channel)
 
-    def _describe(self, channel: Channel) -> LogChannel:
-        schema = self._schemas.get(channel.schema_id)
-        name = schema.name if schema is not None else ""
-        return LogChannel(channel.topic, name, channel.message_encoding, schema)
+    def _choose(self, channel: Channel) -> None:
+        self.wanted.pop(channel.id, None)
+        if self._topics is None or channel.topic in self._topics:
+            schema = self._declared.schemas.get(channel.schema_id)
+            name = schema.name if schema is not None else ""
+            self.wanted[channel.id] = LogChannel(
+                channel.topic, name, channel.message_encoding, schema
+            )
 
 
 def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
@@ -401,10 +393,6 @@ def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
                 yield LogMessage(channel, log_ns, publish_ns, sequence, data)
         else:
             state.take(opcode, content[start:stop])
-
-
-def _stream(record: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(record))
 
 
 def _why(error: Exception) -> str:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from io import BytesIO
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Schema
 
-from bridge.record.file_summary import summary_declarations
+from bridge.record.file_summary import read_file_summary
 from bridge.record.records_kernel import find_records
-from bridge.record.scan import DamagedBytes, opened, records
-from bridge.record.unpack import DAMAGE, MAX_DECLARED, MAX_SCHEMA_BYTES, chunk_content
+from bridge.record.scan import DamagedBytes, first_end, opened, records
+from bridge.record.unpack import DAMAGE, MAX_DECLARED, chunk_content
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from bridge.record.mcap_records import Declared
     from bridge.record.scan import Bytes, Found
 
 BLOCK_BYTES = 24 << 20
@@ -32,31 +30,6 @@ MESSAGE_HEAD = 31
 _MESSAGE_FIXED = MESSAGE_HEAD - _FRONT
 SEQUENCE, LOG_NS, PUBLISH_NS = (11, 4), (15, 8), (23, 8)
 """... and where in it these are, and their size."""
-
-
-@dataclass(slots=True)
-class Declared:
-    """What the file has said of its channels by now."""
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    schema_bytes: int = 0
-    """Of all schemas together."""
-
-    def take(self, opcode: int, content: bytes) -> None:
-        """Note a schema or a channel."""
-        stream = ReadDataStream(BytesIO(content))
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            before = self.schemas.get(schema.id)
-            size = self.schema_bytes + len(schema.data) - (len(before.data) if before else 0)
-            if size > MAX_SCHEMA_BYTES:
-                raise ValueError(f"its schemas have more than {MAX_SCHEMA_BYTES} bytes")
-            self.schema_bytes = size
-            self.schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            self.channels.setdefault(channel.id, channel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +53,7 @@ def blocks(
 
     """
     with opened(path) as data:
-        for record in summary_declarations(data).values():
-            if isinstance(record, Schema):
-                declared.schemas[record.id] = record
-            else:
-                declared.channels[record.id] = record
+        declared.preload(read_file_summary(data, 0, first_end(data)[0]).declared)
         work = _Gatherer(declared)
         for found in records(data, indexes=False):
             if isinstance(found, DamagedBytes):
