@@ -7,6 +7,17 @@ BIN := $(VENV)/bin
 LOCKED := $(VENV)/.locked
 INSTALLED := $(VENV)/.installed
 LOCKS := requirements-build.lock requirements.lock
+# What is compiled when the package is installed, and what it is made with.
+KERNELS := $(shell sed -n '/^\[tool.sweepctl.kernels\]/,/^\[/s/.*"\(.*\.py\)".*/\1/p' pyproject.toml)
+MADE_WITH := setup.py bridge/motion/arrays.pxd tools/dev/kernels.py
+# The C compiler that this Python was built with; where that is missing another one, else that of the
+# lock, which is told to compile for any CPU of this kind and not for the one that it runs on.
+OWN_CC := $(shell command -v $$($(PYTHON) -c 'import sysconfig; print((sysconfig.get_config_var("CC") or "cc").split()[0])' 2>/dev/null))
+ifeq ($(OWN_CC),)
+KERNEL_CC := $(or $(shell command -v $(CC)),$(BIN)/python -m ziglang cc -mcpu=baseline -fno-sanitize=undefined)
+$(INSTALLED): export CC = $(KERNEL_CC)
+$(INSTALLED): export LDSHARED = $(KERNEL_CC) -shared
+endif
 # A dot for each package on the screen, everything in a log. Where packages come from is the
 # user's own setting.
 define pip_install
@@ -139,6 +150,8 @@ $(LOCKED): $(LOCKS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 		echo "sweepctl needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) --version 2>/dev/null || echo missing)." >&2; \
 		echo 'Name another one: make PYTHON=python3.12 …' >&2; exit 1; }
+	@test -f "$$($(PYTHON) -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h" || { \
+		echo "Python's C headers are missing (on Debian: apt install $$($(PYTHON) -c 'import sys; print("python3.%d-dev" % sys.version_info[1])'), or python3-dev)." >&2; exit 1; }
 	@echo "== making $(VENV) ($$($(PYTHON) --version))"
 	@rm -rf $(VENV)
 	@$(PYTHON) -m venv $(VENV) || { \
@@ -150,10 +163,11 @@ $(LOCKED): $(LOCKS)
 	@$(call pip_install,--require-hashes --no-build-isolation -r requirements.lock)
 	@touch $@
 
-$(INSTALLED): $(LOCKED) pyproject.toml
-	@echo '== installing sweepctl itself'
-	@$(call pip_install,--no-deps --no-build-isolation -e .)
-	@$(BIN)/python -m tools.dev.warm
+$(INSTALLED): $(LOCKED) pyproject.toml $(KERNELS) $(MADE_WITH)
+	@echo '== installing sweepctl itself, compiling what changed (half a minute for all of it)'
+	@$(BIN)/python setup.py --quiet build_ext --inplace >>$(VENV)/install.log 2>&1 \
+		|| { tail -n 20 $(VENV)/install.log >&2; exit 1; }
+	@$(call pip_install,--no-deps --no-build-isolation --config-settings editable_mode=compat -e .)
 	@for flags in '-g -fsanitize=undefined' '-O1 -g -fsanitize=undefined' -Os; do \
 		echo 'int main(void) { return 0; }' \
 		| $(BIN)/python -m ziglang cc $$flags -fsanitize-trap=undefined -x c - -lm -o $(VENV)/.compiled || exit 1; \

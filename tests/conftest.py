@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 from support import conformance, fairly, needs
-
-if TYPE_CHECKING:
-    import pytest
+from tools.dev import kernels
 
 # The same examples on every run, so that a red CI is a change of the code; and no verdict by the
 # clock (deadline, too_slow), which judges the machine.
@@ -41,6 +39,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    text = kernels.complaint(kernels.sources(tests=True))
+    if text is not None:
+        raise pytest.UsageError(text)
     # Started in the background by a shell, or by nohup: what tests start would ignore them as well.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -28,7 +28,7 @@ PLANNERS: dict[str, str] = {
 
 
 def _recovery(model: RobotModel, _rng: Dice, options: Sequence[str]) -> Planner:
-    from bridge.coverage.recovery.planner import (  # noqa: PLC0415 - compiled kernels: 0.3 s
+    from bridge.coverage.recovery.planner import (  # noqa: PLC0415 - only where it runs
         RecoveryPlanner,
     )
 
@@ -53,14 +53,6 @@ class UnknownPlannerError(ValueError):
         """``name`` is what was asked for."""
         self.name = name
         super().__init__(f"unknown planner '{name}'; there are: {', '.join(PLANNERS)}")
-
-
-def rehearse(name: str, model: RobotModel) -> None:
-    """Have what a planner needs compiled and loaded: before a robot waits for its decision."""
-    if name == "recovery":
-        from bridge.coverage.recovery.rehearse import rehearse as kernels  # noqa: PLC0415 - as above
-
-        kernels(model)
 
 
 def make_planner(name: str, model: RobotModel, rng: Dice, options: Sequence[str] = ()) -> Planner:

@@ -123,7 +123,8 @@ class Raster:
         if r0 >= r1 or c0 >= c1:
             return
         ex, ey = bx - ax, by - ay
-        kernel.capsule(mask, self.x, self.y, r0, r1, c0, c1, ax, ay, ex, ey, radius_m)
+        cells = mask.view(np.uint8)
+        kernel.capsule(cells, self.x, self.y, r0, r1, c0, c1, ax, ay, ex, ey, radius_m)
 
     def stamp_path(self, mask: Mask, path: list[tuple[float, float]], radius_m: float) -> None:
         """Set the points within ``radius_m`` of a polyline."""

@@ -5,41 +5,45 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import cython
 import numpy as np
 
-from bridge.motion.compiled import compiled
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import (
+        FloatBlock,
+        FloatGrid,
+        IntGrid,
+        Layer,
+        LongGrid,
+    )
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
-    Labels = NDArray[np.int32]
-    Wide = NDArray[np.int64]
-
-_EDGE = -1e-12
+_EDGE = cython.declare(cython.double, -1e-12)
 """A point on a triangle's edge is in it, to rounding."""
 
 
-@compiled
 def capsule(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
-    mask: Mask,
-    xs: Floats,
-    ys: Floats,
-    row0: int,
-    row1: int,
-    col0: int,
-    col1: int,
-    ax: float,
-    ay: float,
-    ex: float,
-    ey: float,
-    radius: float,
+    mask: Layer,
+    xs: FloatGrid,
+    ys: FloatGrid,
+    row0: cython.int,
+    row1: cython.int,
+    col0: cython.int,
+    col1: cython.int,
+    ax: cython.double,
+    ay: cython.double,
+    ex: cython.double,
+    ey: cython.double,
+    radius: cython.double,
 ) -> None:
     """Set the points within ``radius`` of the segment from (ax, ay) on by (ex, ey).
 
     Rows and columns from 0 up to 1, half open, hold all that can be.
     """
+    row: cython.int
+    col: cython.int
     square = ex * ex + ey * ey
     for row in range(row0, row1):
         for col in range(col0, col1):
@@ -49,33 +53,38 @@ def capsule(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
                 x -= along * ex
                 y -= along * ey
             if x * x + y * y <= radius * radius:
-                mask[row, col] = True
+                mask[row, col] = 1
 
 
-@compiled
 def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
-    times: Floats,
-    xs: Floats,
-    ys: Floats,
-    row0: int,
-    row1: int,
-    col0: int,
-    col1: int,
-    corners: Floats,
-    edges: Floats,
-    time_s: float,
+    times: FloatGrid,
+    xs: FloatGrid,
+    ys: FloatGrid,
+    row0: cython.int,
+    row1: cython.int,
+    col0: cython.int,
+    col1: cython.int,
+    corners: FloatGrid,
+    edges: FloatBlock,
+    time_s: cython.double,
 ) -> None:
     """Note a time for the points in either of two triangles that have a later one or none.
 
     Rows and columns are as in :func:`capsule`; ``corners`` has a row for each triangle: x, y of
     its three corners, in either orientation; ``edges``, (2, 3, 4), is room.
     """
+    row: cython.int
+    col: cython.int
+    t: cython.int
+    k: cython.int
     for t in range(2):
-        a = corners[t]
-        area = (a[2] - a[0]) * (a[5] - a[1]) - (a[3] - a[1]) * (a[4] - a[0])
+        ax, ay = corners[t, 0], corners[t, 1]
+        area = (corners[t, 2] - ax) * (corners[t, 5] - ay)
+        area -= (corners[t, 3] - ay) * (corners[t, 4] - ax)
         sign = 1.0 if area >= 0.0 else -1.0
         for k in range(3):
-            px, py, qx, qy = a[2 * k], a[2 * k + 1], a[(2 * k + 2) % 6], a[(2 * k + 3) % 6]
+            px, py = corners[t, 2 * k], corners[t, 2 * k + 1]
+            qx, qy = corners[t, (2 * k + 2) % 6], corners[t, (2 * k + 3) % 6]
             edges[t, k, 0], edges[t, k, 1] = px, py
             edges[t, k, 2], edges[t, k, 3] = sign * (qx - px), sign * (qy - py)
     for row in range(row0, row1):
@@ -85,8 +94,8 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
             for t in range(2):
                 inside = True
                 for k in range(3):
-                    e = edges[t, k]
-                    if e[2] * (ys[row, col] - e[1]) - e[3] * (xs[row, col] - e[0]) < _EDGE:
+                    dx, dy = xs[row, col] - edges[t, k, 0], ys[row, col] - edges[t, k, 1]
+                    if edges[t, k, 2] * dy - edges[t, k, 3] * dx < _EDGE:
                         inside = False
                         break
                 if inside:
@@ -94,21 +103,32 @@ def sweep(  # noqa: PLR0913, PLR0917 - a kernel takes numbers
                     break
 
 
-def pieces(mask: Mask, reach: int) -> tuple[Labels, int]:
+def pieces(mask: NDArray[np.bool_], reach: int) -> tuple[NDArray[np.int32], int]:
     """Number the connected pieces of a mask from 1, in the order of their first cells.
 
     ``reach`` 1: cells that share a side are connected; 2: those that share a corner as well.
     """
     labels = np.zeros(mask.shape, dtype=np.int32)
     stack = np.empty((mask.size, 2), dtype=np.int32)
-    return labels, number_pieces(np.ascontiguousarray(mask), reach, labels, stack)
+    return labels, number_pieces(_bytes_of(mask), reach, labels, stack)
 
 
-@compiled
-def number_pieces(mask: Mask, reach: int, labels: Labels, stack: Labels) -> int:
+def _bytes_of(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(mask).view(np.uint8)
+
+
+def number_pieces(mask: Layer, reach: cython.int, labels: IntGrid, stack: IntGrid) -> cython.int:
     """Do what :func:`pieces` says; ``labels`` begins with zeros, ``stack`` is room."""
-    rows, columns = mask.shape
-    count = 0
+    rows: cython.int = mask.shape[0]
+    columns: cython.int = mask.shape[1]
+    row0: cython.int
+    col0: cython.int
+    row: cython.int
+    col: cython.int
+    r: cython.int
+    c: cython.int
+    top: cython.Py_ssize_t
+    count: cython.int = 0
     for row0 in range(rows):
         for col0 in range(columns):
             if not mask[row0, col0] or labels[row0, col0]:
@@ -119,7 +139,7 @@ def number_pieces(mask: Mask, reach: int, labels: Labels, stack: Labels) -> int:
             top = 1
             while top:
                 top -= 1
-                row, col = stack[top]
+                row, col = stack[top, 0], stack[top, 1]
                 for down in range(-1, 2):
                     for right in range(-1, 2):
                         r, c = row + down, col + right
@@ -136,7 +156,7 @@ def number_pieces(mask: Mask, reach: int, labels: Labels, stack: Labels) -> int:
     return count
 
 
-def deepest(mask: Mask) -> float:
+def deepest(mask: NDArray[np.bool_]) -> float:
     """Greatest distance (cells) of a cell of the mask from the nearest outside it.
 
     Exact, in two passes (Meijster, Roerdink, Hesselink 2000); what is beyond the raster counts
@@ -144,19 +164,27 @@ def deepest(mask: Mask) -> float:
     """
     rows, columns = mask.shape
     down = np.zeros((rows + 2, columns + 2), dtype=np.int64)
-    return math.sqrt(deepest_square(np.ascontiguousarray(mask), down))
+    return math.sqrt(deepest_square(_bytes_of(mask), down))
 
 
-@compiled
-def deepest_square(mask: Mask, down: Wide) -> int:
+def deepest_square(mask: Layer, down: LongGrid) -> cython.longlong:
     """Do what :func:`deepest` says, squared; ``down`` has a rim of zeros around the mask's size."""
-    rows, columns = mask.shape
+    rows: cython.int = mask.shape[0]
+    columns: cython.int = mask.shape[1]
+    row: cython.int
+    col: cython.int
+    side: cython.int
+    other: cython.int
+    reach: cython.longlong
+    square: cython.longlong
+    step: cython.longlong
+    d: cython.longlong
+    most: cython.longlong = 0
     for col in range(1, columns + 1):
         for row in range(1, rows + 1):
             down[row, col] = down[row - 1, col] + 1 if mask[row - 1, col - 1] else 0
         for row in range(rows, 0, -1):
             down[row, col] = min(down[row, col], down[row + 1, col] + 1)
-    most = 0
     for row in range(1, rows + 1):
         for col in range(1, columns + 1):
             reach = down[row, col]
@@ -165,7 +193,8 @@ def deepest_square(mask: Mask, down: Wide) -> int:
                 continue  # no nearer cell beside it can make this one the deepest
             step = 1
             while step * step < square:
-                for other in (col - step, col + step):
+                for side in range(2):
+                    other = col + step if side else col - step
                     if 0 <= other <= columns + 1:
                         d = down[row, other]
                         square = min(square, d * d + step * step)

@@ -14,7 +14,7 @@ from bridge.record.chunked_file import ChunkedFile
 from bridge.record.encode import foxglove, ros, schemas
 from bridge.record.encode.device_topics import DeviceTopics
 from bridge.record.encode.occupancy_grid import rasterise
-from bridge.record.encode.rows import Head, RowMessage, half_angle, proto_stamp, real, rehearse
+from bridge.record.encode.rows import Head, RowMessage, half_angle, proto_stamp, real
 from bridge.record.errors import LogWriteError
 from bridge.record.names import (
     CATALOGUE_ATTACHMENT,
@@ -82,7 +82,6 @@ class RunWriter:
 
         """
         model = info.robot
-        rehearse()
         self.path = path
         library = f"sweepctl {info.version}"
         self._file = ChunkedFile(path, force=force, library=library, opener=opener)

@@ -4,30 +4,36 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
+import cython
 
-from bridge.motion.compiled import compiled, compiled_unlocked
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import Bytes, ConstBytes, LongGrid, Longs
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Bytes = NDArray[np.uint8]
-    Ints = NDArray[np.int64]
-
-_NONE, _ONE, _FOUR, _EIGHT = np.uint64(0), np.uint64(1), np.uint64(4), np.uint64(8)
-_MESSAGE, _MESSAGE_INDEX = 5, 7
-_FRONT = 9
+_MESSAGE = cython.declare(cython.int, 5)
+_MESSAGE_INDEX = cython.declare(cython.int, 7)
+_FRONT = cython.declare(cython.int, 9)
 """Opcode and length."""
-_LEAST = 11
+_LEAST = cython.declare(cython.int, 11)
 """And a message's channel."""
-_MESSAGE_FIXED = 22
+_MESSAGE_FIXED = cython.declare(cython.int, 22)
 """And its number and times."""
-_INDEX_HEAD = 15
+_INDEX_HEAD = cython.declare(cython.int, 15)
 """And the size of a message index."""
 
 
-@compiled_unlocked
-def find_records(content: Bytes, starts: Ints, lengths: Ints, channels: Ints) -> int:
+@cython.cfunc
+@cython.nogil
+@cython.exceptval(check=False)
+def _number(data: ConstBytes, at: cython.longlong, size: cython.int) -> cython.longlong:
+    """A little-endian number of up to eight bytes; the eighth carries the sign."""
+    low: cython.ulonglong = 0
+    for k in range(size):
+        byte: cython.ulonglong = int(data[at + k])
+        low |= byte << (8 * k)
+    return cython.cast(cython.longlong, low)
+
+
+def find_records(content: ConstBytes, starts: Longs, lengths: Longs, channels: Longs) -> int:
     """Walk a chunk's content; how many records there are, negative where the last is cut.
 
     Args:
@@ -37,36 +43,47 @@ def find_records(content: Bytes, starts: Ints, lengths: Ints, channels: Ints) ->
         channels: Filled with each message's channel, and with -opcode of other records.
 
     """
-    count, position, end = 0, np.int64(0), len(content)
+    with cython.nogil:
+        count = _find_records(content, starts, lengths, channels)
+    return count  # noqa: RET504 - a Python object again, which needs the interpreter's lock
+
+
+@cython.cfunc
+@cython.nogil
+@cython.exceptval(check=False)
+def _find_records(
+    content: ConstBytes, starts: Longs, lengths: Longs, channels: Longs
+) -> cython.longlong:
+    count: cython.longlong = 0
+    position: cython.longlong = 0
+    end: cython.longlong = content.shape[0]
+    length: cython.longlong
     while position < end:
         if position + _LEAST > end:
             return -count - 1
-        length = np.int64(0)
-        for k in range(8):
-            length |= np.int64(content[position + 1 + k]) << (8 * k)
+        length = _number(content, position + 1, 8)
         if content[position] == 0 or length < 0 or length > end - position - _FRONT:
             return -count - 1  # zeros are no records, and would be walked nine bytes at a time
         starts[count], lengths[count] = position, length
         if content[position] == _MESSAGE:
             if length < _MESSAGE_FIXED:
                 return -count - 1
-            low, high = content[position + _FRONT], content[position + _FRONT + 1]
-            channels[count] = np.int64(low) + 256 * np.int64(high)
+            channels[count] = _number(content, position + _FRONT, 2)
         else:
-            channels[count] = -np.int64(content[position])
+            opcode: cython.int = int(content[position])
+            channels[count] = -opcode
         count += 1
         position += _FRONT + length
     return count
 
 
-@compiled_unlocked
 def split_messages(  # noqa: PLR0913, PLR0917 - what is read, by which shape, into what
-    data: Bytes,
-    starts: Ints,
-    head: int,
-    shape: Bytes,
-    mask: Bytes,
-    values: Ints,
+    data: ConstBytes,
+    starts: Longs,
+    head: cython.longlong,
+    shape: ConstBytes,
+    mask: ConstBytes,
+    values: LongGrid,
     out: Bytes,
     fits: Bytes,
 ) -> int:
@@ -84,52 +101,63 @@ def split_messages(  # noqa: PLR0913, PLR0917 - what is read, by which shape, in
         fits: Filled with whether a message has the shape.
 
     """
-    # Indexes without a sign: one that may be negative is looked at twice.
-    count, length = _NONE, np.uint64(len(shape))
-    for i in range(len(starts)):
-        start = np.uint64(starts[i])
-        begin = start + np.uint64(head)
-        wrong = np.uint8(0)
-        for k in range(length):
-            wrong |= (data[begin + k] ^ shape[k]) & mask[k]
+    with cython.nogil:
+        count = _split_messages(data, starts, head, shape, mask, values, out, fits)
+    return count  # noqa: RET504 - as above
+
+
+@cython.cfunc
+@cython.nogil
+@cython.exceptval(check=False)
+def _split_messages(  # noqa: PLR0913, PLR0917 - as above
+    data: ConstBytes,
+    starts: Longs,
+    head: cython.longlong,
+    shape: ConstBytes,
+    mask: ConstBytes,
+    values: LongGrid,
+    out: Bytes,
+    fits: Bytes,
+) -> cython.longlong:
+    count: cython.longlong = 0
+    start: cython.longlong
+    source: cython.longlong
+    target: cython.longlong
+    size: cython.longlong
+    wrong: cython.uchar
+    for i in range(starts.shape[0]):
+        start = starts[i]
+        wrong = 0
+        for k in range(shape.shape[0]):
+            wrong |= (data[start + head + k] ^ shape[k]) & mask[k]
         fits[i] = wrong == 0
         if wrong:
             continue
-        for v in range(len(values)):
-            source, size = start + np.uint64(values[v, 0]), np.uint64(values[v, 1])
-            target = np.uint64(values[v, 2]) + count * size
-            if size == _EIGHT:  # most of them, and one instruction each
-                for k in range(_EIGHT):
+        for v in range(values.shape[0]):
+            source, size = start + values[v, 0], values[v, 1]
+            target = values[v, 2] + count * size
+            if size == 8:  # noqa: PLR2004 - most of them, and one instruction each
+                for k in range(8):
                     out[target + k] = data[source + k]
-            elif size == _FOUR:
-                for k in range(_FOUR):
+            elif size == 4:  # noqa: PLR2004 - as above
+                for k in range(4):
                     out[target + k] = data[source + k]
             else:
                 for k in range(size):
                     out[target + k] = data[source + k]
-        count += _ONE
-    return int(count)
+        count += 1
+    return count
 
 
-@compiled
-def skip_indexes(data: Bytes) -> int:
+def skip_indexes(data: ConstBytes) -> cython.longlong:
     """How many bytes from the beginning are message indexes, whole ones."""
-    position, end = 0, len(data)
+    position: cython.longlong = 0
+    end: cython.longlong = data.shape[0]
+    length: cython.longlong
+    entries: cython.longlong
     while position + _INDEX_HEAD <= end and data[position] == _MESSAGE_INDEX:
-        length, entries = np.int64(0), np.int64(0)
-        for k in range(8):
-            length |= np.int64(data[position + 1 + k]) << (8 * k)
-        for k in range(4):
-            entries |= np.int64(data[position + 11 + k]) << (8 * k)
+        length, entries = _number(data, position + 1, 8), _number(data, position + 11, 4)
         if length != entries + 6 or entries % 16 or length > end - position - _FRONT:
             break
-        position += _FRONT + int(length)
+        position += _FRONT + length
     return position
-
-
-def rehearse() -> None:
-    """Compile, or load what was compiled, before it is needed."""
-    byte, number = np.zeros(1, np.uint8), np.zeros(1, np.int64)
-    find_records(byte, number, number, number)
-    split_messages(byte, number[:0], 0, byte[:0], byte[:0], np.zeros((1, 3), np.int64), byte, byte)
-    skip_indexes(byte)

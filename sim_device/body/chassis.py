@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 from math import exp
 from typing import TYPE_CHECKING
 
-from sim_device.body import drive_kernel as k
+from sim_device.body.drive_kernel import TICK_S
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from bridge.motion.robot_model import RobotModel
+    from sim_device.body.drive_kernel import Body
     from sim_device.body.motors import MotorParameters
 
 _MASSLESS = 1e12
@@ -61,23 +59,21 @@ class PlantFaults:
             _set(self, "touched", True)  # noqa: FBT003 - what it is set to
 
 
-def fill_parameters(
-    b: NDArray[np.float64], motor: MotorParameters, chassis: Chassis, model: RobotModel
-) -> None:
+def fill_parameters(b: Body, motor: MotorParameters, chassis: Chassis, model: RobotModel) -> None:
     """Fill in what the kernel's body has of the parts."""
     radius_m = 0.5 * model.wheel_diameter_m
-    b[k.BACK_EMF], b[k.RESISTANCE] = motor.back_emf_v_s, motor.resistance_ohm
-    b[k.FRICTION_V], b[k.DROP_V] = motor.friction_v, model.driver_drop_v
-    b[k.LOAD_V_N] = radius_m * motor.resistance_ohm / motor.back_emf_v_s
-    b[k.BODY_RADIUS], b[k.WALL_FRICTION] = model.radius_m, chassis.wall_friction
-    b[k.TRACTION_N], b[k.ELECTRONICS_W] = chassis.traction_n, chassis.electronics_w
+    b.back_emf_v_s, b.resistance_ohm = motor.back_emf_v_s, motor.resistance_ohm
+    b.friction_v, b.drop_v = motor.friction_v, model.driver_drop_v
+    b.load_v_n = radius_m * motor.resistance_ohm / motor.back_emf_v_s
+    b.radius_m, b.wall_friction = model.radius_m, chassis.wall_friction
+    b.traction_n, b.electronics_w = chassis.traction_n, chassis.electronics_w
     mass = chassis.mass_kg
-    b[k.RAD_S_PER_N] = k.TICK_S / (0.5 * mass * radius_m) if mass > 0.0 else _MASSLESS
-    b[k.CASTER_N], b[k.CASTER_X] = chassis.caster_drag_n, chassis.caster_x_m
+    b.rad_s_per_n = TICK_S / (0.5 * mass * radius_m) if mass > 0.0 else _MASSLESS
+    b.caster_n, b.caster_x_m = chassis.caster_drag_n, chassis.caster_x_m
 
 
 def set_lag(
-    b: NDArray[np.float64],
+    b: Body,
     motor: MotorParameters,
     chassis: Chassis,
     model: RobotModel,
@@ -91,4 +87,4 @@ def set_lag(
         body = 0.5 * chassis.mass_kg * radius_m**2
         tau -= body * motor.resistance_ohm / motor.back_emf_v_s**2
         tau = max(tau, 0.1 * motor.time_constant_s)
-    b[k.TAU], b[k.DECAY] = tau, 1.0 - exp(-k.TICK_S / tau)
+    b.tau_s, b.decay = tau, 1.0 - exp(-TICK_S / tau)

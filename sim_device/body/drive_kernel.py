@@ -1,133 +1,341 @@
-"""The plant's kernel, compiled: wheels, pose and contact, a millisecond at a time.
+"""The plant's kernel, compiled: wheels, pose and contact, a millisecond at a time; the battery.
 
-``advance`` works on two float64 arrays: the body, whose places are named by the indices below,
-and room to work in; it allocates nothing. Each millisecond depends only on the state before it,
-so equal calls give equal floats however time is split; what is slow (battery, slip) is renewed
-every tenth, by ``slow_kernel``. Every callee stands in this file: the kept code would notice no
-change elsewhere. The models are told in ``plant`` and ``motors``.
+``advance`` works on a ``Body`` and allocates nothing. Each millisecond depends only on the state
+before it, so equal calls give equal floats however time is split; what is slow (battery, slip) is
+renewed every tenth, by ``renew``. The models are told in ``plant`` and ``motors``.
 """
 
 from __future__ import annotations
 
-from math import cos, hypot, sin, sqrt
+import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.compiled import compiled
-from sim_device.body.power import BRIDGE_LOGIC_V, RAIL_DROPOUT_V
+import cython
+import numpy as np
+from cython.cimports.libc.math import cos, fabs, hypot, sin, sqrt
+
+from sim_device.body.power import BRIDGE_LOGIC_V, RAIL_DROPOUT_V, RAIL_WHOLE_V
+
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import FloatGrid, Floats, Ints, Pair
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    Felt = tuple[float, float, float, float, float, float, float, float]
 
 TICK_S = 0.001
-TOUCH_M = 2e-5
-"""A smaller gap is contact: far below any sensor, far above rounding."""
-PENETRATION_M = 1e-9
-"""The disc never sticks further into a wall than this (nor than the start did)."""
-COLLISION_SPEED_M_S, REARM_MS = 0.03, 500.0
-"""Slower onsets of contact are no collision; the next counts after this time free of it."""
-WALKER = -1
-"""In a row of touches, for an edge's index."""
-_NEAR_M, _NEAR_MOVED_M = 0.35, 0.25
-"""Edges within the radius and this are looked at; renewed as the robot has gone the other."""
-_CAREFUL_M = 0.02
-_PASSES, _HALVINGS = 12, 10
-_SHOVE_M, _BOUNCE_S = 0.005, 0.05
-"""A walker shoves no further at once, so never through a wall. A tyre that spins before a
-threshold bounces on it; that dies out so fast."""
-
-# The body: parameters of the parts, then those that the plant renews.
-(TAU, DECAY, BACK_EMF, RESISTANCE, FRICTION_V, LOAD_V_N, BODY_RADIUS, WALL_FRICTION) = range(8)
-(TRACTION_N, RAD_S_PER_N, CASTER_N, CASTER_X, WHEEL_BASE, RADIUS_L, RADIUS_R) = range(8, 15)
-(FULL_V, CAPACITY_AH, EMPTY_RATIO, OHM, KNEE, KNEE_FALL, KNEE_OHM, DROP_V) = range(15, 23)
-(ELECTRONICS_W, SLIP_KICK, SLIP_FADE, UNSLIPPED, EXTRA_L, EXTRA_R, SLOPE_N_L) = range(23, 30)
-(SLOPE_N_R, CARPET_N_L, CARPET_N_R, CARPET_L, CARPET_R, TILT_X, TILT_Y) = range(30, 37)
-(STUCK_L, STUCK_R, LIFTED, HELD, WANDERS) = range(37, 42)
-"""SLIP: each 10 ms' kick and fade of the slip's share; UNSLIPPED: one less its mean. EXTRA,
-CARPET: further shares lost. SLOPE: weight's push against a wheel, TILT: what the accelerometer
-feels of it (m/s²). WANDERS: whether the wheels stand on a floor on which they slip."""
-
-# What follows from them, and the state.
-(TRAVEL_L, TRAVEL_R, YAW_L, YAW_R, DUTY_L, DUTY_R, VOLT_L, VOLT_R) = range(42, 50)
-(TICK, SPEED_L, SPEED_R, ANGLE_L, ANGLE_R, GRIP_L, GRIP_R, X, Y, THETA, PATH) = range(50, 61)
-(SWAY, SLIDE_SWAY, SLIDE_V, SLIDE_LATERAL, GRAVITY_X, GRAVITY_Y) = range(61, 67)
-(DRAWN_C, BRIDGE_J, WINDING_J, SHAFT_J, SLIP_L, SLIP_R, SLIP_AT) = range(67, 74)
-(NEAR_X, NEAR_Y, NEAR_COUNT, GAP, TOUCHES, DISTURBED, AT_X, AT_Y) = range(74, 82)
-(COLLISIONS, CONTACT_MS, ARMED, LAST_MS) = range(82, 86)
-(MAN_X, MAN_Y, MAN_R, MAN_VX, MAN_VY, MAN_MS) = range(86, 92)
-(CHARGE_AH, CURRENT_A, SUPPLY_V, OPEN_V, BATTERY_J, INTERNAL_J) = range(92, 98)
-(ELECTRONICS_A, ELECTRONICS_J, SETTLED_MS, SETTLED_C) = range(98, 102)
-BODY = 102
-"""TRAVEL: half of a wheel's travel over the floor per radian, YAW the turn, slip taken off.
-GRIP: speed (rad/s) that the floor under a wheel sees, its own unless it spins. SWAY: Σ ds·dθ,
-over a tick the lateral velocity that turning takes up. GRAVITY: impulse felt by tilt. SLIP_AT:
-draws used of those in the room to work in. AT: where a move ends. SETTLED: when the battery
-felt what was drawn, and how much that was (C)."""
-
-# The room to work in.
+SLOW_MS = 10
+"""Period of what changes slowly."""
+REARM_MS = 500.0
+"""After this time free of contact the next onset counts as a collision."""
 MAX_TOUCHES = 16
 SLIP_DRAWS = 512
-KNOWN = 3 * MAX_TOUCHES
-SLIPS = KNOWN + MAX_TOUCHES
-NEAR = SLIPS + SLIP_DRAWS
-"""From 0 rows of what is touched: edge, unit vector to the disc's centre; then what was touched
-a millisecond before, standard normal draws for the slip, and an index for each edge near."""
+
+_TICK_S = cython.declare(cython.double, TICK_S)
+_REARM_MS = cython.declare(cython.double, REARM_MS)
+_MAX_TOUCHES = cython.declare(cython.int, MAX_TOUCHES)
+_INFINITY = cython.declare(cython.double, math.inf)
+_RAIL_DROPOUT_V = cython.declare(cython.double, RAIL_DROPOUT_V)
+_RAIL_WHOLE_V = cython.declare(cython.double, RAIL_WHOLE_V)
+_BRIDGE_LOGIC_V = cython.declare(cython.double, BRIDGE_LOGIC_V)
+_SECONDS_PER_HOUR = cython.declare(cython.double, 3600.0)
+_TOUCH_M = cython.declare(cython.double, 2e-5)
+"""A smaller gap is contact: far below any sensor, far above rounding."""
+_PENETRATION_M = cython.declare(cython.double, 1e-9)
+"""The disc never sticks further into a wall than this (nor than the start did)."""
+_COLLISION_SPEED_M_S = cython.declare(cython.double, 0.03)
+"""Slower onsets of contact are no collision."""
+_WALKER = cython.declare(cython.int, -1)
+"""Among the edges touched, for an edge's index."""
+_NEAR_M = cython.declare(cython.double, 0.35)
+_NEAR_MOVED_M = cython.declare(cython.double, 0.25)
+"""Edges within the radius and ``_NEAR_M`` are looked at; renewed as the robot has gone this far."""
+_CAREFUL_M = cython.declare(cython.double, 0.02)
+_PASSES = cython.declare(cython.int, 12)
+_HALVINGS = cython.declare(cython.int, 10)
+_SHOVE_M = cython.declare(cython.double, 0.005)
+"""A walker shoves no further at once, so never through a wall."""
+_BOUNCE_S = cython.declare(cython.double, 0.05)
+"""A tyre that spins before a threshold bounces on it; that dies out so fast."""
 
 
-@compiled
-def switch(left: float, right: float, b: Floats) -> None:
+@cython.final
+@cython.cclass
+class Wheel:
+    """One wheel with its motor, and how it stands on the floor."""
+
+    radius_m = cython.declare(cython.double, visibility="public")
+    stuck = cython.declare(cython.bint, visibility="public")
+    slope_n = cython.declare(cython.double, visibility="public")
+    """Weight's push against it."""
+    carpet_n = cython.declare(cython.double, visibility="public")
+    """Drag of the carpet under it."""
+    carpet_slip = cython.declare(cython.double, visibility="public")
+    """Share of its travel lost on that carpet."""
+    extra_slip = cython.declare(cython.double, visibility="public")
+    """Share lost besides (a fault)."""
+    slip = cython.declare(cython.double, visibility="public")
+    """Share lost that wanders, less its mean."""
+    travel_m_rad = cython.declare(cython.double, visibility="public")
+    """Half of its travel over the floor per radian, slip taken off."""
+    yaw_rad_rad = cython.declare(cython.double, visibility="public")
+    """The body's turn per radian."""
+    duty = cython.declare(cython.double, visibility="public")
+    """Of its bridge, -1..1."""
+    volt = cython.declare(cython.double, visibility="public")
+    """Behind the bridge."""
+    rad_s = cython.declare(cython.double, visibility="public")
+    angle_rad = cython.declare(cython.double, visibility="public")
+    grip_rad_s = cython.declare(cython.double, visibility="public")
+    """Speed that the floor under it sees: its own unless it spins."""
+
+    def __init__(self) -> None:
+        """At rest, on level floor."""
+        self.radius_m = self.slope_n = self.carpet_n = self.carpet_slip = 0.0
+        self.extra_slip = self.slip = self.travel_m_rad = self.yaw_rad_rad = 0.0
+        self.duty = self.volt = self.rad_s = self.angle_rad = self.grip_rad_s = 0.0
+        self.stuck = False
+
+
+@cython.final
+@cython.cclass
+class Body:
+    """The robot's body in its room: parameters of the parts, and the state."""
+
+    left = cython.declare(Wheel, visibility="public")
+    right = cython.declare(Wheel, visibility="public")
+
+    # Parameters.
+    tau_s = cython.declare(cython.double, visibility="public")
+    """Time constant of a wheel's lag; ``decay``: its share over a tick."""
+    decay = cython.declare(cython.double, visibility="public")
+    back_emf_v_s = cython.declare(cython.double, visibility="public")
+    resistance_ohm = cython.declare(cython.double, visibility="public")
+    friction_v = cython.declare(cython.double, visibility="public")
+    drop_v = cython.declare(cython.double, visibility="public")
+    """Of the bridges."""
+    load_v_n = cython.declare(cython.double, visibility="public")
+    """Voltage that a wheel's load takes."""
+    radius_m = cython.declare(cython.double, visibility="public")
+    wheel_base_m = cython.declare(cython.double, visibility="public")
+    wall_friction = cython.declare(cython.double, visibility="public")
+    traction_n = cython.declare(cython.double, visibility="public")
+    rad_s_per_n = cython.declare(cython.double, visibility="public")
+    """Change of a wheel's speed over a tick by its push."""
+    caster_n = cython.declare(cython.double, visibility="public")
+    caster_x_m = cython.declare(cython.double, visibility="public")
+    full_v = cython.declare(cython.double, visibility="public")
+    """The battery's parameters are those of ``BatteryParameters``."""
+    capacity_ah = cython.declare(cython.double, visibility="public")
+    empty_ratio = cython.declare(cython.double, visibility="public")
+    battery_ohm = cython.declare(cython.double, visibility="public")
+    knee = cython.declare(cython.double, visibility="public")
+    knee_fall = cython.declare(cython.double, visibility="public")
+    knee_resistance = cython.declare(cython.double, visibility="public")
+    electronics_w = cython.declare(cython.double, visibility="public")
+    slip_kick = cython.declare(cython.double, visibility="public")
+    """Kick of the slip's share each ``SLOW_MS``; ``slip_fade``: how it fades."""
+    slip_fade = cython.declare(cython.double, visibility="public")
+    unslipped = cython.declare(cython.double, visibility="public")
+    """One less the slip's mean."""
+    tilt_x_m_s2 = cython.declare(cython.double, visibility="public")
+    """What the accelerometer feels of a tilt; so ``tilt_y_m_s2``."""
+    tilt_y_m_s2 = cython.declare(cython.double, visibility="public")
+    lifted = cython.declare(cython.bint, visibility="public")
+    held = cython.declare(cython.bint, visibility="public")
+    """By what was put into the room."""
+    wanders = cython.declare(cython.bint, visibility="public")
+    """Whether the wheels stand on a floor on which they slip."""
+
+    # The pose and what is felt of it.
+    tick = cython.declare(cython.double, visibility="public")
+    """Milliseconds since power-on."""
+    x_m = cython.declare(cython.double, visibility="public")
+    y_m = cython.declare(cython.double, visibility="public")
+    theta_rad = cython.declare(cython.double, visibility="public")
+    path_m = cython.declare(cython.double, visibility="public")
+    sway = cython.declare(cython.double, visibility="public")
+    """Σ ds·dθ; over a tick the lateral velocity that turning takes up. So ``slide_sway``, aside."""
+    slide_sway = cython.declare(cython.double, visibility="public")
+    slide_v_m_s = cython.declare(cython.double, visibility="public")
+    """Speed along a wall; ``slide_aside_m_s``: to the left."""
+    slide_aside_m_s = cython.declare(cython.double, visibility="public")
+    gravity_x_m_s = cython.declare(cython.double, visibility="public")
+    """Impulse felt by tilt; so ``gravity_y_m_s``."""
+    gravity_y_m_s = cython.declare(cython.double, visibility="public")
+
+    # The energy.
+    drawn_c = cython.declare(cython.double, visibility="public")
+    """By the bridges."""
+    bridge_j = cython.declare(cython.double, visibility="public")
+    winding_j = cython.declare(cython.double, visibility="public")
+    shaft_j = cython.declare(cython.double, visibility="public")
+    charge_ah = cython.declare(cython.double, visibility="public")
+    current_a = cython.declare(cython.double, visibility="public")
+    supply_v = cython.declare(cython.double, visibility="public")
+    open_v = cython.declare(cython.double, visibility="public")
+    battery_j = cython.declare(cython.double, visibility="public")
+    internal_j = cython.declare(cython.double, visibility="public")
+    electronics_a = cython.declare(cython.double, visibility="public")
+    electronics_j = cython.declare(cython.double, visibility="public")
+    settled_ms = cython.declare(cython.double, visibility="public")
+    """When the battery felt what was drawn; ``settled_c``: how much that was."""
+    settled_c = cython.declare(cython.double, visibility="public")
+
+    # Contact.
+    touches = cython.declare(cython.int, visibility="public")
+    """How many edges are touched."""
+    disturbed = cython.declare(cython.bint, visibility="public")
+    """Whether something other than the robot's motion may have changed that."""
+    collisions = cython.declare(cython.int, visibility="public")
+    contact_ms = cython.declare(cython.double, visibility="public")
+    armed = cython.declare(cython.bint, visibility="public")
+    """Whether the next onset of contact counts."""
+    last_ms = cython.declare(cython.double, visibility="public")
+    """When it touched last."""
+    walker_x_m = cython.declare(cython.double, visibility="public")
+    walker_y_m = cython.declare(cython.double, visibility="public")
+    walker_radius_m = cython.declare(cython.double, visibility="public")
+    """0: nobody walks."""
+    walker_vx_m_s = cython.declare(cython.double, visibility="public")
+    walker_vy_m_s = cython.declare(cython.double, visibility="public")
+    walker_ms = cython.declare(cython.double, visibility="public")
+    """For how long he still walks."""
+
+    gap_m: cython.double
+    """To what could be touched, at most what it is."""
+    at_x_m: cython.double
+    """Where a move ends."""
+    at_y_m: cython.double
+    edges: FloatGrid
+    """Of the room, as in ``ray_kernel``."""
+    near: Ints
+    """Indices of the edges near the place at which they were looked for."""
+    near_count: cython.int
+    near_x_m: cython.double
+    near_y_m: cython.double
+    touch_edge: Ints
+    """What is touched, and the unit vector from there to the disc's centre."""
+    touch_x: Floats
+    touch_y: Floats
+    known: Ints
+    """The edges touched a millisecond before."""
+    slips: Floats
+    """Standard normal draws for the slip; ``slip_at`` of them are used."""
+    slip_at: cython.int
+
+    def __init__(self) -> None:
+        """At rest, nowhere; parameters and the room are to be set."""
+        self.left, self.right = Wheel(), Wheel()
+        self.tau_s = self.decay = self.back_emf_v_s = self.resistance_ohm = 0.0
+        self.friction_v = self.drop_v = self.load_v_n = self.radius_m = self.wheel_base_m = 0.0
+        self.wall_friction = self.traction_n = self.rad_s_per_n = 0.0
+        self.caster_n = self.caster_x_m = self.full_v = self.capacity_ah = 0.0
+        self.empty_ratio = self.battery_ohm = self.knee = self.knee_fall = 0.0
+        self.knee_resistance = self.electronics_w = self.slip_kick = self.slip_fade = 0.0
+        self.unslipped = self.tilt_x_m_s2 = self.tilt_y_m_s2 = 0.0
+        self.lifted = self.held = False
+        self.wanders = True
+        self.tick = self.x_m = self.y_m = self.theta_rad = self.path_m = 0.0
+        self.sway = self.slide_sway = self.slide_v_m_s = self.slide_aside_m_s = 0.0
+        self.gravity_x_m_s = self.gravity_y_m_s = 0.0
+        self.drawn_c = self.bridge_j = self.winding_j = self.shaft_j = self.charge_ah = 0.0
+        self.current_a = self.supply_v = self.open_v = self.battery_j = self.internal_j = 0.0
+        self.electronics_a = self.electronics_j = self.settled_ms = self.settled_c = 0.0
+        self.touches = self.collisions = 0
+        self.disturbed, self.armed, self.last_ms = False, True, -_REARM_MS
+        self.contact_ms = self.walker_x_m = self.walker_y_m = self.walker_radius_m = 0.0
+        self.walker_vx_m_s = self.walker_vy_m_s = self.walker_ms = 0.0
+        self.gap_m = self.at_x_m = self.at_y_m = self.near_y_m = 0.0
+        self.touch_edge = np.zeros(MAX_TOUCHES, dtype=np.int32)
+        self.touch_x, self.touch_y = np.zeros(MAX_TOUCHES), np.zeros(MAX_TOUCHES)
+        self.known = np.zeros(MAX_TOUCHES, dtype=np.int32)
+        self.slips, self.slip_at = np.zeros(SLIP_DRAWS), SLIP_DRAWS
+        self.take_edges(np.zeros((0, 7)))
+
+    def take_edges(self, edges: FloatGrid) -> None:
+        """Stand in a room with these edges; what is near is looked for anew."""
+        self.edges, self.near = edges, np.zeros(edges.shape[0], dtype=np.int32)
+        self.near_count, self.near_x_m = 0, _INFINITY
+
+    def touch(self, normal_x: cython.double, normal_y: cython.double) -> None:
+        """Touch one thing, in the direction against this unit vector."""
+        self.touch_edge[0], self.touch_x[0], self.touch_y[0] = 0, normal_x, normal_y
+        self.touches = 1
+
+    def normals(self) -> list[tuple[float, float]]:
+        """Give the unit vector from each thing touched to the disc's centre."""
+        return [(self.touch_x[i], self.touch_y[i]) for i in range(self.touches)]
+
+    def draws_used(self) -> int:
+        """How many of the draws for the slip are used up."""
+        return self.slip_at
+
+    def take_draws(self, draws: Floats) -> None:
+        """Put new draws for the slip, as many as are used, after those that are left."""
+        left: cython.int = SLIP_DRAWS - self.slip_at
+        k: cython.int
+        for k in range(left):
+            self.slips[k] = self.slips[self.slip_at + k]
+        for k in range(self.slip_at):
+            self.slips[left + k] = draws[k]
+        self.slip_at = 0
+
+
+@cython.ccall
+@cython.exceptval(check=False)
+def switch(left: cython.double, right: cython.double, b: Body) -> cython.void:
     """Give the motors what the bridges make of the battery's voltage at these duties (-1..1)."""
-    supply_v, drop_v = b[SUPPLY_V], b[DROP_V]
-    if supply_v - RAIL_DROPOUT_V < BRIDGE_LOGIC_V:
+    supply_v, drop_v = b.supply_v, b.drop_v
+    if supply_v - _RAIL_DROPOUT_V < _BRIDGE_LOGIC_V:
         left = right = 0.0
-    b[DUTY_L], b[DUTY_R] = left, right
-    over_l, over_r = abs(left) * supply_v - drop_v, abs(right) * supply_v - drop_v
-    b[VOLT_L] = 0.0 if over_l <= 0.0 else over_l if left > 0.0 else -over_l
-    b[VOLT_R] = 0.0 if over_r <= 0.0 else over_r if right > 0.0 else -over_r
+    b.left.duty, b.right.duty = left, right
+    over_l, over_r = fabs(left) * supply_v - drop_v, fabs(right) * supply_v - drop_v
+    b.left.volt = 0.0 if over_l <= 0.0 else over_l if left > 0.0 else -over_l
+    b.right.volt = 0.0 if over_r <= 0.0 else over_r if right > 0.0 else -over_r
 
 
-@compiled
-def _turn(side: int, load_n: float, blocked_v: float, b: Floats) -> float:
-    """Turn one wheel (0: left) by an exact first-order lag; gives by how much (rad).
+@cython.cfunc
+@cython.exceptval(check=False)
+def _turn(wheel: Wheel, load_n: cython.double, blocked_v: cython.double, b: Body) -> cython.double:
+    """Turn one wheel by an exact first-order lag; gives by how much (rad).
 
     Friction holds it as it passes rest. What its motor took is booked; what a braking motor
     gives back, the bridge burns.
     """
-    rad_s, volt, emf = b[SPEED_L + side], b[VOLT_L + side], b[BACK_EMF]
+    rad_s, volt, emf = wheel.rad_s, wheel.volt, b.back_emf_v_s
     after = turn = squared = 0.0
-    if b[STUCK_L + side] == 0.0:
-        net_v = volt - (b[SLOPE_N_L + side] + load_n) * b[LOAD_V_N]
-        drag_v = b[FRICTION_V] + b[CARPET_N_L + side] * b[LOAD_V_N] + blocked_v
+    if not wheel.stuck:
+        net_v = volt - (wheel.slope_n + load_n) * b.load_v_n
+        drag_v = b.friction_v + wheel.carpet_n * b.load_v_n + blocked_v
         target = 0.0
         if rad_s > 0.0 or (rad_s == 0.0 and net_v > drag_v):
             target = (net_v - drag_v) / emf
         elif rad_s < 0.0 or net_v < -drag_v:
             target = (net_v + drag_v) / emf
-        decay, tau, above = b[DECAY], b[TAU], rad_s - target
+        decay, tau, above = b.decay, b.tau_s, rad_s - target
         change = (target - rad_s) * decay
-        after, turn = rad_s + change, target * TICK_S - change * tau
-        squared = target * target * TICK_S + above * tau * (
+        after, turn = rad_s + change, target * _TICK_S - change * tau
+        squared = target * target * _TICK_S + above * tau * (
             2.0 * target * decay + 0.5 * above * (1.0 - (1.0 - decay) * (1.0 - decay))
         )
         if after * rad_s < 0.0:
-            after, turn = 0.0, 0.5 * TICK_S * rad_s
-            squared = TICK_S * rad_s * rad_s / 3.0
-    b[SPEED_L + side] = after
-    b[ANGLE_L + side] += turn
-    charge = (volt * TICK_S - emf * turn) / b[RESISTANCE]
-    shaft = emf * (volt * turn - emf * squared) / b[RESISTANCE]
-    drawn = max(0.0, b[DUTY_L + side] * charge)
-    b[DRAWN_C] += drawn
-    b[BRIDGE_J] += drawn * b[SUPPLY_V] - volt * charge
-    b[WINDING_J] += volt * charge - shaft
-    b[SHAFT_J] += shaft
+            after, turn = 0.0, 0.5 * _TICK_S * rad_s
+            squared = _TICK_S * rad_s * rad_s / 3.0
+    wheel.rad_s = after
+    wheel.angle_rad += turn
+    charge = (volt * _TICK_S - emf * turn) / b.resistance_ohm
+    shaft = emf * (volt * turn - emf * squared) / b.resistance_ohm
+    drawn = max(0.0, wheel.duty * charge)
+    b.drawn_c += drawn
+    b.bridge_j += drawn * b.supply_v - volt * charge
+    b.winding_j += volt * charge - shaft
+    b.shaft_j += shaft
     return turn
 
 
-@compiled
-def _offset(x: float, y: float, i: int, edges: Floats) -> tuple[float, float]:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _offset(x: cython.double, y: cython.double, i: cython.int, edges: FloatGrid) -> Pair:
     """Vector to a point from the closest one of an edge."""
     dx, dy = x - edges[i, 0], y - edges[i, 1]
     t = (dx * edges[i, 2] + dy * edges[i, 3]) * edges[i, 4]
@@ -138,82 +346,94 @@ def _offset(x: float, y: float, i: int, edges: Floats) -> tuple[float, float]:
     return dx, dy
 
 
-@compiled
-def _measure_gap(b: Floats, edges: Floats, w: Floats) -> None:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _measure_gap(b: Body) -> cython.void:
     """Distance from the disc to what it could touch, exact when it is small."""
-    gone = hypot(b[X] - b[NEAR_X], b[Y] - b[NEAR_Y])
+    gone = hypot(b.x_m - b.near_x_m, b.y_m - b.near_y_m)
+    count: cython.int = 0
+    k: cython.int
     if not gone <= _NEAR_MOVED_M:
-        gone, count, within = 0.0, 0, b[BODY_RADIUS] + _NEAR_M
-        for i in range(edges.shape[0]):
-            dx, dy = _offset(b[X], b[Y], i, edges)
+        gone, within = 0.0, b.radius_m + _NEAR_M
+        for k in range(b.edges.shape[0]):
+            dx, dy = _offset(b.x_m, b.y_m, k, b.edges)
             if dx * dx + dy * dy <= within * within:
-                w[NEAR + count] = i
+                b.near[count] = k
                 count += 1
-        b[NEAR_COUNT], b[NEAR_X], b[NEAR_Y] = count, b[X], b[Y]
+        b.near_count, b.near_x_m, b.near_y_m = count, b.x_m, b.y_m
     gap = _NEAR_M - gone
-    for k in range(int(b[NEAR_COUNT])):
-        dx, dy = _offset(b[X], b[Y], int(w[NEAR + k]), edges)
-        gap = min(gap, sqrt(dx * dx + dy * dy) - b[BODY_RADIUS])
-    if b[MAN_R] > 0.0:
-        gap = min(gap, hypot(b[X] - b[MAN_X], b[Y] - b[MAN_Y]) - b[MAN_R] - b[BODY_RADIUS])
-    b[GAP] = gap
+    for k in range(b.near_count):
+        dx, dy = _offset(b.x_m, b.y_m, b.near[k], b.edges)
+        gap = min(gap, sqrt(dx * dx + dy * dy) - b.radius_m)
+    if b.walker_radius_m > 0.0:
+        apart = hypot(b.x_m - b.walker_x_m, b.y_m - b.walker_y_m)
+        gap = min(gap, apart - b.walker_radius_m - b.radius_m)
+    b.gap_m = gap
 
 
-@compiled
-def _free(push: bool, b: Floats, edges: Floats, w: Floats) -> float:  # noqa: FBT001 - as told
+@cython.cfunc
+@cython.exceptval(check=False)
+def _free(push: cython.bint, b: Body) -> cython.double:
     """Push the disc out of the walker, then of each edge in turn; gives the least gap met.
 
     Without ``push`` it only looks. For the gap only walls count: a walker is soft, and gives
     way in a wedge.
     """
-    least, count = _CAREFUL_M, 0
-    walker = b[MAN_R] > 0.0
-    for k in range(int(b[NEAR_COUNT]) + walker):
-        edge = WALKER if walker and k == 0 else int(w[NEAR + k - walker])
-        if edge == WALKER:
-            dx, dy = b[AT_X] - b[MAN_X], b[AT_Y] - b[MAN_Y]
-            radius = b[BODY_RADIUS] + b[MAN_R]
+    least = _CAREFUL_M
+    count: cython.int = 0
+    edge: cython.int
+    k: cython.int
+    walker: cython.int = 1 if b.walker_radius_m > 0.0 else 0
+    for k in range(b.near_count + walker):
+        edge = _WALKER if walker and k == 0 else b.near[k - walker]
+        if edge == _WALKER:
+            dx, dy = b.at_x_m - b.walker_x_m, b.at_y_m - b.walker_y_m
+            radius = b.radius_m + b.walker_radius_m
         else:
-            dx, dy = _offset(b[AT_X], b[AT_Y], edge, edges)
-            radius = b[BODY_RADIUS]
+            dx, dy = _offset(b.at_x_m, b.at_y_m, edge, b.edges)
+            radius = b.radius_m
         distance = sqrt(dx * dx + dy * dy)
         gap = distance - radius
-        if gap < TOUCH_M and distance > 0.0:
+        if gap < _TOUCH_M and distance > 0.0:
             dx, dy = dx / distance, dy / distance
-            if count < MAX_TOUCHES:
-                w[3 * count], w[3 * count + 1], w[3 * count + 2] = edge, dx, dy
+            if count < _MAX_TOUCHES:
+                b.touch_edge[count], b.touch_x[count], b.touch_y[count] = edge, dx, dy
                 count += 1
-            if edge == WALKER:
+            if edge == _WALKER:
                 gap = max(gap, -_SHOVE_M)
-            if push and gap < -PENETRATION_M:
-                b[AT_X] -= gap * dx
-                b[AT_Y] -= gap * dy
-        if edge == WALKER:
+            if push and gap < -_PENETRATION_M:
+                b.at_x_m -= gap * dx
+                b.at_y_m -= gap * dy
+        if edge == _WALKER:
             gap = max(gap, 0.0)
         least = min(least, gap)
-    b[TOUCHES] = count
+    b.touches = count
     return least
 
 
-@compiled
-def _settle(b: Floats, edges: Floats, w: Floats) -> bool:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _settle(b: Body) -> cython.bint:
     """Push the disc out of all that it is in; whether it is free then."""
     for _ in range(_PASSES):
-        b[GAP] = _free(True, b, edges, w)  # noqa: FBT003 - positional, as kernels are called
-        if b[GAP] >= -PENETRATION_M:
+        b.gap_m = _free(True, b)  # noqa: FBT003 - positional, as kernels are called
+        if b.gap_m >= -_PENETRATION_M:
             return True
     return False
 
 
-@compiled
-def _move(dx: float, dy: float, b: Floats, edges: Floats, w: Floats) -> None:
-    """Move the disc as far as the walls let it; ``AT`` gets where it ends.
+@cython.cfunc
+@cython.exceptval(check=False)
+def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
+    """Move the disc as far as the walls let it; ``at`` gets where it ends.
 
     Walls touched take the part into them, and Coulomb's friction some of what is left.
     """
-    blocked, count = 0.0, int(b[TOUCHES])
+    blocked = 0.0
+    count = b.touches
+    k: cython.int
     for k in range(2 * count):  # twice: a corner's second wall may send it into the first
-        nx, ny = w[3 * (k % count) + 1], w[3 * (k % count) + 2]
+        nx, ny = b.touch_x[k % count], b.touch_y[k % count]
         into = dx * nx + dy * ny
         if into < 0.0:
             dx -= into * nx
@@ -221,187 +441,290 @@ def _move(dx: float, dy: float, b: Floats, edges: Floats, w: Floats) -> None:
             blocked -= into
     if blocked > 0.0:
         along = hypot(dx, dy)
-        kept = along - b[WALL_FRICTION] * blocked
-        wedged = False
+        kept = along - b.wall_friction * blocked
+        wedged: cython.bint = False
         for k in range(count if count > 1 else 0):
-            wedged = wedged or dx * w[3 * k + 1] + dy * w[3 * k + 2] < -PENETRATION_M
+            wedged = wedged or dx * b.touch_x[k] + dy * b.touch_y[k] < -_PENETRATION_M
         if wedged or kept <= 0.0:
             dx = dy = 0.0
         else:
             dx, dy = dx * kept / along, dy * kept / along
-    b[AT_X], b[AT_Y] = b[X] + dx, b[Y] + dy
-    if _settle(b, edges, w):
+    b.at_x_m, b.at_y_m = b.x_m + dx, b.y_m + dy
+    if _settle(b):
         return
     # a wedge too narrow to go into: as far as its second side, which is touched then
-    share, step, end_x, end_y = 0.0, 0.5, b[X], b[Y]
+    share, step, end_x, end_y = 0.0, 0.5, b.x_m, b.y_m
     for _ in range(_HALVINGS):
-        b[AT_X], b[AT_Y] = b[X] + (share + step) * dx, b[Y] + (share + step) * dy
-        if _settle(b, edges, w):
-            share, end_x, end_y = share + step, b[AT_X], b[AT_Y]
+        b.at_x_m, b.at_y_m = b.x_m + (share + step) * dx, b.y_m + (share + step) * dy
+        if _settle(b):
+            share, end_x, end_y = share + step, b.at_x_m, b.at_y_m
         step *= 0.5
-    b[AT_X], b[AT_Y] = end_x, end_y
-    b[GAP] = _free(False, b, edges, w)  # noqa: FBT003 - positional, as kernels are called
+    b.at_x_m, b.at_y_m = end_x, end_y
+    b.gap_m = _free(False, b)  # noqa: FBT003 - positional, as kernels are called
 
 
-@compiled
-def _count_contact(vx: float, vy: float, known: int, b: Floats, w: Floats) -> None:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _count_contact(vx: cython.double, vy: cython.double, known: cython.int, b: Body) -> cython.void:
     """Count a millisecond in contact, and a collision where one began in it.
 
     That is a fast touch of an edge not among the ``known`` ones touched a millisecond before;
     a slow one counts nothing.
     """
-    if b[TICK] - b[LAST_MS] > REARM_MS:
-        b[ARMED] = 1.0
-    for k in range(int(b[TOUCHES])):
+    new: cython.bint
+    if b.tick - b.last_ms > _REARM_MS:
+        b.armed = True
+    for k in range(b.touches):
         new = True
         for j in range(known):
-            new = new and w[KNOWN + j] != w[3 * k]
-        ux, uy = (vx - b[MAN_VX], vy - b[MAN_VY]) if w[3 * k] == WALKER else (vx, vy)
-        closing = -(ux * w[3 * k + 1] + uy * w[3 * k + 2])
-        if new and b[ARMED] > 0.0 and closing > COLLISION_SPEED_M_S:
-            b[COLLISIONS] += 1.0
-            b[ARMED] = 0.0
-    b[LAST_MS] = b[TICK]
-    b[CONTACT_MS] += 1.0
+            new = new and b.known[j] != b.touch_edge[k]
+        ux, uy = vx, vy
+        if b.touch_edge[k] == _WALKER:
+            ux, uy = vx - b.walker_vx_m_s, vy - b.walker_vy_m_s
+        closing = -(ux * b.touch_x[k] + uy * b.touch_y[k])
+        if new and b.armed and closing > _COLLISION_SPEED_M_S:
+            b.collisions += 1
+            b.armed = False
+    b.last_ms = b.tick
+    b.contact_ms += 1.0
 
 
-@compiled
-def _blocked(push: float, b: Floats, w: Floats) -> float:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _blocked(push: cython.double, b: Body) -> cython.double:
     """How straight the wheels push (forwards or backwards) into what is touched, 0..1."""
-    if b[HELD] > 0.0:
+    if b.held:
         return 1.0
-    c, d = push * cos(b[THETA]), push * sin(b[THETA])
+    c, d = push * cos(b.theta_rad), push * sin(b.theta_rad)
     blocked = 0.0
-    for k in range(int(b[TOUCHES])):
-        blocked = max(blocked, -(c * w[3 * k + 1] + d * w[3 * k + 2]))
+    for k in range(b.touches):
+        blocked = max(blocked, -(c * b.touch_x[k] + d * b.touch_y[k]))
     return blocked
 
 
-@compiled
-def _grip(grip: float, wheel: float, turn: float, load_n: float, b: Floats) -> tuple[float, float]:
-    """Let the floor follow a wheel as fast as traction allows: speed after, and turn gripped."""
-    least = grip - (b[TRACTION_N] + load_n) * b[RAD_S_PER_N]
-    most = grip + (b[TRACTION_N] - load_n) * b[RAD_S_PER_N]
-    if least <= wheel <= most:
-        return wheel, turn
-    after = least if wheel < least else most
+@cython.cfunc
+@cython.exceptval(check=False)
+def _grip(wheel: Wheel, turn: cython.double, b: Body) -> cython.double:
+    """Let the floor follow a wheel as fast as traction allows; gives the turn gripped."""
+    grip, load_n = wheel.grip_rad_s, wheel.slope_n
+    least = grip - (b.traction_n + load_n) * b.rad_s_per_n
+    most = grip + (b.traction_n - load_n) * b.rad_s_per_n
+    if least <= wheel.rad_s <= most:
+        wheel.grip_rad_s = wheel.rad_s
+        return turn
+    after = least if wheel.rad_s < least else most
     if load_n != 0.0:
-        after -= after * (TICK_S / _BOUNCE_S)
-    return after, 0.5 * (grip + after) * TICK_S
+        after -= after * (_TICK_S / _BOUNCE_S)
+    wheel.grip_rad_s = after
+    return 0.5 * (grip + after) * _TICK_S
 
 
-@compiled
-def _pose_tick(  # noqa: PLR0913, PLR0917 - positional, as kernels are called
-    ds: float, dth: float, v: float, b: Floats, edges: Floats, w: Floats
-) -> None:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _pose_tick(ds: cython.double, dth: cython.double, v: cython.double, b: Body) -> cython.void:
     """Move the body by ``ds`` along the tick's middle heading, as far as it is let."""
-    mid = b[THETA] + 0.5 * dth
+    mid = b.theta_rad + 0.5 * dth
     c, d = cos(mid), sin(mid)
     dx, dy = ds * c, ds * d
-    travel = abs(ds)
-    man_step = 0.0
-    if b[MAN_MS] > 0.0:
-        b[MAN_MS] -= 1.0
-        b[MAN_X] += b[MAN_VX] * TICK_S
-        b[MAN_Y] += b[MAN_VY] * TICK_S
-        man_step = hypot(b[MAN_VX], b[MAN_VY]) * TICK_S
-    reach = travel + man_step + TOUCH_M
-    if b[TOUCHES] == 0.0 and b[DISTURBED] == 0.0:
-        b[GAP] -= man_step
-        if not b[GAP] > reach:
-            _measure_gap(b, edges, w)
-        if b[GAP] > reach:
-            b[GAP] -= travel
-            b[X] += dx
-            b[Y] += dy
-            b[THETA] += dth
-            b[SWAY] += ds * dth
-            b[PATH] += travel
+    travel = fabs(ds)
+    walker_step = 0.0
+    if b.walker_ms > 0.0:
+        b.walker_ms -= 1.0
+        b.walker_x_m += b.walker_vx_m_s * _TICK_S
+        b.walker_y_m += b.walker_vy_m_s * _TICK_S
+        walker_step = hypot(b.walker_vx_m_s, b.walker_vy_m_s) * _TICK_S
+    reach = travel + walker_step + _TOUCH_M
+    if b.touches == 0 and not b.disturbed:
+        b.gap_m -= walker_step
+        if not b.gap_m > reach:
+            _measure_gap(b)
+        if b.gap_m > reach:
+            b.gap_m -= travel
+            b.x_m += dx
+            b.y_m += dy
+            b.theta_rad += dth
+            b.sway += ds * dth
+            b.path_m += travel
             return
-    known = int(b[TOUCHES])
-    c0, d0 = cos(b[THETA]), sin(b[THETA])
+    known = b.touches
+    c0, d0 = cos(b.theta_rad), sin(b.theta_rad)
     vx, vy = v * c0, v * d0
     if known > 0:
-        for k in range(known):  # a slice would compile an error's whole text with it: seconds
-            w[KNOWN + k] = w[3 * k]
-        vx = b[SLIDE_V] * c0 - b[SLIDE_LATERAL] * d0
-        vy = b[SLIDE_V] * d0 + b[SLIDE_LATERAL] * c0
-    b[AT_X], b[AT_Y] = b[X], b[Y]
-    if travel > 0.0 or man_step > 0.0 or b[DISTURBED] > 0.0:
-        _measure_gap(b, edges, w)  # for the list of what is near
-        _move(dx, dy, b, edges, w)
-        b[DISTURBED] = 0.0
+        for k in range(known):
+            b.known[k] = b.touch_edge[k]
+        vx = b.slide_v_m_s * c0 - b.slide_aside_m_s * d0
+        vy = b.slide_v_m_s * d0 + b.slide_aside_m_s * c0
+    b.at_x_m, b.at_y_m = b.x_m, b.y_m
+    if travel > 0.0 or walker_step > 0.0 or b.disturbed:
+        _measure_gap(b)  # for the list of what is near
+        _move(dx, dy, b)
+        b.disturbed = False
     ahead, aside = ds, 0.0
-    if b[AT_X] != b[X] + dx or b[AT_Y] != b[Y] + dy:
-        gone_x, gone_y = b[AT_X] - b[X], b[AT_Y] - b[Y]
+    if b.at_x_m != b.x_m + dx or b.at_y_m != b.y_m + dy:
+        gone_x, gone_y = b.at_x_m - b.x_m, b.at_y_m - b.y_m
         ahead, aside = gone_x * c + gone_y * d, gone_y * c - gone_x * d
         travel = hypot(gone_x, gone_y)
-    b[SLIDE_V], b[SLIDE_LATERAL] = ahead / TICK_S, aside / TICK_S
-    b[SLIDE_SWAY] += aside * dth
-    b[X], b[Y] = b[AT_X], b[AT_Y]
-    b[THETA] += dth
-    b[SWAY] += ahead * dth
-    b[PATH] += travel
-    if b[TOUCHES] > 0.0:
-        _count_contact(vx, vy, known, b, w)
+    b.slide_v_m_s, b.slide_aside_m_s = ahead / _TICK_S, aside / _TICK_S
+    b.slide_sway += aside * dth
+    b.x_m, b.y_m = b.at_x_m, b.at_y_m
+    b.theta_rad += dth
+    b.sway += ahead * dth
+    b.path_m += travel
+    if b.touches > 0:
+        _count_contact(vx, vy, known, b)
 
 
-@compiled
-def _tick(b: Floats, edges: Floats, w: Floats) -> None:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _tick(b: Body) -> cython.void:
     """Let a millisecond pass."""
-    v = b[TRAVEL_L] * b[GRIP_L] + b[TRAVEL_R] * b[GRIP_R]
-    b[GRAVITY_X] += b[TILT_X] * TICK_S
-    b[GRAVITY_Y] += b[TILT_Y] * TICK_S
+    left, right = b.left, b.right
+    v = left.travel_m_rad * left.grip_rad_s + right.travel_m_rad * right.grip_rad_s
+    b.gravity_x_m_s += b.tilt_x_m_s2 * _TICK_S
+    b.gravity_y_m_s += b.tilt_y_m_s2 * _TICK_S
     caster_l = caster_r = 0.0
-    aside = b[CASTER_X] * (b[YAW_R] * b[GRIP_R] - b[YAW_L] * b[GRIP_L])
+    yaw_rad_s = right.yaw_rad_rad * right.grip_rad_s - left.yaw_rad_rad * left.grip_rad_s
+    aside = b.caster_x_m * yaw_rad_s
     speed = sqrt(v * v + aside * aside)
-    if speed > 0.0 and b[CASTER_N] > 0.0:
-        straight = 0.5 * b[CASTER_N] * v / speed
-        turning = b[CASTER_N] * aside / speed * b[CASTER_X] / b[WHEEL_BASE]
+    if speed > 0.0 and b.caster_n > 0.0:
+        straight = 0.5 * b.caster_n * v / speed
+        turning = b.caster_n * aside / speed * b.caster_x_m / b.wheel_base_m
         caster_l, caster_r = straight - turning, straight + turning
-    volt_l, volt_r = b[VOLT_L], b[VOLT_R]
     blocked_l = blocked_r = 0.0
-    if (b[TOUCHES] > 0.0 or b[HELD] > 0.0) and abs(volt_l) + abs(volt_r) > 0.0:
-        push = (volt_l + volt_r) / (abs(volt_l) + abs(volt_r))
-        blocked_v = _blocked(push, b, w) * b[TRACTION_N] * b[LOAD_V_N]
-        blocked_l = blocked_v if volt_l * push > 0.0 else 0.0
-        blocked_r = blocked_v if volt_r * push > 0.0 else 0.0
-    turn_l = _turn(0, caster_l, blocked_l, b)
-    turn_r = _turn(1, caster_r, blocked_r, b)
-    b[TICK] += 1.0
-    if b[LIFTED] > 0.0 or b[HELD] > 0.0:
-        b[GRIP_L] = b[GRIP_R] = b[SLIDE_V] = b[SLIDE_LATERAL] = 0.0
-        if b[HELD] > 0.0 and b[LIFTED] == 0.0:
-            b[LAST_MS] = b[TICK]
-            b[CONTACT_MS] += 1.0
+    volts = fabs(left.volt) + fabs(right.volt)
+    if (b.touches > 0 or b.held) and volts > 0.0:
+        push = (left.volt + right.volt) / volts
+        blocked_v = _blocked(push, b) * b.traction_n * b.load_v_n
+        blocked_l = blocked_v if left.volt * push > 0.0 else 0.0
+        blocked_r = blocked_v if right.volt * push > 0.0 else 0.0
+    turn_l = _turn(left, caster_l, blocked_l, b)
+    turn_r = _turn(right, caster_r, blocked_r, b)
+    b.tick += 1.0
+    if b.lifted or b.held:
+        left.grip_rad_s = right.grip_rad_s = b.slide_v_m_s = b.slide_aside_m_s = 0.0
+        if b.held and not b.lifted:
+            b.last_ms = b.tick
+            b.contact_ms += 1.0
         return
-    b[GRIP_L], turn_l = _grip(b[GRIP_L], b[SPEED_L], turn_l, b[SLOPE_N_L], b)
-    b[GRIP_R], turn_r = _grip(b[GRIP_R], b[SPEED_R], turn_r, b[SLOPE_N_R], b)
-    ds = b[TRAVEL_L] * turn_l + b[TRAVEL_R] * turn_r
-    dth = b[YAW_R] * turn_r - b[YAW_L] * turn_l
-    _pose_tick(ds, dth, v, b, edges, w)
+    turn_l = _grip(left, turn_l, b)
+    turn_r = _grip(right, turn_r, b)
+    ds = left.travel_m_rad * turn_l + right.travel_m_rad * turn_r
+    dth = right.yaw_rad_rad * turn_r - left.yaw_rad_rad * turn_l
+    _pose_tick(ds, dth, v, b)
 
 
-@compiled
-def advance(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
-    ticks: int, left: float, right: float, b: Floats, edges: Floats, w: Floats
-) -> None:
+def advance(ticks: cython.int, left: cython.double, right: cython.double, b: Body) -> None:
     """Let ``ticks`` milliseconds pass.
 
     Args:
-        ticks: How many, not beyond the next whole ``SLOW_TICKS``, during which no parameter
+        ticks: How many, not beyond the next whole ``SLOW_MS``, during which no parameter
             changes; with 0 it only feels for walls.
         left: Duty of the left motor, -1..1; so ``right``.
         right: See ``left``.
-        b: The body, ``BODY`` long; changed.
-        edges: Of the room, as in ``ray_kernel``.
-        w: Room to work in: ``NEAR``, and as many more as there are edges.
+        b: The body; changed.
 
     """
     switch(left, right, b)
     if ticks == 0:
-        _measure_gap(b, edges, w)
-        _move(0.0, 0.0, b, edges, w)
-        b[X], b[Y] = b[AT_X], b[AT_Y]
+        _measure_gap(b)
+        _move(0.0, 0.0, b)
+        b.x_m, b.y_m = b.at_x_m, b.at_y_m
     for _ in range(ticks):
-        _tick(b, edges, w)
+        _tick(b)
+
+
+@cython.ccall
+@cython.exceptval(check=False)
+def sag(b: Body) -> cython.void:
+    """Work out the battery's voltage at its charge and current, as ``power`` tells."""
+    charge = b.charge_ah / b.capacity_ah
+    ohm = b.battery_ohm
+    open_v = b.full_v * (b.empty_ratio + (1.0 - b.empty_ratio) * charge)
+    if charge < b.knee:
+        depth = 1.0 - charge / b.knee
+        open_v *= 1.0 - b.knee_fall * depth
+        ohm *= 1.0 + b.knee_resistance * depth
+    supply_v = open_v - b.current_a * ohm
+    if supply_v < 0.0 or charge == 0.0:
+        supply_v = 0.0
+    b.open_v, b.supply_v = open_v, supply_v
+    if supply_v >= _RAIL_WHOLE_V:
+        b.electronics_a = b.electronics_w / supply_v
+    else:  # the rail's load takes less
+        b.electronics_a = b.electronics_w / _RAIL_WHOLE_V if supply_v > 0.0 else 0.0
+
+
+@cython.ccall
+@cython.exceptval(check=False)
+def settle(b: Body) -> cython.void:
+    """Let the battery feel what was drawn since the last time.
+
+    Its voltage was constant meanwhile: it follows the current of the time before.
+    """
+    duration_s = (b.tick - b.settled_ms) * _TICK_S
+    if duration_s > 0.0:
+        electronics_c = b.electronics_a * duration_s
+        b.electronics_j += electronics_c * b.supply_v
+        charge_c = b.drawn_c - b.settled_c + electronics_c
+        b.battery_j += charge_c * b.supply_v
+        b.internal_j += charge_c * (b.open_v - b.supply_v)
+        b.current_a = charge_c / duration_s
+        b.charge_ah = max(0.0, b.charge_ah - charge_c / _SECONDS_PER_HOUR)
+        b.settled_ms, b.settled_c = b.tick, b.drawn_c
+    sag(b)
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _tread_wheel(wheel: Wheel, b: Body) -> cython.void:
+    kept = b.unslipped - wheel.slip - wheel.carpet_slip - wheel.extra_slip
+    metres = wheel.radius_m * kept if kept > 0.0 else 0.0
+    wheel.travel_m_rad, wheel.yaw_rad_rad = 0.5 * metres, metres / b.wheel_base_m
+
+
+@cython.ccall
+@cython.exceptval(check=False)
+def tread(b: Body) -> cython.void:
+    """Work out what a radian of each wheel is worth on the floor, slip taken off."""
+    _tread_wheel(b.left, b)
+    _tread_wheel(b.right, b)
+
+
+def felt(b: Body) -> Felt:
+    """Give what is asked for each time.
+
+    Returns:
+        Place and heading, both wheels' angles, the specific impulses ahead and to the left as
+        ``Truth`` has them, and the battery's voltage.
+
+    """
+    left, right = b.left, b.right
+    v = left.travel_m_rad * left.grip_rad_s + right.travel_m_rad * right.grip_rad_s
+    aside = 0.0
+    if b.touches:
+        v, aside = b.slide_v_m_s, b.slide_aside_m_s
+    return (
+        b.x_m,
+        b.y_m,
+        b.theta_rad,
+        left.angle_rad,
+        right.angle_rad,
+        v - b.slide_sway / _TICK_S + b.gravity_x_m_s,
+        aside + b.sway / _TICK_S + b.gravity_y_m_s,
+        b.supply_v,
+    )
+
+
+def renew(b: Body) -> Felt:
+    """Let the battery feel the last ``SLOW_MS`` and the slip wander; gives what ``felt`` does.
+
+    Two draws for the slip are used up while the wheels slip.
+    """
+    settle(b)
+    if b.wanders and b.slip_kick > 0.0:
+        left, right, at = b.left, b.right, b.slip_at
+        left.slip += b.slip_kick * b.slips[at] - b.slip_fade * left.slip
+        right.slip += b.slip_kick * b.slips[at + 1] - b.slip_fade * right.slip
+        b.slip_at += 2
+        tread(b)
+    return felt(b)

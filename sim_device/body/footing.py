@@ -8,20 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.floor_plan.floor_plan import contains
-from sim_device.body import drive_kernel as k
-from sim_device.body.drive_kernel import TICK_S
-from sim_device.body.slow_kernel import SLOW_MS, tread
+from sim_device.body.drive_kernel import SLIP_DRAWS, SLOW_MS, TICK_S, tread
 from sim_device.noise import SLIP_TIME_S, Draws
-from sim_device.world.terrain import (
-    AWAY,
-    HEIGHT,
-    LOAD_LEFT,
-    LOAD_RIGHT,
-    PITCH,
-    ROLL,
-    carpet_under,
-    climb,
-)
+from sim_device.world.terrain import Climb, Stance, carpet_under, climb
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,16 +19,15 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
     from sim_device.body.chassis import Chassis
+    from sim_device.body.drive_kernel import Body
     from sim_device.noise import NoiseLevel
     from sim_device.world.world import World
-
-    Floats = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.80665
 _FADE = SLOW_MS * TICK_S / SLIP_TIME_S
 _FASTEST_M_TICK = 0.005
 """Nothing moves the robot faster than this in a millisecond, a walker who pushes it included."""
-_PERIODS = k.SLIP_DRAWS // 2
+_PERIODS = SLIP_DRAWS // 2
 
 
 class Footing:
@@ -52,7 +40,7 @@ class Footing:
         noise: NoiseLevel,
         parts: Draws,
         slip: Draws,
-        body: Floats,
+        body: Body,
     ) -> None:
         """Draw this robot's wheels from ``parts`` and its slip from ``slip``, which it owns."""
         common = 1.0 + parts.tolerance(noise.wheel_diameter_error)
@@ -67,40 +55,35 @@ class Footing:
         self.periods_left = 0
         """For how many more 10 ms there are draws for the slip."""
         self._normals = slip.normals
-        self._felt = np.zeros(6)
+        self._felt = Climb()
         self._felt_before_m = 0.0
         weight_n = chassis.mass_kg * GRAVITY_M_S2
         share = chassis.wheel_share
-        self._stance = np.array(
-            [
-                self.wheel_base_m,
-                nominal_m,
-                chassis.caster_x_m,
-                chassis.caster_radius_m,
-                0.5 * weight_n * share,
-                weight_n * (1.0 - share),
-            ],
+        self._stance = Stance(
+            self.wheel_base_m,
+            nominal_m,
+            chassis.caster_x_m,
+            chassis.caster_radius_m,
+            0.5 * weight_n * share,
+            weight_n * (1.0 - share),
         )
         self._b = b = body
-        b[k.WHEEL_BASE] = self.wheel_base_m
-        b[k.RADIUS_L], b[k.RADIUS_R] = self.left_radius_m, self.right_radius_m
-        b[k.SLIP_KICK] = noise.slip_sigma * (2.0 * _FADE) ** 0.5
-        b[k.SLIP_FADE], b[k.UNSLIPPED] = _FADE, 1.0 - noise.slip_mean
-        b[k.SLIP_AT], b[k.WANDERS] = k.SLIP_DRAWS, 1.0
+        b.wheel_base_m = self.wheel_base_m
+        b.left.radius_m, b.right.radius_m = self.left_radius_m, self.right_radius_m
+        b.slip_kick = noise.slip_sigma * (2.0 * _FADE) ** 0.5
+        b.slip_fade, b.unslipped = _FADE, 1.0 - noise.slip_mean
         tread(b)
 
     def set_extra_slip(self, left: float, right: float) -> None:
         """Let each wheel lose this share more of its travel."""
-        self._b[k.EXTRA_L], self._b[k.EXTRA_R] = left, right
+        self._b.left.extra_slip, self._b.right.extra_slip = left, right
         tread(self._b)
 
-    def draw(self, room: Floats) -> None:
-        """Put new draws for the slip after those that are left in the kernels' ``room``."""
-        used = int(self._b[k.SLIP_AT])
-        if used and self._b[k.SLIP_KICK] > 0.0:
-            slips = room[k.SLIPS : k.SLIPS + k.SLIP_DRAWS]
-            slips[:] = np.concatenate((slips[used:], self._normals(used)))
-            self._b[k.SLIP_AT] = 0.0
+    def draw(self) -> None:
+        """Give the body new draws for the slip."""
+        used = self._b.draws_used()
+        if used and self._b.slip_kick > 0.0:
+            self._b.take_draws(np.array(self._normals(used)))
         self.periods_left = _PERIODS
 
     def look(self, world: World, pose: Pose2) -> bool:
@@ -114,38 +97,37 @@ class Footing:
         carpets, cliffs, half_m = world.carpets, world.plan.cliffs, 0.5 * self.wheel_base_m
         if len(carpets):
             dx, dy = -half_m * sin(theta_rad), half_m * cos(theta_rad)
-            b = self._b
-            b[k.CARPET_N_L], b[k.CARPET_L] = carpet_under(x_m + dx, y_m + dy, carpets)
-            b[k.CARPET_N_R], b[k.CARPET_R] = carpet_under(x_m - dx, y_m - dy, carpets)
-            tread(b)
+            left, right = self._b.left, self._b.right
+            left.carpet_n, left.carpet_slip = carpet_under(x_m + dx, y_m + dy, carpets)
+            right.carpet_n, right.carpet_slip = carpet_under(x_m - dx, y_m - dy, carpets)
+            tread(self._b)
         was = self.fallen
         if cliffs or was:
             self.fallen = wheel_over(pose, half_m, cliffs)
         return self.fallen != was
 
-    def on_thresholds(self, thresholds: Floats) -> int:
+    def on_thresholds(self, thresholds: NDArray[np.float64]) -> int:
         """Feel the thresholds for the next millisecond; give how many it holds for."""
         felt, b = self._felt, self._b
-        climb(b[k.X], b[k.Y], b[k.THETA], self._stance, thresholds, felt)
-        b[k.SLOPE_N_L], b[k.SLOPE_N_R] = felt[LOAD_LEFT], felt[LOAD_RIGHT]
-        self._tilt(float(felt[PITCH]), float(felt[ROLL]))
-        height_m = float(felt[HEIGHT])
+        climb(b.x_m, b.y_m, b.theta_rad, self._stance, thresholds, felt)
+        b.left.slope_n, b.right.slope_n = felt.load_left_n, felt.load_right_n
+        self._tilt(felt.pitch_rad, felt.roll_rad)
+        height_m = felt.height_m
         self.climb_m_s = (height_m - self._felt_before_m) / TICK_S
         self._felt_before_m = height_m
-        return 1 + int(min(felt[AWAY], 1.0) / _FASTEST_M_TICK)
+        return 1 + int(min(felt.away_m, 1.0) / _FASTEST_M_TICK)
 
     def off_floor(self) -> None:
         """Feel nothing of the floor any more."""
-        b = self._b
-        b[k.SLOPE_N_L] = b[k.SLOPE_N_R] = b[k.CARPET_N_L] = b[k.CARPET_N_R] = 0.0
-        b[k.CARPET_L] = b[k.CARPET_R] = 0.0
+        for wheel in (self._b.left, self._b.right):
+            wheel.slope_n = wheel.carpet_n = wheel.carpet_slip = 0.0
         self._felt_before_m = self.climb_m_s = 0.0
         self._tilt(0.0, 0.0)
 
     def _tilt(self, pitch_rad: float, roll_rad: float) -> None:
         self.pitch_rad, self.roll_rad = pitch_rad, roll_rad
-        self._b[k.TILT_X] = GRAVITY_M_S2 * sin(pitch_rad)
-        self._b[k.TILT_Y] = GRAVITY_M_S2 * sin(roll_rad)
+        self._b.tilt_x_m_s2 = GRAVITY_M_S2 * sin(pitch_rad)
+        self._b.tilt_y_m_s2 = GRAVITY_M_S2 * sin(roll_rad)
 
 
 def wheel_over(pose: Pose2, half_base_m: float, cliffs: tuple[Polygon, ...]) -> bool:

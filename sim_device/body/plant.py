@@ -25,24 +25,20 @@ from __future__ import annotations
 from math import atan2, hypot, isfinite
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from bridge.motion.geometry import Pose2, wrap_angle
-from sim_device.body import drive_kernel as k
 from sim_device.body.chassis import Chassis, PlantFaults, fill_parameters, set_lag
-from sim_device.body.drive_kernel import TICK_S, advance
+from sim_device.body.drive_kernel import SLOW_MS, TICK_S, Body, advance, felt, renew
 from sim_device.body.errors import DutyError, WalkerError
 from sim_device.body.footing import Footing
 from sim_device.body.motors import MotorParameters
 from sim_device.body.power import RAIL_V, RAIL_WHOLE_V, rail_5v_v
-from sim_device.body.slow_kernel import SLOW_MS, felt, renew
 from sim_device.body.supply import Supply
 from sim_device.body.truth import Inertial, Truth
 from sim_device.noise import Draws
 from sim_device.world.placing import pushed_free
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    import numpy as np
 
     from bridge.motion.robot_model import RobotModel
     from sim_device.body.power import BatteryParameters
@@ -82,19 +78,16 @@ class Plant:
         self.faults = PlantFaults()
         self.tick_ms = 0
         self._motor, self._chassis, self._model = motor, chassis, model
-        self._b = b = np.zeros(k.BODY)
+        self._b = b = Body()
         fill_parameters(b, motor, chassis, model)
         self._footing = Footing(model, chassis, noise, Draws(part_rng), Draws(slip_rng), b)
         self._supply = Supply(battery, model, b)
         self._applied = (False, False, 0.0, 0.0, False)
         """The faults as the kernels know them."""
         self._walker_ms = 0
-        b[[k.X, k.Y, k.THETA]] = world.plan.start
-        b[[k.NEAR_X, k.ARMED, k.LAST_MS]] = np.inf, 1.0, -k.REARM_MS
-        self._room = np.zeros(k.NEAR)
+        b.x_m, b.y_m, b.theta_rad = world.plan.start
         self.felt = felt(b)
-        """What ``slow_kernel.felt`` gives, at this tick; as quick to read as can be."""
-        self._read: list[float] | None = None
+        """What ``drive_kernel.felt`` gives, at this tick; as quick to read as can be."""
         set_lag(b, motor, chassis, model, lifted=False)
         self._world = world
         self._take_world(world)
@@ -121,27 +114,26 @@ class Plant:
         """Let ``n`` milliseconds pass."""
         if self.faults.touched:
             self._obey_faults()
-        b, room, supply, footing = self._b, self._room, self._supply, self._footing
+        b, supply, footing = self._b, self._supply, self._footing
         left, right = supply.left, supply.right
         while n > 0:
             ticks = SLOW_MS - self.tick_ms % SLOW_MS
             if n < ticks:  # noqa: PLR1730 - each period: no call
                 ticks = n
-            if self._uneven and not b[k.LIFTED]:
+            if self._uneven and not b.lifted:
                 ticks = min(ticks, footing.on_thresholds(self._world.thresholds))
-            advance(ticks, left, right, b, self._edges, room)
+            advance(ticks, left, right, b)
             self.tick_ms += ticks
             n -= ticks
             if self.tick_ms % SLOW_MS:
                 self.felt = felt(b)
                 continue
             if not footing.periods_left:
-                footing.draw(room)
+                footing.draw()
             footing.periods_left -= 1
-            self.felt = renew(b, room)
+            self.felt = renew(b)
             if self._varied and not self.faults.lifted:
                 self._look_at_floor()
-        self._read = None
 
     # What may happen to it.
 
@@ -158,21 +150,20 @@ class Plant:
         stall, it is in contact and does not move, until the world is replaced again. Neither
         counts as a collision: what appears has no speed.
         """
-        now = self._now()
-        place = pushed_free(self._world, world, now[k.X], now[k.Y])
-        if now[k.MAN_R] > 0.0:
+        b = self._b
+        x_m, y_m = b.x_m, b.y_m
+        place = pushed_free(self._world, world, x_m, y_m)
+        if b.walker_radius_m > 0.0:
             world = world.with_walker(*self._world.walker.tolist())
         self._take_world(world)
         self._footing.off_floor()
-        b = self._b
-        b[k.HELD] = place is None
+        b.held = place is None
         if place is None:
-            wall = world.nearest(now[k.X], now[k.Y])
-            side = 1.0 if world.is_floor(now[k.X], now[k.Y]) else -1.0
-            self._room[:3] = 0.0, side * wall.normal_x, side * wall.normal_y
-            b[k.TOUCHES] = 1.0
+            wall = world.nearest(x_m, y_m)
+            side = 1.0 if world.is_floor(x_m, y_m) else -1.0
+            b.touch(side * wall.normal_x, side * wall.normal_y)
         else:
-            b[k.X], b[k.Y] = place
+            b.x_m, b.y_m = place
             self._feel_walls()
         self._changed()
 
@@ -195,22 +186,24 @@ class Plant:
         self._walker_ms = self.tick_ms
         self._world = self._world.with_walker(x_m, y_m, radius_m)
         speed_x = speed_y = 0.0
-        if b[k.MAN_R] > 0.0 and 0 < steps <= _WALKER_GAP_MS:
-            speed_x = float(x_m - b[k.MAN_X]) / (steps * TICK_S)
-            speed_y = float(y_m - b[k.MAN_Y]) / (steps * TICK_S)
+        if b.walker_radius_m > 0.0 and 0 < steps <= _WALKER_GAP_MS:
+            speed_x = (x_m - b.walker_x_m) / (steps * TICK_S)
+            speed_y = (y_m - b.walker_y_m) / (steps * TICK_S)
         if not 0.0 < hypot(speed_x, speed_y) <= _WALKER_M_S:
-            b[k.MAN_X], b[k.MAN_Y] = x_m, y_m
+            b.walker_x_m, b.walker_y_m = x_m, y_m
             speed_x = speed_y = 0.0
             steps = 0
-        b[[k.MAN_R, k.MAN_VX, k.MAN_VY, k.MAN_MS]] = radius_m, speed_x, speed_y, steps
-        b[k.DISTURBED] = 1.0
+        b.walker_radius_m, b.walker_ms = radius_m, steps
+        b.walker_vx_m_s, b.walker_vy_m_s = speed_x, speed_y
+        b.disturbed = True
         self._changed()
 
     def clear_walker(self) -> None:
         """Let nobody walk in the room."""
         self._world = self._world.with_walker(0.0, 0.0, 0.0)
-        self._b[[k.MAN_R, k.MAN_VX, k.MAN_VY, k.MAN_MS]] = 0.0
-        self._b[k.DISTURBED] = 1.0
+        b = self._b
+        b.walker_radius_m = b.walker_vx_m_s = b.walker_vy_m_s = b.walker_ms = 0.0
+        b.disturbed = True
         self._changed()
 
     # What is so.
@@ -255,7 +248,7 @@ class Plant:
     def motor_currents_a(self) -> tuple[float, float]:
         """Left and right motor current at this tick."""
         (left_v, right_v), current_a, b = self._supply.bridges_v, self._motor.current_a, self._b
-        return current_a(left_v, float(b[k.SPEED_L])), current_a(right_v, float(b[k.SPEED_R]))
+        return current_a(left_v, b.left.rad_s), current_a(right_v, b.right.rad_s)
 
     @property
     def motor_voltages_v(self) -> tuple[float, float]:
@@ -296,77 +289,67 @@ class Plant:
     @property
     def held(self) -> bool:
         """Whether what was put into the room holds it; see ``replace_world``."""
-        return bool(self._b[k.HELD])
+        return self._b.held
 
     @property
     def touch_bearings_rad(self) -> tuple[float, ...]:
         """See ``Truth.touch_bearings_rad``."""
-        count = int(self._b[k.TOUCHES])
-        if not count:
+        if not self._b.touches:
             return ()
         theta = self.felt[2]
-        rows = self._room[: 3 * count].reshape(count, 3).tolist()
-        return tuple(wrap_angle(atan2(-ny, -nx) - theta) for _, nx, ny in rows)
+        return tuple(wrap_angle(atan2(-ny, -nx) - theta) for nx, ny in self._b.normals())
 
     @property
     def energy(self) -> EnergyBalance:
         """Where the battery's energy went."""
-        return self._supply.energy(self._now())
+        return self._supply.energy()
 
     @property
     def truth(self) -> Truth:
         """Everything at this tick."""
-        s = self._now()
+        b, left, right = self._b, self._b.left, self._b.right
         x_m, y_m, theta_rad, left_rad, right_rad, ahead_m_s, aside_m_s, _ = self.felt
-        v, lateral = s[k.TRAVEL_L] * s[k.GRIP_L] + s[k.TRAVEL_R] * s[k.GRIP_R], 0.0
-        if s[k.TOUCHES]:
-            v, lateral = s[k.SLIDE_V], s[k.SLIDE_LATERAL]
+        v = left.travel_m_rad * left.grip_rad_s + right.travel_m_rad * right.grip_rad_s
+        lateral = 0.0
+        if b.touches:
+            v, lateral = b.slide_v_m_s, b.slide_aside_m_s
         return Truth(
             tick_ms=self.tick_ms,
             pose=Pose2(x_m, y_m, wrap_angle(theta_rad)),
             heading_rad=theta_rad,
             v_m_s=v,
             v_lateral_m_s=lateral,
-            yaw_rate_rad_s=s[k.YAW_R] * s[k.GRIP_R] - s[k.YAW_L] * s[k.GRIP_L],
+            yaw_rate_rad_s=right.yaw_rad_rad * right.grip_rad_s
+            - left.yaw_rad_rad * left.grip_rad_s,
             left_rad=left_rad,
             right_rad=right_rad,
-            left_rad_s=s[k.SPEED_L],
-            right_rad_s=s[k.SPEED_R],
+            left_rad_s=left.rad_s,
+            right_rad_s=right.rad_s,
             impulse_x_m_s=ahead_m_s,
             impulse_y_m_s=aside_m_s,
-            path_m=s[k.PATH],
-            collisions=int(s[k.COLLISIONS]),
-            contact_s=s[k.CONTACT_MS] * TICK_S,
+            path_m=b.path_m,
+            collisions=b.collisions,
+            contact_s=b.contact_ms * TICK_S,
             touch_bearings_rad=self.touch_bearings_rad,
             energy_wh=self.energy.battery_j / _JOULES_PER_WH,
         )
 
     # The state, and what the kernels are told.
 
-    def _now(self) -> list[float]:
-        """Give the body as a list; kept until something changes it."""
-        if self._read is None:
-            self._read = self._b.tolist()
-        return self._read
-
     def _changed(self) -> None:
         """Read anew what is asked for each time, the rest when it is."""
         self.felt = felt(self._b)
-        self._read = None
 
     def _take_world(self, world: World) -> None:
         self._world = world
-        room: NDArray[np.float64] = np.zeros(k.NEAR + world.edge_count)
-        room[: k.NEAR] = self._room[: k.NEAR]
-        self._room = room
-        self._b[k.NEAR_X] = np.inf
-        self._edges, self._uneven = world.edges, len(world.thresholds) > 0
+        self._b.take_edges(world.edges)
+        self._uneven = len(world.thresholds) > 0
         self._varied = len(world.carpets) > 0 or bool(world.plan.cliffs) or self._footing.fallen
 
     def _feel_walls(self) -> None:
         """Let the kernel find what is touched, without time passing."""
         supply = self._supply
-        advance(0, supply.left, supply.right, self._b, self._edges, self._room)
+        advance(0, supply.left, supply.right, self._b)
         self._changed()
 
     def _look_at_floor(self) -> None:
@@ -378,7 +361,7 @@ class Plant:
     def _obey_faults(self) -> None:
         f = self.faults
         f.touched = False
-        self._b[k.WANDERS] = not f.lifted
+        self._b.wanders = not f.lifted
         up = f.lifted or self._footing.fallen
         faults = (f.stuck_left, f.stuck_right, f.slip_left, f.slip_right, up)
         if faults != self._applied:
@@ -390,8 +373,8 @@ class Plant:
         if lifted != self._applied[-1]:
             set_lag(b, self._motor, self._chassis, self._model, lifted=lifted)
             self._footing.off_floor()
-            b[k.TOUCHES], b[k.DISTURBED] = 0.0, 1.0
+            b.touches, b.disturbed = 0, True
         self._applied = faults
-        b[[k.STUCK_L, k.STUCK_R, k.LIFTED]] = stuck_left, stuck_right, lifted
+        b.left.stuck, b.right.stuck, b.lifted = stuck_left, stuck_right, lifted
         self._footing.set_extra_slip(slip_left, slip_right)
         self._changed()

@@ -18,7 +18,7 @@ BRIDGE_LOGIC_V = 4.5
 
 @dataclass(frozen=True, slots=True)
 class BatteryParameters:
-    """A four-cell pack with a protection circuit; ``slow_kernel`` has its state.
+    """A four-cell pack with a protection circuit; ``drive_kernel`` has its state.
 
     The open-circuit voltage falls in a straight line with the charge down to the knee, and
     steeply below it, where the internal resistance grows as well: a load then sags what is

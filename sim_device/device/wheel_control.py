@@ -5,14 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from sim_device.device import wheel_kernel as k
-from sim_device.device.wheel_kernel import LEAST_V, PERIODS_A_SECOND, REST_M_S, control
+from sim_device.device.wheel_kernel import LEAST_V, REST_M_S, Loop, Wheel, control
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from bridge.motion.robot_model import RobotModel
 
 
@@ -31,25 +26,6 @@ class WheelGains:
     integral_limit: float = 0.5
 
 
-class Wheel:
-    """One wheel, as it is measured."""
-
-    __slots__ = ("_side", "_w")
-
-    def __init__(self, w: NDArray[np.float64], side: int) -> None:
-        self._w, self._side = w, side
-
-    @property
-    def speed_m_s(self) -> float:
-        """Forwards."""
-        return float(self._w[k.SPEED + self._side])
-
-    @property
-    def stalled_s(self) -> float:
-        """How long it has been driven and has not turned."""
-        return float(self._w[k.STALLED + self._side] / PERIODS_A_SECOND)
-
-
 class WheelControl:
     """Both wheels, following a body velocity within the acceleration limit."""
 
@@ -57,32 +33,31 @@ class WheelControl:
         self, model: RobotModel, stop_decel_m_s2: float, gains: WheelGains | None = None
     ) -> None:
         gains = gains or WheelGains()
-        self._w = w = np.zeros(k.SIZE)
-        w[k.SPEED_PER_COUNT] = model.left_metres_per_count / PERIOD_S
-        w[k.SPEED_PER_COUNT + 1] = model.right_metres_per_count / PERIOD_S
-        w[k.FEED_FORWARD], w[k.FRICTION] = gains.feed_forward, gains.friction
-        w[k.PROPORTIONAL], w[k.INTEGRAL_LIMIT] = gains.proportional, gains.integral_limit
-        w[k.INTEGRAL_GAIN] = gains.integral_s * PERIOD_S
-        w[k.HALF_BASE_M] = self._half_base_m = 0.5 * model.wheel_base_m
-        w[k.COUNT : k.COUNT + 2] = k.NO_COUNT
-        self.left, self.right = Wheel(w, 0), Wheel(w, 1)
+        self.left = Wheel(model.left_metres_per_count / PERIOD_S)
+        self.right = Wheel(model.right_metres_per_count / PERIOD_S)
+        self._loop = loop = Loop(self.left, self.right)
+        loop.feed_forward, loop.friction = gains.feed_forward, gains.friction
+        loop.proportional, loop.integral_limit = gains.proportional, gains.integral_limit
+        loop.integral_gain = gains.integral_s * PERIOD_S
+        loop.half_base_m = self._half_base_m = 0.5 * model.wheel_base_m
         self.stalling = False
         """Whether a driven wheel does not turn."""
         self.limit(model, stop_decel_m_s2)
 
     def limit(self, model: RobotModel, stop_decel_m_s2: float) -> None:
         """Keep to other limits from now on; wheels and counts stay those of the boot."""
-        w = self._w
-        w[k.V_MAX], w[k.YAW_MAX] = model.max_speed_m_s, model.max_yaw_rate_rad_s
-        w[k.V_STEP] = stop_decel_m_s2 * PERIOD_S
-        w[k.YAW_STEP] = w[k.V_STEP] / self._half_base_m
+        loop = self._loop
+        loop.v_max, loop.yaw_max = model.max_speed_m_s, model.max_yaw_rate_rad_s
+        loop.v_step = stop_decel_m_s2 * PERIOD_S
+        loop.yaw_step = loop.v_step / self._half_base_m
 
     def coast(self, counts: tuple[int, int]) -> None:
         """One period in which somebody else gives the duties."""
-        w = self._w
-        control(w, 0.0, 0.0, *counts, LEAST_V)  # for its measuring
-        w[k.V] = w[k.YAW] = 0.0
-        w[k.INTEGRAL : k.INTEGRAL + 2] = w[k.STALLED : k.STALLED + 2] = 0.0
+        loop = self._loop
+        control(loop, 0.0, 0.0, *counts, LEAST_V)  # for its measuring
+        loop.v = loop.yaw = 0.0
+        for wheel in (self.left, self.right):
+            wheel.integral = wheel.stalled = 0.0
         self.stalling = False
 
     def step(
@@ -91,7 +66,7 @@ class WheelControl:
         """One 10 ms period: counts in, left and right duty out."""
         left_count, right_count = counts
         left, right, self.stalling = control(
-            self._w, v_m_s, yaw_rate_rad_s, left_count, right_count, supply_v
+            self._loop, v_m_s, yaw_rate_rad_s, left_count, right_count, supply_v
         )
         return left, right
 

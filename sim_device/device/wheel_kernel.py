@@ -1,89 +1,141 @@
-"""The firmware's wheel control, compiled: ramp, feed-forward and PI of both wheels.
-
-The array is float64 and laid out by the constants here; what belongs to a wheel comes in
-pairs, left first. Every callee stands in this file, and nothing is allocated.
-"""
+"""The firmware's wheel control, compiled: ramp, feed-forward and PI of both wheels."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from bridge.motion.compiled import compiled
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+import cython
 
 PERIODS_A_SECOND = 100.0
-STALL_TARGET_M_S = 0.03
 REST_M_S = 0.005
 """Below one count a period: a wheel that is measured slower than this stands."""
-LEAST_TARGET_M_S = 1e-5
-"""A tenth of the wire's step: what is slower is the rounding of a wheel that should rest."""
-NOMINAL_V = 16.0
-"""Supply for which the gains are given; duties are scaled to the one measured."""
 LEAST_V = 8.0
-NO_COUNT = -1.0
-_HALF_WRAP = 1 << 15
-_MASK = 0xFFFF
+NO_COUNT = -1
 
-(FEED_FORWARD, FRICTION, PROPORTIONAL, INTEGRAL_GAIN, INTEGRAL_LIMIT) = range(5)
-(HALF_BASE_M, V_MAX, YAW_MAX, V_STEP, YAW_STEP) = range(5, 10)
-"""Gains, and limits of the body's velocity and of its change in a period."""
-(V, YAW, SPEED_PER_COUNT, COUNT, INTEGRAL, SPEED, STALLED) = (10, 11, 12, 14, 16, 18, 20)
-"""The ramp; then per wheel what a count a period is (m/s), its last count, the integral, the
-speed measured (m/s), and for how many periods it has been driven and has not turned."""
-SIZE = 22
-
-
-@compiled
-def _measure(w: Floats, left_count: int, right_count: int) -> None:
-    """Take both absolute 16-bit counts, once a period."""
-    for side in range(2):
-        count = left_count if side == 0 else right_count
-        before = w[COUNT + side]
-        if before != NO_COUNT:
-            delta = ((count - int(before) + _HALF_WRAP) & _MASK) - _HALF_WRAP
-            # One count a period is 13 mm/s: average two periods.
-            w[SPEED + side] += 0.5 * (delta * w[SPEED_PER_COUNT + side] - w[SPEED + side])
-        w[COUNT + side] = count
+_PERIODS_A_SECOND = cython.declare(cython.double, PERIODS_A_SECOND)
+_REST_M_S = cython.declare(cython.double, REST_M_S)
+_LEAST_V = cython.declare(cython.double, LEAST_V)
+_NO_COUNT = cython.declare(cython.int, NO_COUNT)
+_STALL_TARGET_M_S = cython.declare(cython.double, 0.03)
+_LEAST_TARGET_M_S = cython.declare(cython.double, 1e-5)
+"""A tenth of the wire's step: what is slower is the rounding of a wheel that should rest."""
+_NOMINAL_V = cython.declare(cython.double, 16.0)
+"""Supply for which the gains are given; duties are scaled to the one measured."""
+_HALF_WRAP = cython.declare(cython.int, 1 << 15)
+_MASK = cython.declare(cython.int, 0xFFFF)
 
 
-@compiled
-def _towards(value: float, wanted: float, step: float, limit: float) -> float:
+@cython.final
+@cython.cclass
+class Wheel:
+    """One wheel, as it is measured and controlled."""
+
+    m_s_per_count = cython.declare(cython.double, visibility="public")
+    """What a count a period is."""
+    count = cython.declare(cython.int, visibility="public")
+    """The last one, 16 bits; ``NO_COUNT`` before the first."""
+    integral = cython.declare(cython.double, visibility="public")
+    speed_m_s = cython.declare(cython.double, visibility="public")
+    """Measured, forwards."""
+    stalled = cython.declare(cython.double, visibility="public")
+    """For how many periods it has been driven and has not turned."""
+
+    def __init__(self, m_s_per_count: cython.double) -> None:
+        """At rest, no count known."""
+        self.m_s_per_count = m_s_per_count
+        self.count = _NO_COUNT
+        self.integral = self.speed_m_s = self.stalled = 0.0
+
+    @property
+    def stalled_s(self) -> float:
+        """How long it has been driven and has not turned."""
+        return self.stalled / _PERIODS_A_SECOND
+
+
+@cython.final
+@cython.cclass
+class Loop:
+    """Gains and limits, both wheels, and the ramp of the body's velocity."""
+
+    left = cython.declare(Wheel, visibility="public")
+    right = cython.declare(Wheel, visibility="public")
+    feed_forward = cython.declare(cython.double, visibility="public")
+    """Duty per m/s, as the other gains."""
+    friction = cython.declare(cython.double, visibility="public")
+    """Duty that overcomes it."""
+    proportional = cython.declare(cython.double, visibility="public")
+    integral_gain = cython.declare(cython.double, visibility="public")
+    """For each period."""
+    integral_limit = cython.declare(cython.double, visibility="public")
+    half_base_m = cython.declare(cython.double, visibility="public")
+    v_max = cython.declare(cython.double, visibility="public")
+    """Of the body's velocity (m/s); so ``yaw_max`` of its yaw rate (rad/s)."""
+    yaw_max = cython.declare(cython.double, visibility="public")
+    v_step = cython.declare(cython.double, visibility="public")
+    """Greatest change in a period; so ``yaw_step``."""
+    yaw_step = cython.declare(cython.double, visibility="public")
+    v = cython.declare(cython.double, visibility="public")
+    """The ramp (m/s); so ``yaw`` (rad/s)."""
+    yaw = cython.declare(cython.double, visibility="public")
+
+    def __init__(self, left: Wheel, right: Wheel) -> None:
+        """Take the wheels; gains and limits are to be set."""
+        self.left, self.right = left, right
+        self.feed_forward = self.friction = self.proportional = 0.0
+        self.integral_gain = self.integral_limit = self.half_base_m = 0.0
+        self.v_max = self.yaw_max = self.v_step = self.yaw_step = self.v = self.yaw = 0.0
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _measure(wheel: Wheel, count: cython.int) -> cython.void:
+    """Take an absolute 16-bit count, once a period."""
+    if wheel.count != _NO_COUNT:
+        delta = ((count - wheel.count + _HALF_WRAP) & _MASK) - _HALF_WRAP
+        # One count a period is 13 mm/s: average two periods.
+        wheel.speed_m_s += 0.5 * (delta * wheel.m_s_per_count - wheel.speed_m_s)
+    wheel.count = count
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _towards(
+    value: cython.double, wanted: cython.double, step: cython.double, limit: cython.double
+) -> cython.double:
     """``wanted``, limited, or as near to it as one step comes."""
     wanted = max(-limit, min(limit, wanted))
     return value + step if wanted > value + step else max(value - step, wanted)
 
 
-@compiled
-def _duty(w: Floats, side: int, target: float, scale: float) -> float:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _duty(loop: Loop, wheel: Wheel, target: cython.double, scale: cython.double) -> cython.double:
     """Duty for the next period; exactly 0 where the wheel should rest and does."""
-    speed = w[SPEED + side]
+    speed = wheel.speed_m_s
     base = far = 0.0
-    if target > LEAST_TARGET_M_S:
-        base, far = w[FEED_FORWARD] * target + w[FRICTION], target
-    elif target < -LEAST_TARGET_M_S:
-        base, far = w[FEED_FORWARD] * target - w[FRICTION], -target
-    elif -REST_M_S < speed < REST_M_S:
-        w[INTEGRAL + side] = w[STALLED + side] = 0.0
+    if target > _LEAST_TARGET_M_S:
+        base, far = loop.feed_forward * target + loop.friction, target
+    elif target < -_LEAST_TARGET_M_S:
+        base, far = loop.feed_forward * target - loop.friction, -target
+    elif -_REST_M_S < speed < _REST_M_S:
+        wheel.integral = wheel.stalled = 0.0
         return 0.0
-    if far > STALL_TARGET_M_S and -0.1 * far < speed < 0.1 * far:
-        w[STALLED + side] += 1.0
+    if far > _STALL_TARGET_M_S and -0.1 * far < speed < 0.1 * far:
+        wheel.stalled += 1.0
     else:
-        w[STALLED + side] = 0.0
-    error, limit = target - speed, w[INTEGRAL_LIMIT]
-    integral = max(-limit, min(limit, w[INTEGRAL + side] + w[INTEGRAL_GAIN] * error))
-    w[INTEGRAL + side] = integral
-    duty: float = (base + integral + w[PROPORTIONAL] * error) * scale
+        wheel.stalled = 0.0
+    error, limit = target - speed, loop.integral_limit
+    integral = max(-limit, min(limit, wheel.integral + loop.integral_gain * error))
+    wheel.integral = integral
+    duty = (base + integral + loop.proportional * error) * scale
     return max(-1.0, min(1.0, duty))
 
 
-@compiled
-def control(  # noqa: PLR0913, PLR0917 - positional, as kernels are called
-    w: Floats, v: float, yaw: float, left_count: int, right_count: int, supply_v: float
+def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
+    loop: Loop,
+    v: cython.double,
+    yaw: cython.double,
+    left_count: cython.int,
+    right_count: cython.int,
+    supply_v: cython.double,
 ) -> tuple[float, float, bool]:
     """One period: body velocity wanted (m/s, rad/s), counts and supply in; duties out.
 
@@ -91,11 +143,12 @@ def control(  # noqa: PLR0913, PLR0917 - positional, as kernels are called
         Left and right duty, and whether a driven wheel does not turn.
 
     """
-    _measure(w, left_count, right_count)
-    w[V] = _towards(w[V], v, w[V_STEP], w[V_MAX])
-    w[YAW] = _towards(w[YAW], yaw, w[YAW_STEP], w[YAW_MAX])
-    turn = w[HALF_BASE_M] * w[YAW]
-    scale = NOMINAL_V / max(supply_v, LEAST_V)
-    left = _duty(w, 0, w[V] - turn, scale)
-    right = _duty(w, 1, w[V] + turn, scale)
-    return left, right, w[STALLED] > 0.0 or w[STALLED + 1] > 0.0
+    _measure(loop.left, left_count)
+    _measure(loop.right, right_count)
+    loop.v = _towards(loop.v, v, loop.v_step, loop.v_max)
+    loop.yaw = _towards(loop.yaw, yaw, loop.yaw_step, loop.yaw_max)
+    turn = loop.half_base_m * loop.yaw
+    scale = _NOMINAL_V / max(supply_v, _LEAST_V)
+    left = _duty(loop, loop.left, loop.v - turn, scale)
+    right = _duty(loop, loop.right, loop.v + turn, scale)
+    return left, right, loop.left.stalled > 0.0 or loop.right.stalled > 0.0

@@ -29,10 +29,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sim_device.body.lift import Lift
-from sim_device.sensors import imu_kernel as k
 from sim_device.sensors.faults import SensorFaults
+from sim_device.sensors.imu_kernel import AXES, DRAWS, Chip, sample
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sim_device.body.plant import Plant
     from sim_device.body.truth import Inertial
     from sim_device.noise import NoiseLevel
@@ -49,7 +51,7 @@ WARMING_C = 6.0
 """How far the board warms above ambient, within ``imu_kernel.WARMING_TIME_S``: our choice
 for 1.5 W under a cover."""
 
-_BLOCK = 512 * k.DRAWS
+_BLOCK = 512 * DRAWS
 _DEG = 180.0 / math.pi
 _new = tuple.__new__
 _EIGHTHS = 8
@@ -137,15 +139,17 @@ class Imu:
         self._lift = Lift()
         self._alias = math.sqrt(max(1.0, config.sample_period_ms / config.window_ms))
         self._period_eighths = round(_EIGHTHS * config.sample_period_ms)
-        self._chip = _drawn_chip(noise, rng, config)
-        self._own_bias = self._chip[k.BIAS : k.BIAS + k.AXES].copy()
+        self._bias, self._extra = np.zeros(AXES), np.zeros(AXES)
+        """What the chip adds to each axis; its bias with faults, and a lift's own."""
+        self._chip = _drawn_chip(noise, rng, config, self._bias, self._extra)
+        self._own_bias = self._bias.copy()
         self._told_bias: tuple[object, object] = (None, None)
         self._normals = np.empty(_BLOCK)
         self._at = _BLOCK
         self._interval_ms = 0
         self._set_interval(max(1, round(config.sample_period_ms)))
         now = plant.inertial
-        self._chip[k.BEFORE : k.BEFORE + len(now) - 1] = now[1:]
+        self._chip.begin(*now[1:])
         self._was_ms = now.tick_ms
         self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
         self._last = self._told = self._sample(now)
@@ -171,10 +175,10 @@ class Imu:
         if at >= _BLOCK:
             self._rng.standard_normal(out=self._normals)
             at = 0
-        self._at = at + k.DRAWS
+        self._at = at + DRAWS
         if self._faults.touched or self._lift.active:
             self._obey(now.tick_ms)
-        return _new(ImuCounts, k.sample(self._chip, self._normals, at, *now))
+        return _new(ImuCounts, sample(self._chip, self._normals, at, *now))
 
     def _obey(self, tick_ms: int) -> None:
         faults = self._faults
@@ -187,15 +191,12 @@ class Imu:
             self._obey_bias()
 
     def _feel_lift(self, tick_ms: int) -> None:
-        felt = self._lift.felt(tick_ms, self._interval_ms, lifted=self._faults.lifted)
-        self._chip[k.EXTRA : k.EXTRA + k.AXES] = felt
+        self._extra[:] = self._lift.felt(tick_ms, self._interval_ms, lifted=self._faults.lifted)
 
     def _obey_bias(self) -> None:
         faults = self._faults
         self._told_bias = (faults.gyro_bias_deg_s, faults.accel_bias_g)
-        self._chip[k.BIAS : k.BIAS + k.AXES] = self._own_bias + np.array(
-            (*faults.accel_bias_g, *faults.gyro_bias)
-        )
+        self._bias[:] = self._own_bias + np.array((*faults.accel_bias_g, *faults.gyro_bias))
 
     def _set_interval(self, interval_ms: int) -> None:
         """Work out the sigmas of samples this far apart; they seldom change."""
@@ -203,40 +204,49 @@ class Imu:
         interval_s = 0.001 * interval_ms
         self._interval_ms = interval_ms
         rate = 1.0 / interval_s
-        chip[k.INTERVAL_MS], chip[k.PER_S] = interval_ms, rate
-        chip[k.PER_G], chip[k.PER_DEG] = rate / GRAVITY_M_S2, rate * _DEG
+        chip.interval_ms, chip.per_s = interval_ms, rate
+        chip.per_g, chip.per_deg = rate / GRAVITY_M_S2, rate * _DEG
         white = self._alias / math.sqrt(2.0 * interval_s)
-        gyro = noise.gyro_density_deg_s_sqrt_hz * white
+        chip.sigma_deg_s = noise.gyro_density_deg_s_sqrt_hz * white
         rest_g = 1e-6 * noise.accel_density_ug_sqrt_hz * white
-        moving_g = math.hypot(rest_g, 0.001 * noise.accel_vibration_mg)
-        chip[k.SIGMA : k.SIGMA + k.AXES] = (rest_g,) * 3 + (gyro,) * 3
-        chip[k.MOVING_SIGMA : k.MOVING_SIGMA + k.AXES] = (moving_g,) * 3 + (gyro,) * 3
-        chip[k.WALK_SIGMA] = noise.gyro_bias_walk_deg_s_sqrt_s * math.sqrt(interval_s)
-        chip[k.YAW_SIGMA] = noise.gyro_yaw_walk_deg_sqrt_s / math.sqrt(interval_s)
+        chip.rest_sigma_g = rest_g
+        chip.moving_sigma_g = math.hypot(rest_g, 0.001 * noise.accel_vibration_mg)
+        chip.walk_sigma_deg_s = noise.gyro_bias_walk_deg_s_sqrt_s * math.sqrt(interval_s)
+        chip.yaw_sigma_deg_s = noise.gyro_yaw_walk_deg_sqrt_s / math.sqrt(interval_s)
 
 
-def _drawn_chip(noise: NoiseLevel, rng: np.random.Generator, config: ImuConfig) -> k.Floats:
-    """Draw a chip's own errors, in an order that new ones are added to at the end."""
+def _drawn_chip(
+    noise: NoiseLevel,
+    rng: np.random.Generator,
+    config: ImuConfig,
+    bias: NDArray[np.float64],
+    extra: NDArray[np.float64],
+) -> Chip:
+    """Draw a chip's own errors, in an order that new ones are added to at the end.
 
-    def tolerance(limit: float, *shape: int) -> k.Floats:
+    ``bias`` is filled in; the chip keeps it and ``extra``.
+    """
+
+    def tolerance(limit: float, *shape: int) -> NDArray[np.float64]:
         return limit * rng.uniform(-1.0, 1.0, shape or None)
 
-    chip = np.zeros(k.SIZE)
     accel_bias_g = tolerance(0.001 * noise.accel_bias_mg, 3)
     turn_on_deg_s = tolerance(noise.gyro_turn_on_deg_s, 3)
-    chip[k.BIAS : k.BIAS + k.AXES] = (*accel_bias_g, *turn_on_deg_s)
-    chip[k.MOTION_DEG_S] = math.copysign(noise.gyro_motion_bias_deg_s, rng.uniform(-1.0, 1.0))
+    bias[:] = (*accel_bias_g, *turn_on_deg_s)
+    motion_deg_s = math.copysign(noise.gyro_motion_bias_deg_s, rng.uniform(-1.0, 1.0))
     scale = tolerance(noise.gyro_scale_error, 3)
-    chip[k.TEMPCO : k.TEMPCO + 3] = tolerance(0.001 * noise.accel_tempco_mg_c, 3)
-    chip[k.TEMPCO + 3 : k.TEMPCO + 6] = tolerance(noise.gyro_tempco_deg_s_c, 3)
+    accel_tempco = tolerance(0.001 * noise.accel_tempco_mg_c, 3)
+    gyro_tempco = tolerance(noise.gyro_tempco_deg_s_c, 3)
     accel = tolerance(noise.accel_cross_axis, 3, 3)
     gyro = tolerance(noise.gyro_cross_axis, 3, 3)
     np.fill_diagonal(accel, 1.0)
     np.fill_diagonal(gyro, 1.0 + scale)
-    chip[k.MATRIX : k.MATRIX + 18] = np.vstack([accel, gyro]).ravel()
-    chip[k.TEMPERATURE_ERROR_C] = tolerance(noise.imu_temperature_error_c)
-    chip[k.LSB_ACCEL] = ACCEL_LSB_PER_G[config.accel_range_g]
-    chip[k.LSB_GYRO] = GYRO_LSB_PER_DEG_S[config.gyro_range_deg_s]
-    chip[k.WINDOW_MS] = config.window_ms
-    chip[k.AMBIENT_C], chip[k.WARMING_C] = AMBIENT_C, WARMING_C
+    tempco = np.concatenate([accel_tempco, gyro_tempco])
+    chip = Chip(np.vstack([accel, gyro]), bias, tempco, extra)
+    chip.motion_deg_s = motion_deg_s
+    chip.temperature_error_c = float(tolerance(noise.imu_temperature_error_c))
+    chip.lsb_accel = ACCEL_LSB_PER_G[config.accel_range_g]
+    chip.lsb_gyro = GYRO_LSB_PER_DEG_S[config.gyro_range_deg_s]
+    chip.window_ms = config.window_ms
+    chip.ambient_c, chip.warming_c = AMBIENT_C, WARMING_C
     return chip

@@ -1,94 +1,147 @@
 """One sample of the inertial sensor, compiled: what is felt, its errors, filter and counts.
 
-All arrays are float64 and are laid out by the constants here. Axes in the order of the
-registers: acceleration x, y, z (g), then rate x, y, z (°/s).
+Axes in the order of the registers: acceleration x, y, z (g), then rate x, y, z (°/s).
 """
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.compiled import compiled
+import cython
+import numpy as np
+from cython.cimports.libc.math import exp, fabs
+
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import FloatGrid, Floats
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
     Registers = tuple[int, int, int, int, int, int, int]
 
-DRAWS = 10
+_DRAWS = cython.declare(cython.int, 10)
+_ROWS = cython.declare(cython.int, 64)
+_AXES = cython.declare(cython.int, 6)
+DRAWS = _DRAWS
 """Normal values that a sample takes: six axes, three walks of the bias, one of the angle."""
-ROWS = 64
+ROWS = _ROWS
 """Of the filter's memory: its widest window is 37 ms, a row is at least 1 ms."""
-AXES = 6
-_ROW = 1 + AXES
-"""Duration (ms) and means of what was sampled."""
+AXES = _AXES
 
-# Layout of the chip's array: what was drawn or configured, the walks, and what was before.
-MATRIX = 0
-"""Six rows of three: how much of each axis' true value an axis shows, cross-axis included."""
-BIAS = 18
-"""Per axis at the reference temperature, faults included."""
-TEMPCO = 24
-"""Per axis, change of the bias per °C."""
-SIGMA = 30
-"""Per axis, of the white noise of one row, at rest."""
-MOVING_SIGMA = 36
-WALK_SIGMA = 42
-YAW_SIGMA = 43
-MOTION_DEG_S = 44
-WALK = 45
-"""Three: the gyro's bias, walked so far."""
-LSB_ACCEL = 48
-LSB_GYRO = 49
-WINDOW_MS = 50
-TEMPERATURE_ERROR_C = 51
-AMBIENT_C = 52
-WARMING_C = 53
-HEAD = 54
-EXTRA = 55
-"""Six: added to what is felt (a lift)."""
-INTERVAL_MS = 61
-PER_S = 62
-"""One over the interval; then the same over gravity (for g), and in degrees."""
-PER_G = 63
-PER_DEG = 64
-BEFORE = 65
-"""Eight: what ``sample`` was told the last time, from the heading on."""
-MEAN = 73
-"""Six: room for the filter's output."""
-MEMORY = 79
-SIZE = MEMORY + ROWS * _ROW
-
-MOVING_RAD_S = 0.05
+_MOVING_RAD_S = cython.declare(cython.double, 0.05)
 """Mean wheel speed above which motion's own errors are present; 1.6 mm/s."""
 WARMING_TIME_S = 300.0
-TEMPERATURE_LSB_PER_C = 340.0
-TEMPERATURE_OFFSET_C = 36.53
-_MIN, _MAX = -32768.0, 32767.0
+_WARMING_TIME_S = cython.declare(cython.double, WARMING_TIME_S)
+_TEMPERATURE_LSB_PER_C = cython.declare(cython.double, 340.0)
+_TEMPERATURE_OFFSET_C = cython.declare(cython.double, 36.53)
+_MIN = cython.declare(cython.double, -32768.0)
+_MAX = cython.declare(cython.double, 32767.0)
+_ROUNDS = cython.declare(cython.double, 6755399441055744.0)
+"""1.5 · 2⁵²: a small number keeps no fraction beside it, and a half goes to the even neighbour."""
 
 
-@compiled
+@cython.final
+@cython.cclass
+class Chip:
+    """One chip: what was drawn or configured, how far its bias walked, and what was before."""
+
+    matrix: FloatGrid
+    """How much of each axis' true value an axis shows, cross-axis included; ``(6, 3)``."""
+    bias: Floats
+    """Per axis at the reference temperature, faults included."""
+    tempco: Floats
+    """Per axis, change of the bias per °C."""
+    extra: Floats
+    """Per axis, added to what is felt (a lift)."""
+    rest_sigma_g = cython.declare(cython.double, visibility="public")
+    """Of the accelerometer's white noise in one row, at rest."""
+    moving_sigma_g = cython.declare(cython.double, visibility="public")
+    sigma_deg_s = cython.declare(cython.double, visibility="public")
+    """Of the gyro's."""
+    walk_sigma_deg_s = cython.declare(cython.double, visibility="public")
+    yaw_sigma_deg_s = cython.declare(cython.double, visibility="public")
+    motion_deg_s = cython.declare(cython.double, visibility="public")
+    """Bias of the yaw rate while it moves."""
+    lsb_accel = cython.declare(cython.double, visibility="public")
+    """Counts per g."""
+    lsb_gyro = cython.declare(cython.double, visibility="public")
+    """Counts per °/s."""
+    window_ms = cython.declare(cython.double, visibility="public")
+    """Of the filter."""
+    temperature_error_c = cython.declare(cython.double, visibility="public")
+    ambient_c = cython.declare(cython.double, visibility="public")
+    warming_c = cython.declare(cython.double, visibility="public")
+    interval_ms = cython.declare(cython.double, visibility="public")
+    per_s = cython.declare(cython.double, visibility="public")
+    """One over the interval; then the same over gravity (for g), and in degrees."""
+    per_g = cython.declare(cython.double, visibility="public")
+    per_deg = cython.declare(cython.double, visibility="public")
+    # What ``sample`` was told the last time.
+    heading_rad: cython.double
+    impulse_x_m_s: cython.double
+    impulse_y_m_s: cython.double
+    left_rad: cython.double
+    right_rad: cython.double
+    pitch_rad: cython.double
+    roll_rad: cython.double
+    climb_m_s: cython.double
+    walk: Floats
+    """The gyro's bias, walked so far."""
+    durations_ms: Floats
+    """Of the rows of the filter's memory; 0: nothing yet."""
+    rows: FloatGrid
+    """Means of what was sampled, a row of six axes for each sample."""
+    head: cython.int
+    """The next row."""
+    mean: Floats
+    """What the filter gives."""
+
+    def __init__(self, matrix: FloatGrid, bias: Floats, tempco: Floats, extra: Floats) -> None:
+        """Take the arrays as they are: who gives them may change them later."""
+        self.matrix, self.bias, self.tempco, self.extra = matrix, bias, tempco, extra
+        self.walk, self.mean = np.zeros(3), np.zeros(AXES)
+        self.durations_ms, self.rows, self.head = np.zeros(ROWS), np.zeros((ROWS, AXES)), 0
+        self.rest_sigma_g = self.moving_sigma_g = self.sigma_deg_s = 0.0
+        self.walk_sigma_deg_s = self.yaw_sigma_deg_s = self.motion_deg_s = 0.0
+        self.lsb_accel = self.lsb_gyro = self.window_ms = self.temperature_error_c = 0.0
+        self.ambient_c = self.warming_c = 0.0
+        self.interval_ms = self.per_s = self.per_g = self.per_deg = 0.0
+        self.begin(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def begin(  # noqa: PLR0913, PLR0917 - as ``sample``
+        self,
+        heading_rad: cython.double,
+        impulse_x_m_s: cython.double,
+        impulse_y_m_s: cython.double,
+        left_rad: cython.double,
+        right_rad: cython.double,
+        pitch_rad: cython.double,
+        roll_rad: cython.double,
+        climb_m_s: cython.double,
+    ) -> None:
+        """Take the sums from which the next sample's means are taken; see ``sample``."""
+        self.heading_rad = heading_rad
+        self.impulse_x_m_s, self.impulse_y_m_s = impulse_x_m_s, impulse_y_m_s
+        self.left_rad, self.right_rad = left_rad, right_rad
+        self.pitch_rad, self.roll_rad, self.climb_m_s = pitch_rad, roll_rad, climb_m_s
+
+
 def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes cheaply
-    chip: Floats,
+    chip: Chip,
     normals: Floats,
-    at: int,
-    tick_ms: float,
-    heading_rad: float,
-    impulse_x_m_s: float,
-    impulse_y_m_s: float,
-    left_rad: float,
-    right_rad: float,
-    pitch_rad: float,
-    roll_rad: float,
-    climb_m_s: float,
+    at: cython.Py_ssize_t,
+    tick_ms: cython.double,
+    heading_rad: cython.double,
+    impulse_x_m_s: cython.double,
+    impulse_y_m_s: cython.double,
+    left_rad: cython.double,
+    right_rad: cython.double,
+    pitch_rad: cython.double,
+    roll_rad: cython.double,
+    climb_m_s: cython.double,
 ) -> Registers:
     """Take the means since the last sample into the filter and give the registers.
 
     Args:
-        chip: Constants, walks and the filter's memory, shape ``(SIZE,)``; changed.
+        chip: Changed.
         normals: Standard normal values; ``DRAWS`` from ``at`` are taken.
         at: See ``normals``.
         tick_ms: Since power-on: how far the board has warmed.
@@ -105,79 +158,86 @@ def sample(  # noqa: PLR0913, PLR0917 - numbers, one by one: what a kernel takes
         The seven registers in the chip's order, saturated.
 
     """
-    per_g, per_deg = chip[PER_G], chip[PER_DEG]
-    ax = (impulse_x_m_s - chip[BEFORE + 1]) * per_g + chip[EXTRA]
-    ay = (impulse_y_m_s - chip[BEFORE + 2]) * per_g + chip[EXTRA + 1]
-    az = 1.0 + (climb_m_s - chip[BEFORE + 7]) * per_g + chip[EXTRA + 2]
-    gx = (roll_rad - chip[BEFORE + 6]) * per_deg + chip[EXTRA + 3]
-    gy = (chip[BEFORE + 5] - pitch_rad) * per_deg + chip[EXTRA + 4]
-    gz = (heading_rad - chip[BEFORE]) * per_deg + chip[EXTRA + 5]
-    turned_rad = abs(left_rad - chip[BEFORE + 3]) + abs(right_rad - chip[BEFORE + 4])
-    moving = turned_rad * chip[PER_S] > 2.0 * MOVING_RAD_S
-    chip[BEFORE], chip[BEFORE + 1], chip[BEFORE + 2] = heading_rad, impulse_x_m_s, impulse_y_m_s
-    chip[BEFORE + 3], chip[BEFORE + 4] = left_rad, right_rad
-    chip[BEFORE + 5], chip[BEFORE + 6], chip[BEFORE + 7] = pitch_rad, roll_rad, climb_m_s
+    per_g, per_deg = chip.per_g, chip.per_deg
+    extra, matrix, rows = chip.extra, chip.matrix, chip.rows
+    ax = (impulse_x_m_s - chip.impulse_x_m_s) * per_g + extra[0]
+    ay = (impulse_y_m_s - chip.impulse_y_m_s) * per_g + extra[1]
+    az = 1.0 + (climb_m_s - chip.climb_m_s) * per_g + extra[2]
+    gx = (roll_rad - chip.roll_rad) * per_deg + extra[3]
+    gy = (chip.pitch_rad - pitch_rad) * per_deg + extra[4]
+    gz = (heading_rad - chip.heading_rad) * per_deg + extra[5]
+    turned_rad = fabs(left_rad - chip.left_rad) + fabs(right_rad - chip.right_rad)
+    moving: cython.bint = turned_rad * chip.per_s > 2.0 * _MOVING_RAD_S
+    chip.heading_rad = heading_rad
+    chip.impulse_x_m_s, chip.impulse_y_m_s = impulse_x_m_s, impulse_y_m_s
+    chip.left_rad, chip.right_rad = left_rad, right_rad
+    chip.pitch_rad, chip.roll_rad, chip.climb_m_s = pitch_rad, roll_rad, climb_m_s
 
-    head = int(chip[HEAD])
-    row = MEMORY + _ROW * head
-    chip[HEAD] = (head + 1) % ROWS
-    chip[row] = chip[INTERVAL_MS]
-    for axis in range(AXES):
-        p, q, r = (ax, ay, az) if axis < 3 else (gx, gy, gz)  # noqa: PLR2004 - axes of space
-        m = MATRIX + 3 * axis
-        sigma = chip[MOVING_SIGMA + axis] if moving else chip[SIGMA + axis]
-        true = chip[m] * p + chip[m + 1] * q + chip[m + 2] * r
-        chip[row + 1 + axis] = true + sigma * normals[at + axis]
+    head = chip.head
+    chip.head = (head + 1) % _ROWS
+    chip.durations_ms[head] = chip.interval_ms
+    sigma_g = chip.moving_sigma_g if moving else chip.rest_sigma_g
     for axis in range(3):
-        chip[WALK + axis] += chip[WALK_SIGMA] * normals[at + 6 + axis]
-        chip[row + 4 + axis] += chip[WALK + axis]
+        true = matrix[axis, 0] * ax + matrix[axis, 1] * ay + matrix[axis, 2] * az
+        rows[head, axis] = true + sigma_g * normals[at + axis]
+    for axis in range(3, 6):
+        true = matrix[axis, 0] * gx + matrix[axis, 1] * gy + matrix[axis, 2] * gz
+        rows[head, axis] = true + chip.sigma_deg_s * normals[at + axis]
+    for axis in range(3):
+        chip.walk[axis] += chip.walk_sigma_deg_s * normals[at + 6 + axis]
+        rows[head, 3 + axis] += chip.walk[axis]
     if moving:
-        chip[row + 6] += chip[MOTION_DEG_S] + chip[YAW_SIGMA] * normals[at + 9]
+        rows[head, 5] += chip.motion_deg_s + chip.yaw_sigma_deg_s * normals[at + 9]
 
     _filter(chip, head)
-    warm_c = chip[WARMING_C] * (1.0 - math.exp(-0.001 * tick_ms / WARMING_TIME_S))
-    temperature_c = chip[AMBIENT_C] + warm_c + chip[TEMPERATURE_ERROR_C]
+    warm_c = chip.warming_c * (1.0 - exp(-0.001 * tick_ms / _WARMING_TIME_S))
+    temperature_c = chip.ambient_c + warm_c + chip.temperature_error_c
     return (
-        _axis(chip, 0, warm_c, chip[LSB_ACCEL]),
-        _axis(chip, 1, warm_c, chip[LSB_ACCEL]),
-        _axis(chip, 2, warm_c, chip[LSB_ACCEL]),
-        _counts((temperature_c - TEMPERATURE_OFFSET_C) * TEMPERATURE_LSB_PER_C),
-        _axis(chip, 3, warm_c, chip[LSB_GYRO]),
-        _axis(chip, 4, warm_c, chip[LSB_GYRO]),
-        _axis(chip, 5, warm_c, chip[LSB_GYRO]),
+        _axis(chip, 0, warm_c, chip.lsb_accel),
+        _axis(chip, 1, warm_c, chip.lsb_accel),
+        _axis(chip, 2, warm_c, chip.lsb_accel),
+        _counts((temperature_c - _TEMPERATURE_OFFSET_C) * _TEMPERATURE_LSB_PER_C),
+        _axis(chip, 3, warm_c, chip.lsb_gyro),
+        _axis(chip, 4, warm_c, chip.lsb_gyro),
+        _axis(chip, 5, warm_c, chip.lsb_gyro),
     )
 
 
-@compiled
-def _filter(chip: Floats, head: int) -> None:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _filter(chip: Chip, head: cython.int) -> cython.void:
     """Fill in the running mean over the window that ends with the row ``head``.
 
     Where its end lies within a row, the means with and without that row are mixed so that the
     delay is half the window to the dot.
     """
-    window_ms, taken_ms, share = chip[WINDOW_MS], 0.0, 1.0
-    for axis in range(AXES):
-        chip[MEAN + axis] = 0.0
-    for back in range(ROWS):
-        past = MEMORY + _ROW * ((head - back) % ROWS)
-        duration_ms = chip[past]
+    mean, rows, durations_ms = chip.mean, chip.rows, chip.durations_ms
+    window_ms, taken_ms, share = chip.window_ms, 0.0, 1.0
+    past: cython.int = head
+    for axis in range(_AXES):
+        mean[axis] = 0.0
+    for _ in range(_ROWS):
+        duration_ms = durations_ms[past]
         if taken_ms > 0.0:
             share = min(1.0, (window_ms - taken_ms) / duration_ms)
         weight = share * duration_ms / (taken_ms + duration_ms)
-        for axis in range(AXES):
-            chip[MEAN + axis] += weight * (chip[past + 1 + axis] - chip[MEAN + axis])
+        for axis in range(_AXES):
+            mean[axis] += weight * (rows[past, axis] - mean[axis])
         taken_ms += duration_ms
-        if taken_ms >= window_ms or chip[MEMORY + _ROW * ((head - back - 1) % ROWS)] == 0.0:
+        past = past - 1 if past else _ROWS - 1
+        if taken_ms >= window_ms or durations_ms[past] == 0.0:
             break
 
 
-@compiled
-def _axis(chip: Floats, axis: int, warm_c: float, lsb: float) -> int:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _axis(chip: Chip, axis: cython.int, warm_c: cython.double, lsb: cython.double) -> cython.int:
     """Give the register of one axis."""
-    return _counts((chip[MEAN + axis] + chip[BIAS + axis] + warm_c * chip[TEMPCO + axis]) * lsb)
+    return _counts((chip.mean[axis] + chip.bias[axis] + warm_c * chip.tempco[axis]) * lsb)
 
 
-@compiled
-def _counts(value: float) -> int:
+@cython.cfunc
+@cython.exceptval(check=False)
+def _counts(value: cython.double) -> cython.int:
     """Round to a register, saturating as the chip does."""
-    return int(round(min(_MAX, max(_MIN, value))))  # noqa: RUF046 - of a float, a float here
+    return int((min(_MAX, max(_MIN, value)) + _ROUNDS) - _ROUNDS)

@@ -35,6 +35,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.motion.geometry import Pose2, wrap_angle
+from sim_device.world.ray_kernel import Ear
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,9 +76,8 @@ class Ultrasonic:
         half_rad = 0.5 * mount.cone_rad
         fan = np.linspace(-half_rad, half_rad, CONE_RAYS).tolist()
         self._beams: Floats = np.array([beam(mount, off) for off in fan])
-        # In the order of ``ray_kernel.EAR_…``.
         ear = (mount.x_m, mount.y_m, mount.yaw_rad, half_rad, _COS_SPECULAR, mount.max_range_m)
-        self._ear: Floats = np.array((*ear, EDGE_ECHO_M))
+        self._ear = Ear(*ear, EDGE_ECHO_M)
         self._ping = -1
         self._before: tuple[int, Pose2] | None = None
         self._told: float | None = None

@@ -2,39 +2,90 @@
 
 All geometry comes as float64 arrays. ``edges`` has a row per edge: corner a (2), the vector e
 along it (2), 1/|e|², and the unit vector along it (2). ``walker`` is centre and radius, the
-radius 0 where nobody walks. Every callee stands in this file, or the kept machine code would
-not notice a change in it.
+radius 0 where nobody walks.
 """
 
 from __future__ import annotations
 
-from math import cos, hypot, inf, sin, sqrt
+import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.compiled import compiled
+import cython
+from cython.cimports.libc.math import cos, fabs, hypot, sin, sqrt
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import FloatGrid, Floats
 
 HIT_RANGE, HIT_COSINE, HIT_EDGE = 0, 1, 2
 """Columns of a hit: range in metres (``inf``: none), cosine of the angle between the ray and
 the normal of what it met (1: square on), index of the edge (-1: the walker, or nothing)."""
-(EAR_X, EAR_Y, EAR_YAW, EAR_HALF_ANGLE, EAR_COSINE, EAR_REACH, EAR_EDGE_REACH) = range(7)
-"""Where a ranger of sound sits, facing where, with which half angle (below π/2); the least cosine
-at which a wall echoes; and how far corners do: at all, and those that jut into the floor."""
-_SEAM = 1e-9
+_INFINITY = cython.declare(cython.double, math.inf)
+_SEAM = cython.declare(cython.double, 1e-9)
 """Relative: neighbouring edges share a corner, and no ray shall slip between them."""
-_IN_SIGHT_M = 1e-6
+_IN_SIGHT_M = cython.declare(cython.double, 1e-6)
 
 
-@compiled
+@cython.final
+@cython.cclass
+class Ear:
+    """A ranger of sound, in the body's frame."""
+
+    x_m = cython.declare(cython.double, visibility="public")
+    y_m = cython.declare(cython.double, visibility="public")
+    yaw_rad = cython.declare(cython.double, visibility="public")
+    half_angle_rad = cython.declare(cython.double, visibility="public")
+    """Of its cone; below π/2."""
+    cosine = cython.declare(cython.double, visibility="public")
+    """Of the angle from square on, the least at which a wall echoes."""
+    reach_m = cython.declare(cython.double, visibility="public")
+    """How far corners echo at all."""
+    edge_reach_m = cython.declare(cython.double, visibility="public")
+    """How far those echo that jut into the floor."""
+
+    def __init__(  # noqa: PLR0913, PLR0917 - its numbers
+        self,
+        x_m: cython.double,
+        y_m: cython.double,
+        yaw_rad: cython.double,
+        half_angle_rad: cython.double,
+        cosine: cython.double,
+        reach_m: cython.double,
+        edge_reach_m: cython.double,
+    ) -> None:
+        """Take each number."""
+        self.x_m, self.y_m, self.yaw_rad = x_m, y_m, yaw_rad
+        self.half_angle_rad, self.cosine = half_angle_rad, cosine
+        self.reach_m, self.edge_reach_m = reach_m, edge_reach_m
+
+
+@cython.final
+@cython.cclass
+class _Hit:
+    """What a ray meets first."""
+
+    range_m: cython.double
+    """Infinite: nothing."""
+    cosine: cython.double
+    """Of the angle between the ray and the normal."""
+    edge: cython.int
+    """-1: the walker, or nothing."""
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
 def _first_hit(  # noqa: PLR0913, PLR0917 - as below
-    edges: Floats, walker: Floats, ox: float, oy: float, dx: float, dy: float
-) -> tuple[float, float, int]:
-    best, cosine, index = inf, 0.0, -1
+    hit: _Hit,
+    edges: FloatGrid,
+    walker: Floats,
+    ox: cython.double,
+    oy: cython.double,
+    dx: cython.double,
+    dy: cython.double,
+) -> cython.void:
+    best: cython.double = _INFINITY
+    cosine: cython.double = 0.0
+    index: cython.int = -1
+    i: cython.int
     for i in range(edges.shape[0]):
         ex, ey = edges[i, 2], edges[i, 3]
         cross = dx * ey - dy * ex
@@ -48,7 +99,7 @@ def _first_hit(  # noqa: PLR0913, PLR0917 - as below
         if -_SEAM <= u <= 1.0 + _SEAM:
             best, index = t, i
     if index >= 0:
-        cosine = abs(dx * edges[index, 6] - dy * edges[index, 5])
+        cosine = fabs(dx * edges[index, 6] - dy * edges[index, 5])
     radius = walker[2]
     if radius > 0.0:
         to_x, to_y = walker[0] - ox, walker[1] - oy
@@ -60,18 +111,17 @@ def _first_hit(  # noqa: PLR0913, PLR0917 - as below
             t = 0.0 if inside else along - half
             if t < best:
                 best, cosine, index = t, 1.0 if inside else half / radius, -1
-    return best, cosine, index
+    hit.range_m, hit.cosine, hit.edge = best, cosine, index
 
 
-@compiled
 def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
-    edges: Floats,
+    edges: FloatGrid,
     walker: Floats,
-    x_m: float,
-    y_m: float,
-    theta_rad: float,
-    beams: Floats,
-    hits: Floats,
+    x_m: cython.double,
+    y_m: cython.double,
+    theta_rad: cython.double,
+    beams: FloatGrid,
+    hits: FloatGrid,
 ) -> None:
     """Cast beams that are fixed to a body standing at a pose.
 
@@ -85,10 +135,12 @@ def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many 
         hits: Filled with what each beam meets first, columns ``HIT_…``; ``(beams, 3)``.
 
     """
+    hit = _Hit()
     c, s = cos(theta_rad), sin(theta_rad)
     for k in range(beams.shape[0]):
         bx, by, ux, uy = beams[k, 0], beams[k, 1], beams[k, 2], beams[k, 3]
-        hit = _first_hit(
+        _first_hit(
+            hit,
             edges,
             walker,
             x_m + (c * bx - s * by),
@@ -96,19 +148,19 @@ def cast_beams(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many 
             c * ux - s * uy,
             s * ux + c * uy,
         )
-        hits[k, HIT_RANGE], hits[k, HIT_COSINE], hits[k, HIT_EDGE] = hit
+        # in the order of HIT_RANGE, HIT_COSINE, HIT_EDGE
+        hits[k, 0], hits[k, 1], hits[k, 2] = hit.range_m, hit.cosine, hit.edge
 
 
-@compiled
 def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
-    edges: Floats,
+    edges: FloatGrid,
     walker: Floats,
-    corners: Floats,
-    x_m: float,
-    y_m: float,
-    theta_rad: float,
-    beams: Floats,
-    ear: Floats,
+    corners: FloatGrid,
+    x_m: cython.double,
+    y_m: cython.double,
+    theta_rad: cython.double,
+    beams: FloatGrid,
+    ear: Ear,
 ) -> float:
     """Distance to the nearest thing from which a fan of sound comes back; ``inf``: none.
 
@@ -120,14 +172,16 @@ def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a seco
         y_m: See ``x_m``.
         theta_rad: See ``x_m``.
         beams: The fan, as for ``cast_beams``.
-        ear: Laid out by ``EAR_…``.
+        ear: The ranger.
 
     """
+    hit = _Hit()
     c, s = cos(theta_rad), sin(theta_rad)
-    nearest = inf
+    nearest: cython.double = _INFINITY
     for k in range(beams.shape[0]):
         bx, by, ux, uy = beams[k, 0], beams[k, 1], beams[k, 2], beams[k, 3]
-        far, cosine, _ = _first_hit(
+        _first_hit(
+            hit,
             edges,
             walker,
             x_m + (c * bx - s * by),
@@ -135,21 +189,21 @@ def echo(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a seco
             c * ux - s * uy,
             s * ux + c * uy,
         )
-        if cosine >= ear[EAR_COSINE] and far < nearest:
-            nearest = far
-    x_m = x_m + c * ear[EAR_X] - s * ear[EAR_Y]
-    y_m = y_m + s * ear[EAR_X] + c * ear[EAR_Y]
-    bearing = theta_rad + ear[EAR_YAW]
-    ax, ay, narrow = cos(bearing), sin(bearing), cos(ear[EAR_HALF_ANGLE])
-    best = min(nearest, ear[EAR_REACH])
+        if hit.cosine >= ear.cosine and hit.range_m < nearest:
+            nearest = hit.range_m
+    x_m = x_m + c * ear.x_m - s * ear.y_m
+    y_m = y_m + s * ear.x_m + c * ear.y_m
+    bearing = theta_rad + ear.yaw_rad
+    ax, ay, narrow = cos(bearing), sin(bearing), cos(ear.half_angle_rad)
+    best = min(nearest, ear.reach_m)
     for i in range(corners.shape[0]):
         to_x, to_y = corners[i, 0] - x_m, corners[i, 1] - y_m
         far = hypot(to_x, to_y)
         if far > best or far == 0.0 or to_x * ax + to_y * ay < narrow * far:
             continue
-        if corners[i, 2] > 0.0 and far > ear[EAR_EDGE_REACH]:
+        if corners[i, 2] > 0.0 and far > ear.edge_reach_m:
             continue
-        hit, _, _ = _first_hit(edges, walker, x_m, y_m, to_x / far, to_y / far)
-        if hit >= far - _IN_SIGHT_M:
+        _first_hit(hit, edges, walker, x_m, y_m, to_x / far, to_y / far)
+        if hit.range_m >= far - _IN_SIGHT_M:
             best = nearest = far
     return nearest

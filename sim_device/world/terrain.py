@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from math import cos, hypot, inf, pi, sin, sqrt
+import math
 from typing import TYPE_CHECKING
 
+import cython
 import numpy as np
+from cython.cimports.libc.math import cos, fabs, sin, sqrt
 
-from bridge.motion.compiled import compiled
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import FloatGrid, Four
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.floor_plan.floor_plan import FloorPlan
 
-    Floats = NDArray[np.float64]
+_PI = cython.declare(cython.double, math.pi)
+_INFINITY = cython.declare(cython.double, math.inf)
 
 
-def carpet_rows(plan: FloorPlan) -> Floats:
+@cython.boundscheck(True)  # noqa: FBT003 - a directive: these are Python's own tuples
+@cython.wraparound(True)  # noqa: FBT003 - as above
+def carpet_rows(plan: FloorPlan) -> NDArray[np.float64]:
     """A row per edge of a carpet: both corners (4), the carpet's number, its drag (N), its slip.
 
     Shape ``(edges, 7)``; the rows of one carpet follow each other.
@@ -30,23 +36,22 @@ def carpet_rows(plan: FloorPlan) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, 7)
 
 
-def threshold_rows(plan: FloorPlan) -> Floats:
+def threshold_rows(plan: FloorPlan) -> NDArray[np.float64]:
     """A row per threshold: one end (2), the unit vector to the other (2), length, height (m).
 
     Shape ``(thresholds, 6)``.
     """
     rows = []
     for (ax, ay), (bx, by), height_m in plan.thresholds:
-        length = hypot(bx - ax, by - ay)
+        length = math.hypot(bx - ax, by - ay)
         rows.append((ax, ay, (bx - ax) / length, (by - ay) / length, length, height_m))
     return np.array(rows, dtype=np.float64).reshape(-1, 6)
 
 
-@compiled
-def carpet_under(x_m: float, y_m: float, carpets: Floats) -> tuple[float, float]:
+def carpet_under(x_m: cython.double, y_m: cython.double, carpets: FloatGrid) -> tuple[float, float]:
     """Drag (N) of one wheel that stands at a point, and the share of its travel lost there."""
     drag, slip = 0.0, 0.0
-    inside = False
+    inside: cython.bint = False
     for i in range(carpets.shape[0]):
         ax, ay, bx, by = carpets[i, 0], carpets[i, 1], carpets[i, 2], carpets[i, 3]
         if (ay > y_m) != (by > y_m) and x_m < (bx - ax) * (y_m - ay) / (by - ay) + ax:
@@ -59,44 +64,90 @@ def carpet_under(x_m: float, y_m: float, carpets: Floats) -> tuple[float, float]
     return drag, min(slip, 1.0)
 
 
-LOAD_LEFT, LOAD_RIGHT, HEIGHT, PITCH, ROLL, AWAY = range(6)
-"""What ``climb`` fills in: weight's push against each wheel (N, against going ahead), height of
-the axle's centre (m), the body's tilt (rad: nose up, left side up), and how far the nearest
-threshold is from being felt (m, at least; 0 where one is)."""
+@cython.final
+@cython.cclass
+class Stance:
+    """How a robot stands on its wheels and its caster."""
+
+    wheel_base_m = cython.declare(cython.double, visibility="public")
+    wheel_radius_m = cython.declare(cython.double, visibility="public")
+    caster_x_m = cython.declare(cython.double, visibility="public")
+    """Ahead of the axle."""
+    caster_radius_m = cython.declare(cython.double, visibility="public")
+    on_wheel_n = cython.declare(cython.double, visibility="public")
+    """Weight on one wheel."""
+    on_caster_n = cython.declare(cython.double, visibility="public")
+
+    def __init__(  # noqa: PLR0913, PLR0917 - its numbers
+        self,
+        wheel_base_m: cython.double,
+        wheel_radius_m: cython.double,
+        caster_x_m: cython.double,
+        caster_radius_m: cython.double,
+        on_wheel_n: cython.double,
+        on_caster_n: cython.double,
+    ) -> None:
+        """Take each number."""
+        self.wheel_base_m, self.wheel_radius_m = wheel_base_m, wheel_radius_m
+        self.caster_x_m, self.caster_radius_m = caster_x_m, caster_radius_m
+        self.on_wheel_n, self.on_caster_n = on_wheel_n, on_caster_n
 
 
-@compiled
-def _hub(x: float, y: float, radius_m: float, rows: Floats) -> tuple[float, float, float, float]:
-    """Height of a wheel's hub over its height on the floor, its slope (x, y), and ``AWAY``.
+@cython.final
+@cython.cclass
+class Climb:
+    """What thresholds do to a robot at a pose."""
+
+    load_left_n = cython.declare(cython.double, visibility="public")
+    """Weight's push against the left wheel, against going ahead."""
+    load_right_n = cython.declare(cython.double, visibility="public")
+    height_m = cython.declare(cython.double, visibility="public")
+    """Of the axle's centre."""
+    pitch_rad = cython.declare(cython.double, visibility="public")
+    """Nose up."""
+    roll_rad = cython.declare(cython.double, visibility="public")
+    """Left side up."""
+    away_m = cython.declare(cython.double, visibility="public")
+    """How far the nearest threshold is from being felt, at least; 0 where one is."""
+
+    def __init__(self) -> None:
+        """Level ground."""
+        self.load_left_n = self.load_right_n = self.height_m = 0.0
+        self.pitch_rad = self.roll_rad = self.away_m = 0.0
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _hub(x: cython.double, y: cython.double, radius_m: cython.double, rows: FloatGrid) -> Four:
+    """Height of a wheel's hub over its height on the floor, its slope (x, y), and ``away_m``.
 
     A wheel of radius r meets a bar of height h at √(2rh - h²) before it; its hub is taken to
     follow a cosine between there and the far side, as a soft tyre rounds the sharp rise.
     """
-    height, slope_x, slope_y, away = 0.0, 0.0, 0.0, inf
+    height, slope_x, slope_y, away = 0.0, 0.0, 0.0, _INFINITY
     for i in range(rows.shape[0]):
         to_x, to_y = x - rows[i, 0], y - rows[i, 1]
         along = to_x * rows[i, 2] + to_y * rows[i, 3]
         across = to_y * rows[i, 2] - to_x * rows[i, 3]
         bar = rows[i, 5]
         reach = sqrt(2.0 * radius_m * bar - bar * bar) if bar < radius_m else radius_m
-        beyond = max(abs(across) - reach, -along, along - rows[i, 4])
+        beyond = max(fabs(across) - reach, -along, along - rows[i, 4])
         away = min(away, beyond)
         if beyond < 0.0:
-            height += 0.5 * bar * (1.0 + cos(pi * across / reach))
-            slope = -0.5 * bar * pi / reach * sin(pi * across / reach)
+            height += 0.5 * bar * (1.0 + cos(_PI * across / reach))
+            slope = -0.5 * bar * _PI / reach * sin(_PI * across / reach)
             slope_x -= slope * rows[i, 3]
             slope_y += slope * rows[i, 2]
     return height, slope_x, slope_y, max(away, 0.0)
 
 
-@compiled
 def climb(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a second
-    x_m: float,
-    y_m: float,
-    theta_rad: float,
-    stance: Floats,
-    thresholds: Floats,
-    felt: Floats,
+    x_m: cython.double,
+    y_m: cython.double,
+    theta_rad: cython.double,
+    stance: Stance,
+    thresholds: FloatGrid,
+    felt: Climb,
 ) -> None:
     """Work out what thresholds do to a robot at a pose.
 
@@ -107,24 +158,22 @@ def climb(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a sec
         x_m: Pose of the axle's centre; so ``y_m``, ``theta_rad``.
         y_m: See ``x_m``.
         theta_rad: See ``x_m``.
-        stance: Wheel base, wheel radius, caster's place ahead of the axle, its radius (m), and
-            the weight on one wheel and on the caster (N).
+        stance: How the robot stands.
         thresholds: As ``threshold_rows`` gives them.
-        felt: Filled in, see ``LOAD_LEFT``; six long.
+        felt: Filled in.
 
     """
     c, d = cos(theta_rad), sin(theta_rad)
-    base, radius, arm = stance[0], stance[1], stance[2]
-    on_wheel, on_caster = stance[4], stance[5]
+    base, radius, arm = stance.wheel_base_m, stance.wheel_radius_m, stance.caster_x_m
     half = 0.5 * base
     hl, lx, ly, al = _hub(x_m - d * half, y_m + c * half, radius, thresholds)
     hr, rx, ry, ar = _hub(x_m + d * half, y_m - c * half, radius, thresholds)
-    hc, cx, cy, ac = _hub(x_m + c * arm, y_m + d * arm, stance[3], thresholds)
-    ahead = 0.5 * on_caster * (cx * c + cy * d)
-    aside = on_caster * (cy * c - cx * d) * arm / base
-    felt[LOAD_LEFT] = on_wheel * (lx * c + ly * d) + ahead - aside
-    felt[LOAD_RIGHT] = on_wheel * (rx * c + ry * d) + ahead + aside
-    felt[HEIGHT] = 0.5 * (hl + hr)
-    felt[PITCH] = (hc - felt[HEIGHT]) / arm
-    felt[ROLL] = (hl - hr) / base
-    felt[AWAY] = min(al, ar, ac)
+    hc, cx, cy, ac = _hub(x_m + c * arm, y_m + d * arm, stance.caster_radius_m, thresholds)
+    ahead = 0.5 * stance.on_caster_n * (cx * c + cy * d)
+    aside = stance.on_caster_n * (cy * c - cx * d) * arm / base
+    felt.load_left_n = stance.on_wheel_n * (lx * c + ly * d) + ahead - aside
+    felt.load_right_n = stance.on_wheel_n * (rx * c + ry * d) + ahead + aside
+    felt.height_m = 0.5 * (hl + hr)
+    felt.pitch_rad = (hc - felt.height_m) / arm
+    felt.roll_rad = (hl - hr) / base
+    felt.away_m = min(al, ar, ac)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bridge.floor_plan.floor_plan import check_robot_fits, contains, signed_area_m2
-from sim_device.world.ray_kernel import HIT_COSINE, HIT_RANGE, cast_beams, echo
+from sim_device.world.ray_kernel import HIT_COSINE, HIT_RANGE, Ear, cast_beams, echo
 from sim_device.world.terrain import carpet_rows, threshold_rows
 
 if TYPE_CHECKING:
@@ -130,10 +130,10 @@ class World:
         """
         cast_beams(self.edges, self.walker, pose[0], pose[1], pose[2], beams, hits)
 
-    def echo_m(self, pose: tuple[float, float, float], beams: Floats, ear: Floats) -> float:
+    def echo_m(self, pose: tuple[float, float, float], beams: Floats, ear: Ear) -> float:
         """Distance to the nearest thing that echoes; ``inf``: none.
 
-        ``pose`` and ``beams`` are as for ``cast_beams``, ``ear`` is laid out by ``ray_kernel``.
+        ``pose`` and ``beams`` are as for ``cast_beams``.
         """
         x_m, y_m, theta_rad = pose
         return echo(self.edges, self.walker, self._corners, x_m, y_m, theta_rad, beams, ear)

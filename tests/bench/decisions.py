@@ -31,7 +31,6 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.recovery.rehearse import rehearse
 from bridge.coverage.runner import PlanRunner
 from bridge.floor_plan.floor_plan import FloorPlan
 from bridge.motion.geometry import Pose2
@@ -219,7 +218,6 @@ def main() -> None:
     options.add_argument("--noise", choices=list(LEVELS), default="typical")
     given = options.parse_args()
     model = RobotModel()
-    rehearse(model)
     plan = flat()
     print(f"{plan.name} in the quick toy world, pose with a drawn error, noise {given.noise}")
     for seed in range(given.seeds):

@@ -81,7 +81,7 @@ class Kept:
 
 def preload() -> None:
     """Import what all tests need and no mutant is of, once for all children."""
-    for name in ("hypothesis", "numba", "numpy", "pytest", *_UNTOUCHED):
+    for name in ("hypothesis", "numpy", "pytest", *_UNTOUCHED):
         importlib.import_module(name)
 
 

@@ -203,7 +203,7 @@ def _setups(out: str, test: str) -> Sequence[str]:
 def test_pytest_starts_as_quickly_as_without(tmp_path: Path) -> None:
     program = (
         "import sys, sweepctl_pytest\n"
-        "heavy = {'numpy', 'numba', 'scipy', 'serial', 'can', 'click', 'protocol', 'bridge', "
+        "heavy = {'numpy', 'scipy', 'serial', 'can', 'click', 'protocol', 'bridge', "
         "'sim_device'}\n"
         "print(sorted(heavy & set(sys.modules)))"
     )

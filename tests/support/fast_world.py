@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.coverage.runner import PlanRunner
-from bridge.motion.compiled import compiled
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.observation import HALT, Observation
+from support.fast_world_kernel import move, sense
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,121 +55,6 @@ LEVELS = {
         PoseNoise("harsh", 0.014, math.radians(0.9), 40.0, 0.008, 0.05, 0.004),
     )
 }
-
-
-@compiled
-def _nearest(edges: Floats, x: float, y: float) -> tuple[float, float, float]:
-    best = 1e18
-    bx = 0.0
-    by = 1.0
-    for i in range(edges.shape[0]):
-        ax, ay, ex, ey = edges[i, 0], edges[i, 1], edges[i, 2], edges[i, 3]
-        t = ((x - ax) * ex + (y - ay) * ey) / (ex * ex + ey * ey)
-        t = min(max(t, 0.0), 1.0)
-        dx, dy = x - ax - t * ex, y - ay - t * ey
-        d2 = dx * dx + dy * dy
-        if d2 < best:
-            best, bx, by = d2, dx, dy
-    d = math.sqrt(best) + 1e-15
-    return d, bx / d, by / d
-
-
-@compiled
-def _ray(edges: Floats, x: float, y: float, heading: float) -> tuple[float, float]:
-    c, s = math.cos(heading), math.sin(heading)
-    best = 1e9
-    cosine = 0.0
-    for i in range(edges.shape[0]):
-        ax, ay, ex, ey = edges[i, 0], edges[i, 1], edges[i, 2], edges[i, 3]
-        cross = c * ey - s * ex
-        if abs(cross) < 1e-12:
-            continue
-        dx, dy = ax - x, ay - y
-        along = (dx * ey - dy * ex) / cross
-        share = (dx * s - dy * c) / cross
-        if 0.0 <= along < best and 0.0 <= share <= 1.0:
-            best = along
-            cosine = abs(cross) / math.sqrt(ex * ex + ey * ey)
-    return best, cosine
-
-
-@compiled
-def _move(  # noqa: PLR0913, PLR0917 - a kernel
-    edges: Floats, state: Floats, v_cmd: float, w_cmd: float, radius: float, span: float
-) -> None:
-    """state: x y th v w travelled collisions free_s left right contact_s touching."""
-    sub = 8
-    dt = 0.02 / sub
-    follow = 1.0 - math.exp(-dt / 0.05)
-    x, y, th, v, w = state[0], state[1], state[2], state[3], state[4]
-    left = False
-    right = False
-    for _ in range(sub):
-        v += follow * (v_cmd - v)
-        w += follow * (w_cmd - w)
-        mid = th + 0.5 * w * dt
-        nx = x + v * dt * math.cos(mid)
-        ny = y + v * dt * math.sin(mid)
-        th += w * dt
-        touch = False
-        for _k in range(3):
-            gap, ux, uy = _nearest(edges, nx, ny)
-            if gap > radius + 2e-5:
-                break
-            touch = True
-            bearing = (math.atan2(-uy, -ux) - th + math.pi) % (2.0 * math.pi) - math.pi
-            if abs(bearing) < span:
-                left = left or bearing > -0.175
-                right = right or bearing < 0.175
-            into = -(v * math.cos(mid) * ux + v * math.sin(mid) * uy)
-            if state[11] < 0.5 and into > 0.03 and state[7] > 0.5:
-                state[6] += 1.0
-                state[7] = 0.0
-            if gap >= radius:
-                break
-            nx += (radius - gap) * ux
-            ny += (radius - gap) * uy
-        if touch:
-            state[7] = 0.0
-            state[10] += dt
-            state[11] = 1.0
-        else:
-            state[7] += dt
-            state[11] = 0.0
-        state[5] += math.hypot(nx - x, ny - y)
-        x, y = nx, ny
-    state[0], state[1], state[2], state[3], state[4] = x, y, th, v, w
-    state[8] = 1.0 if left else 0.0
-    state[9] = 1.0 if right else 0.0
-
-
-@compiled
-def _sense(edges: Floats, corners: Floats, state: Floats, out: Floats, cone: float) -> None:
-    x, y, th = state[0], state[1], state[2]
-    c, s = math.cos(th), math.sin(th)
-    ux, uy = x + 0.12 * c, y + 0.12 * s
-    near = 1e9
-    for k in range(9):
-        r, cosine = _ray(edges, ux, uy, th + cone * (k / 8.0 - 0.5))
-        if cosine >= 0.891:
-            near = min(near, r)
-    limit = math.cos(0.5 * cone)
-    for i in range(corners.shape[0]):
-        dx, dy = corners[i, 0] - ux, corners[i, 1] - uy
-        d = math.hypot(dx, dy)
-        if d < 1e-6 or d >= near or (dx * c + dy * s) < limit * d:
-            continue
-        if corners[i, 2] > 0.5 and d > 1.5:
-            continue
-        r, _ = _ray(edges, ux, uy, math.atan2(dy, dx))
-        if r >= d - 1e-6:
-            near = d
-    out[0] = near
-    for k in range(2):
-        side = 1.0 - 2.0 * k
-        px, py = x + 0.05 * c - side * 0.10 * s, y + 0.05 * s + side * 0.10 * c
-        r, _ = _ray(edges, px, py, th + side * 0.5 * math.pi)
-        out[1 + k] = r
 
 
 class FastWorld:
@@ -212,7 +97,7 @@ class FastWorld:
         return self._normals.pop()
 
     def step(self, command: VelocityCommand) -> Observation:
-        _move(
+        move(
             self._edges,
             self.state,
             command.v_m_s,
@@ -229,7 +114,7 @@ class FastWorld:
         self.poses.append((self.time_s, x, y, th))
         if self.time_s >= self._next_s - 1e-9:
             self._next_s += _RANGES_EVERY_S
-            _sense(self._edges, self._corners, s, self._out, self.model.ultrasonic.cone_rad)
+            sense(self._edges, self._corners, s, self._out, self.model.ultrasonic.cone_rad)
             sonar: float | None = float(self._out[0]) + noise.ultrasonic_m * self._normal()
             if self._out[0] > 4.0 or (noise.dropout and self._rng.random() < noise.dropout):
                 sonar = None

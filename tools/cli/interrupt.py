@@ -1,8 +1,7 @@
 """Ctrl-C while the command starts: put off until no import is cut short.
 
 A ``KeyboardInterrupt`` inside of an import ends in a traceback, and inside of an extension
-module's or of the compiler's in worse. A Ctrl-C that comes then is put off until the import, or the
-loading of code, is done.
+module's in worse. A Ctrl-C that comes then is put off until the import is done.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ _AGAIN_S = 0.02
 _MAX_TIMES = 250
 """Times that one is put off: 5 s, after which the import hangs."""
 
-_LOADERS = ("importlib._bootstrap", "bridge.motion.kernel_", "bridge.motion.compiled", "llvmlite")
-"""Beginnings of the names of modules that load code, which an exception would leave half done."""
+_LOADER = "importlib._bootstrap"
+"""Beginning of the names of modules that load code, which an exception would leave half done."""
 
 _put_off = 0
 _has_begun = False
@@ -66,7 +65,7 @@ def interrupted(_number: int, frame: FrameType | None) -> None:
 
 def _loads(frame: FrameType | None) -> bool:
     while frame is not None:
-        if str(frame.f_globals.get("__name__")).startswith(_LOADERS):
+        if str(frame.f_globals.get("__name__")).startswith(_LOADER):
             return True
         frame = frame.f_back
     return False

@@ -235,10 +235,10 @@ def _sweeper(  # noqa: PLR0913 - what a device is made with
     local: bool,
     key: bytes | None,
 ) -> VirtualSweeper:
-    from bridge.coverage.registry import rehearse
+    # It may be asked to run its own planner, whose modules would then load between two periods.
+    import bridge.coverage.recovery.planner  # noqa: F401
     from sim_device.sweeper import VirtualSweeper
 
-    rehearse(options.DEFAULT_PLANNER, model)  # it may be asked to run its own planner
     device = VirtualSweeper(
         plan, model, seed=seed, noise=noise, node=node, link=link, boot_id=boot_id, local=local
     )

@@ -13,7 +13,7 @@ import numpy as np
 
 from bridge.api.owner_service import OwnerService
 from bridge.api.pump import Pump
-from bridge.coverage.registry import make_planner, rehearse
+from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.errors import BridgeError
 from bridge.io import clock
@@ -215,7 +215,6 @@ def _operator(asked: LiveOptions) -> Operator:
 
     def make_plan() -> PlanRunner:
         name = asked.planner or DEFAULT_PLANNER
-        rehearse(name, asked.model)
         return PlanRunner(make_planner(name, asked.model, np.random.default_rng()), asked.model)
 
     most_m_s = asked.model.max_speed_m_s

@@ -12,21 +12,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.coverage.recovery.lane_kernels import scan_lanes
+from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lanes
 from bridge.coverage.recovery.travel_kernels import STRAIGHT
 from bridge.coverage.recovery.window import Buffers, Point, Turned, Window, free_cell
-from bridge.coverage.recovery.window_kernels import keep_holes, mark_targets, scan_outlines
+from bridge.coverage.recovery.window_kernels import (
+    BestOutline,
+    OutlinePrices,
+    keep_holes,
+    mark_targets,
+    scan_outlines,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
-    from numpy.typing import NDArray
-
     from bridge.coverage.recovery.evidence import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.motion.geometry import Pose2
-
-    Floats = NDArray[np.float64]
 
 _QUARTER = 0.5 * math.pi
 _ENOUGH = 60
@@ -174,19 +176,19 @@ class Chooser:
         if holes:
             yield from self._spend(_MARKING * window.cells)
             left = keep_holes(window.target, self._buffers.layer("hole", window.target.shape))
-        outline = np.zeros(4)
-        prices = np.array([speed, options.turn_s_rad, options.stop_s, options.outline_cells])
+        outline = BestOutline()
+        prices = OutlinePrices(speed, options.turn_s_rad, options.stop_s, options.outline_cells)
         ways = window.outline_ways
         scan_outlines(window.open, ways, window.done, y, x, pose.theta_rad, prices, outline)
-        best = np.zeros((2, 8))
+        best = BestLane(), BestLane()
         image: Turned | None = None
         if left >= options.least_cells:
             yield from self._spend(_TURNING * window.cells)
             image = Turned(window, grid_rad, self._buffers)
             for across in range(2):
                 yield from self._spend(_SCANNING * window.cells)
-                prices = np.array(
-                    [speed, options.turn_s_rad, options.stop_s, options.frontier, across * _QUARTER]
+                lane_prices = LanePrices(
+                    speed, options.turn_s_rad, options.stop_s, options.frontier, across * _QUARTER
                 )
                 target, ways = image.rows(across=across)
                 scan_lanes(
@@ -197,36 +199,34 @@ class Chooser:
                     round(half - 0.5),
                     *image.place(x, y, across=across),
                     pose.theta_rad - grid_rad,
-                    prices,
+                    lane_prices,
                     best[across],
                     self._buffers.ints("sums", (1, target.shape[1])).ravel(),
                 )
-        score = max(best[0, 0], best[1, 0], outline[0])
+        score = max(best[0].score, best[1].score, outline.score)
         if score < least_rate:
             return None
-        if outline[0] == score or image is None:
+        if outline.score == score or image is None:
             return self._outline(window, outline)
-        across = int(best[1, 0] > best[0, 0])
+        across = int(best[1].score > best[0].score)
         return self._lane(window, image, best[across], across)
 
-    def _outline(self, window: Window, found: Floats) -> Choice:
+    def _outline(self, window: Window, found: BestOutline) -> Choice:
         area = self._options.cell_m**2
-        score, row, col, bearing = found.tolist()
         return Choice(
             "outline",
-            window.way(int(row), int(col)),
-            bearing + _QUARTER,
+            window.way(found.row, found.col),
+            found.bearing_rad + _QUARTER,
             0.0,
             self._options.outline_cells * area,
-            score * area,
+            found.score * area,
         )
 
-    def _lane(self, window: Window, image: Turned, found: Floats, across: int) -> Choice:
+    def _lane(self, window: Window, image: Turned, found: BestLane, across: int) -> Choice:
         area = self._options.cell_m**2
-        score, row, first, last, backwards, new, _, _ = found.tolist()
-        begin, end = (last, first) if backwards else (first, last)
-        x, y = image.point(row + 0.5, begin + 0.5, across=across)
-        heading = image.angle_rad + across * _QUARTER + (math.pi if backwards else 0.0)
+        begin, end = (found.last, found.first) if found.backwards else (found.first, found.last)
+        x, y = image.point(found.row + 0.5, begin + 0.5, across=across)
+        heading = image.angle_rad + across * _QUARTER + (math.pi if found.backwards else 0.0)
         way = window.way(int(y), int(x))
         return Choice(
             "lane",
@@ -234,8 +234,8 @@ class Chooser:
             (*way[:-1], window.metres(x, y)),
             heading,
             (abs(end - begin) + 1) * self._options.cell_m,
-            new * area,
-            score * area,
+            found.new * area,
+            found.score * area,
         )
 
 

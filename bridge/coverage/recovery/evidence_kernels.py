@@ -12,42 +12,69 @@ Layers, all of shape (rows, columns), y then x, one byte a cell:
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.compiled import compiled
+import cython
+from cython.cimports.libc.math import cos, hypot, sin, sqrt
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import Layer
 
-    Layer = NDArray[np.uint8]
-
-SURE = 2
+_SURE = cython.declare(cython.int, 2)
+_MOST = cython.declare(cython.int, 6)
+SURE = _SURE
 """Evidence that makes a cell occupied."""
-MOST = 6
+MOST = _MOST
 """Evidence is not counted beyond: so many beams through a cell free it again."""
 
 
-@compiled
+@cython.cfunc
+@cython.exceptval(check=False)
+def _first(at: cython.double) -> cython.int:
+    """The first row or column of a range that begins at a place."""
+    index: cython.int = int(at)
+    return max(index, 0)
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _last(at: cython.double, count: cython.Py_ssize_t) -> cython.int:
+    """The row or column before which a range ends that reaches to a place."""
+    index: cython.int = int(at) + 1
+    return min(index, count)
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _square(x: cython.double, y: cython.double) -> cython.double:
+    return x * x + y * y
+
+
+@cython.ccall
+@cython.exceptval(check=False)
 def add_wall(  # noqa: PLR0913, PLR0917 - layers and a cell
-    wall: Layer, near: Layer, row: int, col: int, weight: int, reach: float
-) -> None:
+    wall: Layer,
+    near: Layer,
+    row: cython.int,
+    col: cython.int,
+    weight: cython.int,
+    reach: cython.double,
+) -> cython.void:
     """Add evidence to a cell; ``reach``: the body's radius in cells, less a margin."""
-    rows, cols = wall.shape
+    rows, cols = wall.shape[0], wall.shape[1]
     if row < 0 or row >= rows or col < 0 or col >= cols:
         return
-    before = int(wall[row, col])
-    after = min(max(before + weight, 0), MOST)
+    before: cython.int = int(wall[row, col])
+    after: cython.int = min(max(before + weight, 0), _MOST)
     wall[row, col] = after
     step = 0
-    if before < SURE <= after:
+    if before < _SURE <= after:
         step = 1
-    elif after < SURE <= before:
+    elif after < _SURE <= before:
         step = -1
     if step == 0:
         return
-    whole = int(reach)
+    whole: cython.int = int(reach)
     limit = reach * reach
     for i in range(-whole, whole + 1):
         r = row + i
@@ -56,40 +83,42 @@ def add_wall(  # noqa: PLR0913, PLR0917 - layers and a cell
         for j in range(-whole, whole + 1):
             c = col + j
             if 0 <= c < cols and i * i + j * j <= limit:
-                near[r, c] = near[r, c] + step
+                count: cython.int = int(near[r, c])
+                near[r, c] = count + step
 
 
-@compiled
 def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
     swept: Layer,
-    x0: float,
-    y0: float,
-    th0: float,
-    x1: float,
-    y1: float,
-    th1: float,
-    half: float,
-    ahead: float,
+    x0: cython.double,
+    y0: cython.double,
+    th0: cython.double,
+    x1: cython.double,
+    y1: cython.double,
+    th1: cython.double,
+    half: cython.double,
+    ahead: cython.double,
 ) -> int:
     """Mark the cells whose centre the mouth passes between two near poses; count the new ones.
 
     A centre is passed where it lies before the mouth at one pose and behind it at the other.
     """
-    rows, cols = swept.shape
-    c0, s0 = math.cos(th0), math.sin(th0)
-    c1, s1 = math.cos(th1), math.sin(th1)
+    rows, cols = swept.shape[0], swept.shape[1]
+    c0, s0 = cos(th0), sin(th0)
+    c1, s1 = cos(th1), sin(th1)
     x0 += ahead * c0
     y0 += ahead * s0
     x1 += ahead * c1
     y1 += ahead * s1
-    way = math.hypot(x1 - x0, y1 - y0)
+    way = hypot(x1 - x0, y1 - y0)
     xm, ym = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     cm, sm = 0.5 * (c0 + c1), 0.5 * (s0 + s1)
     span = half + 0.5 * way + 1.0
     new = 0
-    for r in range(max(int(ym - span), 0), min(int(ym + span) + 1, rows)):
+    top, bottom = _first(ym - span), _last(ym + span, rows)
+    first, last = _first(xm - span), _last(xm + span, cols)
+    for r in range(top, bottom):
         dy0, dy1, dym = r + 0.5 - y0, r + 0.5 - y1, r + 0.5 - ym
-        for c in range(max(int(xm - span), 0), min(int(xm + span) + 1, cols)):
+        for c in range(first, last):
             if swept[r, c]:
                 continue
             f0 = (c + 0.5 - x0) * c0 + dy0 * s0
@@ -102,40 +131,51 @@ def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
     return new
 
 
-@compiled
 def clear_body(  # noqa: PLR0913, PLR0917 - layers and a pose in cells
-    wall: Layer, near: Layer, been: Layer, x: float, y: float, inner: float, reach: float
+    wall: Layer,
+    near: Layer,
+    been: Layer,
+    x: cython.double,
+    y: cython.double,
+    inner: cython.double,
+    reach: cython.double,
 ) -> None:
     """The axle is here, so nothing is inside the body's disc."""
-    rows, cols = wall.shape
-    row, col = int(y), int(x)
+    rows, cols = wall.shape[0], wall.shape[1]
+    row: cython.int = int(y)
+    col: cython.int = int(x)
     if 0 <= row < rows and 0 <= col < cols:
         been[row, col] = 1
     limit = inner * inner
-    for r in range(max(int(y - inner), 0), min(int(y + inner) + 1, rows)):
+    top, bottom = _first(y - inner), _last(y + inner, rows)
+    first, last = _first(x - inner), _last(x + inner, cols)
+    for r in range(top, bottom):
         dy = r + 0.5 - y
-        for c in range(max(int(x - inner), 0), min(int(x + inner) + 1, cols)):
-            if wall[r, c] and dy * dy + (c + 0.5 - x) ** 2 < limit:
-                add_wall(wall, near, r, c, -MOST, reach)
+        for c in range(first, last):
+            dx = c + 0.5 - x
+            if wall[r, c] and dy * dy + dx * dx < limit:
+                add_wall(wall, near, r, c, -_MOST, reach)
 
 
-@compiled
 def beam(  # noqa: PLR0913, PLR0917 - layers and a ray in cells
     wall: Layer,
     near: Layer,
-    x: float,
-    y: float,
-    dx: float,
-    dy: float,
-    free: float,
-    hit: float,
-    weight: int,
-    reach: float,
+    x: cython.double,
+    y: cython.double,
+    dx: cython.double,
+    dy: cython.double,
+    free: cython.double,
+    hit: cython.double,
+    weight: cython.int,
+    reach: cython.double,
 ) -> None:
     """A beam passed ``free`` cells along (dx, dy); at ``hit`` it met something, if ``weight``."""
-    rows, cols = wall.shape
+    rows, cols = wall.shape[0], wall.shape[1]
     t = 0.0
-    last_r = last_c = -1
+    r: cython.int
+    c: cython.int
+    last_r: cython.int = -1
+    last_c: cython.int = -1
     while t < free:
         r, c = int(y + t * dy), int(x + t * dx)
         if (r != last_r or c != last_c) and 0 <= r < rows and 0 <= c < cols:
@@ -147,47 +187,54 @@ def beam(  # noqa: PLR0913, PLR0917 - layers and a ray in cells
         add_wall(wall, near, int(y + hit * dy), int(x + hit * dx), weight, reach)
 
 
-@compiled
 def bump_lens(  # noqa: PLR0913, PLR0917 - a layer and three contact points in cells
-    lens: Layer, x: float, y: float, low: float, high: float, reach: float
+    lens: Layer,
+    x: cython.double,
+    y: cython.double,
+    low: cython.double,
+    high: cython.double,
+    reach: cython.double,
 ) -> None:
     """The axle cannot be where any contact between the bearings ``low`` and ``high`` forbids it."""
-    rows, cols = lens.shape
+    rows, cols = lens.shape[0], lens.shape[1]
     mid = 0.5 * (low + high)
-    ax, ay = x + reach * math.cos(low), y + reach * math.sin(low)
-    bx, by = x + reach * math.cos(mid), y + reach * math.sin(mid)
-    cx, cy = x + reach * math.cos(high), y + reach * math.sin(high)
-    limit = (reach - 0.2) ** 2
-    for r in range(max(int(y - reach), 0), min(int(y + reach) + 1, rows)):
+    ax, ay = x + reach * cos(low), y + reach * sin(low)
+    bx, by = x + reach * cos(mid), y + reach * sin(mid)
+    cx, cy = x + reach * cos(high), y + reach * sin(high)
+    limit = (reach - 0.2) * (reach - 0.2)
+    top, bottom = _first(y - reach), _last(y + reach, rows)
+    first, last = _first(x - reach), _last(x + reach, cols)
+    for r in range(top, bottom):
         py = r + 0.5
-        for c in range(max(int(x - reach), 0), min(int(x + reach) + 1, cols)):
+        for c in range(first, last):
             px = c + 0.5
             if (
-                (px - ax) ** 2 + (py - ay) ** 2 < limit
-                and (px - bx) ** 2 + (py - by) ** 2 < limit
-                and (px - cx) ** 2 + (py - cy) ** 2 < limit
+                _square(px - ax, py - ay) < limit
+                and _square(px - bx, py - by) < limit
+                and _square(px - cx, py - cy) < limit
             ):
                 lens[r, c] = 1
 
 
-@compiled
 def fresh_ahead(  # noqa: PLR0913, PLR0917 - a layer and a pose in cells
     swept: Layer,
-    x: float,
-    y: float,
-    th: float,
-    start: float,
-    stop: float,
-    low: float,
-    high: float,
+    x: cython.double,
+    y: cython.double,
+    th: cython.double,
+    start: cython.double,
+    stop: cython.double,
+    low: cython.double,
+    high: cython.double,
 ) -> float:
     """Share that is not swept of the way straight on from ``start`` to ``stop`` cells.
 
     ``low`` and ``high`` bound the strip across, left positive.
     """
-    rows, cols = swept.shape
-    c, s = math.cos(th), math.sin(th)
+    rows, cols = swept.shape[0], swept.shape[1]
+    c, s = cos(th), sin(th)
     seen = fresh = 0
+    row: cython.int
+    col: cython.int
     t = start
     while t <= stop:
         u = low
@@ -199,46 +246,48 @@ def fresh_ahead(  # noqa: PLR0913, PLR0917 - a layer and a pose in cells
                     fresh += 1
             u += 1.0
         t += 1.0
-    return fresh / max(seen, 1)
+    share: cython.double = fresh
+    return share / max(seen, 1)
 
 
-@compiled
 def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
     wall: Layer,
-    x: float,
-    y: float,
-    th: float,
-    cell: float,
-    rim: float,
-    right: float,
-    left: float,
-    touch: float,
-    decel: float,
-    latency: float,
-    fast: float,
+    x: cython.double,
+    y: cython.double,
+    th: cython.double,
+    cell: cython.double,
+    rim: cython.double,
+    right: cython.double,
+    left: cython.double,
+    touch: cython.double,
+    decel: cython.double,
+    latency: cython.double,
+    fast: cython.double,
 ) -> float:
     """Fastest forward speed (m/s) that meets no occupied cell harder than ``touch`` head on.
 
     Braking with ``decel`` after ``latency``. ``cell``: its edge; ``rim``: the body's radius and
     half a cell; what lies farther aside than ``right`` or ``left`` does not count (m).
     """
-    rows, cols = wall.shape
-    c, s = math.cos(th), math.sin(th)
+    rows, cols = wall.shape[0], wall.shape[1]
+    c, s = cos(th), sin(th)
     push = decel * latency
     most = fast
     # from the top speed to a touch
-    far = (rim + ((push + fast) ** 2 - push * push) / (2.0 * decel)) / cell
-    for row in range(max(int(y - far), 0), min(int(y + far) + 1, rows)):
-        for col in range(max(int(x - far), 0), min(int(x + far) + 1, cols)):
-            if wall[row, col] < SURE:
+    far = (rim + ((push + fast) * (push + fast) - push * push) / (2.0 * decel)) / cell
+    top, bottom = _first(y - far), _last(y + far, rows)
+    begin, end = _first(x - far), _last(x + far, cols)
+    for row in range(top, bottom):
+        for col in range(begin, end):
+            if wall[row, col] < _SURE:
                 continue
             dx, dy = (col + 0.5 - x) * cell, (row + 0.5 - y) * cell
             ahead, aside = dx * c + dy * s, dy * c - dx * s
             if ahead <= 0.0 or aside >= left or -aside >= right or abs(aside) >= rim:
                 continue
-            reach = math.sqrt(rim * rim - aside * aside)
+            reach = sqrt(rim * rim - aside * aside)
             soft = touch * rim / reach
             way = max(ahead - reach, 0.0)
-            speed = math.sqrt((push + soft) ** 2 + 2.0 * decel * way) - push
+            speed = sqrt((push + soft) * (push + soft) + 2.0 * decel * way) - push
             most = min(most, max(speed, soft))
     return most

@@ -12,31 +12,81 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.compiled import compiled
+import cython
+from cython.cimports.libc.math import atan2, cos, fabs, sin
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import IntGrid, Ints, Layer
 
-    Layer = NDArray[np.uint8]
-    Ints = NDArray[np.int32]
-    Floats = NDArray[np.float64]
+_PI = cython.declare(cython.double, math.pi)
 
 
-@compiled
+@cython.final
+@cython.cclass
+class LanePrices:
+    """What a lane costs."""
+
+    speed_cm_s = cython.declare(cython.double, visibility="public")
+    """Along the lane and on the way to it."""
+    turn_s_rad = cython.declare(cython.double, visibility="public")
+    stop_s = cython.declare(cython.double, visibility="public")
+    """For each stop."""
+    frontier = cython.declare(cython.double, visibility="public")
+    """Cells for each edge cell that the lane leaves behind."""
+    heading_rad = cython.declare(cython.double, visibility="public")
+    """Of the image's rows, in the frame of the robot's heading."""
+
+    def __init__(
+        self,
+        speed_cm_s: cython.double,
+        turn_s_rad: cython.double,
+        stop_s: cython.double,
+        frontier: cython.double,
+        heading_rad: cython.double,
+    ) -> None:
+        """Take each price."""
+        self.speed_cm_s, self.turn_s_rad, self.stop_s = speed_cm_s, turn_s_rad, stop_s
+        self.frontier, self.heading_rad = frontier, heading_rad
+
+
+@cython.final
+@cython.cclass
+class BestLane:
+    """The best lane so far."""
+
+    score = cython.declare(cython.double, visibility="public")
+    """New cells per second, the frontier's price taken off; 0: there is no lane."""
+    row = cython.declare(cython.int, visibility="public")
+    first = cython.declare(cython.int, visibility="public")
+    """Column; so ``last``."""
+    last = cython.declare(cython.int, visibility="public")
+    backwards = cython.declare(cython.bint, visibility="public")
+    """Whether it begins at ``last``."""
+    new = cython.declare(cython.int, visibility="public")
+    """Cells."""
+
+    def __init__(self) -> None:
+        """No lane yet."""
+        self.score = 0.0
+        self.row = self.first = self.last = self.new = 0
+        self.backwards = False
+
+
 def turn_images(
     target_in: Layer,
-    ways_in: Ints,
-    angle: float,
-    origin_x: float,
-    origin_y: float,
+    ways_in: IntGrid,
+    angle: cython.double,
+    origin_x: cython.double,
+    origin_y: cython.double,
     target: Layer,
-    ways: Ints,
+    ways: IntGrid,
 ) -> None:
     """Images turned by ``angle`` about an origin in cells."""
-    rows, cols = target.shape
-    map_rows, map_cols = target_in.shape
-    c, s = math.cos(angle), math.sin(angle)
+    rows, cols = target.shape[0], target.shape[1]
+    map_rows, map_cols = target_in.shape[0], target_in.shape[1]
+    i: cython.Py_ssize_t
+    j: cython.Py_ssize_t
+    c, s = cos(angle), sin(angle)
     for r in range(rows):
         for k in range(cols):
             x = origin_x + (k + 0.5) * c - (r + 0.5) * s
@@ -50,71 +100,74 @@ def turn_images(
                 target[r, k] = 0
 
 
-@compiled
+@cython.cfunc
+@cython.cdivision(False)  # noqa: FBT003 - a directive: an angle's remainder has Python's sign
+@cython.exceptval(check=False)
+def _between(a: cython.double, b: cython.double) -> cython.double:
+    """The angle between two headings, rad, never negative."""
+    return fabs((a - b + _PI) % (2.0 * _PI) - _PI)
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
 def _judge(
-    best: Floats,
-    row: int,
-    first: int,
-    last: int,
-    backwards: int,
-    new: float,
-    edges: float,
-    way: float,
-    bearing: float,
-    prices: Floats,
-    heading: float,
-) -> None:
+    best: BestLane,
+    row: cython.int,
+    first: cython.int,
+    last: cython.int,
+    backwards: cython.bint,
+    new: cython.int,
+    edges: cython.int,
+    way: cython.double,
+    bearing: cython.double,
+    prices: LanePrices,
+    heading: cython.double,
+) -> cython.void:
     """Price one candidate and keep it if it is the best so far."""
-    speed, turn_s_rad, stop_s, frontier, lane_heading = (
-        prices[0],
-        prices[1],
-        prices[2],
-        prices[3],
-        prices[4],
-    )
     length = (last - first + 1) * 2.0
-    direction = lane_heading + (math.pi if backwards else 0.0)
-    time = (way * 0.2 + length) / speed + stop_s
+    direction = prices.heading_rad + (_PI if backwards else 0.0)
+    time = (way * 0.2 + length) / prices.speed_cm_s + prices.stop_s
     if way > 40.0:  # noqa: PLR2004 - 8 cm: there is a way to go first
-        off = abs((bearing - heading + math.pi) % (2.0 * math.pi) - math.pi)
-        off2 = abs((direction - bearing + math.pi) % (2.0 * math.pi) - math.pi)
-        time += (off + off2) * turn_s_rad + stop_s
+        off = _between(bearing, heading)
+        off2 = _between(direction, bearing)
+        time += (off + off2) * prices.turn_s_rad + prices.stop_s
     else:
-        off = abs((direction - heading + math.pi) % (2.0 * math.pi) - math.pi)
-        time += off * turn_s_rad
-    score = (new - frontier * edges) / time
-    if score > best[0]:
-        best[0] = score
-        best[1] = row
-        best[2] = first
-        best[3] = last
-        best[4] = backwards
-        best[5] = new
-        best[6] = way
-        best[7] = time
+        time += _between(direction, heading) * prices.turn_s_rad
+    score = (new - prices.frontier * edges) / time
+    if score > best.score:
+        best.score = score
+        best.row = row
+        best.first = first
+        best.last = last
+        best.backwards = backwards
+        best.new = new
 
 
-@compiled
 def scan_lanes(
     target: Layer,
-    ways: Ints,
-    least: int,
-    gap: int,
-    half: int,
-    here_row: float,
-    here_col: float,
-    heading: float,
-    prices: Floats,
-    best: Floats,
+    ways: IntGrid,
+    least: cython.int,
+    gap: cython.int,
+    half: cython.int,
+    here_row: cython.double,
+    here_col: cython.double,
+    heading: cython.double,
+    prices: LanePrices,
+    best: BestLane,
     sums: Ints,
 ) -> None:
     """The best straight lane along the rows, judged by new cells per time.
 
-    ``best`` holds the best so far. ``prices``: cm/s, s/rad, s per stop, cells per edge of
-    frontier, heading of the rows (in the frame of ``heading``).
-    ``sums`` is room for a number a column.
+    ``best`` holds the best so far. ``sums`` is room for a number a column.
     """
-    rows, cols = target.shape
+    rows: cython.int = target.shape[0]
+    cols: cython.int = target.shape[1]
+    r: cython.int
+    k: cython.int
+    first: cython.int
+    last: cython.int
+    new: cython.int
+    edges: cython.int
     for k in range(cols):
         sums[k] = 0
     for r in range(min(2 * half, rows)):
@@ -148,17 +201,17 @@ def scan_lanes(
                 continue
             for backwards in range(2):
                 begin = last if backwards else first
-                bearing = prices[4] + math.atan2(r + 0.5 - here_row, begin + 0.5 - here_col)
+                ahead = atan2(r + 0.5 - here_row, begin + 0.5 - here_col)
                 _judge(
                     best,
                     r,
                     first,
                     last,
-                    backwards,
+                    backwards == 1,
                     new,
                     edges,
-                    float(ways[r, begin]),
-                    bearing,
+                    ways[r, begin],
+                    prices.heading_rad + ahead,
                     prices,
                     heading,
                 )

@@ -8,33 +8,54 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bridge.motion.compiled import compiled
+import cython
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import Bytes, IntGrid, Ints, Layer
 
-    Layer = NDArray[np.uint8]
-    Ints = NDArray[np.int32]
-
-STRAIGHT, DIAGONAL = 10, 14
+_STRAIGHT = cython.declare(cython.int, 10)
+_DIAGONAL = cython.declare(cython.int, 14)
+_TIGHT = cython.declare(cython.int, 3)
+_RING = cython.declare(cython.int, 64)
+STRAIGHT, DIAGONAL = _STRAIGHT, _DIAGONAL
 """Cost of a step between cells; a cell is 2 cm."""
-TIGHT = 3
+TIGHT = _TIGHT
 """A step next to where the axle cannot be costs this many times more."""
-RING = 64
+RING = _RING
 """Buckets of the search: more than the dearest step costs."""
-LEVEL, WAITING, TAKEN, COUNTS = 0, 1, 2, 3
-"""Places in the search's state; from ``COUNTS`` on, the cells in each bucket."""
 
 
-@compiled
+@cython.final
+@cython.cclass
+class Search:
+    """How far a search for ways has come."""
+
+    level = cython.declare(cython.int, visibility="public")
+    """Cost of the ways that are being settled."""
+    waiting = cython.declare(cython.int, visibility="public")
+    """Cells in all buckets that are not settled yet."""
+    taken = cython.declare(cython.int, visibility="public")
+    """Of the cells in the bucket of ``level``, how many were looked at."""
+
+    def __init__(self) -> None:
+        """Nothing is begun."""
+        self.level = self.waiting = self.taken = 0
+
+
 def travel(
-    ground: Layer, cols: int, most: int, budget: int, dist: Ints, queue: Ints, state: Ints
+    ground: Bytes,
+    cols: cython.int,
+    most: cython.int,
+    budget: cython.int,
+    dist: Ints,
+    queue: IntGrid,
+    counts: Ints,
+    search: Search,
 ) -> tuple[int, bool]:
     """Go on with the search for shortest ways, up to a cost: cells settled, whether it is done.
 
     Dial's buckets in a ring. It settles at most ``budget`` cells before it returns, and goes on
-    from ``state`` at the next call. Cells with a ``dist`` of more than ``most`` were only
+    from ``search`` at the next call. Cells with a ``dist`` of more than ``most`` were only
     touched; -1: not even that. The rim must be shut.
 
     Args:
@@ -44,19 +65,22 @@ def travel(
         budget: cells.
         dist: costs so far, row after row; -1 but for a 0 where it begins.
         queue: ``(RING, room)``: the cells of each bucket, flat.
-        state: ``(COUNTS + RING,)``; zeros but for one cell waiting in bucket 0.
+        counts: ``(RING,)``: the cells in each bucket; at first one in bucket 0.
+        search: what else there is to remember; at first one cell waiting.
 
     """
-    room = queue.shape[1]
-    level = state[LEVEL]
-    k = state[TAKEN]
-    waiting = state[WAITING]
-    settled = 0
+    room: cython.int = queue.shape[1]
+    level: cython.int = search.level
+    k: cython.int = search.taken
+    waiting: cython.int = search.waiting
+    settled: cython.int = 0
+    there: cython.int
+    cost: cython.int
     while waiting > 0 and level <= most:
-        slot = level % RING
-        while k < state[COUNTS + slot]:
+        slot = level % _RING
+        while k < counts[slot]:
             if settled >= budget:
-                state[LEVEL], state[TAKEN], state[WAITING] = level, k, waiting
+                search.level, search.taken, search.waiting = level, k, waiting
                 return settled, False
             cell = queue[slot, k]
             k += 1
@@ -70,54 +94,76 @@ def travel(
                 kind = ground[there]
                 if kind == 0 or n == 4:  # noqa: PLR2004 - itself
                     continue
-                cost = DIAGONAL if i != 0 and j != 0 else STRAIGHT
+                cost = _DIAGONAL if i != 0 and j != 0 else _STRAIGHT
                 if kind == 1:
-                    cost *= TIGHT
+                    cost *= _TIGHT
                 total = level + cost
                 old = dist[there]
                 if old >= 0 and total >= old:
                     continue
-                spot = total % RING
-                count = state[COUNTS + spot]
+                spot = total % _RING
+                count = counts[spot]
                 if count < room:
                     dist[there] = total
                     queue[spot, count] = there
-                    state[COUNTS + spot] = count + 1
+                    counts[spot] = count + 1
                     waiting += 1
-        state[COUNTS + slot] = 0
+        counts[slot] = 0
         k = 0
         level += 1
-    state[LEVEL], state[TAKEN], state[WAITING] = level, k, waiting
+    search.level, search.taken, search.waiting = level, k, waiting
     return settled, True
 
 
-@compiled
-def _clear_line(open_: Layer, r0: int, c0: int, r1: int, c1: int, least: int) -> bool:
+@cython.ccall
+@cython.exceptval(check=False)
+def clear_line(
+    open_: Layer,
+    r0: cython.int,
+    c0: cython.int,
+    r1: cython.int,
+    c1: cython.int,
+    least: cython.int,
+) -> cython.bint:
     """Whether every cell on a straight line is at least ``least`` (1 passable, 2 free)."""
-    steps = max(abs(r1 - r0), abs(c1 - c0)) * 2
+    down: cython.int = r1 - r0
+    right: cython.int = c1 - c0
+    steps: cython.int = max(abs(down), abs(right)) * 2
     if steps == 0:
         return True
+    count: cython.double = steps
+    r: cython.int
+    c: cython.int
+    k: cython.int
     for k in range(steps + 1):
-        r = int(r0 + 0.5 + (r1 - r0) * k / steps)
-        c = int(c0 + 0.5 + (c1 - c0) * k / steps)
+        r = int(r0 + 0.5 + down * k / count)
+        c = int(c0 + 0.5 + right * k / count)
         if open_[r, c] < least:
             return False
     return True
 
 
-@compiled
-def way_back(open_: Layer, dist: Ints, row: int, col: int, out: Ints, cells: Ints) -> int:
+def way_back(
+    open_: Layer, dist: IntGrid, row: cython.int, col: cython.int, out: IntGrid, cells: Ints
+) -> cython.int:
     """Corners of the way from where ``dist`` begins to a cell, ends included.
 
     Returns their number, 0 if the cell was not reached or the way has too many corners.
     ``cells`` is room for the way's cells; a longer way counts as one not reached.
     """
-    rows, cols = open_.shape
+    rows: cython.int = open_.shape[0]
+    cols: cython.int = open_.shape[1]
     if dist[row, col] < 0:
         return 0
-    room = out.shape[0]
-    n = 0
-    r, c = row, col
+    room: cython.int = out.shape[0]
+    r: cython.int = row
+    c: cython.int = col
+    br: cython.int
+    bc: cython.int
+    rr: cython.int
+    cc: cython.int
+    best: cython.int
+    n: cython.int = 0
     while n < cells.shape[0]:
         cells[n] = r * cols + c
         n += 1
@@ -135,8 +181,11 @@ def way_back(open_: Layer, dist: Ints, row: int, col: int, out: Ints, cells: Int
             return 0
         r, c = br, bc
     # from the start (the last cell) on, always to the farthest cell in a free straight line
-    k = n - 1
-    count = 0
+    k: cython.int = n - 1
+    count: cython.int = 0
+    m: cython.int
+    reach: cython.int
+    nearest: cython.int
     while True:
         if count >= room:
             return 0
@@ -149,7 +198,7 @@ def way_back(open_: Layer, dist: Ints, row: int, col: int, out: Ints, cells: Int
             m = k - 1
             reach = k - 1
             while m >= 0:
-                if _clear_line(
+                if clear_line(
                     open_,
                     cells[k] // cols,
                     cells[k] % cols,

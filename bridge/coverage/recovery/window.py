@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bridge.coverage.recovery.lane_kernels import turn_images
-from bridge.coverage.recovery.travel_kernels import COUNTS, RING, WAITING, travel, way_back
+from bridge.coverage.recovery.travel_kernels import RING, Search, travel, way_back
 from bridge.coverage.recovery.window_kernels import copy_window
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class Buffers:
     def __init__(self) -> None:
         self._flat: dict[str, NDArray[np.generic]] = {}
         self.queue: Ints = np.zeros((RING, _ROOM), dtype=np.int32)
-        self.state: Ints = np.zeros(COUNTS + RING, dtype=np.int32)
+        self.counts: Ints = np.zeros(RING, dtype=np.int32)
         self.corners: Ints = np.zeros((_CORNERS, 2), dtype=np.int32)
         self.way: Ints = np.zeros(_WAY, dtype=np.int32)
 
@@ -82,6 +82,7 @@ class Window:
         self._edges = memory.edges.rims
         self._buffers = buffers
         self.settled = 0
+        self._search = Search()
         lens, been = memory.places()
         copy_window(
             memory.near,
@@ -132,8 +133,10 @@ class Window:
         buffers = self._buffers
         self.dist.fill(-1)
         self.dist[row, col] = 0
-        buffers.state.fill(0)
-        buffers.state[WAITING] = buffers.state[COUNTS] = 1
+        buffers.counts.fill(0)
+        buffers.counts[0] = 1
+        self._search = Search()
+        self._search.waiting = 1
         buffers.queue[0, 0] = row * self.dist.shape[1] + col
 
     def go_on(self, most: int, budget: int) -> bool:
@@ -145,7 +148,8 @@ class Window:
             max(budget, 1),
             self.dist.ravel(),
             self._buffers.queue,
-            self._buffers.state,
+            self._buffers.counts,
+            self._search,
         )
         return done
 

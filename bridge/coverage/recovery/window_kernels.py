@@ -9,21 +9,62 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.motion.compiled import compiled
+import cython
+from cython.cimports.libc.math import atan2, fabs
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import IntGrid, Layer
 
-    Layer = NDArray[np.uint8]
-    Ints = NDArray[np.int32]
-    Floats = NDArray[np.float64]
-
-SWEPT, GIVEN_UP, OCCUPIED = 1, 2, 4
+_PI = cython.declare(cython.double, math.pi)
+_SWEPT = cython.declare(cython.int, 1)
+_GIVEN_UP = cython.declare(cython.int, 2)
+_OCCUPIED = cython.declare(cython.int, 4)
+SWEPT, GIVEN_UP, OCCUPIED = _SWEPT, _GIVEN_UP, _OCCUPIED
 """Why a cell is done with: bits."""
 
 
-@compiled
+@cython.final
+@cython.cclass
+class OutlinePrices:
+    """What following a wall costs, and what it promises."""
+
+    speed_cm_s = cython.declare(cython.double, visibility="public")
+    turn_s_rad = cython.declare(cython.double, visibility="public")
+    stop_s = cython.declare(cython.double, visibility="public")
+    """For each stop."""
+    cells = cython.declare(cython.double, visibility="public")
+    """What an outline promises to sweep."""
+
+    def __init__(
+        self,
+        speed_cm_s: cython.double,
+        turn_s_rad: cython.double,
+        stop_s: cython.double,
+        cells: cython.double,
+    ) -> None:
+        """Take each price."""
+        self.speed_cm_s, self.turn_s_rad = speed_cm_s, turn_s_rad
+        self.stop_s, self.cells = stop_s, cells
+
+
+@cython.final
+@cython.cclass
+class BestOutline:
+    """The best place so far to begin following a wall."""
+
+    score = cython.declare(cython.double, visibility="public")
+    """Cells per second; 0: there is no such place."""
+    row = cython.declare(cython.int, visibility="public")
+    col = cython.declare(cython.int, visibility="public")
+    bearing_rad = cython.declare(cython.double, visibility="public")
+    """Of the wall."""
+
+    def __init__(self) -> None:
+        """No place yet."""
+        self.score = self.bearing_rad = 0.0
+        self.row = self.col = 0
+
+
 def copy_window(
     near: Layer,
     lens: Layer,
@@ -31,9 +72,9 @@ def copy_window(
     swept: Layer,
     wall: Layer,
     tried: Layer,
-    tries: int,
-    row0: int,
-    col0: int,
+    tries: cython.int,
+    row0: cython.int,
+    col0: cython.int,
     open_: Layer,
     done: Layer,
 ) -> None:
@@ -42,7 +83,11 @@ def copy_window(
     ``open_``: 0 the axle cannot be there, 1 beside such a place, 2 free. ``done``: why there is
     nothing to sweep, as bits.
     """
-    rows, cols = open_.shape
+    rows: cython.int = open_.shape[0]
+    cols: cython.int = open_.shape[1]
+    r: cython.int
+    c: cython.int
+    state: cython.int
     for r in range(rows):
         i = row0 + r
         for c in range(cols):
@@ -50,11 +95,11 @@ def copy_window(
             open_[r, c] = 2 if been[i, j] or not (near[i, j] or lens[i, j]) else 0
             state = 0
             if swept[i, j]:
-                state = SWEPT
+                state = _SWEPT
             if tried[i, j] >= tries:
-                state |= GIVEN_UP
+                state |= _GIVEN_UP
             if wall[i, j] > 1:
-                state |= OCCUPIED
+                state |= _OCCUPIED
             done[r, c] = state
         open_[r, 0] = 0
         open_[r, cols - 1] = 0
@@ -72,22 +117,27 @@ def copy_window(
                 open_[r, c] = 1
 
 
-@compiled
-def mark_targets(dist: Ints, most: int, done: Layer, target: Layer, ways: Ints) -> int:
+def mark_targets(
+    dist: IntGrid, most: cython.int, done: Layer, target: Layer, ways: IntGrid
+) -> cython.int:
     """What is worth sweeping, and how far the axle has to go; the number of targets.
 
     A cell is a target if nothing is done with it and it is within the mouth's half width (three
     and a half cells) of where the axle can be. ``ways``: -1 where it cannot.
     """
-    rows, cols = dist.shape
-    count = 0
+    rows: cython.int = dist.shape[0]
+    cols: cython.int = dist.shape[1]
+    r: cython.int
+    c: cython.int
+    count: cython.int = 0
     for r in range(rows):
         for c in range(cols):
             way = dist[r, c]
             if 0 <= way <= most:
                 ways[r, c] = way
-                target[r, c] = done[r, c] == 0
-                count += target[r, c]
+                fresh: cython.int = 1 if done[r, c] == 0 else 0
+                target[r, c] = fresh
+                count += fresh
             else:
                 ways[r, c] = -1
                 target[r, c] = 0
@@ -113,14 +163,17 @@ def mark_targets(dist: Ints, most: int, done: Layer, target: Layer, ways: Ints) 
     return count
 
 
-@compiled
-def keep_holes(target: Layer, hole: Layer) -> int:
+def keep_holes(target: Layer, hole: Layer) -> cython.int:
     """Leave of the targets those of pieces into which a disc of 4 cm fits; their number.
 
     It is looked for as a block of four by four cells (of 2 cm) without its corners. ``hole`` is
     room for the result.
     """
-    rows, cols = target.shape
+    rows: cython.int = target.shape[0]
+    cols: cython.int = target.shape[1]
+    r: cython.int
+    c: cython.int
+    there: cython.int
     for r in range(rows):
         for c in range(cols):
             hole[r, c] = 0
@@ -129,38 +182,42 @@ def keep_holes(target: Layer, hole: Layer) -> int:
             there = 0
             for n in range(16):
                 if n // 4 % 3 or n % 4 % 3:
-                    there += target[r + n // 4, c + n % 4]
+                    cell: cython.int = int(target[r + n // 4, c + n % 4])
+                    there += cell
             if there == 12:  # noqa: PLR2004 - all but the corners
                 for n in range(16):
                     hole[r + n // 4, c + n % 4] = target[r + n // 4, c + n % 4]
-    count = 0
+    count: cython.int = 0
     for r in range(rows):
         for c in range(cols):
             target[r, c] = hole[r, c]
-            count += hole[r, c]
+            kept: cython.int = int(hole[r, c])
+            count += kept
     return count
 
 
-@compiled
+@cython.cdivision(False)  # noqa: FBT003 - a directive: an angle's remainder has Python's sign
 def scan_outlines(
     open_: Layer,
-    ways: Ints,
+    ways: IntGrid,
     done: Layer,
-    here_row: float,
-    here_col: float,
-    heading: float,
-    prices: Floats,
-    best: Floats,
+    here_row: cython.double,
+    here_col: cython.double,
+    heading: cython.double,
+    prices: OutlinePrices,
+    best: BestOutline,
 ) -> None:
-    """The best place beside a wall whose band was not swept, to begin following it.
-
-    ``best``: score, row, column, bearing of the wall. ``prices``: cm/s, s/rad, s per stop, the
-    cells that an outline promises.
-    """
-    rows, cols = open_.shape
+    """The best place beside a wall whose band was not swept, to begin following it."""
+    rows: cython.int = open_.shape[0]
+    cols: cython.int = open_.shape[1]
+    r: cython.int
+    c: cython.int
+    fresh: cython.int
+    seen: cython.int
+    way: cython.double
     for r in range(5, rows - 5):
         for c in range(5, cols - 5):
-            if open_[r, c] != 1 or ways[r, c] < 0 or done[r, c] & SWEPT:
+            if open_[r, c] != 1 or ways[r, c] < 0 or done[r, c] & _SWEPT:
                 continue
             fresh = seen = 0
             wall_x = wall_y = 0.0
@@ -172,19 +229,19 @@ def scan_outlines(
                         wall_x += j
                         wall_y += i
                     seen += 1
-                    if not done[r + i, c + j] & (SWEPT | GIVEN_UP):
+                    if not done[r + i, c + j] & (_SWEPT | _GIVEN_UP):
                         fresh += 1
             if fresh * 10 < seen * 7 or (wall_x == 0.0 and wall_y == 0.0):
                 continue
-            way = float(ways[r, c])
-            time = way * 0.2 / prices[0] + 2.0 * prices[2] + prices[3] / 70.0
-            bearing = math.atan2(r + 0.5 - here_row, c + 0.5 - here_col)
+            way = ways[r, c]
+            time = way * 0.2 / prices.speed_cm_s + 2.0 * prices.stop_s + prices.cells / 70.0
+            bearing = atan2(r + 0.5 - here_row, c + 0.5 - here_col)
             if way > 40.0:  # noqa: PLR2004 - 8 cm
-                off = abs((bearing - heading + math.pi) % (2.0 * math.pi) - math.pi)
-                time += off * prices[1]
-            score = prices[3] / time
-            if score > best[0]:
-                best[0] = score
-                best[1] = r
-                best[2] = c
-                best[3] = math.atan2(wall_y, wall_x)
+                off = fabs((bearing - heading + _PI) % (2.0 * _PI) - _PI)
+                time += off * prices.turn_s_rad
+            score = prices.cells / time
+            if score > best.score:
+                best.score = score
+                best.row = r
+                best.col = c
+                best.bearing_rad = atan2(wall_y, wall_x)

@@ -163,13 +163,5 @@ class Rows:
         return Packed(index, first_ns, last_ns)
 
 
-def rehearse() -> None:
-    """Have the kernel loaded: before a run, whose first chunk would wait for it."""
-    rows = Rows(2, 1, [RowMessage(0, Head(1, 1), [], [])])
-    rows.ints.extend((0, 0))
-    rows.floats.append(0.0)
-    rows.take(np.zeros(rows.size, dtype=np.uint8))
-
-
 def _size(part: Part) -> int:
     return len(part) if isinstance(part, bytes) else struct.calcsize(f"<{part}")

@@ -2,39 +2,69 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
+import cython
 import numpy as np
+from cython.cimports.libc.math import cos, sin
 
-from bridge.motion.compiled import compiled
+if TYPE_CHECKING or cython.compiled:
+    from cython.cimports.bridge.motion.arrays import (
+        Bytes,
+        FloatGrid,
+        Floats,
+        LongBlock,
+        LongGrid,
+        Longs,
+        Singles,
+    )
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Bytes = NDArray[np.uint8]
-    Ints = NDArray[np.int64]
-    Floats = NDArray[np.float64]
-
+_WHOLE = cython.declare(cython.int, 0)
+_SECONDS = cython.declare(cython.int, 1)
+_NANOSECONDS = cython.declare(cython.int, 2)
+_STAMP = cython.declare(cython.int, 3)
+_SCALED = cython.declare(cython.int, 4)
+_FLOAT = cython.declare(cython.int, 10)
+_SIN_HALF = cython.declare(cython.int, 11)
+_COS_HALF = cython.declare(cython.int, 12)
 # What is written from an integer column, ...
-WHOLE, SECONDS, NANOSECONDS, STAMP, SCALED = range(5)
+WHOLE, SECONDS, NANOSECONDS, STAMP, SCALED = _WHOLE, _SECONDS, _NANOSECONDS, _STAMP, _SCALED
 # ... and what from a column of floats.
-FLOAT, SIN_HALF, COS_HALF = range(10, 13)
-_NS = 1_000_000_000
-_SINGLE_BYTES = 4
-_DOUBLE_BYTES = 8
+FLOAT, SIN_HALF, COS_HALF = _FLOAT, _SIN_HALF, _COS_HALF
+_NS = cython.declare(cython.longlong, 1_000_000_000)
 
 
-@compiled
-def _put(out: Bytes, at: int, value: int, width: int) -> None:
+@cython.final
+@cython.cclass
+class _Reals:
+    """Floats and their bytes, in the order of this machine: two views of the same memory."""
+
+    double: Floats
+    double_bytes: Bytes
+    single: Singles
+    single_bytes: Bytes
+
+    def __init__(self) -> None:
+        """Make room for one of each."""
+        double, single = np.zeros(1), np.zeros(1, dtype=np.float32)
+        self.double, self.double_bytes = double, double.view(np.uint8)
+        self.single, self.single_bytes = single, single.view(np.uint8)
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _put(out: Bytes, at: cython.longlong, value: cython.longlong, width: cython.int) -> cython.void:
     for k in range(width):
         out[at + k] = (value >> (8 * k)) & 0xFF
 
 
-@compiled
-def _put_stamp(out: Bytes, at: int, time_ns: int) -> None:
+@cython.cfunc
+@cython.cdivision(False)  # noqa: FBT003 - a directive: the rest of a second is never negative
+@cython.exceptval(check=False)
+def _put_stamp(out: Bytes, at: cython.longlong, time_ns: cython.longlong) -> cython.void:
     """``google.protobuf.Timestamp`` in twelve bytes: all but the fifth say "more follows"."""
     out[at], out[at + 6] = 0x08, 0x10
+    value: cython.longlong
     for half in range(2):
         value = time_ns // _NS if half == 0 else time_ns % _NS
         for k in range(5):
@@ -42,60 +72,65 @@ def _put_stamp(out: Bytes, at: int, time_ns: int) -> None:
             out[at + 1 + 6 * half + k] = ((value >> (7 * k)) & 0x7F) | more
 
 
-@compiled
-def _put_value(  # noqa: PLR0913, PLR0917 - a row, an operation and a place
-    ints: Ints, floats: Floats, op: Ints, scale: Floats, start: int, out: Bytes
-) -> None:
-    at, kind, column, width = start + op[0], op[1], op[2], op[3]
-    if kind == WHOLE:
-        _put(out, at, ints[column], width)
-    elif kind == SECONDS:
-        _put(out, at, ints[column] // _NS, width)
-    elif kind == NANOSECONDS:
-        _put(out, at, ints[column] % _NS, width)
-    elif kind == STAMP:
-        _put_stamp(out, at, ints[column])
+@cython.cfunc
+@cython.exceptval(check=False)
+def _put_real(
+    out: Bytes, at: cython.longlong, value: cython.double, width: cython.int, reals: _Reals
+) -> cython.void:
+    if width == 4:  # noqa: PLR2004 - bytes of a single
+        reals.single[0] = value
+        for k in range(4):
+            out[at + k] = reals.single_bytes[k]
     else:
-        value = _real(ints, floats, kind, column, scale)
-        if width == _SINGLE_BYTES:
-            _put(out, at, _bits_of_single(value), _SINGLE_BYTES)
-        else:
-            _put(out, at, _bits_of_double(value), _DOUBLE_BYTES)
+        reals.double[0] = value
+        for k in range(8):
+            out[at + k] = reals.double_bytes[k]
 
 
-@compiled
-def _real(ints: Ints, floats: Floats, kind: int, column: int, scale: Floats) -> float:
-    if kind == SCALED:
-        return float(ints[column] * scale[0] + scale[1])
-    value = floats[column]
-    if kind == SIN_HALF:
-        value = math.sin(0.5 * value)
-    elif kind == COS_HALF:
-        value = math.cos(0.5 * value)
-    return float(value)
-
-
-@compiled
-def _bits_of_single(value: float) -> int:
-    return np.float32(value).view(np.int32)  # type: ignore[return-value]  # an int when compiled
-
-
-@compiled
-def _bits_of_double(value: float) -> int:
-    return np.float64(value).view(np.int64)  # type: ignore[return-value]  # as above
-
-
-@compiled
-def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
-    ints: Ints,
-    floats: Floats,
-    template: Bytes,
-    ops: Ints,
-    scales: Floats,
+@cython.cfunc
+@cython.cdivision(False)  # noqa: FBT003 - as above
+@cython.exceptval(check=False)
+def _put_value(  # noqa: PLR0913, PLR0917 - a row, an operation and a place
+    ints: LongGrid,
+    floats: FloatGrid,
+    row: cython.Py_ssize_t,
+    ops: LongGrid,
+    scales: FloatGrid,
+    op: cython.Py_ssize_t,
+    start: cython.longlong,
     out: Bytes,
-    log_column: int,
-    places: Ints,
-    index: Ints,
+    reals: _Reals,
+) -> cython.void:
+    at, kind, column, width = start + ops[op, 0], ops[op, 1], ops[op, 2], ops[op, 3]
+    if kind == _WHOLE:
+        _put(out, at, int(ints[row, column]), width)
+    elif kind == _SECONDS:
+        _put(out, at, int(ints[row, column] // _NS), width)
+    elif kind == _NANOSECONDS:
+        _put(out, at, int(ints[row, column] % _NS), width)
+    elif kind == _STAMP:
+        _put_stamp(out, at, int(ints[row, column]))
+    elif kind == _SCALED:
+        gain, offset = scales[op, 0], scales[op, 1]
+        _put_real(out, at, ints[row, column] * gain + offset, width, reals)
+    elif kind == _SIN_HALF:
+        _put_real(out, at, sin(0.5 * floats[row, column]), width, reals)
+    elif kind == _COS_HALF:
+        _put_real(out, at, cos(0.5 * floats[row, column]), width, reals)
+    else:
+        _put_real(out, at, floats[row, column], width, reals)
+
+
+def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
+    ints: LongGrid,
+    floats: FloatGrid,
+    template: Bytes,
+    ops: LongGrid,
+    scales: FloatGrid,
+    out: Bytes,
+    log_column: cython.Py_ssize_t,
+    places: Longs,
+    index: LongBlock,
 ) -> tuple[int, int]:
     """Write a record for each row, and the index of where its messages are.
 
@@ -114,7 +149,11 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
         The least and the greatest log time.
 
     """
-    first = last = ints[0, log_column]
+    reals = _Reals()
+    first: cython.longlong = ints[0, log_column]
+    last: cython.longlong = first
+    begin: cython.longlong
+    time: cython.longlong
     size = template.shape[0]
     for row in range(ints.shape[0]):
         begin = ints[row, 0]
@@ -126,5 +165,5 @@ def pack_rows(  # noqa: PLR0913, PLR0917 - the arrays of the kernel
         for k in range(size):
             out[begin + k] = template[k]
         for op in range(ops.shape[0]):
-            _put_value(ints[row], floats[row], ops[op], scales[op], begin, out)
-    return first, last
+            _put_value(ints, floats, row, ops, scales, op, begin, out, reals)
+    return int(first), int(last)

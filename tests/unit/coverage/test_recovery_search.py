@@ -10,20 +10,15 @@ import numpy as np
 
 from bridge.coverage.recovery.choice import Chooser
 from bridge.coverage.recovery.evidence import EvidenceMap
-from bridge.coverage.recovery.lane_kernels import scan_lanes
+from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lanes
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.travel_kernels import (
-    COUNTS,
-    RING,
-    WAITING,
-    _clear_line,
-    travel,
-    way_back,
-)
+from bridge.coverage.recovery.travel_kernels import RING, Search, clear_line, travel, way_back
 from bridge.coverage.recovery.window_kernels import (
     GIVEN_UP,
     OCCUPIED,
     SWEPT,
+    BestOutline,
+    OutlinePrices,
     copy_window,
     keep_holes,
     mark_targets,
@@ -52,11 +47,13 @@ def reach(
     open_: np.ndarray, row: int, col: int, most: int = FAR, budget: int = 1 << 30
 ) -> np.ndarray:
     dist = np.full(open_.shape, -1, dtype=np.int32)
-    state = np.zeros(COUNTS + RING, dtype=np.int32)
+    counts = np.zeros(RING, dtype=np.int32)
     dist[row, col] = 0
     QUEUE[0, 0] = row * open_.shape[1] + col
-    state[WAITING] = state[COUNTS] = 1
-    while not travel(open_.ravel(), open_.shape[1], most, budget, dist.ravel(), QUEUE, state)[1]:
+    search = Search()
+    search.waiting = counts[0] = 1
+    cells = (open_.ravel(), open_.shape[1])
+    while not travel(*cells, most, budget, dist.ravel(), QUEUE, counts, search)[1]:
         pass
     dist[dist > most] = -1
     return dist
@@ -152,13 +149,12 @@ def test_the_outline_begins_beside_the_wall_that_is_not_swept() -> None:
     done = np.zeros((40, 40), dtype=np.uint8)
     done[:, :20] = SWEPT
     ways = np.where(open_ > 0, 10, -1).astype(np.int32)
-    best = np.zeros(4)
-    scan_outlines(open_, ways, done, 20.0, 20.0, 0.0, np.array([28.0, 0.85, 0.9, 500.0]), best)
-    score, row, col, bearing = best.tolist()
-    assert score > 0.0
-    assert row == 8
-    assert col >= 20
-    assert abs(bearing + 0.5 * math.pi) < 0.2
+    best, prices = BestOutline(), OutlinePrices(28.0, 0.85, 0.9, 500.0)
+    scan_outlines(open_, ways, done, 20.0, 20.0, 0.0, prices, best)
+    assert best.score > 0.0
+    assert best.row == 8
+    assert best.col >= 20
+    assert abs(best.bearing_rad + 0.5 * math.pi) < 0.2
 
 
 def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
@@ -173,38 +169,38 @@ def test_the_way_has_few_corners_and_a_free_line_between_them() -> None:
     for a, b in itertools.pairwise(corners[:count]):
         (r0, c0), (r1, c1) = a.tolist(), b.tolist()
         beside = max(abs(r1 - r0), abs(c1 - c0)) == 1
-        assert beside or _clear_line(open_, r0, c0, r1, c1, 1)
+        assert beside or clear_line(open_, r0, c0, r1, c1, 1)
     assert way_back(open_, np.full_like(dist, -1), 35, 35, corners, CELLS) == 0
 
 
-def best_lane(target: np.ndarray, here: tuple[float, float]) -> list[float]:
+def best_lane(target: np.ndarray, here: tuple[float, float]) -> BestLane:
     ways = np.zeros(target.shape, dtype=np.int32)
     row, col = np.indices(target.shape)
     ways[:] = 10 * np.hypot(row - here[0], col - here[1])
-    best = np.zeros(8)
+    best = BestLane()
     sums = np.zeros(target.shape[1], dtype=np.int32)
     # 20 cm/s, 1 s/rad, 1 s a stop, 2 cells an edge; rows along the heading
-    prices = np.array([20.0, 1.0, 1.0, 2.0, 0.0])
+    prices = LanePrices(20.0, 1.0, 1.0, 2.0, 0.0)
     scan_lanes(target, ways, 7, 10, 3, here[0], here[1], 0.0, prices, best, sums)
-    return best.tolist()
+    return best
 
 
 def test_the_lane_beside_what_is_swept_is_taken_before_one_that_leaves_a_sliver() -> None:
     target = np.zeros((60, 100), dtype=np.uint8)
     target[10:50, 10:90] = 1
-    score, row, first, last, backwards, new, *_ = best_lane(target, (10.0, 8.0))
+    best = best_lane(target, (10.0, 8.0))
     # rows 10 … 16 are seven cells wide and leave nothing below them
-    assert (row, first, last, backwards) == (13, 10, 89, 0)
-    assert new == 7 * 80
-    assert score > 0.0
+    assert (best.row, best.first, best.last, best.backwards) == (13, 10, 89, False)
+    assert best.new == 7 * 80
+    assert best.score > 0.0
 
 
 def test_a_lane_is_taken_from_its_nearer_end() -> None:
     target = np.zeros((60, 100), dtype=np.uint8)
     target[10:50, 10:90] = 1
-    _, row, _, _, backwards, *_ = best_lane(target, (49.0, 95.0))
-    assert row == 46
-    assert backwards == 1
+    best = best_lane(target, (49.0, 95.0))
+    assert best.row == 46
+    assert best.backwards
 
 
 def seen(pose: Pose2) -> Observation:

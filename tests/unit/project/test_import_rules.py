@@ -17,12 +17,9 @@ from support.root import ROOT
 
 ALLOWED = {
     "protocol": {"protocol", "numpy", "cobs"},
-    "bridge/motion": {"bridge.motion", "numba", "numpy", "scipy"},
-    "bridge/coverage": {"bridge.coverage", "bridge.motion", "numpy", "scipy"},
+    "bridge/motion": {"bridge.motion", "numpy", "scipy"},
+    "bridge/coverage": {"bridge.coverage", "bridge.motion", "cython", "numpy", "scipy"},
 }
-MACHINE_CODE = {"ctypes", "llvmlite"}
-"""What ``bridge.motion`` loads its compiled kernels with, in the three files that do it."""
-KERNEL_FILES = {"compiled.py", "kernel_build.py", "kernel_call.py"}
 # The standard library's doors to clocks, ports, processes, hidden randomness and logs.
 IMPURE = {
     "asyncio",
@@ -72,9 +69,7 @@ def test_pure_package_imports_only_what_is_allowed(package: str) -> None:
     assert files
     found = {}
     for file in files:
-        machine_code = package == "bridge/motion" and file.name in KERNEL_FILES
-        allowed = ALLOWED[package] | (MACHINE_CODE if machine_code else set())
-        strange = strangers(file.read_text(encoding="utf-8"), allowed)
+        strange = strangers(file.read_text(encoding="utf-8"), ALLOWED[package])
         if strange:
             found[str(file.relative_to(ROOT))] = strange
     assert found == {}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from support.root import ROOT
+from tools.dev import kernels
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,17 +28,9 @@ RECKONING = {
 
 
 def compiled_kernels() -> set[str]:
-    """Every module of the device with a function that numba compiles."""
-    folder = ROOT / "sim_device"
-    return {
-        name_of(file)
-        for file in folder.rglob("*.py")
-        if "@compiled" in file.read_text(encoding="utf-8")
-    }
-
-
-def name_of(file: Path) -> str:
-    return ".".join(file.relative_to(ROOT).with_suffix("").parts)
+    """Every module of the device that Cython compiles."""
+    names = {kernels.module_name(source) for source in kernels.sources()}
+    return {name for name in names if name.startswith("sim_device.")}
 
 
 def file_of(module: str) -> Path | None:
@@ -78,9 +71,9 @@ def everything_behind(roots: set[str]) -> set[str]:
 
 
 def test_there_are_kernels_and_the_plant_is_behind_one() -> None:
-    kernels = compiled_kernels()
-    assert "sim_device.body.drive_kernel" in kernels
-    assert kernels & everything_behind({"sim_device.body.plant"})
+    compiled = compiled_kernels()
+    assert "sim_device.body.drive_kernel" in compiled
+    assert compiled & everything_behind({"sim_device.body.plant"})
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,68 @@
+"""Compile the kernels; everything else about the package stands in ``pyproject.toml``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from setuptools import Extension, setup
+
+sys.path.insert(0, str(Path(__file__).parent))  # a build frontend does not do it
+from tools.dev import kernels
+
+BUILD = Path("build/kernels")
+FLAGS = ["/O2", "/fp:precise"] if sys.platform == "win32" else ["-O2", "-ffp-contract=off", "-g0"]
+"""Without fast-math and for any CPU of its kind: equal input gives equal floats on each."""
+DIRECTIVES = {
+    "language_level": 3,
+    "boundscheck": False,
+    "cdivision": True,
+    "infer_types": True,
+    "initializedcheck": False,
+    "wraparound": False,
+}
+
+
+def wanted() -> list[Path]:
+    """The sources that this command compiles: in place only what is stale, for a wheel all."""
+    commands = set(sys.argv[1:])
+    if commands & {"--inplace", "editable_wheel"}:
+        return kernels.stale(kernels.sources(tests="--inplace" in commands))
+    if commands & {"bdist_wheel", "build", "build_ext", "install"}:
+        return kernels.sources()
+    return []
+
+
+def stamped(source: Path) -> str:
+    """Write a C file with the stamp of a source; its path."""
+    path = BUILD / f"{kernels.module_name(source)}.stamp.c"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f'const char sweepctl_stamp[] = "{kernels.stamp(source)}";\n', encoding="utf-8")
+    return str(path)
+
+
+def extensions(sources: list[Path]) -> list[Extension]:
+    """One extension for each source."""
+    if not sources:
+        return []
+    from Cython.Build import cythonize  # noqa: PLC0415 - a list of files needs no compiler
+
+    made = [
+        Extension(
+            kernels.module_name(source),
+            [str(source.relative_to(kernels.ROOT)), stamped(source)],
+            extra_compile_args=FLAGS,
+        )
+        for source in sources
+    ]
+    directives = {"compiler_directives": DIRECTIVES, "quiet": True}
+    compiled: list[Extension] = cythonize(made, build_dir=str(BUILD), force=True, **directives)
+    return compiled
+
+
+if __name__ == "__main__":  # setuptools' own name for it, too
+    setup(
+        ext_modules=extensions(wanted()),
+        options={"build_ext": {"parallel": os.cpu_count(), "force": True}},
+    )

@@ -1,0 +1,403 @@
+"""Each kernel gives the same compiled and run by Python: one scenario for each of its modules."""
+
+# A module that is loaded from its source has no type.
+# ruff: noqa: ANN401
+
+from __future__ import annotations
+
+import importlib
+import math
+import struct
+import sysconfig
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from bridge.floor_plan.floor_plan import Carpet, FloorPlan, Threshold
+from bridge.motion.geometry import Pose2
+from support.pure import load_pure
+from tools.dev import kernels
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from types import ModuleType
+
+    from numpy.typing import NDArray
+
+    Scenario = Callable[[Any], list[object]]
+
+TOLERANCE = 1e-12
+"""Relative: C's ``hypot`` and Python's differ in the last bit."""
+
+
+def box(*sides: float) -> list[tuple[float, float]]:
+    """Corners of a rectangle, counter-clockwise, from x0, y0, x1, y1."""
+    x0, y0, x1, y1 = sides
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+def edges(*polygons: list[tuple[float, float]]) -> NDArray[np.float64]:
+    """Rows as ``ray_kernel`` takes them."""
+    rows = []
+    for polygon in polygons:
+        for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+            length = math.hypot(bx - ax, by - ay)
+            unit = (bx - ax) / length, (by - ay) / length
+            rows.append((ax, ay, bx - ax, by - ay, 1.0 / length**2, *unit))
+    return np.array(rows)
+
+
+ROOM = edges(box(0.0, 0.0, 2.0, 1.5), box(1.2, 0.6, 1.5, 0.9))
+CORNERS = np.array([(0.0, 0.0, 0.0), (2.0, 1.5, 0.0), (1.2, 0.6, 1.0), (1.2, 0.9, 1.0)])
+
+
+def public(thing: object) -> list[object]:
+    """All numbers that a compiled class shows."""
+    names = (name for name in sorted(dir(type(thing))) if not name.startswith("_"))
+    values = ((name, getattr(thing, name)) for name in names)
+    return [(name, float(v)) for name, v in values if isinstance(v, int | float | np.number)]
+
+
+def floor(rng: np.random.Generator, rows: int, cols: int) -> NDArray[np.uint8]:
+    """Mostly free, with some blocks that are not; the rim shut."""
+    open_ = np.full((rows, cols), 2, dtype=np.uint8)
+    for _ in range(5):
+        row, col = rng.integers(0, rows), rng.integers(0, cols)
+        open_[row : row + 6, col : col + 4] = 0
+        open_[row + 6 : row + 8, col : col + 4] = 1
+    open_[0] = open_[-1] = open_[:, 0] = open_[:, -1] = 0
+    return open_
+
+
+def evidence_kernels(m: Any) -> list[object]:
+    rng = np.random.default_rng(1)
+    swept, wall, near, been, lens = (np.zeros((60, 70), dtype=np.uint8) for _ in range(5))
+    given: list[object] = []
+    x, y, theta = 30.0, 30.0, 0.3
+    for _ in range(25):
+        nx, ny = (x + 4.0 * math.cos(theta)) % 70.0, (y + 4.0 * math.sin(theta)) % 60.0
+        turned = theta + rng.uniform(-0.8, 0.8)
+        given.append(m.sweep(swept, x, y, theta, nx, ny, turned, 3.5, 1.5))
+        x, y, theta = nx, ny, turned
+        bearing = rng.uniform(-math.pi, math.pi)
+        ray = (math.cos(bearing), math.sin(bearing))
+        m.beam(wall, near, x, y, *ray, 12.0, 13.0, int(rng.integers(0, 3)), 4.2)
+        m.add_wall(wall, near, int(rng.integers(-3, 63)), int(rng.integers(-3, 73)), 2, 4.2)
+        m.add_wall(wall, near, int(rng.integers(0, 60)), int(rng.integers(0, 70)), -6, 4.2)
+        m.clear_body(wall, near, been, x, y, 3.3, 4.2)
+        m.bump_lens(lens, x, y, bearing - 0.5, bearing + 0.4, 8.2)
+        given.append(m.fresh_ahead(swept, x, y, theta, 2.0, 15.0, -3.0, 3.0))
+        asked = (0.02, 0.17, 0.15, 0.17, 0.026, 0.3, 0.1, 0.3)
+        given.append(m.pace(wall, x, y, theta, *asked))
+    return [*given, swept, wall, near, been, lens]
+
+
+def lane_kernels(m: Any) -> list[object]:
+    rng = np.random.default_rng(2)
+    target_in = (floor(rng, 60, 80) == 2).astype(np.uint8)
+    ways_in = np.where(target_in > 0, rng.integers(0, 300, target_in.shape), -1).astype(np.int32)
+    given: list[object] = []
+    for angle in (0.0, 0.4, -2.5):
+        target, ways = np.zeros((70, 90), np.uint8), np.zeros((70, 90), np.int32)
+        m.turn_images(target_in, ways_in, angle, -3.0, 5.0, target, ways)
+        for heading in (0.0, 3.0):
+            best, prices = m.BestLane(), m.LanePrices(20.0, 1.0, 0.9, 2.0, 1.5)
+            sums = np.zeros(90, np.int32)
+            m.scan_lanes(target, ways, 7, 10, 3, 12.5, 40.0, heading, prices, best, sums)
+            given += [*public(best), sums]
+        given += [target, ways]
+    return given
+
+
+def travel_kernels(m: Any) -> list[object]:
+    open_ = floor(np.random.default_rng(3), 50, 60)
+    open_[1:-1, 5] = 2
+    dist, counts = np.full(open_.shape, -1, np.int32), np.zeros(m.RING, np.int32)
+    queue, search = np.zeros((m.RING, 2048), np.int32), m.Search()
+    dist[20, 5], queue[0, 0], counts[0], search.waiting = 0, 20 * 60 + 5, 1, 1
+    given: list[object] = []
+    done = False
+    while not done:
+        settled, done = m.travel(open_.ravel(), 60, 600, 150, dist.ravel(), queue, counts, search)
+        given += [settled, done, *public(search)]
+    corners, cells = np.zeros((50, 2), np.int32), np.zeros(2000, np.int32)
+    for row, col in ((10, 50), (45, 55), (20, 5), (1, 1)):
+        given += [m.way_back(open_, dist, row, col, corners, cells), corners.copy()]
+        given.append(m.clear_line(open_, 20, 5, row, col, 1))
+    return [*given, dist, counts]
+
+
+def window_kernels(m: Any) -> list[object]:
+    rng = np.random.default_rng(4)
+    layers = [(rng.random((60, 70)) < share).astype(np.uint8) for share in (0.02, 0.01, 0.2)]
+    near, lens, been = layers
+    swept = np.zeros((60, 70), np.uint8)
+    swept[:, :35] = 1
+    wall, tried = (rng.integers(0, 40, (2, 60, 70)) // 13).astype(np.uint8)
+    open_, done, target, hole = (np.zeros((50, 60), np.uint8) for _ in range(4))
+    m.copy_window(near, lens, been, swept, wall, tried, 2, 5, 6, open_, done)
+    dist = np.where(open_ > 0, rng.integers(0, 300, open_.shape), -1).astype(np.int32)
+    ways = np.zeros_like(dist)
+    given: list[object] = [m.mark_targets(dist, 250, done, target, ways)]
+    for heading in (0.0, 2.9):
+        best, prices = m.BestOutline(), m.OutlinePrices(28.0, 0.85, 0.9, 500.0)
+        m.scan_outlines(open_, ways, done, 20.0, 20.0, heading, prices, best)
+        given += public(best)
+    marked = target.copy()
+    return [*given, open_, done, ways, marked, m.keep_holes(target, hole), target]
+
+
+def raster_kernel(m: Any) -> list[object]:
+    rng = np.random.default_rng(5)
+    row, col = np.indices((40, 50), dtype=np.float64)
+    xs, ys = col + rng.random(col.shape), row + rng.random(col.shape)
+    mask, times = np.zeros((40, 50), np.bool_), np.full((40, 50), np.inf)
+    for k in range(6):
+        ax, ay, ex, ey = rng.uniform(5.0, 35.0, 4)
+        segment = (ax, ay, ex - 20.0, ey - 20.0, 3.0)
+        m.capsule(mask.view(np.uint8), xs, ys, 0, 40, 0, 50, *segment)
+        corners = rng.uniform(0.0, 45.0, (2, 6))
+        m.sweep(times, xs, ys, 2, 38, 1, 49, corners, np.zeros((2, 3, 4)), 5.0 - k)
+    m.capsule(mask.view(np.uint8), xs, ys, 0, 40, 0, 50, 9.0, 9.0, 0.0, 0.0, 4.0)
+    spots = rng.random((40, 50)) < 0.5
+    return [mask, times, *m.pieces(spots, 1), *m.pieces(spots, 2), m.deepest(mask)]
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def records_kernel(m: Any) -> list[object]:
+    rng = np.random.default_rng(6)
+    messages = [
+        record(5, struct.pack("<HIQQ", k % 3, k, k, k) + bytes(rng.integers(0, 9, 12).tolist()))
+        for k in range(20)
+    ]
+    chunk = b"".join([record(4, b"channel"), *messages])
+    given: list[object] = []
+    for content in (chunk, chunk[:-5], chunk + bytes(30), b"\x05" + b"\xff" * 30, b""):
+        places, lengths, channels = np.zeros((3, 64), np.int64)
+        data = np.frombuffer(content, np.uint8)
+        given += [m.find_records(data, places, lengths, channels), places, lengths, channels]
+    data = np.frombuffer(b"".join(messages), np.uint8)
+    starts = np.arange(20, dtype=np.int64) * len(messages[0])
+    shape, mask = np.frombuffer(messages[0][31:], np.uint8), np.zeros(12, np.uint8)
+    mask[:2] = 0x04
+    values = np.array([(31, 8, 0), (39, 4, 160), (36, 3, 240)])
+    out, fits = np.zeros(300, np.uint8), np.zeros(20, np.uint8)
+    given += [m.split_messages(data, starts, 31, shape, mask, values, out, fits), out, fits]
+    indexes = record(7, struct.pack("<HI", 1, 32) + bytes(32)) * 3
+    for content in (indexes, indexes + chunk, indexes[:-1], record(7, b"\x01" * 10)):
+        given.append(m.skip_indexes(np.frombuffer(content, np.uint8)))
+    return given
+
+
+def rows_kernel(m: Any) -> list[object]:
+    kinds = [
+        *((m.WHOLE, 1, w) for w in (1, 2, 4, 8)),
+        *((m.SECONDS, 1, 4), (m.NANOSECONDS, 1, 4), (m.STAMP, 1, 12)),
+        *((m.SCALED, 2, 4), (m.SCALED, 2, 8), (m.FLOAT, 0, 4), (m.FLOAT, 0, 8)),
+        *((m.SIN_HALF, 1, 8), (m.COS_HALF, 1, 8), (m.COS_HALF, 1, 4)),
+    ]
+    begin, ops = 3, []
+    for kind, column, width in kinds:
+        ops.append((begin, kind, column, width))
+        begin += width
+    size = begin + 2
+    times = 1_760_000_000_123_456_789 + 10_000_000 * np.arange(7)[::-1]
+    ints = np.stack([size * np.arange(7), times, np.arange(-3, 4) * 1000], axis=1)
+    floats = np.random.default_rng(7).uniform(-4.0, 4.0, (7, 2))
+    scales = np.tile([0.0123, -4.5], (len(ops), 1))
+    out, index = np.zeros(7 * size, np.uint8), np.zeros((2, 7, 2), np.int64)
+    template = np.arange(size, dtype=np.uint8)
+    places = np.array([0, 40])
+    arrays = (np.ascontiguousarray(ints), floats, template, np.array(ops), scales, out)
+    return [*m.pack_rows(*arrays, 1, places, index), out, index]
+
+
+def body_of(m: Any) -> Any:
+    b = m.Body()
+    b.tau_s, b.decay, b.back_emf_v_s, b.resistance_ohm = 0.05, 0.0198, 1.1, 8.0
+    b.friction_v, b.drop_v, b.load_v_n, b.radius_m = 0.5, 1.8, 0.236, 0.17
+    b.wheel_base_m, b.wall_friction, b.traction_n, b.rad_s_per_n = 0.23, 0.2, 7.0, 0.02
+    b.caster_n, b.caster_x_m, b.full_v, b.capacity_ah = 0.3, 0.115, 16.0, 0.001
+    b.empty_ratio, b.battery_ohm, b.knee, b.knee_fall = 0.85, 0.15, 0.05, 0.4
+    b.knee_resistance, b.electronics_w, b.unslipped = 4.0, 1.5, 0.99
+    b.slip_kick, b.slip_fade, b.charge_ah = 0.002, 0.01, 0.001
+    b.left.radius_m, b.right.radius_m = 0.0325, 0.0326
+    b.take_draws(np.random.default_rng(8).standard_normal(m.SLIP_DRAWS))
+    b.x_m, b.y_m, b.theta_rad = 0.5, 0.4, 0.2
+    b.take_edges(ROOM)
+    m.tread(b)
+    m.sag(b)
+    return b
+
+
+def drive_kernel(m: Any) -> list[object]:
+    b = body_of(m)
+    given: list[object] = []
+    m.advance(0, 0.0, 0.0, b)
+    duties = [(0.9, 0.9)] * 220 + [(-0.7, 0.7)] * 40 + [(0.9, 0.8)] * 120 + [(0.0, 0.0)] * 20
+    for period, (left, right) in enumerate(duties):
+        if period == 60:  # somebody walks at it
+            b.walker_x_m, b.walker_y_m, b.walker_radius_m = b.x_m, b.y_m + 0.35, 0.05
+            b.walker_vy_m_s, b.walker_ms, b.disturbed = -0.5, 200.0, True
+        b.left.slope_n, b.right.carpet_n = (2.0, 0.5) if 100 < period < 130 else (0.0, 0.0)
+        b.left.stuck = 300 < period < 310
+        b.lifted, b.held = 320 < period < 325, 330 < period < 335
+        b.tilt_x_m_s2 = 0.1 if period % 7 == 0 else 0.0
+        m.advance(4, left, right, b)
+        m.advance(6, left, right, b)
+        given += [m.renew(b), m.felt(b), b.normals()]
+        if b.draws_used() >= m.SLIP_DRAWS - 1:
+            b.take_draws(np.linspace(-1.0, 1.0, b.draws_used()))
+        if period == 200:
+            b.touch(0.6, 0.8)
+    m.settle(b)
+    m.switch(0.5, -0.5, b)
+    assert b.collisions > 0
+    assert b.contact_ms > 0.0
+    return [*given, *public(b), *public(b.left), *public(b.right)]
+
+
+def wheel_kernel(m: Any) -> list[object]:
+    left, right = m.Wheel(0.013), m.Wheel(0.0131)
+    loop = m.Loop(left, right)
+    loop.feed_forward, loop.friction, loop.proportional = 2.12, 0.15, 1.6
+    loop.integral_gain, loop.integral_limit, loop.half_base_m = 0.12, 0.5, 0.115
+    loop.v_max, loop.yaw_max, loop.v_step, loop.yaw_step = 0.3, 2.0, 0.01, 0.09
+    rng = np.random.default_rng(9)
+    counts = np.array([65_500, 40])
+    given: list[object] = []
+    for k in range(120):
+        counts = (counts + rng.integers(-2, 20, 2) * (k < 90)) % 65_536
+        wanted = (0.25, 0.5) if k < 60 else (-0.2, 0.0) if k < 110 else (0.0, 0.0)
+        given += m.control(loop, *wanted, *counts.tolist(), 15.0 - 0.1 * k)
+    return [*given, *public(loop), *public(left), *public(right)]
+
+
+def imu_kernel(m: Any) -> list[object]:
+    rng = np.random.default_rng(10)
+    matrix = np.vstack([np.eye(3), np.eye(3)]) + rng.uniform(-0.02, 0.02, (6, 3))
+    bias, extra = rng.uniform(-1.0, 1.0, 6), np.zeros(6)
+    chip = m.Chip(matrix, bias, rng.uniform(-0.01, 0.01, 6), extra)
+    chip.rest_sigma_g, chip.moving_sigma_g, chip.sigma_deg_s = 0.004, 0.02, 0.05
+    chip.walk_sigma_deg_s, chip.yaw_sigma_deg_s, chip.motion_deg_s = 0.001, 0.02, 0.1
+    chip.lsb_accel, chip.lsb_gyro, chip.window_ms = 16384.0, 131.0, 19.6
+    chip.ambient_c, chip.warming_c, chip.temperature_error_c = 25.0, 6.0, 0.3
+    felt = np.zeros(8)
+    chip.begin(*felt.tolist())
+    given: list[object] = []
+    for k in range(150):
+        interval_ms = 10 if k % 10 else 7
+        chip.interval_ms, chip.per_s = interval_ms, 1000.0 / interval_ms
+        chip.per_g, chip.per_deg = chip.per_s / 9.80665, chip.per_s * 57.29577951308232
+        extra[:] = 300.0 if k == 70 else 0.0  # beyond its range: it saturates
+        felt += rng.uniform(0.0, 0.002, 8) * (k > 40)
+        normals = rng.standard_normal(m.DRAWS + 3)
+        given += m.sample(chip, normals, 3, 10.0 * k, *felt.tolist())
+    assert 32767 in given
+    return given
+
+
+def ray_kernel(m: Any) -> list[object]:
+    turned = np.linspace(-1.6, 1.6, 21)
+    beams = np.array([(0.05, 0.01, math.cos(a), math.sin(a)) for a in turned.tolist()])
+    ear = m.Ear(0.12, 0.0, 0.1, 0.13, 0.891, 4.0, 1.5)
+    given: list[object] = []
+    for k in range(24):
+        walker = np.array([1.0, 1.1, 0.1 * (k % 3)])
+        pose = (0.3 + 0.05 * k, 0.3, 0.7 * k)
+        hits = np.zeros((21, 3))
+        m.cast_beams(ROOM, walker, *pose, beams, hits)
+        given += [hits, m.echo(ROOM, walker, CORNERS, *pose, beams[6:15].copy(), ear)]
+    return given
+
+
+def terrain(m: Any) -> list[object]:
+    plan = FloorPlan(
+        "floor",
+        tuple(box(0.0, 0.0, 2.0, 1.5)),
+        (),
+        Pose2(0.5, 0.5, 0.0),
+        (
+            Carpet(tuple(box(0.2, 0.2, 1.0, 1.0)), 1.2, 0.02),
+            Carpet(tuple(box(0.6, 0.6, 1.4, 1.4)), 0.8, 0.99),
+        ),
+        (Threshold((0.7, 0.0), (0.7, 1.5), 0.003), Threshold((0.0, 0.9), (0.8, 1.5), 0.04)),
+    )
+    carpets, thresholds = m.carpet_rows(plan), m.threshold_rows(plan)
+    stance, felt = m.Stance(0.23, 0.0325, 0.115, 0.015, 11.8, 5.9), m.Climb()
+    given: list[object] = [carpets, thresholds]
+    for k in range(60):
+        x, y = 0.1 + 0.021 * k, 0.9 - 0.009 * k
+        given += m.carpet_under(x, y, carpets)
+        m.climb(x, y, 0.1 * k, stance, thresholds, felt)
+        given += public(felt)
+    return given
+
+
+def fast_world_kernel(m: Any) -> list[object]:
+    walls = ROOM[:, :4].copy()
+    state, out = np.zeros(12), np.zeros(3)
+    state[:3], state[7] = (0.5, 0.5, 0.3), 1.0
+    given: list[object] = []
+    for k in range(150):
+        m.move(walls, state, 0.3 if k % 50 < 40 else -0.1, 0.4, 0.17, 1.518)
+        m.sense(walls, CORNERS, state, out, 0.26)
+        given += [state.copy(), out.copy()]
+    return given
+
+
+SCENARIOS: dict[str, Scenario] = {
+    scenario.__name__: scenario
+    for scenario in (
+        *(evidence_kernels, lane_kernels, travel_kernels, window_kernels),
+        *(raster_kernel, records_kernel, rows_kernel),
+        *(drive_kernel, wheel_kernel, imu_kernel, ray_kernel, terrain, fast_world_kernel),
+    )
+}
+
+
+def flat(given: list[object]) -> list[float]:
+    """All numbers, one after the other."""
+    numbers: list[float] = []
+    for value in given:
+        if isinstance(value, np.ndarray):
+            numbers += value.astype(np.float64).ravel().tolist()
+        elif isinstance(value, tuple | list):
+            numbers += flat([v for v in value if not isinstance(v, str)])
+        else:
+            numbers.append(float(value))  # type: ignore[arg-type]
+    return numbers
+
+
+def compiled(name: str) -> ModuleType:
+    module = importlib.import_module(name.removeprefix("tests."))
+    assert str(module.__file__).endswith(sysconfig.get_config_var("EXT_SUFFIX"))
+    return module
+
+
+@pytest.mark.parametrize("source", kernels.sources(tests=True), ids=kernels.module_name)
+def test_compiled_and_pure_give_the_same(source: Path) -> None:
+    scenario = SCENARIOS[source.stem]
+    expected = flat(scenario(load_pure(source)))
+    assert len(expected) > 50
+    assert len(set(expected)) > 5
+    assert flat(scenario(compiled(kernels.module_name(source)))) == pytest.approx(
+        expected, rel=TOLERANCE, abs=TOLERANCE, nan_ok=True
+    )
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    m: Any = compiled("bridge.coverage.recovery.evidence_kernels")
+    layer = np.zeros((5, 6), np.uint8)
+    for wrong in (layer.astype(np.int32), layer[0], layer.T, layer[:, ::2]):
+        with pytest.raises(ValueError, match=r"Buffer|contiguous"):
+            m.fresh_ahead(wrong, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    with pytest.raises(TypeError, match="real number"):
+        m.fresh_ahead(layer, "far", 0.0, 0.0, 0.0, 1.0, 0.0, 1.0)
+    with pytest.raises(OverflowError):
+        m.add_wall(layer, layer, 1 << 70, 0, 1, 1.0)

@@ -1,0 +1,76 @@
+"""A compiled module that is missing, or of another source, is noticed before any test runs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.root import ROOT
+from tools.dev import kernels
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+REFUSED = """
+import sys
+from pathlib import Path
+import pytest
+from tools.dev import kernels
+kernels.compiled = lambda source: Path("/nowhere") / source.name
+sys.exit(pytest.main(["--collect-only", "-q", "tests/unit/tools/test_stale_kernels.py"]))
+"""
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A kernel in a tree of its own, as it is after it was built."""
+    monkeypatch.setattr(kernels, "ROOT", tmp_path)
+    (tmp_path / "setup.py").write_text("flags")
+    (tmp_path / "bridge").mkdir()
+    (tmp_path / "bridge" / "arrays.pxd").write_text("types")
+    path = tmp_path / "bridge" / "a_kernel.py"
+    path.write_text("x = 1\n")
+    kernels.compiled(path).write_bytes(b"\x7fELF" + kernels.stamp(path).encode() + b"\0")
+    return path
+
+
+def test_what_was_built_of_this_source_is_fresh(source: Path) -> None:
+    assert kernels.stale([source]) == []
+    assert kernels.complaint([source]) is None
+
+
+@pytest.mark.parametrize("changed", ["bridge/a_kernel.py", "bridge/arrays.pxd", "setup.py"])
+def test_what_was_built_of_something_else_is_stale(source: Path, changed: str) -> None:
+    path = kernels.ROOT / changed
+    path.write_text(path.read_text() + "\n")
+    assert kernels.stale([source]) == [source]
+
+
+def test_what_is_missing_is_stale_and_named_in_one_line(source: Path) -> None:
+    kernels.compiled(source).unlink()
+    text = kernels.complaint([source])
+    assert text == "bridge.a_kernel: not compiled, or of another source; run `make venv`"
+
+
+def test_the_tests_do_not_begin_without_compiled_kernels() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", REFUSED], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    (line,) = (text for text in done.stderr.splitlines() if text)
+    assert "and 12 more: not compiled, or of another source; run `make venv`" in line
+
+
+def test_every_kernel_is_listed_with_a_source() -> None:
+    listed = kernels.sources(tests=True)
+    assert [path for path in listed if not path.is_file()] == []
+    using = {
+        path
+        for folder in ("bridge", "sim_device", "tools", "protocol", "tests")
+        for path in (ROOT / folder).rglob("*.py")
+        if "\nimport cython\n" in path.read_text(encoding="utf-8")
+    }
+    assert using == set(listed)

@@ -1,0 +1,76 @@
+"""The modules that are compiled ahead of time, and whether what was built is of their source.
+
+    python -m tools.dev.kernels        exits with 1 where a module is not built or is stale
+
+Their list stands in ``pyproject.toml``. ``setup.py`` writes into each compiled module the digest
+of what it was made of, as text that ``is_stale`` finds there again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import sysconfig
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def sources(*, tests: bool = False) -> list[Path]:
+    """The sources of all kernels; also of those that only tests use."""
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        named = tomllib.load(file)["tool"]["sweepctl"]["kernels"]
+    return [ROOT / path for path in named["modules"] + (named["test-modules"] if tests else [])]
+
+
+def module_name(source: Path) -> str:
+    """Dotted name of the module that a source makes."""
+    return ".".join(source.relative_to(ROOT).with_suffix("").parts)
+
+
+def stamp(source: Path) -> str:
+    """The text in the module that is made of this source, as it is now."""
+    made_of = [source, *sorted(ROOT.glob("bridge/**/*.pxd")), ROOT / "setup.py"]
+    digest = hashlib.sha256(b"\0".join(path.read_bytes() for path in made_of)).hexdigest()
+    return f"sweepctl-kernel:{module_name(source)}:{digest}"
+
+
+def compiled(source: Path) -> Path:
+    """Where the compiled module of a source belongs, in this Python."""
+    return source.with_suffix(sysconfig.get_config_var("EXT_SUFFIX"))
+
+
+def is_stale(source: Path) -> bool:
+    """Whether a module is not built, or was built of another source."""
+    try:
+        built = compiled(source).read_bytes()
+    except FileNotFoundError:
+        return True
+    return stamp(source).encode() not in built
+
+
+def stale(of: list[Path]) -> list[Path]:
+    """Those whose module is not built, or was built of another source."""
+    return [source for source in of if is_stale(source)]
+
+
+def complaint(of: list[Path]) -> str | None:
+    """What is stale and what to do about it, in one line; None: all is as it should be."""
+    names = [module_name(source) for source in stale(of)]
+    if not names:
+        return None
+    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    return f"{names[0]}{more}: not compiled, or of another source; run `make venv`"
+
+
+def main() -> int:
+    """Say what is stale."""
+    text = complaint(sources(tests=True))
+    if text is not None:
+        sys.stderr.write(f"{text}\n")
+    return text is not None
+
+
+if __name__ == "__main__":
+    sys.exit(main())
