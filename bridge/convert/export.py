@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from bridge.convert.tables import TableWriter
     from bridge.record.decode.blocks import Block
 
-_MOST_THREADS = 4
+_MAX_THREADS = 4
 
 
 class ExportMissingError(BridgeError):
@@ -175,7 +175,7 @@ class _Exporter:
         self._unknown: set[int] = set()
         self._started: list[tuple[str, Future[int]]] = []
         # A file each, and Arrow works outside the interpreter's lock.
-        self._pool = ThreadPoolExecutor(min(_MOST_THREADS, os.cpu_count() or 1))
+        self._pool = ThreadPoolExecutor(min(_MAX_THREADS, os.cpu_count() or 1))
 
     def plan(self, topics: Iterable[str]) -> None:
         """Give every topic that will be written its file."""
@@ -304,7 +304,7 @@ def _form(declared: Declared, channel_id: int) -> Form:
 
 def as_json(result: Exported) -> str:
     """What was written, as one JSON object."""
-    told: dict[str, Any] = {
+    listed: dict[str, Any] = {
         "messages": result.messages,
         "files": {
             topic: {"file": str(file), "rows": result.rows.get(topic, 0)}
@@ -312,4 +312,4 @@ def as_json(result: Exported) -> str:
         },
         "problems": result.problems,
     }
-    return json.dumps(told)
+    return json.dumps(listed)

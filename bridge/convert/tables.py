@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bridge.record.decode.blocks import Block
     from bridge.record.decode.forms import Column, Form, Leaf, Template
 
-_MOST_SHAPES = 64
+_MAX_SHAPES = 64
 """In one block; what has more is read a message at a time, where that is no slower."""
 _FEW = 3
 """Messages of one shape that are not worth a template, unless they are"""
@@ -150,7 +150,7 @@ def _decode(
         places = np.flatnonzero(lengths == length)
         while len(places):
             first = int(starts[places[0]]) + MESSAGE_HEAD
-            few = shapes >= max(_MOST_SHAPES, len(starts) // 8)
+            few = shapes >= max(_MAX_SHAPES, len(starts) // 8)
             few = few or (len(places) <= _FEW and length < _LONG)
             template = known.pop(length, None)
             if template is None and length and not few:

@@ -61,10 +61,10 @@ def _part_after(first: Path, run: dict[str, str], number: int) -> Path | None:
     expected = {name: run.get(name) for name in _SAME}
     expected["previous"] = part_name(first, number).name
     try:
-        told = _run(following)
+        other = _run(following)
     except LogReadError:  # it is not there, or was begun and no more
         return None
-    return following if all(told.get(name) == it for name, it in expected.items()) else None
+    return following if all(other.get(name) == it for name, it in expected.items()) else None
 
 
 def _run(path: Path) -> dict[str, str]:

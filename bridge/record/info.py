@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _NANOSECONDS = 1e9
-_LEAST_COUNT, _LEAST_SPAN_NS = 3, 1_000_000_000
+_MIN_COUNT, _MIN_SPAN_NS = 3, 1_000_000_000
 """Messages, and from the first to the last, that make a rate; of a short log half of it."""
 _RAW = {"/raw/uart/rx": "received_bytes", "/raw/uart/tx": "sent_bytes"}
 
@@ -36,7 +36,7 @@ class TopicDescription:
     def settle(self, duration_ns: int) -> None:
         """Find the rate, of a log this long: a few messages at one moment have none."""
         span_ns = self.last_ns - self.first_ns
-        if self.count >= _LEAST_COUNT and span_ns >= min(_LEAST_SPAN_NS, duration_ns / 2) > 0:
+        if self.count >= _MIN_COUNT and span_ns >= min(_MIN_SPAN_NS, duration_ns / 2) > 0:
             self.rate_hz = (self.count - 1) / (span_ns / _NANOSECONDS)
 
 

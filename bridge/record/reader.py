@@ -52,11 +52,11 @@ _log_ns = attrgetter("log_ns")
 _LARGE_BYTES = 16 << 20
 """Size of a chunk's content from which its messages are not all made at once, bytes: they take
 up to nine times the content's memory."""
-_MOST_HELD_BYTES = 64 << 20
+_MAX_HELD_BYTES = 64 << 20
 """Largest attachment whose content is held in memory, bytes; ours have some thousands."""
 _HEAD_BYTES = 4096
 """Of a larger attachment: as much as its name needs, bytes."""
-_MOST_DECODED_BYTES = 32 << 20
+_MAX_DECODED_BYTES = 32 << 20
 """Largest message that is decoded, bytes: decoded messages take up to fifty times the memory."""
 
 
@@ -120,7 +120,7 @@ class LogMessage(NamedTuple):
         decode = self.channel.decode
         if decode is None:
             raise ValueError(f"{self.topic}: no decoder for {self.channel.message_encoding!r}")
-        if len(self.data) > _MOST_DECODED_BYTES:
+        if len(self.data) > _MAX_DECODED_BYTES:
             raise ValueError(f"{self.topic}: {len(self.data)} bytes are too many to decode")
         try:
             return decode(self.data)
@@ -206,7 +206,7 @@ class LogReader:
         if opcode == Opcode.ATTACHMENT:
             head = data[start : min(end, start + _HEAD_BYTES)]
             size = end - start
-            if size > _MOST_HELD_BYTES:
+            if size > _MAX_HELD_BYTES:
                 name_bytes = int.from_bytes(head[16:20], "little")
                 name = head[20 : 20 + name_bytes].decode("utf-8", "replace")
                 self._head_problems.append(f"attachment {name} has {size} bytes, too many to read")
@@ -219,7 +219,7 @@ class LogReader:
             self.attachments[attachment.name] = attachment.data
             self.attachment_bytes[attachment.name] = len(attachment.data)
             held = sum(map(len, self.attachments.values()))
-            if held > _MOST_HELD_BYTES:
+            if held > _MAX_HELD_BYTES:
                 self.attachments[attachment.name] = b""
                 self._head_problems.append(
                     f"attachment {attachment.name} is not read: all of them have {held} bytes"

@@ -46,7 +46,7 @@ class ThreadedRecorder:
         self._closing = threading.Event()
         self._drop_lock = threading.Lock()
         self._dropped = 0
-        self._told = 0
+        self._reported = 0
         self._error: Exception | None = None
         self._last_ns = 0
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -80,7 +80,7 @@ class ThreadedRecorder:
         self._closing.set()
         self._thread.join()
         try:
-            self._tell_dropped()
+            self._report_dropped()
         except LogWriteError as error:
             self._fail(error)
         try:
@@ -112,12 +112,12 @@ class ThreadedRecorder:
                     record = self._queue.get_nowait()
                 except queue.Empty:
                     if wrote:
-                        self._tell_dropped()
+                        self._report_dropped()
                     return wrote
                 wrote = True
                 self._last_ns = record.log_ns
                 self._write_one(record)
-            self._tell_dropped()
+            self._report_dropped()
             if self._queue.qsize() < _CATCH_UP:
                 self._closing.wait(_PAUSE_S)
 
@@ -129,11 +129,11 @@ class ThreadedRecorder:
                 self._dropped += 1
             raise
 
-    def _tell_dropped(self) -> None:
+    def _report_dropped(self) -> None:
         dropped = self._dropped
-        if dropped == self._told or self._error is not None:
+        if dropped == self._reported or self._error is not None:
             return
-        lost, self._told = dropped - self._told, dropped
+        lost, self._reported = dropped - self._reported, dropped
         text = f"{lost} records were not written: the recorder's queue was full"
         data = {"dropped": lost, "dropped_total": dropped}
         self._writer.write(

@@ -29,7 +29,7 @@ def read_summary(data: bytes) -> dict[str, Any] | None:
     """The object, or None where it is none.
 
     A known key whose value is of another kind than ours is left out, as though it had not been
-    told; a number that no JSON has (NaN, infinity) is null.
+    there; a number that no JSON has (NaN, infinity) is null.
     """
     try:
         value = json.loads(data, parse_constant=lambda _: None, parse_float=_finite)
@@ -37,7 +37,7 @@ def read_summary(data: bytes) -> dict[str, Any] | None:
         return None
     if not isinstance(value, dict):
         return None
-    return {key: told for key, told in value.items() if _is_ours(key, told)}
+    return {key: entry for key, entry in value.items() if _is_ours(key, entry)}
 
 
 def is_run(summary: dict[str, Any]) -> bool:
@@ -54,23 +54,23 @@ def _finite(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _is_ours(key: str, told: Any) -> bool:  # noqa: ANN401 - whatever JSON has
+def _is_ours(key: str, value: Any) -> bool:  # noqa: ANN401 - whatever JSON has
     if key in _TABLES:
-        return isinstance(told, dict) and _is_table(key, told)
-    if told is None:
+        return isinstance(value, dict) and _is_table(key, value)
+    if value is None:
         return True
-    return _is_number(told) if key in _NUMBERS else key not in _TEXTS or isinstance(told, str)
+    return _is_number(value) if key in _NUMBERS else key not in _TEXTS or isinstance(value, str)
 
 
-def _is_table(key: str, told: dict[str, Any]) -> bool:
-    if not all(told.get(name) is None or _is_number(told[name]) for name in _TABLES[key]):
+def _is_table(key: str, value: dict[str, Any]) -> bool:
+    if not all(value.get(name) is None or _is_number(value[name]) for name in _TABLES[key]):
         return False
-    ways = [told[name] for name in _BY_DIRECTION if key == "wire" and name in told]
+    ways = [value[name] for name in _BY_DIRECTION if key == "wire" and name in value]
     return all(
         isinstance(way, dict) and all(_is_number(way.get(end, 0)) for end in ("rx", "tx"))
         for way in ways
     )
 
 
-def _is_number(told: Any) -> bool:  # noqa: ANN401 - whatever JSON has
-    return isinstance(told, int | float) and not isinstance(told, bool) and abs(told) < _LARGEST
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - whatever JSON has
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST

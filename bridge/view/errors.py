@@ -25,6 +25,6 @@ class NoDisplayError(BridgeError):
 class ViewerFailedError(BridgeError):
     """The viewer did not start, or crashed: no graphics driver, its port taken."""
 
-    def __init__(self, status: int, told: str) -> None:
-        super().__init__(f"the viewer ended with status {status}: {told}")
+    def __init__(self, status: int, reason: str) -> None:
+        super().__init__(f"the viewer ended with status {status}: {reason}")
         self.status = status

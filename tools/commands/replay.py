@@ -138,7 +138,7 @@ def _view(log: Path, speed: float, span_s: tuple[float, float | None], *, serve:
     check_view(view=True, serve=serve)
     ended = threading.Event()
     start_s, end_s = span_s
-    options_ = FeedOptions(log, speed=speed, start_s=start_s, end_s=end_s, serve=serve, tell=say)
+    options_ = FeedOptions(log, speed=speed, start_s=start_s, end_s=end_s, serve=serve, report=say)
     with until_signalled(ended.set):
         feed(options_, ended.is_set)
     return 0

@@ -90,4 +90,4 @@ def _serve(log: Path) -> None:
     check_view(view=False, serve=True)
     ended = threading.Event()
     with until_signalled(ended.set):
-        feed(FeedOptions(log, serve=True, tell=say), ended.is_set)
+        feed(FeedOptions(log, serve=True, report=say), ended.is_set)

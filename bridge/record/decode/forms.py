@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _T = TypeVar("_T")
-MOST_COLUMNS = 4096
+MAX_COLUMNS = 4096
 """Of one topic: a schema that somebody else wrote may nest messages into millions of them."""
-MOST_FIELDS = 4 * MOST_COLUMNS
+MAX_FIELDS = 4 * MAX_COLUMNS
 """Most fields that are looked at for a topic's columns: messages without fields make no column, and
 nest as others do."""
 STRUCTURE, VARINT, VALUE = 0xFF, 0x80, 0x00
@@ -114,7 +114,7 @@ class Budget:
     """Counts the fields of a schema that are looked at."""
 
     def __init__(self) -> None:
-        self._left = MOST_FIELDS
+        self._left = MAX_FIELDS
 
     def spend(self) -> None:
         """Look at one more.
@@ -125,7 +125,7 @@ class Budget:
         """
         self._left -= 1
         if self._left < 0:
-            raise ValueError(f"it has more than {MOST_FIELDS} fields")
+            raise ValueError(f"it has more than {MAX_FIELDS} fields")
 
 
 def few(columns: Iterable[_T]) -> tuple[_T, ...]:
@@ -135,9 +135,9 @@ def few(columns: Iterable[_T]) -> tuple[_T, ...]:
         ValueError: there are.
 
     """
-    found = tuple(islice(columns, MOST_COLUMNS + 1))
-    if len(found) > MOST_COLUMNS:
-        raise ValueError(f"it has more than {MOST_COLUMNS} fields")
+    found = tuple(islice(columns, MAX_COLUMNS + 1))
+    if len(found) > MAX_COLUMNS:
+        raise ValueError(f"it has more than {MAX_COLUMNS} fields")
     return found
 
 

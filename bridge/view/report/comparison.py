@@ -43,11 +43,11 @@ def figures_of(data: RunData) -> dict[str, float | None]:
     }
     shares = measured.coverage.to_dict() if measured is not None else {}
     for name in ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "eq8"):
-        told = data.figure("coverage", name)
-        made[f"coverage.{name}"] = told if told is not None else shares.get(name)
+        known = data.figure("coverage", name)
+        made[f"coverage.{name}"] = known if known is not None else shares.get(name)
     for name in ("t90_s", "t99_s", "largest_hole_cm2", "hole_inradius_m", "repeat_ratio"):
-        told = data.figure(name)
-        made[name] = told if told is not None else getattr(measured, name, None)
+        known = data.figure(name)
+        made[name] = known if known is not None else getattr(measured, name, None)
     made |= {
         "time_ratio": measured.time_ratio if measured is not None else None,
         "collisions": data.figure("collisions"),
@@ -88,8 +88,8 @@ def rows(a: RunData, b: RunData) -> list[tuple[str, ...]]:
     lines: list[tuple[str, ...]] = [
         (
             "outcome",
-            str(a.summary.get("outcome") or "not told"),
-            str(b.summary.get("outcome") or "not told"),
+            str(a.summary.get("outcome") or "not known"),
+            str(b.summary.get("outcome") or "not known"),
             "",
         )
     ]

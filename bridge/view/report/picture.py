@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.view.report.run_track import RunTrack
 
-LEAST_SPAN_M = 1.0
+MIN_SPAN_M = 1.0
 _WALL, _OBSTACLE = "#30343b", "#9aa2ad"
 _MOUTH, _BODY, _MISSED = "#8fd0b5", "#d9efe5", "#f0a35e"
 _PATH, _ESTIMATE = "#1f4e79", "#b03a48"
@@ -176,9 +176,9 @@ def draw_path(axes: Axes, track: RunTrack) -> None:
 def _widen(axes: Axes) -> None:
     """Give a straight path without a room around it some floor on both sides."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    least_m = max(LEAST_SPAN_M, max(right - left, top - bottom) / 3.0)
-    more_x = max(0.0, least_m - (right - left)) / 2.0
-    more_y = max(0.0, least_m - (top - bottom)) / 2.0
+    min_m = max(MIN_SPAN_M, max(right - left, top - bottom) / 3.0)
+    more_x = max(0.0, min_m - (right - left)) / 2.0
+    more_y = max(0.0, min_m - (top - bottom)) / 2.0
     if more_x:
         axes.set_xlim(left - more_x, right + more_x)
     if more_y:

@@ -33,9 +33,9 @@ _GAP_PERIODS = 3.0
 _RESOLUTION_M = 0.005
 _LARGEST = 1e15
 """Bound of a value that is drawn: axes cannot be marked for larger ones. NaN is not below it."""
-_MOST_FRAMES = 1 << 32
+_MAX_FRAMES = 1 << 32
 """Most damaged frames that one event is believed to tell of: an hour's at 3 Mbaud are fewer."""
-_MOST_SECONDS = 1_000_000
+_MAX_SECONDS = 1_000_000
 """Longest log whose every second has a row, s: eleven days."""
 _LEVELS = {3: "warning", 4: "error", 5: "error"}
 """Of foxglove.Log; what is below is no event."""
@@ -214,7 +214,7 @@ def frames_of(data_json: str) -> int:
     """
     data = json.loads(data_json or "{}")
     frames = data.get("frames") if isinstance(data, dict) else None
-    return min(max(frames, 0), _MOST_FRAMES) if isinstance(frames, int) else 1
+    return min(max(frames, 0), _MAX_FRAMES) if isinstance(frames, int) else 1
 
 
 class _Gatherer:
@@ -263,12 +263,12 @@ class _Gatherer:
                 event = message.decoded
                 if event.source == "link" and event.kind == EventKind.DAMAGED:
                     data.damaged += frames_of(event.data_json)
-                told = event.severity, event.source, event.kind, event.text
-                data.happenings.append(Happening(time_s, *map(str, told)))
+                words = event.severity, event.source, event.kind, event.text
+                data.happenings.append(Happening(time_s, *map(str, words)))
             case "/log" if (level := _LEVELS.get(message.decoded.level)) is not None:
                 line = message.decoded
-                told = level, line.name, "log", line.message
-                data.happenings.append(Happening(time_s, *map(str, told)))
+                words = level, line.name, "log", line.message
+                data.happenings.append(Happening(time_s, *map(str, words)))
 
     def _count(self, message: LogMessage, name: str) -> None:
         stream = self._data.streams.get(name)
@@ -300,14 +300,14 @@ class _Gatherer:
         """Put the seconds in a row, and leave out what the host has told already."""
         data = self._data
         self._lost[self._second] += self._losses.settle()
-        told = {(happening.source, happening.kind) for happening in data.happenings}
+        seen = {(happening.source, happening.kind) for happening in data.happenings}
         double = set()
-        if ("safety", "latch") in told:
+        if ("safety", "latch") in seen:
             double = {("device", "stop"), ("device", "new fault")}
         data.happenings = [h for h in data.happenings if (h.source, h.kind) not in double]
         last = max(self._seconds, default=-1)
         # A stamp that nobody meant is years away: then only the seconds that have a frame count.
-        seconds = range(last + 1) if last < _MOST_SECONDS else sorted(self._seconds)
+        seconds = range(last + 1) if last < _MAX_SECONDS else sorted(self._seconds)
         self._data.link = [(float(s), self._seconds[s], self._lost[s]) for s in seconds]
 
 

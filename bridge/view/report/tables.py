@@ -22,8 +22,8 @@ PAPER_SHARES = {
 }
 """The paper's coverage by its eq. 9, which we read as the body's footprint over the floor."""
 _HOLES = 8
-_LEAST_HOLE_CM2 = 1.0
-_MOST_EVENTS = 200
+_MIN_HOLE_CM2 = 1.0
+_MAX_EVENTS = 200
 _KEYS = ("version", "port", "noise", "firmware", "uid", "boot_id", "reset_cause")
 
 
@@ -51,7 +51,7 @@ def holes(data: RunData) -> list[Hole]:
     depth = ndimage.distance_transform_edt(np.pad(left, 1))[1:-1, 1:-1]
     found = []
     for index in np.argsort(-areas)[:_HOLES]:
-        if areas[index] < _LEAST_HOLE_CM2:
+        if areas[index] < _MIN_HOLE_CM2:
             break
         own = np.where(labels == index + 1, depth, 0.0)
         row, column = np.unravel_index(int(own.argmax()), own.shape)
@@ -174,11 +174,11 @@ def event_rows(data: RunData) -> Rows:
 
 def _shown(data: RunData) -> list[Happening]:
     """All of them, or where they are too many, those that matter most."""
-    told = data.happenings
-    if len(told) <= _MOST_EVENTS:
-        return told
+    happenings = data.happenings
+    if len(happenings) <= _MAX_EVENTS:
+        return happenings
     rank = {"error": 0, "warning": 1, "info": 2}
-    best = sorted(told, key=lambda h: rank.get(h.severity, 3))[:_MOST_EVENTS]
+    best = sorted(happenings, key=lambda h: rank.get(h.severity, 3))[:_MAX_EVENTS]
     return sorted(best, key=lambda h: h.time_s)
 
 
@@ -186,8 +186,8 @@ def event_note(data: RunData) -> str:
     """What was asked for, and what is left out."""
     faults = data.metadata.get("faults")
     note = f"Faults that were asked for: {faults}. " if faults else ""
-    if len(data.happenings) > _MOST_EVENTS:
-        note += f"The {_MOST_EVENTS} that matter most of {len(data.happenings)}."
+    if len(data.happenings) > _MAX_EVENTS:
+        note += f"The {_MAX_EVENTS} that matter most of {len(data.happenings)}."
     return note
 
 

@@ -188,7 +188,7 @@ class RunConverter:
         if event.source == "planner" and event.kind == "lane":
             self._shadows.lane(time_ns, event.data_json, self._pose)
         elif event.source == "planner" and event.kind == "shadow":
-            self._shadows.told(time_ns, event.data_json, self._pose)
+            self._shadows.report(time_ns, event.data_json, self._pose)
 
     def _on_log(self, time_ns: int, line: Any) -> None:  # noqa: ANN401 - decoded
         level = _LOG_LEVELS.get(line.level, "info")

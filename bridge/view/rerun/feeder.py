@@ -64,7 +64,7 @@ class FeedOptions:
     """Draw off screen, for tests."""
     address_file: Path | None = None
     """Where to write the viewer's address once it is started."""
-    tell: Callable[[str], None] = lambda _text: None
+    report: Callable[[str], None] = lambda _text: None
     """Told where a browser finds it."""
 
 
@@ -134,7 +134,7 @@ def feed(options: FeedOptions, ended: Callable[[], bool] = lambda: False) -> Non
     if options.address_file is not None:
         _write_address(options.address_file, viewer)
     if viewer.page:
-        options.tell(f"open {viewer.page}")
+        options.report(f"open {viewer.page}")
     try:
         _Feed(viewer, reader, options).run(ended)
         while options.serve and not viewer.ended and not ended():

@@ -152,14 +152,14 @@ def _run_viewer(command: Sequence[str]) -> None:
     with subprocess.Popen(  # noqa: S603 - the installed viewer, and a file of ours
         command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace"
     ) as viewer:
-        told = ""
+        error = ""
         try:
             for line in viewer.stderr or ():
-                if line.strip() and not told.startswith("Error: "):
-                    told = line.strip()
+                if line.strip() and not error.startswith("Error: "):
+                    error = line.strip()
             status = viewer.wait()
         except KeyboardInterrupt:
             viewer.terminate()
             return
     if status not in {0, *_INTERRUPTED}:
-        raise ViewerFailedError(status, told or "it gave no reason")
+        raise ViewerFailedError(status, error or "it gave no reason")

@@ -91,7 +91,7 @@ class Shadows:
         self._strips = Strips(paths.SHADOWS, paths.VIOLET, 1.0)
         self._axis: tuple[float, float] | None = None
         """Direction of the first lane."""
-        self._least_m, self._most_m = math.inf, -math.inf
+        self._min_m, self._max_m = math.inf, -math.inf
         """How far lanes went along it, both ways."""
 
     def lane(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
@@ -111,13 +111,13 @@ class Shadows:
             return  # across: not a lane of this sweep
         here_m, sign = x_m * ax + y_m * ay, math.copysign(1.0, along)
         ends = here_m, here_m - sign * length_m
-        self._least_m = min(self._least_m, *ends)
-        self._most_m = max(self._most_m, *ends)
-        hidden_m = self._most_m - here_m if sign > 0 else here_m - self._least_m
+        self._min_m = min(self._min_m, *ends)
+        self._max_m = max(self._max_m, *ends)
+        hidden_m = self._max_m - here_m if sign > 0 else here_m - self._min_m
         if hidden_m > self._diameter_m:
             self._draw(time_ns, pose, hidden_m)
 
-    def told(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
+    def report(self, time_ns: int, data_json: str, pose: Pose | None) -> None:
         """Take a shadow that the planner itself has noted, along the way it was driving."""
         try:
             data = json.loads(data_json)

@@ -61,8 +61,8 @@ def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
 
     for _ in range(TRIES):
         if viewer.poll() is not None:
-            told = (viewer.stderr.read() if viewer.stderr else b"").decode("utf-8", "replace")
-            lines = [line.strip() for line in told.splitlines() if line.strip()]
+            printed = (viewer.stderr.read() if viewer.stderr else b"").decode("utf-8", "replace")
+            lines = [line.strip() for line in printed.splitlines() if line.strip()]
             raise ViewerFailedError(viewer.returncode, lines[0] if lines else "no reason given")
         try:
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
@@ -81,8 +81,8 @@ def _when_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
         try:
             viewer.save_screenshot(str(shot))
         except (RuntimeError, ValueError, OSError) as error:  # a slow machine's is a TimeoutError
-            told = str(error).strip().splitlines()
-            raise ViewerFailedError(1, told[0] if told else "it drew nothing") from None
+            lines = str(error).strip().splitlines()
+            raise ViewerFailedError(1, lines[0] if lines else "it drew nothing") from None
         image = shot.read_bytes()
         if image == last:
             write(png, image)

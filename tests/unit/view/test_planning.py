@@ -75,8 +75,8 @@ def test_a_lane_cut_short_casts_a_shadow_to_where_the_others_ended() -> None:
 def test_a_shadow_that_the_planner_tells_of() -> None:
     shadows = planning.Shadows(RobotModel())
     data = json.dumps({"shadow": 1, "x_m": 1.0, "y_m": 0.5, "length_m": 0.8})
-    shadows.told(0, data, (0.9, 0.5, math.pi / 2))
-    shadows.told(1, "no json", (0.9, 0.5, 0.0))
+    shadows.report(0, data, (0.9, 0.5, math.pi / 2))
+    shadows.report(1, "no json", (0.9, 0.5, 0.0))
     (shadow,) = drawn(shadows, paths.SHADOWS)
     assert (shadow[:, 1].min(), shadow[:, 1].max()) == pytest.approx((0.5, 1.3))
 
