@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from support.cli import Done, end, start, sweepctl
+from support.cli import end, start, sweepctl
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from support.processes import Done
 
 WALLS = [[0, 0], [3, 0], [3, 3], [0, 3]]
 BOX = [[0.5, 0.5], [1.5, 0.5], [1.5, 1.5], [0.5, 1.5]]

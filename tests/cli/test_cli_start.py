@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from support.processes import COMMAND
 from support.root import ROOT
 from tools.cli.options import log_path
 from tools.cli.outputs import check_outputs
@@ -40,7 +41,7 @@ sys.meta_path.insert(0, At())
 def sweepctl(
     *arguments: str | Path, cwd: Path, env: dict[str, str] | None = None, script: str = 'exec "$@"'
 ) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)]
+    words = [*COMMAND, *map(str, arguments)]
     return subprocess.run(
         ["/bin/sh", "-c", script, "sh", *words],
         cwd=cwd,

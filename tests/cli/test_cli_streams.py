@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
 from mcap.writer import Writer
 
+from support.processes import COMMAND
 from support.root import ROOT
 from tools.cli.main import run as main
 from tools.cli.visible_console import VisibleConsole
@@ -42,7 +42,7 @@ def run(
     *arguments: str | Path, led: str = "", env: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:
     """The command in a shell, its streams led as ``led`` says."""
-    words = [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)]
+    words = [*COMMAND, *map(str, arguments)]
     return subprocess.run(
         ["/bin/sh", "-c", f'"$@" {led}', "sh", *words],
         cwd=ROOT,

@@ -9,11 +9,13 @@ import pytest
 
 from bridge.convert.redecode import compare
 from bridge.record.reader import LogReader
-from support.cli import Done, sweepctl
+from support.cli import sweepctl
 from support.served import Served
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from support.processes import Done
 
 
 pytestmark = pytest.mark.realtime

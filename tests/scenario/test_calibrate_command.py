@@ -17,12 +17,14 @@ from protocol.messages import Range
 from protocol.values import ResetCause
 from sim_device.sweeper import VirtualSweeper
 from support.bench_wire import desk_on
-from support.cli import Done, sweepctl
+from support.cli import sweepctl
 from support.served import PLAN, Served
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from support.processes import Done
 
 pytestmark = pytest.mark.realtime
 

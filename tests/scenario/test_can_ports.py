@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from support.two_processes import Ended
+    from support.processes import Done
 
 pytestmark = pytest.mark.realtime
 
@@ -149,7 +149,7 @@ def test_an_adapter_has_one_owner_and_garbled_lines_are_no_frames() -> None:
         assert found == FRAME
 
 
-def stopped_after_a_while(host: Command) -> Ended:
+def stopped_after_a_while(host: Command) -> Done:
     """A person's Ctrl-C, when it has driven for a moment."""
     time.sleep(DRIVES_S)
     host.send(signal.SIGINT)

@@ -24,8 +24,9 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 from sim_device.ports import PortUnavailableError, PtyPort, ask_control
 from sim_device.ports.tcp import SILENT_S
+from support.processes import COMMAND
 from support.root import ROOT
-from support.two_processes import COMMAND, PATIENCE_S, Command, Emulator, Together, connect
+from support.two_processes import PATIENCE_S, Command, Emulator, Together, connect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

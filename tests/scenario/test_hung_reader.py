@@ -14,10 +14,11 @@ import pytest
 
 from bridge.io.owner_client import ask
 from support.cli import sweepctl
+from support.processes import COMMAND
 from support.root import ROOT
 from support.served import Served
 from support.terminal import OnTerminal
-from support.two_processes import COMMAND, PATIENCE_S
+from support.two_processes import PATIENCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

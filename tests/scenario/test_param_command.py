@@ -9,12 +9,14 @@ import pytest
 
 import bridge
 from bridge.motion.robot_model import RobotModel
-from support.cli import Done, sweepctl
+from support.cli import sweepctl
 from support.served import Served
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from support.processes import Done
 
 pytestmark = pytest.mark.realtime
 

@@ -9,10 +9,12 @@ import pytest
 from bridge.convert.redecode import compare
 from bridge.record.errors import LogReadError
 from bridge.record.reader import LogReader
-from support.cli import Done, end, short_runs, start, sweepctl
+from support.cli import end, short_runs, start, sweepctl
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from support.processes import Done
 
 pytestmark = pytest.mark.slow
 

@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from support.two_processes import Ended, Pose
+    from support.processes import Done
+    from support.two_processes import Pose
 
 pytestmark = pytest.mark.realtime
 
@@ -78,7 +79,7 @@ def comes_to_rest(poses: list[Pose], before_s: float, broken_s: float) -> None:
     assert stood_s < broken_s + AT_REST_S + held_s, f"the machine held it up for {held_s:.3f} s"
 
 
-def run(cwd: Path, *arguments: str) -> Ended:
+def run(cwd: Path, *arguments: str) -> Done:
     """Run any command to its end."""
     with Command(*arguments, cwd=cwd) as command:
         return command.end()

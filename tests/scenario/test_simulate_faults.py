@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from support.cli import Done, decoded, plain_messages, sweepctl
+from support.cli import decoded, plain_messages, sweepctl
 from tools.virtual.run import EPOCH_NS
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from support.processes import Done
 
 
 def simulate(log: Path, *arguments: str, max_time_s: float = 6.0) -> Done:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.reader import make_reader
 
-from support.cli import Done, decoded, sweepctl
+from support.cli import decoded, sweepctl
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from support.processes import Done
 
 
 def simulate(log: Path, *arguments: str) -> Done:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import io
-import json
-import os
 import subprocess
-import sys
 from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +13,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from bridge.motion.robot_model import RobotModel
 from bridge.record.sink import NullSink
-from support.root import ROOT
+from support.processes import COMMAND, Done, environment
 from tools.cli.main import run
 from tools.cli.rooms import load_room
 from tools.virtual.run import run_virtual
@@ -32,34 +29,6 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 110.0
 """For what takes seconds; only a hang is longer."""
-
-
-class Done(NamedTuple):
-    """A finished command."""
-
-    status: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> dict[str, Any]:
-        """The one object on stdout, which holds nothing else."""
-        assert self.out.endswith("}\n"), self.out
-        value = json.loads(self.out, parse_constant=_not_json)
-        assert isinstance(value, dict)
-        return value
-
-    @property
-    def line(self) -> str:
-        """The one line that a person is told."""
-        assert "Traceback" not in self.err, self.err
-        lines = self.err.strip().splitlines()
-        assert len(lines) == 1, self.err
-        return lines[0]
-
-
-def _not_json(name: str) -> float:
-    raise AssertionError(f"{name} is no JSON")
 
 
 def sweepctl(*arguments: str | Path) -> Done:
@@ -78,9 +47,9 @@ def start(
 ) -> subprocess.Popen[str]:
     """Run the command as a process of its own; ``own_group``: as from a shell's prompt."""
     return subprocess.Popen(
-        [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)],
+        [*COMMAND, *map(str, arguments)],
         cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})},
+        env=environment(**(env or {})),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

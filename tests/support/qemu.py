@@ -14,13 +14,15 @@ from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.robot_model import RobotModel
 from sim_device.ports import ask_control
 from support.c_build import run, tool
-from support.cli import Done, decoded, end, start
+from support.cli import decoded, end, start
 from support.root import ROOT
 from tools.cli.rooms import load_room
 
 if TYPE_CHECKING:
     import subprocess
     from collections.abc import Callable, Iterator
+
+    from support.processes import Done
 
 FIRMWARE = ROOT / "sim_device" / "firmware"
 READY_S = 60.0

@@ -6,12 +6,11 @@ import os
 import pty
 import select
 import subprocess
-import sys
 import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
-from support.root import ROOT
+from support.processes import COMMAND, environment
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,12 +32,10 @@ class OnTerminal:
         self._reads = threading.Event()
         self._reads.set()
         self._kitty = kitty
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "TERM": term}
-        environment |= {"COLUMNS": "120", "LINES": "40"}
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "tools.sweepctl", *map(str, arguments)],
+            [*COMMAND, *map(str, arguments)],
             cwd=cwd,
-            env=environment,
+            env=environment(TERM=term, COLUMNS="120", LINES="40"),
             stdin=slave,
             stdout=slave,
             stderr=slave,

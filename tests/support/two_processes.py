@@ -3,58 +3,33 @@
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import pty
 import select
 import signal
 import subprocess
-import sys
 import threading
 import time
 import tty
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 from bridge.record.reader import LogReader
 from support.fairly import AGAIN_S
 from support.hold_up import Busy
-from support.root import ROOT
+from support.processes import COMMAND, Done, environment
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import TracebackType
 
-COMMAND = [sys.executable, "-m", "tools.sweepctl"]
 PATIENCE_S = 60.0
 """For what takes seconds; only a hang is longer."""
 
 
 TURN_S = 0.05
 """A gap in the emulator's poses, s, that its own turns do not leave: 20 ms and a control period."""
-
-
-class Ended(NamedTuple):
-    """A finished command."""
-
-    status: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> dict[str, Any]:
-        """The one object on stdout."""
-        lines = self.out.splitlines()
-        assert len(lines) == 1, self.out
-        value = json.loads(lines[0])
-        assert isinstance(value, dict)
-        return value
-
-    @property
-    def complaint(self) -> str:
-        """The last line on stderr: what a person is told."""
-        return self.err.strip().splitlines()[-1]
 
 
 class Command:
@@ -64,7 +39,7 @@ class Command:
         self.process = subprocess.Popen(
             [*COMMAND, *map(str, arguments)],
             cwd=cwd,
-            env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"},
+            env=environment(PYTHONUNBUFFERED="1"),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -109,7 +84,7 @@ class Command:
             assert time.monotonic() < until_s, "it runs on"
             time.sleep(0.001)
 
-    def end(self) -> Ended:
+    def end(self) -> Done:
         """Wait for its end."""
         assert self.process.stdout is not None
         assert self.process.stderr is not None
@@ -123,7 +98,7 @@ class Command:
         self._reader.join(PATIENCE_S)
         self.process.stdout.close()
         self.process.stderr.close()
-        return Ended(status, out, "".join(self._lines))
+        return Done(status, out, "".join(self._lines))
 
     def __enter__(self) -> Self:
         return self
@@ -158,12 +133,12 @@ class Emulator(Command):
         assert line.startswith("ready "), line
         self.port = line.split()[1]
 
-    def stop(self) -> Ended:
+    def stop(self) -> Done:
         self.send(signal.SIGTERM)
         return self.end()
 
 
-def connect(cwd: Path, port: str, *arguments: str | Path) -> Ended:
+def connect(cwd: Path, port: str, *arguments: str | Path) -> Done:
     """Run ``sweepctl connect`` to its end."""
     with Command("connect", port, *arguments, cwd=cwd) as command:
         return command.end()

@@ -18,10 +18,12 @@ from bridge.view.report.figures import draw_bounds, room_height
 from bridge.view.report.report import render
 from bridge.view.report.run_data import RunData, load_run
 from bridge.view.report.tables import holes
-from support.cli import Done, case_1, plain_messages, short_runs, sweepctl
+from support.cli import case_1, plain_messages, short_runs, sweepctl
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from support.processes import Done
 
 pytestmark = pytest.mark.slow
 
