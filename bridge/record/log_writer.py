@@ -11,8 +11,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
 from bridge.record.chunked_file import ChunkedFile
+from bridge.record.device_topics import DeviceTopics
 from bridge.record.encode import foxglove, ros, schemas
-from bridge.record.encode.device_topics import DeviceTopics
 from bridge.record.encode.occupancy_grid import rasterise
 from bridge.record.encode.rows import Head, RowMessage, half_angle, proto_stamp, real
 from bridge.record.errors import LogWriteError
