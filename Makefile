@@ -9,7 +9,7 @@ INSTALLED := $(VENV)/.installed
 LOCKS := requirements-build.lock requirements.lock
 # What is compiled when the package is installed, and what it is made with.
 KERNELS := $(shell sed -n '/^\[tool.sweepctl.kernels\]/,/^\[/s/.*"\(.*\.py\)".*/\1/p' pyproject.toml)
-MADE_WITH := setup.py bridge/motion/arrays.pxd tools/dev/kernels.py
+MADE_WITH := setup.py requirements-build.lock bridge/motion/arrays.pxd tools/dev/kernels.py
 # The C compiler that this Python was built with; where that is missing another one, else that of the
 # lock, which is told to compile for any CPU of this kind and not for the one that it runs on.
 OWN_CC := $(shell command -v $$($(PYTHON) -c 'import sysconfig; print((sysconfig.get_config_var("CC") or "cc").split()[0])' 2>/dev/null))

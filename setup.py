@@ -43,7 +43,7 @@ def stamped(source: Path) -> str:
 
 
 def extensions(sources: list[Path]) -> list[Extension]:
-    """One extension for each source."""
+    """One extension for each source; where all are compiled, also what they share."""
     if not sources:
         return []
     from Cython.Build import cythonize  # noqa: PLC0415 - a list of files needs no compiler
@@ -56,8 +56,17 @@ def extensions(sources: list[Path]) -> list[Extension]:
         )
         for source in sources
     ]
-    directives = {"compiler_directives": DIRECTIVES, "quiet": True}
-    compiled: list[Extension] = cythonize(made, build_dir=str(BUILD), force=True, **directives)
+    shared = kernels.module_name(kernels.ROOT / kernels.SHARED)
+    if set(sources) >= set(kernels.sources()):
+        made.append(Extension(shared, [], extra_compile_args=FLAGS))
+    compiled: list[Extension] = cythonize(
+        made,
+        build_dir=str(BUILD),
+        compiler_directives=DIRECTIVES,
+        force=True,
+        quiet=True,
+        shared_utility_qualified_name=shared,
+    )
     return compiled
 
 

@@ -254,9 +254,13 @@ def install_command(tools: Iterable[Tool], system: str) -> str:
 # ---- what is written from it ----------------------------------------------------------------
 
 
+HEADERS = Package("python3-dev", "headers of the system's own Python, to compile the kernels")
+
+
 def packages_text(system: str) -> str:
     """``.ci/packages*.txt`` for one distribution."""
-    rows = {p.name(system): p.reason for tool in TOOLS for p in tool.packages}
+    every = (HEADERS, *(p for tool in TOOLS for p in tool.packages))
+    rows = {p.name(system): p.reason for p in every}
     width = max(map(len, rows))
     lines = [
         f"# System packages of the tests on {system.capitalize()}, one a line, with the reason.",

@@ -15,6 +15,13 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+SHARED = "bridge/motion/array_views.py"
+"""Where the source of the module would stand that has Cython's own code for arrays: it has none.
+
+All kernels use it; without it each would contain that code, and take twice as long to compile.
+"""
+_MADE_WITH = ("setup.py", "requirements-build.lock")
+"""What else a compiled module depends on; the lock names the version of Cython."""
 
 
 def sources(*, tests: bool = False) -> list[Path]:
@@ -31,7 +38,8 @@ def module_name(source: Path) -> str:
 
 def stamp(source: Path) -> str:
     """The text in the module that is made of this source, as it is now."""
-    made_of = [source, *sorted(ROOT.glob("bridge/**/*.pxd")), ROOT / "setup.py"]
+    tools = [path for path in map(ROOT.joinpath, _MADE_WITH) if path.exists()]
+    made_of = [source, *sorted(ROOT.glob("bridge/**/*.pxd")), *tools]
     digest = hashlib.sha256(b"\0".join(path.read_bytes() for path in made_of)).hexdigest()
     return f"sweepctl-kernel:{module_name(source)}:{digest}"
 
@@ -47,7 +55,7 @@ def is_stale(source: Path) -> bool:
         built = compiled(source).read_bytes()
     except FileNotFoundError:
         return True
-    return stamp(source).encode() not in built
+    return stamp(source).encode() not in built or not compiled(ROOT / SHARED).exists()
 
 
 def stale(of: list[Path]) -> list[Path]:

@@ -33,7 +33,10 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "bridge" / "arrays.pxd").write_text("types")
     path = tmp_path / "bridge" / "a_kernel.py"
     path.write_text("x = 1\n")
+    (tmp_path / "requirements-build.lock").write_text("cython==3")
     kernels.compiled(path).write_bytes(b"\x7fELF" + kernels.stamp(path).encode() + b"\0")
+    kernels.compiled(tmp_path / kernels.SHARED).parent.mkdir()
+    kernels.compiled(tmp_path / kernels.SHARED).touch()
     return path
 
 
@@ -42,7 +45,10 @@ def test_what_was_built_of_this_source_is_fresh(source: Path) -> None:
     assert kernels.complaint([source]) is None
 
 
-@pytest.mark.parametrize("changed", ["bridge/a_kernel.py", "bridge/arrays.pxd", "setup.py"])
+@pytest.mark.parametrize(
+    "changed",
+    ["bridge/a_kernel.py", "bridge/arrays.pxd", "setup.py", "requirements-build.lock"],
+)
 def test_what_was_built_of_something_else_is_stale(source: Path, changed: str) -> None:
     path = kernels.ROOT / changed
     path.write_text(path.read_text() + "\n")
@@ -53,6 +59,11 @@ def test_what_is_missing_is_stale_and_named_in_one_line(source: Path) -> None:
     kernels.compiled(source).unlink()
     text = kernels.complaint([source])
     assert text == "bridge.a_kernel: not compiled, or of another source; run `make venv`"
+
+
+def test_without_what_all_share_each_is_stale(source: Path) -> None:
+    kernels.compiled(kernels.ROOT / kernels.SHARED).unlink()
+    assert kernels.stale([source]) == [source]
 
 
 def test_the_tests_do_not_begin_without_compiled_kernels() -> None:
