@@ -15,8 +15,8 @@ MADE_WITH := setup.py requirements-build.lock bridge/motion/arrays.pxd tools/dev
 OWN_CC := $(shell command -v $$($(PYTHON) -c 'import sysconfig; print((sysconfig.get_config_var("CC") or "cc").split()[0])' 2>/dev/null))
 ifeq ($(OWN_CC),)
 KERNEL_CC := $(or $(shell command -v $(CC)),$(BIN)/python -m ziglang cc -mcpu=baseline -fno-sanitize=undefined)
-$(INSTALLED): export CC = $(KERNEL_CC)
-$(INSTALLED): export LDSHARED = $(KERNEL_CC) -shared
+$(INSTALLED): private export CC = $(KERNEL_CC)
+$(INSTALLED): private export LDSHARED = $(KERNEL_CC) -shared
 endif
 # A dot for each package on the screen, everything in a log. Where packages come from is the
 # user's own setting.
@@ -159,7 +159,7 @@ $(LOCKED): $(LOCKS)
 		rm -rf $(VENV); exit 1; }
 	@echo '== installing the build tools'
 	@$(call pip_install,--require-hashes -r requirements-build.lock)
-	@echo '== installing the locked packages (a minute or more, 1.2 GB unpacked)'
+	@echo '== installing the locked packages (a minute or more, 2 GB unpacked)'
 	@$(call pip_install,--require-hashes --no-build-isolation -r requirements.lock)
 	@touch $@
 
