@@ -15,8 +15,7 @@ MADE_WITH := setup.py requirements-build.lock bridge/motion/arrays.pxd tools/dev
 OWN_CC := $(shell command -v $$($(PYTHON) -c 'import sysconfig; print((sysconfig.get_config_var("CC") or "cc").split()[0])' 2>/dev/null))
 ifeq ($(OWN_CC),)
 KERNEL_CC := $(or $(shell command -v $(CC)),$(BIN)/python -m ziglang cc -mcpu=baseline -fno-sanitize=undefined)
-$(INSTALLED): private export CC = $(KERNEL_CC)
-$(INSTALLED): private export LDSHARED = $(KERNEL_CC) -shared
+KERNEL_ENV := CC='$(KERNEL_CC)' LDSHARED='$(KERNEL_CC) -shared'
 endif
 # A dot for each package on the screen, everything in a log. Where packages come from is the
 # user's own setting.
@@ -165,7 +164,7 @@ $(LOCKED): $(LOCKS)
 
 $(INSTALLED): $(LOCKED) pyproject.toml $(KERNELS) $(MADE_WITH)
 	@echo '== installing sweepctl itself, compiling what changed (half a minute for all of it)'
-	@$(BIN)/python setup.py --quiet build_ext --inplace >>$(VENV)/install.log 2>&1 \
+	@$(KERNEL_ENV) $(BIN)/python setup.py --quiet build_ext --inplace >>$(VENV)/install.log 2>&1 \
 		|| { tail -n 20 $(VENV)/install.log >&2; exit 1; }
 	@$(call pip_install,--no-deps --no-build-isolation --config-settings editable_mode=compat -e .)
 	@for flags in '-g -fsanitize=undefined' '-O1 -g -fsanitize=undefined' -Os; do \
