@@ -22,7 +22,7 @@ STRAIGHT, DIAGONAL = _STRAIGHT, _DIAGONAL
 TIGHT = _TIGHT
 """A step next to where the axle cannot be costs this many times more."""
 RING = _RING
-"""Buckets of the search: more than the dearest step costs."""
+"""Buckets of the search: more than the dearest step costs; a power of two."""
 
 
 @cython.final
@@ -76,8 +76,15 @@ def travel(
     settled: cython.int = 0
     there: cython.int
     cost: cython.int
+    i: cython.int
+    j: cython.int
+    # Locals: C reads a module's number anew after each store to an array.
+    straight: cython.int = _STRAIGHT
+    diagonal: cython.int = _DIAGONAL
+    tight: cython.int = _TIGHT
+    last_bucket: cython.int = _RING - 1
     while waiting > 0 and level <= most:
-        slot = level % _RING
+        slot = level & last_bucket
         while k < counts[slot]:
             if settled >= budget:
                 search.level, search.taken, search.waiting = level, k, waiting
@@ -88,26 +95,26 @@ def travel(
             if dist[cell] != level:
                 continue
             settled += 1
-            for n in range(9):
-                i, j = n // 3 - 1, n % 3 - 1
-                there = cell + i * cols + j
-                kind = ground[there]
-                if kind == 0 or n == 4:  # noqa: PLR2004 - itself
-                    continue
-                cost = _DIAGONAL if i != 0 and j != 0 else _STRAIGHT
-                if kind == 1:
-                    cost *= _TIGHT
-                total = level + cost
-                old = dist[there]
-                if old >= 0 and total >= old:
-                    continue
-                spot = total % _RING
-                count = counts[spot]
-                if count < room:
-                    dist[there] = total
-                    queue[spot, count] = there
-                    counts[spot] = count + 1
-                    waiting += 1
+            for i in range(-1, 2):
+                for j in range(-1, 2):
+                    there = cell + i * cols + j
+                    kind = ground[there]
+                    if kind == 0 or (i == 0 and j == 0):
+                        continue
+                    cost = diagonal if i != 0 and j != 0 else straight
+                    if kind == 1:
+                        cost *= tight
+                    total = level + cost
+                    old = dist[there]
+                    if old >= 0 and total >= old:
+                        continue
+                    spot = total & last_bucket
+                    count = counts[spot]
+                    if count < room:
+                        dist[there] = total
+                        queue[spot, count] = there
+                        counts[spot] = count + 1
+                        waiting += 1
         counts[slot] = 0
         k = 0
         level += 1

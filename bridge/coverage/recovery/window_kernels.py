@@ -173,18 +173,18 @@ def keep_holes(target: Layer, hole: Layer) -> cython.int:
     cols: cython.int = target.shape[1]
     r: cython.int
     c: cython.int
-    there: cython.int
+    whole: cython.bint
     for r in range(rows):
         for c in range(cols):
             hole[r, c] = 0
     for r in range(rows - 3):
         for c in range(cols - 3):
-            there = 0
+            whole = True
             for n in range(16):
-                if n // 4 % 3 or n % 4 % 3:
-                    cell: cython.int = int(target[r + n // 4, c + n % 4])
-                    there += cell
-            if there == 12:  # noqa: PLR2004 - all but the corners
+                if (n // 4 % 3 or n % 4 % 3) and not target[r + n // 4, c + n % 4]:
+                    whole = False
+                    break
+            if whole:
                 for n in range(16):
                     hole[r + n // 4, c + n % 4] = target[r + n // 4, c + n % 4]
     count: cython.int = 0
