@@ -326,7 +326,10 @@ class _Recoverer:
             self._lose(offset, end - offset, f"a damaged {_KINDS.get(opcode, 'record')}")
         if self._loss is not None and self._loss.offset == offset:
             following = next_file(self._data, start, end)
-            if following is not None:  # it was cut, and its length reaches into another file
+            if following is None and opcode == Opcode.ATTACHMENT and not self._stands_known(end):
+                following = self._search_inner.after(start)
+            # Bytes of it are missing, and its length reaches into what follows.
+            if following is not None and following < end:
                 self._loss.bytes = following - offset
                 return following
         return end if is_longer else None
@@ -335,6 +338,13 @@ class _Recoverer:
         """Whether a whole record stands here."""
         found = next(records(self._data, position, search=self._search_inner), None)
         return found is not None and not isinstance(found, DamagedBytes)
+
+    def _stands_known(self, position: int) -> bool:
+        """Whether a whole record of a known kind stands here, or the data ends."""
+        found = next(records(self._data, position, search=self._search_inner), None)
+        if found is None:
+            return True
+        return not isinstance(found, DamagedBytes) and found.opcode <= _LAST_KNOWN
 
     def _is_misplaced(self, opcode: int, offset: int) -> bool:
         """Whether a record stands before the summary that belongs into it, or a second header."""

@@ -6,7 +6,7 @@ import random
 from collections import Counter
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from support.damaged_logs import MAGIC, Log, check_flip, contents, flipped, logs, recovered
@@ -55,6 +55,7 @@ cuts = st.lists(
 
 @settings(max_examples=60)
 @given(st.sampled_from(NAMES), cuts)
+@example("ours", [("gap", 0.25, 281)])  # an attachment that then ends within the next chunk
 def test_several_damages_together(name: str, wanted: list[tuple[str, float, int]]) -> None:
     log = named(name)
     data, touched = bytearray(log.data), list[tuple[int, int]]()
