@@ -117,7 +117,7 @@ def test_what_cannot_be_shown_is_one_line(
 ) -> None:
     with pytest.raises(LogReadError, match="No such file"):
         open_viewer(tmp_path / "missing.mcap", save=tmp_path / "x.rrd")
-    with pytest.raises(LogWriteError, match="No such file"):
+    with pytest.raises(LogWriteError, match="there is no folder"):
         open_viewer(log, save=tmp_path / "no" / "folder" / "x.rrd")
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)

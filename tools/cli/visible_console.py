@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 _SIZES = frozenset({"COLUMNS", "LINES", "JUPYTER_COLUMNS", "JUPYTER_LINES"})
 """Variables from which Rich takes the size of a terminal."""
-_SIZE = re.compile("[1-9][0-9]{0,5}")
+_SIZE = re.compile("[1-9][0-9]*")
+_MAX_DIGITS = 6
+"""Digits of a size that are read: more are more than any screen has."""
 _KEPT = "\n\t"
 """Characters that Rich lays out itself: line ends, and tabs."""
 MAX_COLUMNS, MAX_ROWS = 500, 200
@@ -72,7 +74,7 @@ def _environment() -> dict[str, str]:
     Rich takes every digit of Unicode for one of a number: ``²`` would be an error in it.
     """
     return {
-        name: value
+        name: value[:_MAX_DIGITS] if name in _SIZES else value
         for name, value in os.environ.items()
         if name not in _SIZES or _SIZE.fullmatch(value)
     }

@@ -193,7 +193,7 @@ def test_the_energy_figure_is_at_equal_energies_and_ends_where_a_run_was_cut(
         drawn.append(figure)
         return ""
 
-    monkeypatch.setattr(figures, "_svg", keep)
+    monkeypatch.setattr(figures, "as_svg", keep)
     figures.coverage_curves(figure_rows(), "typical")
     lines = [
         [tuple(np.asarray(line.get_xydata()).T.tolist()) for line in axes.lines]
