@@ -262,7 +262,7 @@ def test_a_person_who_has_enough_leaves_a_robot_that_stands() -> None:
             desk.run(2.0)
     assert device.firmware.latch.cause is StopCause.SESSION_END
     wire.turn(b"", HostNs(wire.now() + 1_000_000_000))
-    assert InterruptedByPersonError.exit_status == 0
+    assert InterruptedByPersonError.exit_status == 1
 
 
 def test_the_wire_is_given_back_even_where_the_stop_fails(monkeypatch: pytest.MonkeyPatch) -> None:

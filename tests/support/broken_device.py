@@ -24,6 +24,7 @@ from protocol.messages import (
     ClearStop,
     DescribeReply,
     Hello,
+    HostHello,
     Nack,
     SaveParameters,
     Status,
@@ -41,19 +42,25 @@ from tools.cli.rooms import load_room
 if TYPE_CHECKING:
     from protocol.schema.message import Message
 
-OWN_ID = 0xB000
-"""Command ids of our own, which no host sees answered."""
+FIRST_ID = 0xB000
 
 
 class Sound:
-    """Between device and port; changes nothing."""
+    """Between device and port; changes nothing but the ids of commands.
+
+    A device carries out no id that is far behind the newest. So that commands of our own can stand
+    between the host's, the device sees both numbered in one row, and the host its own ids.
+    """
 
     def __init__(self, seed: int) -> None:
         self.device = VirtualSweeper(load_room("empty"), seed=seed)
         self.now_us = 0
         self.codec = Codec(CATALOGUE)
         self._up, self._down = UartParser(), UartParser()
-        self._next_id = OWN_ID
+        self._newest_id = FIRST_ID
+        self._ids: dict[int, int] = {}
+        """Ids that the device sees, by the host's, of this session."""
+        self._own_ids: set[int] = set()
 
     def step(self, data: bytes, now_us: int) -> bytes:
         """Like the device's own."""
@@ -64,12 +71,34 @@ class Sound:
     def to_device(self, data: bytes) -> bytes:
         """What the device gets for what the host wrote, and of ourselves."""
         frames = [f for f in self._down.feed(data) if isinstance(f, Frame)]
-        return b"".join(_bytes(g) for f in frames for g in self.host_frame(f)) + self.injected()
+        going = (self._numbered(g) for f in frames for g in self.host_frame(f))
+        return b"".join(map(_bytes, going)) + self.injected()
 
     def to_host(self, data: bytes) -> bytes:
         """What the host gets for what the device wrote."""
-        frames = [f for f in self._up.feed(data) if isinstance(f, Frame)]
+        frames = [self._renumbered(f) for f in self._up.feed(data) if isinstance(f, Frame)]
         return b"".join(_bytes(g) for f in frames for g in self.device_frame(f))
+
+    def _numbered(self, frame: Frame) -> Frame:
+        """A frame of the host with the id that the device sees."""
+        message = self.message(frame)
+        if isinstance(message, HostHello):
+            self._ids.clear()
+        number = getattr(message, "command_id", None)
+        if number is None or self.is_own(number):
+            return frame
+        if number not in self._ids:
+            self._ids[number] = self._next_id()
+        return self.saying(frame, message, command_id=self._ids[number])
+
+    def _renumbered(self, frame: Frame) -> Frame:
+        """A frame of the device with the id that the host gave."""
+        message = self.message(frame)
+        if isinstance(message, Ack | Nack):
+            for number, seen in self._ids.items():
+                if seen == message.command_id:
+                    return self.saying(frame, message, command_id=number)
+        return frame
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         """What becomes of a frame of the host's."""
@@ -94,8 +123,17 @@ class Sound:
         return frame._replace(type_id=type_id, payload=payload)
 
     def own_id(self) -> int:
-        self._next_id += 1
-        return self._next_id
+        """The id of a command of our own, which no host sees answered."""
+        number = self._next_id()
+        self._own_ids.add(number)
+        return number
+
+    def is_own(self, number: int) -> bool:
+        return number in self._own_ids
+
+    def _next_id(self) -> int:
+        self._newest_id = (self._newest_id + 1) & 0xFFFF
+        return self._newest_id
 
 
 class Reciting(Sound):

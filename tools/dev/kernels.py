@@ -72,13 +72,5 @@ def complaint(of: list[Path]) -> str | None:
     return f"{names[0]}{more}: not compiled, or of another source; run `make venv`"
 
 
-def main() -> int:
-    """Say what is stale."""
-    text = complaint(sources(tests=True))
-    if text is not None:
-        sys.stderr.write(f"{text}\n")
-    return text is not None
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(complaint(sources(tests=True)))
