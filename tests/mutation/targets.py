@@ -87,19 +87,23 @@ TARGETS = (
     Target("supervisor", "bridge.supervise.supervisor", _tests("supervise/grading")),
     Target("dead_man", "bridge.run.dead_man", _tests("run/dead_man_velocities", "run/dead_man")),
     Target("stopping", "bridge.io.stopping", _tests("session/stopping_alone")),
+    Target("port_loop", "bridge.io.port_loop", _tests("session/stopping_alone", "io/port_loop")),
     Target("stop", "bridge.session.stop_request", _tests("session/stopping_alone")),
     Target(
         "host",
         "bridge.run.host",
-        _tests(
-            *("run/run", "run/disturbances", "run/parameters", "run/warming", "run/summary"),
-            *(
-                "session/link_latency",
-                "session/stale_samples",
-                "record/damaged_records",
-                "session/again",
+        (
+            *_tests(
+                *("run/run", "run/disturbances", "run/parameters", "run/warming", "run/summary"),
+                *(
+                    "session/link_latency",
+                    "session/stale_samples",
+                    "record/damaged_records",
+                    "session/again",
+                ),
+                "api/shared_between_threads",
             ),
-            "api/shared_between_threads",
+            "tests/scenario/test_supervise_onboard.py",
         ),
         covered=95.0,
         unexamined=190,  # of 416, by a share of 48 of which 22 survived
