@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 
 class Remedy(Enum):
@@ -76,6 +77,19 @@ class ParameterError(BridgeError):
     """A parameter that there is not, or a value that it does not take."""
 
     exit_status = 2
+
+
+class OutputExistsError(BridgeError):
+    """A file to write exists, and replacing it was not asked for."""
+
+    remedy: Remedy | None = Remedy.FORCE
+
+    def __init__(self, path: Path, *, can_replace: bool = True) -> None:
+        """``can_replace``: the caller has an option to replace the file."""
+        super().__init__(f"{path} exists; give another name")
+        self.path = path
+        if not can_replace:
+            self.remedy = None
 
 
 class PortError(BridgeError):

@@ -145,7 +145,10 @@ class Robot:
         self._closed = False
         self._offset_ns = clock.unix_offset_ns()
         self._has_sink = sink is not None
-        newest = lambda: self.state  # noqa: E731
+
+        def newest() -> StateSnapshot:
+            return self.state
+
         self._imu, self._encoders = Latest(Imu, newest), Latest(Encoders, newest)
         self._range, self._power = Latest(Range, newest), Latest(Power, newest)
         self._status, self._planner = Latest(Status, newest), OwnPlanner(self)

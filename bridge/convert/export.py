@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Self
 from zlib import crc32
 
 from bridge.convert.table_names import table_names
-from bridge.errors import BridgeError
+from bridge.errors import BridgeError, OutputExistsError
 from bridge.record.decode.blocks import BLOCK_BYTES, blocks
 from bridge.record.decode.forms import Form, Opaque
 from bridge.record.decode.protobuf_form import ProtobufForm
 from bridge.record.decode.ros_form import RosForm
-from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.errors import LogWriteError
 from bridge.record.family import parts_of
 from bridge.record.file_summary import read_file_summary
 from bridge.record.mcap_records import Declared
@@ -84,7 +84,7 @@ def export(  # noqa: PLR0913 - what can be asked for
 
     Raises:
         LogReadError: the log is missing, cannot be read, or is no MCAP file.
-        LogExistsError: a file would be replaced and ``force`` is not set.
+        OutputExistsError: a file would be replaced and ``force`` is not set.
         LogWriteError: the folder or a file cannot be written.
         NoSuchTopicError: a pattern matches no topic.
         ExportMissingError: pyarrow is not installed.
@@ -187,12 +187,12 @@ class _Exporter:
         """Complain of a file that is there and must not be replaced, before any is written.
 
         Raises:
-            LogExistsError: one is.
+            OutputExistsError: one is.
 
         """
         for file in self._tables.values() if files is None else files:
             if not self._force and os.path.lexists(file):
-                raise LogExistsError(file)
+                raise OutputExistsError(file)
 
     def begin(self) -> Declared:
         """Begin a file: it has numbers of its own for its channels."""

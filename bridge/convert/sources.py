@@ -25,8 +25,7 @@ def readable(path: Path) -> Iterator[Path]:
     if kind_of(path) == MCAP:
         yield path
         return
-    # Decoding takes what a live run does, which the reading of a log need not wait for.
-    from bridge.convert.captures import convert  # noqa: PLC0415
+    from bridge.convert.captures import convert  # noqa: PLC0415 - loads a live run's decoding
 
     with tempfile.TemporaryDirectory(prefix="sweepctl-capture-") as folder:
         made = Path(folder) / f"{path.stem}.mcap"

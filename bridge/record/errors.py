@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Self
 
-from bridge.errors import BridgeError, Remedy
+from bridge.errors import BridgeError
 from bridge.files import cause
 
 if TYPE_CHECKING:
@@ -17,15 +17,6 @@ class LogError(BridgeError):
     def __init__(self, path: Path, text: str) -> None:
         super().__init__(text)
         self.path = path
-
-
-class LogExistsError(LogError):
-    """The log would replace a file, and that was not asked for."""
-
-    remedy = Remedy.FORCE
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, f"{path} exists; give another name")
 
 
 class LogWriteError(LogError):

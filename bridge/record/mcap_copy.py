@@ -10,8 +10,9 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Schema
 
+from bridge.errors import OutputExistsError
 from bridge.files import check_target
-from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.errors import LogWriteError
 from bridge.record.mcap_file import MAGIC, ZSTD_LEVEL, Chunk, McapFile, bytes_of
 from bridge.record.unpack import HEAD, MAX_SCHEMA_BYTES
 
@@ -51,7 +52,7 @@ class McapCopy:
         """Create the file.
 
         Raises:
-            LogExistsError: it exists and ``force`` is not set.
+            OutputExistsError: it exists and ``force`` is not set.
             LogWriteError: it cannot be opened or written.
 
         """
@@ -226,6 +227,6 @@ def _create(path: Path, *, force: bool) -> BinaryIO:
         check_target(path)
         return path.open("wb" if force else "xb")
     except FileExistsError:
-        raise LogExistsError(path) from None
+        raise OutputExistsError(path) from None
     except OSError as error:
         raise LogWriteError.of(path, error) from None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from bridge.record.errors import LogExistsError
+from bridge.errors import OutputExistsError
 from bridge.record.family import stray_part
 from bridge.record.log_writer import RunWriter
 from bridge.record.rotation import RotatingWriter
@@ -36,7 +36,7 @@ def open_log(
     """Begin a run's log.
 
     Raises:
-        LogExistsError: the file exists and ``force`` is not set.
+        OutputExistsError: the file exists and ``force`` is not set.
         LogWriteError: it cannot be opened or written, or there is no room for it.
 
     """
@@ -49,7 +49,7 @@ def open_log(
         return make(path, info)
     stray = None if force else stray_part(path)
     if stray is not None:  # better now than in the middle of the run
-        raise LogExistsError(stray)
+        raise OutputExistsError(stray)
     return RotatingWriter(
         path, info, make, rotate_bytes=options.rotate_bytes, rotate_s=options.rotate_s
     )

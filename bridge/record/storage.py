@@ -9,8 +9,9 @@ import tempfile
 from io import FileIO
 from typing import TYPE_CHECKING, BinaryIO
 
+from bridge.errors import OutputExistsError
 from bridge.files import check_target
-from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.errors import LogWriteError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -143,7 +144,7 @@ def open_log_file(path: Path, *, force: bool, fsync: bool = False) -> LogFile:
     """Create a log's file.
 
     Raises:
-        LogExistsError: it exists and ``force`` is not set.
+        OutputExistsError: it exists and ``force`` is not set.
         LogWriteError: it cannot be made, or there is no room for it.
 
     """
@@ -153,7 +154,7 @@ def open_log_file(path: Path, *, force: bool, fsync: bool = False) -> LogFile:
         if fsync:
             _sync_folder(path.parent)
     except FileExistsError:
-        raise LogExistsError(path) from None
+        raise OutputExistsError(path) from None
     except OSError as error:
         raise LogWriteError.of(path, error) from None
     return file

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bridge.errors import OutputExistsError
 from support.cli import sweepctl
 from tools.cli.keyfile import KeyFileError, make_key, read_key
+from tools.cli.remedies import error_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,8 +65,9 @@ def test_a_key_file_is_its_owners_alone(tmp_path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert read_key(path) == key
     assert read_key(None) is None
-    with pytest.raises(KeyFileError, match="exists already"):
+    with pytest.raises(OutputExistsError) as exists:
         make_key(path)
+    assert error_line(exists.value) == f"{path} exists; give another name"
     path.chmod(0o644)
     with pytest.raises(KeyFileError, match="chmod 600"):
         read_key(path)

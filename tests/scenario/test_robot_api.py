@@ -19,6 +19,7 @@ from bridge.errors import (
     CommandRejectedError,
     DeviceLostError,
     NoDeviceError,
+    OutputExistsError,
     ParameterError,
     PortError,
     StoppedForSafetyError,
@@ -26,7 +27,7 @@ from bridge.errors import (
 from bridge.io import clock
 from bridge.motion.geometry import Pose2
 from bridge.motion.observation import HALT, Observation, VelocityCommand
-from bridge.record.errors import LogError, LogExistsError
+from bridge.record.errors import LogError
 from bridge.record.reader import LogReader
 from bridge.session.states import State
 from protocol.messages import Encoders, Imu, Range, Status
@@ -413,7 +414,7 @@ def test_a_program_records_and_the_log_is_whole(emulated: Emulated, tmp_path: Pa
             assert "accel_z_m_s2=" in repr(robot.imu)
         assert recording.dropped == 0
         after = log.stat().st_size
-        with pytest.raises(LogExistsError, match="force=True"):
+        with pytest.raises(OutputExistsError, match="force=True"):
             robot.record(log)
         assert log.stat().st_size == after
         again = robot.record(tmp_path / "again.mcap")

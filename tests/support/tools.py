@@ -212,8 +212,9 @@ TOOLS = (
 BY_NAME = {tool.name: tool for tool in TOOLS}
 PROGRAMS = {name: tool for tool in TOOLS for names in tool.programs for name in names}
 """Which tool a program belongs to."""
-BASE = frozenset({"bash", "make", "sh"})
-"""Programs of every machine on which `make test` can be typed: no test is marked for them."""
+BASE = frozenset({"bash", "make", "sh", "fc-list"})
+"""Programs that need no mark: those of every machine on which `make test` can be typed, and
+``fc-list``, which matplotlib starts once for each user if the system has it."""
 
 
 def tool_named(name: str) -> Tool:

@@ -7,7 +7,7 @@ import secrets
 import stat
 from typing import TYPE_CHECKING
 
-from bridge.errors import BridgeError
+from bridge.errors import BridgeError, OutputExistsError
 from bridge.files import open_to_read
 
 if TYPE_CHECKING:
@@ -53,14 +53,15 @@ def make_key(path: Path) -> bytes:
     """A new random key in a new file of mode 0600.
 
     Raises:
-        KeyFileError: the file exists, or cannot be made.
+        OutputExistsError: the file exists.
+        KeyFileError: it cannot be made.
 
     """
     key = secrets.token_bytes(KEY_BYTES)
     try:
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
-        raise KeyFileError(f"{path} exists already; give another name") from None
+        raise OutputExistsError(path, can_replace=False) from None
     except OSError as error:
         raise KeyFileError(f"cannot make the key file {path}: {error.strerror}") from None
     with os.fdopen(fd, "w", encoding="ascii") as file:

@@ -50,11 +50,12 @@ def check_outputs(
         click.UsageError: two outputs have one name.
         LogWriteError: an output is one of ``sources``, whatever ``force`` is.
         LogWriteError: its folder may not be entered, or it is a pipe, a socket or a device.
-        LogExistsError: it exists and ``force`` is not set.
+        OutputExistsError: it exists and ``force`` is not set.
 
     """
+    from bridge.errors import OutputExistsError
     from bridge.files import check_target
-    from bridge.record.errors import LogExistsError, LogWriteError
+    from bridge.record.errors import LogWriteError
 
     given = [path for path in wanted if path is not None]
     whole = [_resolved(path) for path in given]
@@ -70,7 +71,7 @@ def check_outputs(
         except OSError as error:  # a name too long, a folder that may not be entered
             raise LogWriteError.of(path, error) from None
         if is_there and not force:
-            raise LogExistsError(path)
+            raise OutputExistsError(path)
 
 
 def _resolved(path: Path) -> Path:

@@ -7,10 +7,9 @@ from typing import Any
 
 import click
 
-from bridge.files import check_target
 from protocol.generate import GENERATORS, PER_NODE
 from tools.cli.console import complain, write_line
-from tools.cli.paths import is_there
+from tools.cli.outputs import check_outputs
 
 
 @click.command("generate", epilog="Example:  sweepctl generate c --out firmware/wire")
@@ -47,16 +46,12 @@ def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
 
         options["behaviour"] = wire_behaviour()
     files = render(what, node=node or 1, **options)
-    taken = [name for name in files if is_there(out / name)]
-    if taken and not force:
-        complain(f"{out / taken[0]} exists; --force replaces it")
-        return 2
+    check_outputs([out / name for name in files], (), force=force)
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
             path = out / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            check_target(path)
             path.write_text(text, encoding="utf-8", newline="\n")
             write_line(str(path))
     except OSError as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from bridge.record.errors import LogExistsError
+from bridge.errors import OutputExistsError
 from bridge.view.output import write
 from bridge.view.report import figures as report_figures
 from bridge.view.report import words
@@ -126,13 +126,13 @@ def write_page(a: Path, b: Path, out: Path, *, force: bool = False) -> dict[str,
 
     Raises:
         LogReadError: a log cannot be read.
-        LogExistsError: the page exists and ``force`` is not set.
+        OutputExistsError: the page exists and ``force`` is not set.
         LogWriteError: it cannot be written.
         PlotMissingError: matplotlib is not installed.
 
     """
     if out.exists() and not force:
-        raise LogExistsError(out)
+        raise OutputExistsError(out)
     runs = load_run(a), load_run(b)
     content = (
         picture(*runs) if out.suffix.lower() == ".png" else render(*runs).encode(errors="replace")

@@ -7,7 +7,7 @@ from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from bridge.record.errors import LogExistsError
+from bridge.errors import OutputExistsError
 from bridge.view.output import write
 from bridge.view.report import figures
 from bridge.view.report import tables as rows
@@ -36,14 +36,14 @@ def write_report(
 
     Raises:
         LogReadError: the log cannot be read.
-        LogExistsError: a file would be replaced and ``force`` is not set.
+        OutputExistsError: a file would be replaced and ``force`` is not set.
         LogWriteError: a file cannot be written.
         PlotMissingError: matplotlib is not installed.
 
     """
     for path in (out, png):
         if path is not None and path.exists() and not force:
-            raise LogExistsError(path)
+            raise OutputExistsError(path)
     data = load_run(log)
     found = rows.holes(data)
     if out is not None:

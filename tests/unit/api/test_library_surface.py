@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from bridge.api.robot import Robot
-from bridge.errors import CommandRejectedError, Remedy, StoppedForSafetyError
-from bridge.record.errors import LogExistsError
+from bridge.errors import CommandRejectedError, OutputExistsError, Remedy, StoppedForSafetyError
 from bridge.run.ending import Ending, cannot_move
 from protocol.messages import Imu, Range, Status
 from tools.cli.remedies import error_line
@@ -51,7 +50,7 @@ def test_an_error_has_the_callers_own_words() -> None:
     assert isinstance(error, StoppedForSafetyError)
     assert str(error) == "the robot holds a stop, then call enable(clear_stop=True)"
     assert error_line(error) == "the robot holds a stop, then add --clear-stop"
-    exists = LogExistsError(Path("a.mcap"))
+    exists = OutputExistsError(Path("a.mcap"))
     assert "force=True" in str(exists)
     assert "--" not in str(exists)
     assert error_line(exists) == "a.mcap exists; give another name, or --force to replace it"

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from bridge.convert.export import NoSuchTopicError, export
-from bridge.record.errors import LogExistsError
+from bridge.errors import OutputExistsError
 from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
 from support.cli import sweepctl
@@ -143,7 +143,7 @@ def test_a_damaged_log(log: Path, tmp_path: Path) -> None:
 def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     export(log, out, topics=["/cmd"])
-    with pytest.raises(LogExistsError):
+    with pytest.raises(OutputExistsError):
         export(log, out, topics=["/cmd"])
     export(log, out, topics=["/cmd"], force=True)
     with pytest.raises(NoSuchTopicError, match=r"no topic matches '/none'; there are: /clock/sync"):

@@ -13,7 +13,7 @@ from mcap.writer import Writer
 
 from bridge.convert.export import export
 from bridge.convert.table_names import table_names
-from bridge.record.errors import LogExistsError
+from bridge.errors import OutputExistsError
 from support.cli import sweepctl
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def test_of_a_log_without_a_summary_too(tmp_path: Path) -> None:
     out = tmp_path / "tables"
     out.mkdir()
     (out / "c.csv").symlink_to("nowhere")
-    with pytest.raises(LogExistsError):
+    with pytest.raises(OutputExistsError):
         export(log, out, file_format="csv")
     assert [path.name for path in out.iterdir()] == ["c.csv"]
     assert not (tmp_path / "nowhere").exists()

@@ -15,7 +15,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from bridge.convert.recover import recover
-from bridge.record.errors import LogExistsError, LogReadError, LogWriteError
+from bridge.errors import OutputExistsError
+from bridge.record.errors import LogReadError, LogWriteError
 from bridge.record.file_summary import FileSummary
 from bridge.record.log_writer import RunWriter
 from bridge.record.reader import LogReader
@@ -296,7 +297,7 @@ def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
     with pytest.raises(LogWriteError, match="it is the file to recover"):
         recover(copy, copy, force=True)
     assert copy.read_bytes() == log.read_bytes()
-    with pytest.raises(LogExistsError):
+    with pytest.raises(OutputExistsError):
         recover(log, copy)
     with pytest.raises(LogReadError):
         recover(tmp_path / "none.mcap", tmp_path / "out.mcap")

@@ -38,9 +38,11 @@ def test_nothing_is_replaced_unless_told(
 ) -> None:
     mine = tmp_path / "sweepctl.proto"
     mine.write_text("mine", encoding="utf-8")
-    assert run(["generate", "proto", "--out", str(tmp_path)]) == 2
+    assert run(["generate", "proto", "--out", str(tmp_path)]) == 1
     assert mine.read_text(encoding="utf-8") == "mine"
-    assert capsys.readouterr().err.splitlines() == [f"sweepctl: {mine} exists; --force replaces it"]
+    assert capsys.readouterr().err.splitlines() == [
+        f"sweepctl: {mine} exists; give another name, or --force to replace it"
+    ]
     assert run(["generate", "proto", "--out", str(tmp_path), "--force"]) == 0
     assert mine.read_text(encoding="utf-8") != "mine"
 

@@ -15,8 +15,9 @@ import pytest
 from mcap.reader import make_reader
 
 from bridge.convert.export import export
+from bridge.errors import OutputExistsError
 from bridge.record.chunk import CHUNK_NS
-from bridge.record.errors import LogExistsError, LogGoneError, LogWriteError
+from bridge.record.errors import LogGoneError, LogWriteError
 from bridge.record.log_writer import RunWriter
 from bridge.record.policy import RecordOptions, open_log
 from bridge.record.reader import LogReader
@@ -142,7 +143,7 @@ def test_what_is_held_has_no_name_and_goes_with_the_file(tmp_path: Path) -> None
     file = open_log_file(tmp_path / "log", force=False)
     assert [p.name for p in tmp_path.iterdir()] == ["log"]
     file.close()
-    with pytest.raises(LogExistsError):
+    with pytest.raises(OutputExistsError):
         open_log_file(tmp_path / "log", force=False)
     held = hold_room(tmp_path)
     assert held is not None
@@ -299,11 +300,11 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
 
 def test_a_later_file_that_exists_is_told_at_once(tmp_path: Path) -> None:
     (tmp_path / "run-0002.mcap").write_bytes(b"mine")
-    with pytest.raises(LogExistsError, match=r"run-0002\.mcap"):
+    with pytest.raises(OutputExistsError, match=r"run-0002\.mcap"):
         open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
     assert not (tmp_path / "run.mcap").exists()
     (tmp_path / "run-0002.mcap").rename(tmp_path / "run-0007.mcap")  # much later, the same
-    with pytest.raises(LogExistsError, match=r"run-0007\.mcap"):
+    with pytest.raises(OutputExistsError, match=r"run-0007\.mcap"):
         open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
     (tmp_path / "run-0007.mcap").rename(tmp_path / "run-7.mcap")  # not a name that it needs
     open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0)).close()

@@ -9,10 +9,11 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2.decoder import DecoderFactory as RosFactory
 
+from bridge.errors import OutputExistsError
 from bridge.motion.geometry import Pose2
 from bridge.record.chunk import CHUNK_BYTES
 from bridge.record.chunked_file import ChunkedFile
-from bridge.record.errors import LogExistsError, LogWriteError
+from bridge.record.errors import LogWriteError
 from bridge.record.log_writer import RunWriter
 from bridge.session.records import (
     CommandRecord,
@@ -36,7 +37,7 @@ NOW = EPOCH_NS + 123_456_789
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     path.write_text("precious")
-    with pytest.raises(LogExistsError, match=r"run\.mcap exists"):
+    with pytest.raises(OutputExistsError, match=r"run\.mcap exists"):
         RunWriter(path, run_info())
     assert path.read_text() == "precious"
     RunWriter(path, run_info(), force=True).close()
