@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import struct
 from typing import TYPE_CHECKING, NamedTuple
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from bridge.config import parse_robot
 from bridge.errors import ConfigError
@@ -29,7 +31,6 @@ _SUFFIX = {
 }
 """Unit of a parameter → ending of the robot file's key."""
 _F32 = struct.Struct("<f")
-_TABLE = re.compile(r"^\s*\[([^\]]+)\]\s*(?:#.*)?$")
 
 
 class Difference(NamedTuple):
@@ -84,45 +85,26 @@ def _same(parameter: Parameter, wanted: float) -> bool:
 def edited(text: str, changes: Mapping[str, float]) -> str:
     """A robot file's text with some values changed; all else, comments included, as it was.
 
-    Keys of a table are written ``ultrasonic.offset_m``. What is not in the file yet is added.
+    Keys of a table are written ``ultrasonic.offset_m``. A value that the file lacks is added.
 
     Raises:
-        ConfigError: the file that results is none.
+        ConfigError: the text is no TOML, or the result is not a valid robot file.
 
     """
-    lines = text.splitlines()
+    try:
+        document = tomlkit.parse(text)
+    except TOMLKitError as error:
+        raise ConfigError(f"the robot file is no TOML: {error}") from None
     for path, value in changes.items():
         table, _, key = path.rpartition(".")
-        shown = repr(float(f"{value:.9g}"))
-        lines = _set(lines, table, key, shown)
-    result = "\n".join(lines) + "\n"
+        rounded = float(f"{value:.9g}")
+        if table:
+            document.setdefault(table, tomlkit.table())[key] = rounded
+        else:
+            document[key] = rounded
+    result = tomlkit.dumps(document)
     try:
         parse_robot(result)
     except ConfigError as error:
         raise ConfigError(f"the robot file would not be valid: {error}") from None
     return result
-
-
-def _set(lines: list[str], table: str, key: str, shown: str) -> list[str]:
-    form = re.compile(rf"^(\s*{re.escape(key)}\s*=\s*)([^#]*?)(\s*(?:#.*)?)$")
-    here, last = "", None
-    for index, line in enumerate(lines):
-        heading = _TABLE.match(line)
-        if heading is not None:
-            if here == table:
-                break
-            here = heading.group(1).strip()
-            if here == table:
-                last = index
-            continue
-        if here != table:
-            continue
-        found = form.match(line)
-        if found is not None:
-            return [*lines[:index], f"{found[1]}{shown}{found[3]}", *lines[index + 1 :]]
-        if line.strip():
-            last = index
-    if last is None and table:
-        return [*lines, "", f"[{table}]", f"{key} = {shown}"]
-    at = 0 if last is None else last + 1
-    return [*lines[:at], f"{key} = {shown}", *lines[at:]]

@@ -83,6 +83,26 @@ def test_a_file_that_would_be_none_is_refused() -> None:
         edited(FILE, {"wheel_base_m": 7.0})
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "'wheel_base_m' = 0.23 # a quoted key\n",
+        "ultrasonic = { x_m = 0.11 }\n",
+        "ultrasonic.x_m = 0.11\n",
+        "[ultrasonic]\nx_m = 0.11\n\n[infrared_left]\ny_m = 0.1\n",
+        'name = "[ultrasonic]"\n',
+    ],
+)
+def test_every_way_to_write_a_key_is_understood(text: str) -> None:
+    model = parse_robot(edited(text, {"wheel_base_m": 0.22, "ultrasonic.x_m": 0.1}))
+    assert (model.wheel_base_m, model.ultrasonic.x_m) == (0.22, 0.1)
+
+
+def test_a_file_that_is_no_toml_is_one_clear_error() -> None:
+    with pytest.raises(ConfigError, match="no TOML"):
+        edited("wheel_base_m = = 1\n", {"wheel_base_m": 0.2})
+
+
 def test_a_tables_values_are_parameters_too() -> None:
     plain = table(MODEL, 1)
     names = {robot_key(p) for p in device()} & set(file_values(MODEL))
