@@ -13,7 +13,14 @@ _SPAN = 1 << 32
 _HALF = 1 << 31
 
 
+def elapsed_us(since_us: int, until_us: int) -> int:
+    """Microseconds from one stamp to another, by their low 32 bits; negative for an earlier one.
+
+    Right for stamps that are less than 35 minutes apart.
+    """
+    return (until_us - since_us + _HALF) % _SPAN - _HALF
+
+
 def extend_us(reference: DeviceUs, low32: int) -> DeviceUs:
     """The moment nearest to ``reference`` whose low 32 bits are ``low32``."""
-    delta = (low32 - reference + _HALF) % _SPAN - _HALF
-    return DeviceUs(reference + delta)
+    return DeviceUs(reference + elapsed_us(reference, low32))

@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from bridge.session.states import Data
+from protocol.clock import elapsed_us
 from protocol.schema.message import RateClass
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from protocol.link import LinkStatistics
     from protocol.schema.message import MessageSpec
 
-_SPAN, _HALF = 1 << 32, 1 << 31
 _ALIKE = 0.1
 """Two gaps that differ by less are a stream's period."""
 _QUICKER, _SLOWER = 2, 5
@@ -98,7 +98,7 @@ class MessageStatistics:
     def take(self, t_us: int, arrived_ns: int, fit: Fit | None) -> None:
         """One message, with its 32-bit stamp."""
         if self.count:
-            gap_us = (t_us - self._last_us + _HALF) % _SPAN - _HALF
+            gap_us = elapsed_us(self._last_us, t_us)
             if gap_us < 0:
                 self.reordered += 1
                 self.count += 1
@@ -110,7 +110,7 @@ class MessageStatistics:
         self.count += 1
         self._last_us = t_us
         if fit is not None:
-            since_us = (t_us - fit.device_us + _HALF) % _SPAN - _HALF
+            since_us = elapsed_us(fit.device_us, t_us)
             age_ns = arrived_ns - fit.host_ns - since_us * 1000.0 * (1.0 + fit.drift)
             self._age_count += 1
             self._age_sum_ns += age_ns

@@ -22,8 +22,6 @@ MAX_DRIFT_PPM = 300.0
 BUCKET_US = 500_000
 BUCKETS = 60
 """Half a minute of history: longer and a crystal's own drift with temperature shows."""
-_SPAN, _HALF = 1 << 32, 1 << 31
-"""Of a device's 32-bit stamps, as :func:`extend_us` has them."""
 STAMP_NS = 1_000
 """A device's stamp is up to this much before the moment that it names."""
 STEP_NS = 1_000_000
@@ -96,11 +94,7 @@ class TimeSync:
         :meth:`extend`, :meth:`arrival` and :meth:`map` in one: every message passes here.
         """
         last = self._last
-        if last is None:
-            device_us = DeviceUs(low32)
-        else:
-            device_us = DeviceUs(last + (low32 - last + _HALF) % _SPAN - _HALF)
-        self._last = device_us
+        self._last = device_us = DeviceUs(low32) if last is None else extend_us(last, low32)
         quickest_ns = arrived_ns - self._least_down_ns
         known = self._upper.get(device_us // BUCKET_US)
         fit = self.fit

@@ -7,6 +7,7 @@ sender that came before it on the wire; whether that can be true, from our own c
 from __future__ import annotations
 
 from protocol.can.frames import STAMP_SHIFT
+from protocol.clock import elapsed_us
 
 OLDEST_US = 500_000
 """Of a short stamp: a little less than half of what it counts to."""
@@ -16,7 +17,6 @@ STEP_US = 2_000_000
 """A whole stamp further off is of another clock: the sender has booted, or is another."""
 DRIFT_PPM = 500
 """More than two crystals differ: by so much the quickest frame loses its weight."""
-_SPAN32, _HALF32 = 1 << 32, 1 << 31
 _SPAN16, _HALF16 = 1 << 16, 1 << 15
 
 
@@ -45,7 +45,7 @@ class StampExtender:
         if before is None:
             self._begin(t_us, now_us)
             return t_us
-        stamp = before + (t_us - before + _HALF32) % _SPAN32 - _HALF32
+        stamp = before + elapsed_us(before, t_us)
         offset = stamp - now_us
         aged = self._ahead_us - (now_us - self._at_us) * DRIFT_PPM // 1_000_000
         if abs(offset - self._ahead_us) > STEP_US:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from protocol.clock import DeviceUs, extend_us
+from protocol.clock import DeviceUs, elapsed_us, extend_us
 from protocol.errors import FieldRangeError, LocalError, ProtocolError, RemoteError
 from protocol.link import LinkEvent, Received, Rejected, WrongDirectionError
 from protocol.messages import (
@@ -346,3 +346,21 @@ def test_labels_never_raise() -> None:
     assert label(Mode, 200) == "unknown(200)"
     assert flag_labels(Fault, 0) == []
     assert flag_labels(Fault, Fault.IMU | Fault.LIFTED | 1 << 13) == ["imu", "lifted", "bit13"]
+
+
+@pytest.mark.parametrize(
+    ("since", "until", "expected"),
+    [
+        (0, 5, 5),
+        (5, 0, -5),
+        (0xFFFF_FFFF, 1, 2),
+        (1, 0xFFFF_FFFF, -2),
+        ((7 << 32) + 3, 5, 2),
+        (0, 0x7FFF_FFFF, 0x7FFF_FFFF),
+        (0, 0x8000_0000, -0x8000_0000),
+    ],
+)
+def test_elapsed_us_is_the_shortest_way_between_two_stamps(
+    since: int, until: int, expected: int
+) -> None:
+    assert elapsed_us(since, until) == expected
