@@ -112,7 +112,7 @@ class NoOwnerError(PortError):
     """No process of this user has the port open and listens for requests."""
 
 
-class OwnerRefusedError(BridgeError):
+class OwnerRejectedError(BridgeError):
     """The process that owns the port did not do what it was asked for."""
 
     exit_status = 4

@@ -58,10 +58,10 @@ class OwnerService:
             case "reboot":
                 ours.reboot(factory_reset=request.get("factory_reset") is True)
             case _:
-                return self._told(what, request)
+                return self._answer_for(what, request)
         return {}
 
-    def _told(self, what: object, request: dict[str, Any]) -> dict[str, Any]:
+    def _answer_for(self, what: object, request: dict[str, Any]) -> dict[str, Any]:
         ours = self._client
         match what:
             case "status":

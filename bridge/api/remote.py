@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from bridge.api import arguments
-from bridge.errors import OwnerRefusedError
+from bridge.errors import OwnerRejectedError
 from bridge.io.owner_client import ask, has_owner
 from bridge.run.client import noted
 from bridge.session.parameters import Parameter
@@ -79,7 +79,7 @@ class RemoteRobot:
     """A robot whose port another process owns; each call is one question to that process.
 
     Every method raises :class:`NoOwnerError` where that process has ended, and
-    :class:`OwnerRefusedError` where it or the device refuses.
+    :class:`OwnerRejectedError` where it or the device refuses.
     """
 
     def __init__(self, port: str) -> None:
@@ -121,13 +121,13 @@ class RemoteRobot:
     def stop(self) -> None:
         """Stop and latch, cause ``operator``; the owner's run ends.
 
-        Returns once the device has confirmed the stop; raises :class:`OwnerRefusedError` where it
+        Returns once the device has confirmed the stop; raises :class:`OwnerRejectedError` where it
         did not.
         """
         answer = self._ask("stop")
         if answer.get("confirmed") is not True:
             reason = str(answer.get("ending", "no reason is given"))
-            raise OwnerRefusedError(f"the device did not confirm the stop: {reason}", 3)
+            raise OwnerRejectedError(f"the device did not confirm the stop: {reason}", 3)
 
     def _change(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
         with noted(f"{what}, which was asked of the process that has the port"):

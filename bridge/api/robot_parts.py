@@ -65,24 +65,24 @@ class ManualDrive:
     state = RunnerState("manual")
 
     def __init__(self) -> None:
-        self._told: tuple[float, VelocityCommand] | None = None
+        self._command: tuple[float, VelocityCommand] | None = None
         self.target = HALT
 
     def drive(self, command: VelocityCommand) -> None:
         """Follow this from the next control step on."""
-        self._told = (-1.0, command)
+        self._command = (-1.0, command)
 
     def step(self, obs: Observation) -> VelocityCommand:
         """The velocity for this control step."""
-        told = self._told
-        if told is None:
+        newest = self._command
+        if newest is None:
             self.target = HALT
             return HALT
-        since_s, command = told
+        since_s, command = newest
         if since_s < 0.0:
-            self._told = (obs.time_s, command)
+            self._command = (obs.time_s, command)
         elif obs.time_s - since_s > LET_GO_S:
-            self._told = None
+            self._command = None
             self.target = HALT
             return HALT
         self.target = command

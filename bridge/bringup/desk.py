@@ -224,10 +224,10 @@ class Desk:
 
     # ---- news -----------------------------------------------------------------------------
 
-    def told(self, text: str) -> None:
+    def record_line(self, text: str) -> None:
         """Put on record what the person is told."""
         if self._records is not None:
-            self._records.told(text)
+            self._records.record_line(text)
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         if events and self._records is not None:

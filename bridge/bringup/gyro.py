@@ -11,7 +11,7 @@ from bridge.errors import BridgeError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-LEAST_SAMPLES = 100
+MIN_SAMPLES = 100
 BLOCK_S = 1.0
 REST_RAD_S = math.radians(20.0)
 """Greatest rate at rest by the data sheet (PS-MPU-6000A-00, section 6.1)."""
@@ -37,8 +37,8 @@ def biases(samples: Sequence[tuple[float, tuple[float, float, float]]]) -> tuple
         BridgeError: too few readings, or the robot did not stand still.
 
     """
-    if len(samples) < LEAST_SAMPLES:
-        raise BridgeError(f"only {len(samples)} readings of the gyro; {LEAST_SAMPLES} are needed")
+    if len(samples) < MIN_SAMPLES:
+        raise BridgeError(f"only {len(samples)} readings of the gyro; {MIN_SAMPLES} are needed")
     found = []
     for index, name in enumerate("xyz"):
         values = [rates[index] for _, rates in samples]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 class Person(Protocol):
     """Is told things, and asked."""
 
-    def tell(self, text: str) -> None:
+    def show(self, text: str) -> None:
         """Read a line."""
 
     def report(self, finding: Finding) -> None:

@@ -11,7 +11,7 @@ from collections import deque
 from statistics import fmean
 from typing import TYPE_CHECKING, NamedTuple
 
-from bridge.bringup.gyro import LEAST_SAMPLES, biases
+from bridge.bringup.gyro import MIN_SAMPLES, biases
 from bridge.bringup.wheel_step import WheelStep, judge_step, wheel_steps
 from bridge.bringup.wiring import (
     LEFT,
@@ -116,7 +116,7 @@ class BringUp:
         yield from judge_power(power.battery_v, power.logic_v, currents, self._model.battery_v)
 
     def _rest(self) -> Iterator[Finding]:
-        self._person.tell("Let the robot stand level and still.")
+        self._person.show("Let the robot stand level and still.")
         counts = self._desk.watch(Encoders)
         readings = self._desk.collect(Imu, REST_S)
         self._desk.unwatch(counts)
@@ -186,13 +186,13 @@ class BringUp:
 
     def _at_rest(self) -> ImuSample | None:
         """Mean reading at rest: the gyro's bias, and gravity; None: the robot is moved."""
-        self._person.tell("Let the robot stand level and still.")
+        self._person.show("Let the robot stand level and still.")
         for _ in range(REST_TRIES):
             samples = self._rest_readings()
             try:
                 x, y, z = biases([(t_s, sample.gyro) for t_s, sample in samples])
             except BridgeError as error:
-                self._person.tell(str(error))
+                self._person.show(str(error))
                 continue
             gravity = _mean_accel([sample for _, sample in samples])
             return ImuSample(gravity, (x.bias_rad_s, y.bias_rad_s, z.bias_rad_s))
@@ -201,7 +201,7 @@ class BringUp:
     def _rest_readings(self) -> list[tuple[float, ImuSample]]:
         kept = self._desk.watch(Imu)
         self._desk.run(REST_S)
-        self._desk.run(HAND_S, lambda: len(kept) >= LEAST_SAMPLES)
+        self._desk.run(HAND_S, lambda: len(kept) >= MIN_SAMPLES)
         self._desk.unwatch(kept)
         return [(t_s, _sample(m)) for t_s, m in kept if isinstance(m, Imu)]
 

@@ -11,9 +11,9 @@ from bridge.errors import BridgeError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-LEAST_SPREAD_M = 0.03
+MIN_SPREAD_M = 0.03
 """Points nearer together than this tell of an offset alone: the sensors' noise is a tenth."""
-LEAST_READINGS = 5
+MIN_READINGS = 5
 SCALES = (0.8, 1.25)
 OFFSET_M = 0.1
 """What is farther off is no calibration but a wrong distance, or another sensor."""
@@ -46,7 +46,7 @@ def point(true_m: float, readings: Sequence[float | None]) -> Point:
 
     """
     seen = [r for r in readings if r is not None]
-    if len(seen) < max(LEAST_READINGS, len(readings) // 2):
+    if len(seen) < max(MIN_READINGS, len(readings) // 2):
         raise BridgeError(
             f"at {true_m:g} m the sensor saw something in {len(seen)} of {len(readings)} readings"
         )
@@ -68,7 +68,7 @@ def fit(points: Sequence[Point], scale: float = 1.0, offset_m: float = 0.0) -> R
     if not points:
         raise BridgeError("no distance was measured")
     spread = max(p.true_m for p in points) - min(p.true_m for p in points)
-    if len(points) > 1 and spread >= LEAST_SPREAD_M:
+    if len(points) > 1 and spread >= MIN_SPREAD_M:
         mean_read, mean_true = fmean(p.read_m for p in points), fmean(p.true_m for p in points)
         above = sum((p.read_m - mean_read) * (p.true_m - mean_true) for p in points)
         below = sum((p.read_m - mean_read) ** 2 for p in points)

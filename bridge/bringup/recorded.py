@@ -50,9 +50,9 @@ class BenchRecords:
         """Record what was gathered of damaged frames."""
         self._records.flush(self._wire.now(), at_once=True)
 
-    def told(self, text: str) -> None:
+    def record_line(self, text: str) -> None:
         """Note a line that a person was told."""
-        self._records.event(self._wire.now(), Severity.INFO, "bench", EventKind.TOLD, text)
+        self._records.event(self._wire.now(), Severity.INFO, "bench", EventKind.PRINTED, text)
 
     def heard(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         """Note what a session had to say, all of one moment."""

@@ -198,7 +198,7 @@ class Squares:
             corrected,
         )
         if asked.verify:
-            self._person.tell("The same again with the corrected model.")
+            self._person.show("The same again with the corrected model.")
             again = self._squares(corrected, asked)
             verified = benchmark(corrected, again)
             scattered = [scatter_m(corrected, each) for each in (runs, again)]

@@ -19,7 +19,7 @@ GRAVITY_OFF_M_S2 = 1.0
 """0.1 g: a chip's own bias and a stand that is not level."""
 GYRO_REST_RAD_S = math.radians(20.0)
 """Greatest rate at rest by the data sheet (PS-MPU-6000A-00, section 6.1)."""
-LEAST_COUNTS = 30
+MIN_COUNTS = 30
 """A kick makes hundreds; a wheel dragged along by its neighbour's shaking a few."""
 BATTERY_SHARE = 0.3
 LOGIC_V = (4.6, 5.4)
@@ -131,7 +131,7 @@ def _judge_encoder(kick: Kick) -> list[Finding]:
     other = RIGHT if wheel == LEFT else LEFT
     own, others = counts[wheel], counts[other]
     found = []
-    if abs(own) < LEAST_COUNTS and abs(others) < LEAST_COUNTS:
+    if abs(own) < MIN_COUNTS and abs(others) < MIN_COUNTS:
         advice = "look at the encoder's plug and its supply"
         return [wrong(step, f"counts nothing ({own})", advice)]
     if abs(others) > 2 * abs(own):

@@ -82,7 +82,7 @@ class Watcher(Protocol):
     """A planner that looks at every observation, not only at the ends of legs."""
 
     @property
-    def most_m_s(self) -> float:
+    def speed_limit_m_s(self) -> float:
         """Fastest forward speed allowed by what is known ahead, as of the last observation."""
         ...
 
@@ -110,9 +110,11 @@ def check_planner(planner: object) -> None:
         lacks.append("state")
     if lacks:
         raise PlannerError(f"{kind} is no planner: it lacks {', '.join(lacks)}")
-    if callable(getattr(planner, "watch", None)) != hasattr(planner, "most_m_s"):
+    if callable(getattr(planner, "watch", None)) != hasattr(planner, "speed_limit_m_s"):
         has, other = (
-            ("watch()", "most_m_s") if hasattr(planner, "watch") else ("most_m_s", "watch()")
+            ("watch()", "speed_limit_m_s")
+            if hasattr(planner, "watch")
+            else ("speed_limit_m_s", "watch()")
         )
         raise PlannerError(f"{kind} has {has} and lacks {other}: a watcher needs both")
 
@@ -183,7 +185,7 @@ class ScriptedPlanner(ABC):
         """Nothing begins before ``start``."""
         self.model = model
         self._state = PlannerState()
-        self.told_at_end: dict[str, Scalar] = {}
+        self.end_figures: dict[str, Scalar] = {}
         """What the event of the end says beside its reason."""
         self._events: list[PlannerEvent] = []
         self._script: Script | None = None
@@ -200,7 +202,7 @@ class ScriptedPlanner(ABC):
     def start(self, obs: Observation) -> Leg | Finish:
         """Begin anew."""
         self._state = PlannerState()
-        self.told_at_end = {}
+        self.end_figures = {}
         self._script = self.script(obs)
         return self._resume(self._script, None)
 
@@ -217,9 +219,9 @@ class ScriptedPlanner(ABC):
 
     def decide(self, kind: str, reason: str, **data: Scalar) -> None:
         """Put a decision on record."""
-        self.tell(PlannerEvent(kind, reason, data))
+        self.emit(PlannerEvent(kind, reason, data))
 
-    def tell(self, event: PlannerEvent) -> None:
+    def emit(self, event: PlannerEvent) -> None:
         """The same of one that is ready."""
         self._events.append(event)
 
@@ -228,5 +230,5 @@ class ScriptedPlanner(ABC):
             return next(script) if step is None else script.send(step)
         except StopIteration as stop:
             reason = str(stop.value)
-            self.decide("finish", reason, **self.told_at_end)
+            self.decide("finish", reason, **self.end_figures)
             return Finish(reason)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from bridge.coverage.baselines.lanes import LaneOptions
 from bridge.coverage.baselines.paper import PaperOptions, PaperPlanner
-from bridge.coverage.baselines.random_bounce import Dice, RandomOptions, RandomPlanner
+from bridge.coverage.baselines.random_bounce import RandomOptions, RandomPlanner, RandomSource
 from bridge.coverage.baselines.u_shape import UShapePlanner
 from bridge.coverage.planner_options import NoOptions, parse_options
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bridge.coverage.planner import Planner
     from bridge.motion.robot_model import RobotModel
 
-    Factory = Callable[[RobotModel, Dice, Sequence[str]], Planner]
+    Factory = Callable[[RobotModel, RandomSource, Sequence[str]], Planner]
 
 PLANNERS: dict[str, str] = {
     "recovery": "ours: outlines along the walls, lanes between them, and back for what was hidden",
@@ -27,7 +27,7 @@ PLANNERS: dict[str, str] = {
 """What each planner is, in one line."""
 
 
-def _recovery(model: RobotModel, _rng: Dice, options: Sequence[str]) -> Planner:
+def _recovery(model: RobotModel, _rng: RandomSource, options: Sequence[str]) -> Planner:
     from bridge.coverage.recovery.planner import (  # noqa: PLC0415 - only where it runs
         RecoveryPlanner,
     )
@@ -55,7 +55,9 @@ class UnknownPlannerError(ValueError):
         super().__init__(f"unknown planner '{name}'; there are: {', '.join(PLANNERS)}")
 
 
-def make_planner(name: str, model: RobotModel, rng: Dice, options: Sequence[str] = ()) -> Planner:
+def make_planner(
+    name: str, model: RobotModel, rng: RandomSource, options: Sequence[str] = ()
+) -> Planner:
     """A new planner. ``rng`` is used only by those that throw dice; ``options``: ``name=value``.
 
     Raises:

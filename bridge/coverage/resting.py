@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
-_DOUBT_RAD_S = math.radians(0.012)
+_UNCERTAIN_RAD_S = math.radians(0.012)
 """A rest is due: the heading would stray by 0.7° in a minute."""
 _SURE_RAD_S = math.radians(0.005)
-_MOST_S = 2.5
+_MAX_S = 2.5
 _APART_S = 20.0
 
 
@@ -38,8 +38,11 @@ class GyroRest:
     def holds(self, obs: Observation) -> bool:
         """Whether to stand still in this step; asked only where the robot may."""
         if self._begun_s is None:
-            due = obs.gyro_doubt_rad_s > _DOUBT_RAD_S and obs.time_s > self._ended_s + _APART_S
+            due = (
+                obs.gyro_bias_sigma_rad_s > _UNCERTAIN_RAD_S
+                and obs.time_s > self._ended_s + _APART_S
+            )
             self._begun_s = obs.time_s if due else None
-        elif obs.gyro_doubt_rad_s < _SURE_RAD_S or obs.time_s > self._begun_s + _MOST_S:
+        elif obs.gyro_bias_sigma_rad_s < _SURE_RAD_S or obs.time_s > self._begun_s + _MAX_S:
             self._begun_s, self._ended_s = None, obs.time_s
         return self._begun_s is not None

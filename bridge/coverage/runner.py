@@ -130,7 +130,7 @@ class PlanRunner:
         if self._watcher is not None:
             if self._watcher.watch(obs):
                 executor.cancel(obs)
-            executor.most_m_s = self._watcher.most_m_s
+            executor.speed_limit_m_s = self._watcher.speed_limit_m_s
         if self._started and not self._rest.held:
             command = executor.step(obs)
             if executor.result is None:
@@ -151,9 +151,9 @@ class PlanRunner:
         """Whether to rest now."""
         was_held = self._rest.held
         if self._rest.holds(obs) and not was_held:
-            doubt = round(math.degrees(obs.gyro_doubt_rad_s), 4)
+            uncertainty_deg_s = round(math.degrees(obs.gyro_bias_sigma_rad_s), 4)
             reason = "the gyro's bias is in doubt: standing still measures it"
-            self._rests.append(PlannerEvent("rest", reason, {"doubt_deg_s": doubt}))
+            self._rests.append(PlannerEvent("rest", reason, {"doubt_deg_s": uncertainty_deg_s}))
         return self._rest.held
 
     def _decide(self, obs: Observation) -> None:

@@ -62,18 +62,18 @@ def attend(  # noqa: PLR0913 - what a visit can be asked for
 
 
 def find_baud(
-    name: str, rates: Iterable[int] = RATES, *, tell: Callable[[int], None] = lambda _: None
+    name: str, rates: Iterable[int] = RATES, *, on_rate: Callable[[int], None] = lambda _: None
 ) -> int | None:
     """Listen at one rate after the other until an intact frame comes; None: at no one.
 
-    Not a byte is sent. ``tell`` is called with each rate as it begins.
+    Not a byte is sent. ``on_rate`` is called with each rate as it begins.
 
     Raises:
         PortError: the port cannot be opened, or has gone.
 
     """
     for baud in rates:
-        tell(baud)
+        on_rate(baud)
         try:
             port = open_port(name, baud=baud)
         except ValueError:  # a rate that this driver does not know

@@ -152,7 +152,7 @@ class _Rest:
         self._counts: Encoders | None = None
         self._known: tuple[float, float, float, float] | None = None
         """Yaw rate (°/s) and gravity (g) of an earlier rest."""
-        self._told = False
+        self._reported = False
         self.forget()
 
     def forget(self) -> None:
@@ -185,10 +185,10 @@ class _Rest:
         self._sums, self._count = [0.0] * 4, 0
         found = self._judge(rate, x, y, z)
         if found is None:
-            self._known, self._told = (rate, x, y, z), False
+            self._known, self._reported = (rate, x, y, z), False
             return None
-        told, self._told = self._told, True
-        return None if told else found
+        before, self._reported = self._reported, True
+        return None if before else found
 
     def _judge(self, rate: float, x: float, y: float, z: float) -> _Found | None:
         known = self._known

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from bridge.doctor.body_view import Sign
     from bridge.doctor.wire_view import Boot
 
-LEAST_DAMAGED = 3
+MIN_DAMAGED = 3
 """Fewer damaged frames are told in the figures, not as trouble: the first bytes after opening
 a port are the end of a frame more often than not."""
 STRANGE_BYTES, STRANGE_TIMES = 1000, 10
 """Of damaged bytes that are like nothing a sweeper sends: so many, and so many times the rest."""
-LEAST_PIECE = 10
+MIN_PIECE = 10
 """Frames missing one after the other: fewer may be a full buffer's doing."""
 NOISE_SHARE = 1e-4
 """Of the frames: below it noise is told as a note."""
@@ -161,7 +161,7 @@ class Examination:
         kind, text = evidence.verdict(self.medium, self.wire.damaged.total)
         return Finding(_FINDING_OF.get(kind, kind), _BAD, text, {"bytes": self.wire.bytes_in})
 
-    def _is_refused(self) -> bool:
+    def _is_rejected(self) -> bool:
         """Whether the other end gave a reason in words; it then hangs up, and no plug is out."""
         return self.wire.frames == 0 and words_of(self.wire.beginning) is not None
 
@@ -173,11 +173,11 @@ class Examination:
     def _damage(self) -> Iterator[Finding]:
         """What kind of damage, by what the damaged frames still say of themselves."""
         wire, damaged = self.wire, self.wire.damaged
-        if wire.repeated >= LEAST_DAMAGED:
+        if wire.repeated >= MIN_DAMAGED:
             text = f"{wire.repeated} frames came twice"
             yield Finding("repeated", _WARN, text, {"repeated": wire.repeated})
-        told = damaged.whole + damaged.short + damaged.long
-        if damaged.total < LEAST_DAMAGED or told < LEAST_DAMAGED or wire.frames == 0:
+        judged = damaged.whole + damaged.short + damaged.long
+        if damaged.total < MIN_DAMAGED or judged < MIN_DAMAGED or wire.frames == 0:
             return
         if 2 * wire.repeated > damaged.total:
             return  # it is the ends of what came twice
@@ -202,7 +202,7 @@ class Examination:
         """Frames that did not come, and times in which nothing did."""
         wire, holes = self.wire, self.timing.holes
         in_holes = sum(hole.missing for hole in holes)
-        if self.port_lost and not self._is_refused():
+        if self.port_lost and not self._is_rejected():
             text = f"the port went away {_times(len(self.port_lost))}: {self.port_lost[0]}"
             yield Finding("unplugged", _BAD, text, {"times": len(self.port_lost)})
         boots = [boot.at_ns for boot in wire.boots[1:]]
@@ -217,14 +217,14 @@ class Examination:
             data = {"holes": [(hole.at_s, hole.for_s) for hole in own[:50]]}
             yield Finding("gap", _WARN, text, data)
         elsewhere = wire.lost - in_holes - wire.damaged.total
-        few_damaged = wire.damaged.total < LEAST_DAMAGED  # else damage is told, with its kind
-        if elsewhere > max(LEAST_DAMAGED, NOISE_SHARE * wire.frames) and few_damaged:
+        few_damaged = wire.damaged.total < MIN_DAMAGED  # else damage is told, with its kind
+        if elsewhere > max(MIN_DAMAGED, NOISE_SHARE * wire.frames) and few_damaged:
             yield self._missing(elsewhere)
-        if wire.device_damaged >= LEAST_DAMAGED and not self._mostly_garbage():
+        if wire.device_damaged >= MIN_DAMAGED and not self._mostly_garbage():
             # At another rate the one end hears what the other does.
             text = f"the device counted {wire.device_damaged} damaged frames from the host"
             yield Finding("device_hears_noise", _WARN, text, {"damaged": wire.device_damaged})
-        if wire.device_stale > max(LEAST_DAMAGED, STALE_SHARE * wire.device_received):
+        if wire.device_stale > max(MIN_DAMAGED, STALE_SHARE * wire.device_received):
             text = f"the device refused {wire.device_stale} velocities as old or repeated"
             yield Finding("late_setpoints", _WARN, text, {"stale": wire.device_stale})
 
@@ -238,7 +238,7 @@ class Examination:
             if index and marks.arrived_ns[index] - marks.arrived_ns[index - 1] <= HOLE_S * 1e9
         ]
         piece, index = max(short, default=(0, 0))
-        if piece < LEAST_PIECE or 2 * piece < elsewhere:
+        if piece < MIN_PIECE or 2 * piece < elsewhere:
             text = f"{wire.lost} frames are missing by their numbers, "
             text += f"{wire.damaged.total or 'none'} of them came damaged"
             return Finding("overrun", _WARN, text, data)
@@ -273,12 +273,12 @@ class Examination:
             text = f"bytes wait for a timer of {timer_ms:.0f} ms before they are handed over"
             yield Finding("adapter_latency", _WARN, text, figures)
             return
-        told = [f"one frame in twenty comes over {late_ms:.0f} ms late"] if late_ms else []
+        judged = [f"one frame in twenty comes over {late_ms:.0f} ms late"] if late_ms else []
         if trip_ms:
-            told.append(f"a question is answered after {trip_ms:.1f} ms")
+            judged.append(f"a question is answered after {trip_ms:.1f} ms")
         if slower:
-            told.append(f"at {slower[0].at_s:.1f} s it became slower by {slower[0].by_ms:.0f} ms")
-        yield Finding("latency", _WARN, "; ".join(told), figures)
+            judged.append(f"at {slower[0].at_s:.1f} s it became slower by {slower[0].by_ms:.0f} ms")
+        yield Finding("latency", _WARN, "; ".join(judged), figures)
 
     def _clock(self) -> Iterator[Finding]:
         """Jumps and drift of the device's clock."""
@@ -305,13 +305,13 @@ class Examination:
         again = boots[1:]
         if again:
             causes = Counter(label(ResetCause, boot.cause) for boot in again)
-            told = ", ".join(f"{name} ({count})" for name, count in causes.items())
+            judged = ", ".join(f"{name} ({count})" for name, count in causes.items())
             kind = "reset"
             if ResetCause.BROWN_OUT in {boot.cause for boot in again}:
                 kind = "brown_out"
             elif ResetCause.WATCHDOG in {boot.cause for boot in again}:
                 kind = "watchdog"
-            text = f"the device booted anew {_times(len(again))}; cause: {told}"
+            text = f"the device booted anew {_times(len(again))}; cause: {judged}"
             yield Finding(kind, _BAD, text, {"causes": dict(causes)})
         elif boots and boots[0].cause in {ResetCause.BROWN_OUT, ResetCause.WATCHDOG}:
             kind = "brown_out" if boots[0].cause == ResetCause.BROWN_OUT else "watchdog"

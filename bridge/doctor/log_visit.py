@@ -33,7 +33,7 @@ _NANO = 1e-9
 PAUSE_TIMES = 20.0
 PAUSE_S = 1.0
 """A topic that pauses for longer than this, and for so many of its usual periods."""
-LEAST_MESSAGES = 20
+MIN_MESSAGES = 20
 WINDOW_NS = 2_000_000_000
 """By which messages of a file may be out of order: eight chunks of ours."""
 FROZEN = 60
@@ -130,9 +130,9 @@ class _Log:
             self._take_raw(message)
             return
         if topic == _EVENTS:
-            told = _values(message, "source", "kind", "text", "severity")
-            if told is not None:
-                self._event(*map(str, told))
+            raw_values = _values(message, "source", "kind", "text", "severity")
+            if raw_values is not None:
+                self._event(*map(str, raw_values))
             return
         known = self._topics.get(topic)
         if known is None:
@@ -170,10 +170,12 @@ class _Log:
         spec = CATALOGUE.by_name.get(name)
         if spec is None:
             return
-        told = _values(message, "t_us", *(f.name for f in spec.fields))
-        if told is None or not all(isinstance(value, int | bytes | str) for value in told):
+        raw_values = _values(message, "t_us", *(f.name for f in spec.fields))
+        if raw_values is None or not all(
+            isinstance(value, int | bytes | str) for value in raw_values
+        ):
             return  # another program's topic of the same name
-        t_us, *values = told
+        t_us, *values = raw_values
         if isinstance(t_us, int):
             self._examination.wire.note_decoded(spec, spec.cls(*values), t_us, message.log_ns)
 
@@ -209,7 +211,7 @@ class _Log:
                 data: dict[str, Any] = {"topic": name, "equal": topic.longest_equal}
                 examination.extra.append(Finding("imu", Severity.WARNING, text, data))
             pauses = [p for p in topic.pauses if p[0] > PAUSE_TIMES * topic.period_ns]
-            if topic.count < LEAST_MESSAGES or not pauses:
+            if topic.count < MIN_MESSAGES or not pauses:
                 continue
             wait_ns, at_ns = max(pauses)
             at_s = (at_ns - (self._begin_ns or at_ns)) * _NANO

@@ -30,7 +30,7 @@ STALL_S = 0.1
 """A host that reads a device's frames so much later than they were sent, all at once."""
 AFTER_STALL_S = 0.1
 _MS = 0.001
-LEAST_FRAMES = 50
+MIN_FRAMES = 50
 DRIFT_BUCKETS = 6
 """Half seconds that a drift is judged by at least: fewer do not show how much they scatter."""
 DRIFT_SIGMAS = 4.0
@@ -102,7 +102,7 @@ def measure(view: WireView) -> Timing:
             "p99": float(np.percentile(trips, 99)),
             "max": float(trips.max()),
         }
-    if len(arrived) < LEAST_FRAMES:
+    if len(arrived) < MIN_FRAMES:
         return timing
     begin_ns = int(arrived[0])
     at_s: Floats = ((arrived - begin_ns) * 1e-9).astype(np.float64)
@@ -191,7 +191,7 @@ def _judge_clock(  # noqa: PLR0913, PLR0917 - where what is found goes
     slopes: list[tuple[int, float, float | None]],
 ) -> None:
     """Steps, drift and delays of one boot."""
-    if len(at_s) < LEAST_FRAMES:
+    if len(at_s) < MIN_FRAMES:
         return
     offset = at_s - stamp_s
     bucket = ((at_s - at_s[0]) / BUCKET_S).astype(np.int64)
@@ -277,7 +277,7 @@ def _slope_error(x: Floats, y: Floats, slope: float) -> float | None:
 
 def _timer_ms(chunk_ns: NDArray[np.int64]) -> float | None:
     """The longest time between two reads, where many of them take just that: a timer's."""
-    if len(chunk_ns) < LEAST_FRAMES:
+    if len(chunk_ns) < MIN_FRAMES:
         return None
     wait_ms = np.diff(chunk_ns) * 1e-6
     period = float(np.percentile(wait_ms, 99))

@@ -41,7 +41,7 @@ _VERSION = PROTOCOL_VERSION << 4
 _COBS_AND_CRC = 1 + CRC.size
 _HEAD_SEEN = 4
 """Bytes of a stretch up to its type: one of COBS, then version, node, type."""
-_MOST_TEXT = 2048
+_MAX_TEXT = 2048
 _MAX_MARKS = 2_000_000
 """Frames whose times are kept: two hours and more at the default rates."""
 
@@ -169,8 +169,8 @@ class WireView:
         """Bytes from the device (on a bus: whole 16-byte records), and when the port gave them."""
         if not data:
             return
-        if len(self.beginning) < _MOST_TEXT:
-            self.beginning = (self.beginning + data)[:_MOST_TEXT]
+        if len(self.beginning) < _MAX_TEXT:
+            self.beginning = (self.beginning + data)[:_MAX_TEXT]
         self.bytes_in += len(data)
         self._tail = (self._tail + data)[-_KEPT - len(data) :]
         if len(self.chunk_ns) < _MAX_MARKS:

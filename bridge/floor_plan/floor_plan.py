@@ -171,20 +171,20 @@ def check_robot_fits(plan: FloorPlan, radius_m: float) -> None:
         raise StartBlockedError(plan.start.x_m, plan.start.y_m, radius_m, overlap_m)
 
 
-def _overlap_m(start: Pose2, outlines: tuple[Polygon, ...], radius_m: float) -> float | None:
+def _overlap_m(start: Pose2, boundaries: tuple[Polygon, ...], radius_m: float) -> float | None:
     """How far the disc at the start sticks into the walls or an obstacle; below 0: it is free.
 
-    ``outlines`` begins with the walls. None: the disc's centre is not on the floor.
+    ``boundaries`` begins with the walls. None: the disc's centre is not on the floor.
     """
     x_m, y_m = start.x_m, start.y_m
-    if [contains(outline, x_m, y_m) for outline in outlines] != [True] + [False] * (
-        len(outlines) - 1
+    if [contains(boundary, x_m, y_m) for boundary in boundaries] != [True] + [False] * (
+        len(boundaries) - 1
     ):
         return None
     return radius_m - min(
         _distance_m(x_m, y_m, a, b)
-        for outline in outlines
-        for a, b in zip(outline, outline[1:] + outline[:1], strict=True)
+        for boundary in boundaries
+        for a, b in zip(boundary, boundary[1:] + boundary[:1], strict=True)
     )
 
 

@@ -167,7 +167,7 @@ def _listen(candidate: Candidate, port: SerialPort, *, active: bool) -> Candidat
     end_ns = HostNs(clock.now() + round(LISTEN_S * 1e9))
     serve(port, hearing, end_ns, lambda: hearing.hello is not None)
     if hearing.hello is not None:
-        return replace(candidate, found=_told(*hearing.hello))
+        return replace(candidate, found=_identity(*hearing.hello))
     if hearing.others:
         return replace(candidate, note="a sweeper of another protocol version talks here")
     if hearing.heard:
@@ -211,6 +211,6 @@ class _Hearing:
         return
 
 
-def _told(hello: Hello, node: int) -> dict[str, Any]:
+def _identity(hello: Hello, node: int) -> dict[str, Any]:
     version = f"{hello.version_major}.{hello.version_minor}.{hello.version_patch}"
     return {"node": node, "uid": hello.uid.hex(), "firmware": f"{hello.name} {version}"}

@@ -8,7 +8,7 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from bridge.errors import NoOwnerError, OwnerRefusedError
+from bridge.errors import NoOwnerError, OwnerRejectedError
 from bridge.io.owner_names import NoFolderError, folder, link_names
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def _next(port: str, answers: BufferedReader) -> dict[str, Any]:
         raise NoOwnerError(f"what answers for {port} is no sweepctl")
     if not answer["ok"]:
         status = answer.get("exit_status")
-        raise OwnerRefusedError(
+        raise OwnerRejectedError(
             str(answer.get("error", "refused")), status if isinstance(status, int) else 4
         )
     return answer

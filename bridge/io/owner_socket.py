@@ -220,7 +220,7 @@ class OwnerSocket:
             if self._wake_read.fileno() in ready:
                 with suppress(OSError):
                     self._wake_read.recv(4096)
-            self._settle()
+            self._serve_done()
             for client in [self._clients[fd] for fd in ready if fd in self._clients]:
                 if client.sock.fileno() in ready:  # it was not hung up on meanwhile
                     self._hear(client)
@@ -243,7 +243,9 @@ class OwnerSocket:
         who = _peer(sock)
         client = _Client(sock, who or "", time.monotonic())
         if who is None:
-            self._say(client, {"ok": False, "error": "only the owner's own user may ask"}, 0.0)
+            self._send_answer(
+                client, {"ok": False, "error": "only the owner's own user may ask"}, 0.0
+            )
             sock.close()
             return
         self._clients[sock.fileno()] = client
@@ -257,7 +259,7 @@ class OwnerSocket:
             return False
         client = min(idle, key=lambda c: (c.has_asked, c.since_s))
         text = "too many clients are connected, and this one had nothing to ask"
-        self._say(client, {"ok": False, "error": text}, 0.0)
+        self._send_answer(client, {"ok": False, "error": text}, 0.0)
         self._drop(client)
         return True
 
@@ -286,7 +288,7 @@ class OwnerSocket:
         """Read what a client has written; a client that breaks something here is hung up on."""
         try:
             self._read(client)
-            self._settle_one(client)
+            self._serve_next(client)
         except Exception:  # noqa: BLE001 - no client may end the thread that accepts a stop
             self._drop(client)
 
@@ -318,15 +320,15 @@ class OwnerSocket:
         else:
             client.requests.append(request if isinstance(request, dict) else None)
 
-    def _settle(self) -> None:
+    def _serve_done(self) -> None:
         """Go on with the clients whose answers have gone out."""
         with suppress(IndexError):
             while True:
                 client, kind = self._done.popleft()
                 self._ended(client, kind)
-                self._settle_one(client)
+                self._serve_next(client)
 
-    def _settle_one(self, client: _Client) -> None:
+    def _serve_next(self, client: _Client) -> None:
         """Answer what a client has asked, as far as no answer of it is under way."""
         if client.sock.fileno() < 0:
             return  # hung up on
@@ -363,7 +365,7 @@ class OwnerSocket:
 
     def _refuse(self, client: _Client, text: str) -> None:
         answer = {"ok": False, "error": text}
-        self._begin(client, _Work.REFUSE, lambda: self._say(client, answer, SEND_S))
+        self._begin(client, _Work.REFUSE, lambda: self._send_answer(client, answer, SEND_S))
 
     def _begin(self, client: _Client, kind: _Work, work: Callable[[], object]) -> None:
         """Have something done in a thread of its own."""
@@ -416,14 +418,14 @@ class OwnerSocket:
             self._answering -= 1
 
     def _answer(self, client: _Client, request: dict[str, Any]) -> None:
-        self._say(client, self._answer_to(client, request), SEND_S)
+        self._send_answer(client, self._answer_to(client, request), SEND_S)
 
     def _answer_counted(self, client: _Client, request: dict[str, Any]) -> None:
         try:
             answer = self._answer_to(client, request)
         finally:
             self._count_out()  # first: who has the answer may ask again at once
-        self._say(client, answer, SEND_S)
+        self._send_answer(client, answer, SEND_S)
 
     def _answer_to(self, client: _Client, request: dict[str, Any]) -> dict[str, Any]:
         try:
@@ -439,12 +441,12 @@ class OwnerSocket:
             while not self._closed.is_set():
                 over = self._service.over
                 answer = {"ok": True, "status": self._service.snapshot()}
-                if not self._say(client, answer, SEND_S) or over:
+                if not self._send_answer(client, answer, SEND_S) or over:
                     return
                 if not self._wait(client, period_s):
                     break
             if self._closed.is_set():  # the end of the run is worth a last line
-                self._say(client, {"ok": True, "status": self._service.snapshot()}, SEND_S)
+                self._send_answer(client, {"ok": True, "status": self._service.snapshot()}, SEND_S)
         finally:
             with suppress(OSError):
                 client.sock.shutdown(socket.SHUT_RDWR)
@@ -460,7 +462,7 @@ class OwnerSocket:
         return True
 
     @staticmethod
-    def _say(client: _Client, answer: dict[str, Any], within_s: float) -> bool:
+    def _send_answer(client: _Client, answer: dict[str, Any], within_s: float) -> bool:
         """Send a line; False where the client does not take it within this time."""
         rest = json.dumps(answer).encode() + b"\n"
         end_s = time.monotonic() + within_s

@@ -26,9 +26,9 @@ class Observation(NamedTuple):
     bumper_left: bool
     bumper_right: bool
     cliff: bool
-    gyro_doubt_rad_s: float = 0.0
+    gyro_bias_sigma_rad_s: float = 0.0
     """Standard deviation of the gyro's bias: a rest takes it away."""
-    heading_doubt_rad: float = 0.0
+    heading_sigma_rad: float = 0.0
     """Standard deviation of the heading against the walls that are known to be square: a stretch
     along one of them takes it away. 0: no such walls."""
 

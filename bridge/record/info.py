@@ -33,7 +33,7 @@ class TopicDescription:
     rate_hz: float | None = None
     """Mean rate between the first and the last message; None where there is no telling."""
 
-    def settle(self, duration_ns: int) -> None:
+    def update_rate(self, duration_ns: int) -> None:
         """Find the rate, of a log this long: a few messages at one moment have none."""
         span_ns = self.last_ns - self.first_ns
         if self.count >= _MIN_COUNT and span_ns >= min(_MIN_SPAN_NS, duration_ns / 2) > 0:
@@ -156,7 +156,7 @@ def describe(path: Path) -> RunDescription:
         description.start_ns = min(t.first_ns for t in topics.values())
         description.end_ns = max(t.last_ns for t in topics.values())
         for topic in topics.values():
-            topic.settle(description.end_ns - description.start_ns)
+            topic.update_rate(description.end_ns - description.start_ns)
     wire = (summary or {}).get("wire")
     description.wire = wire if isinstance(wire, dict) else _counted_wire(topics, wire_bytes)
     return description

@@ -29,7 +29,7 @@ class LossCounter:
             self._newest = max(self._newest, self._newest + step)
         self._seen += 1
 
-    def settle(self) -> int:
+    def update(self) -> int:
         """Losses since the last call: numbers that are still missing."""
         if self._newest is None:
             return 0

@@ -92,7 +92,7 @@ MAP_PERIOD_NS = 2_000_000_000
 CLOCK_PERIOD_NS = 1_000_000_000
 COUNT_PERIOD_NS = 100_000_000
 """Time between two copies of the link's counts for other threads, ns: a person reads no more."""
-_DOUBT_NS = round(STALE_S * 1e9)
+_AFTER_SILENCE_NS = round(STALE_S * 1e9)
 _EXIT = {EventKind.DISAGREEMENT: 4, EventKind.VERSION: 4, EventKind.SEVERAL: 2}
 
 
@@ -115,7 +115,7 @@ class Host:
             new_session_id, node=options.node, link=options.link, key=options.key
         )
         self.commands = Dialogue(self.session)
-        self.ingest = Ingest(TimeSync(*options.least_delay_ns), options.unix_offset_ns)
+        self.ingest = Ingest(TimeSync(*options.min_delay_ns), options.unix_offset_ns)
         self.swept = SweptMap(model)
         self.hello: Hello | None = None
         self.path_m = 0.0
@@ -126,7 +126,7 @@ class Host:
         self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
         """Told time (s, host) and estimate of every control step of the drive."""
         self.wire = WireStatistics()
-        self._pings = Pings(self.wire, sum(options.least_delay_ns), self.event)
+        self._pings = Pings(self.wire, sum(options.min_delay_ns), self.event)
         self._sink = sink
         bus = self.session.link.medium is Medium.CAN
         self._records = HostRecords(sink, options.unix_offset_ns, options.planner, bus=bus)
@@ -443,10 +443,10 @@ class Host:
             estimator.v_m_s,
             estimator.yaw_rate_rad_s,
             estimator.gyro_bias_sigma_rad_s,
-            self.localisation.heading_doubt_rad,
+            self.localisation.heading_sigma_rad,
         )
         stale = self._stale(now_ns)
-        if self._in_doubt(now_ns):
+        if self._is_silent(now_ns):
             obs = stale = None
         was = mission.phase
         self._judge_link(now_ns)
@@ -567,14 +567,14 @@ class Host:
             self._map_ns = now_ns + MAP_PERIOD_NS
             self.record_map(now_ns)
 
-    def _in_doubt(self, now_ns: HostNs) -> bool:
+    def _is_silent(self, now_ns: HostNs) -> bool:
         """Whether the wire is silent, or was until now, so that old data accuse no sensor.
 
         Nothing is driven meanwhile; the session judges a silence, within a second.
         """
         if now_ns - self.session.heard_ns > SILENT_NS:
             self._silent_ns = now_ns
-        return now_ns - self._silent_ns <= _DOUBT_NS
+        return now_ns - self._silent_ns <= _AFTER_SILENCE_NS
 
     # ---- records --------------------------------------------------------------------------
 

@@ -61,9 +61,9 @@ class Localisation:
         self.estimator.on_encoders(device_us * 1e-6, message.left, message.right)
 
     @property
-    def heading_doubt_rad(self) -> float:
+    def heading_sigma_rad(self) -> float:
         """Standard deviation of the heading against the walls found square; 0: there are none."""
-        return self._walls.walls.heading_doubt_rad
+        return self._walls.walls.heading_sigma_rad
 
     def see_walls(self, message: Range, device_us: DeviceUs) -> None:
         """Let walls that are seen again correct the estimate."""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from protocol.commands import Outcome
     from protocol.schema.message import Message
 
-SETTLE_S = 2.5
+AT_REST_S = 2.5
 """At rest before the first move: the gyro's bias is averaged over 250 samples."""
 DATA_TIMEOUT_S = 3.0
 """For the first status, and after settling for the data that driving needs: thirty periods."""
@@ -93,7 +93,7 @@ class Mission:
         *,
         clear_stop: bool = False,
         max_time_s: float | None = None,
-        settle_s: float = SETTLE_S,
+        at_rest_s: float = AT_REST_S,
         resume: Resume = Resume.NEVER,
     ) -> None:
         """``clear_stop`` allows causes other than an orderly end to be cleared.
@@ -120,7 +120,7 @@ class Mission:
         """Somebody said so: the stop that the loss has latched may be cleared."""
         self._clear_any = clear_stop
         self._max_time_s = max_time_s
-        self._settle_s = settle_s
+        self._at_rest_s = at_rest_s
         self._since_s = 0.0
         self._asked_s: float | None = None
         """Since when there is a plan that waits for the device's status."""
@@ -343,7 +343,7 @@ class Mission:
             case Phase.WAITING:
                 self._wait(now_s)
             case Phase.SETTLING:
-                return self._settle(elapsed_s, obs, stale, now_s)
+                return self._rest_before_start(elapsed_s, obs, stale, now_s)
             case Phase.HOLDING:
                 self._hold(elapsed_s, now_s)
             case Phase.ENDING:
@@ -389,10 +389,10 @@ class Mission:
             else:
                 self._end(now_s, Ending("fault", "no status from the device", 3))
 
-    def _settle(
+    def _rest_before_start(
         self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
     ) -> VelocityCommand | None:
-        if elapsed_s >= self._settle_s:
+        if elapsed_s >= self._at_rest_s:
             if obs is not None and stale is None and self.link is None:
                 if self.drive_started_s is None:
                     self.drive_started_s = now_s
@@ -400,7 +400,7 @@ class Mission:
                     release(self.runner)
                 self._resumed = False
                 self._go(Phase.DRIVING, now_s)
-            elif elapsed_s > self._settle_s + DATA_TIMEOUT_S:
+            elif elapsed_s > self._at_rest_s + DATA_TIMEOUT_S:
                 text = f"no {stale or 'range'} data from the device"
                 ending = Ending("stopped", text, 5)
                 if self.link is not None and obs is not None and stale is None:

@@ -49,12 +49,12 @@ class OnboardRun:
         self.turns = 0
         self.finished = False
         self.finish_reason: str | None = None
-        self._told: PlannerState | None = None
+        self._last_state: PlannerState | None = None
         self._events: list[PlannerEvent] = []
 
     def take(self, message: PlannerState) -> None:
         """A planner state of the device, the same one any number of times."""
-        before, self._told = self._told, message
+        before, self._last_state = self._last_state, message
         if message is before:
             return
         phase = label(PlannerPhase, message.phase)
@@ -147,13 +147,13 @@ class OnboardMission(Mission):
         self.pending.append(Request("mode", Mode.ONBOARD))
         self._go(Phase.ENABLING, now_s)
 
-    def _settle(
+    def _rest_before_start(
         self, elapsed_s: float, obs: Observation | None, stale: str | None, now_s: float
     ) -> None:
-        if elapsed_s >= self._settle_s and obs is not None and stale is None:
+        if elapsed_s >= self._at_rest_s and obs is not None and stale is None:
             self.drive_started_s = now_s
             self._go(Phase.DRIVING, now_s)
-        elif elapsed_s > self._settle_s + DATA_TIMEOUT_S:
+        elif elapsed_s > self._at_rest_s + DATA_TIMEOUT_S:
             text = f"no {stale or 'range'} data from the device"
             self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
 

@@ -28,5 +28,5 @@ class HostOptions:
     """What the device is connected by."""
     key: bytes | None = field(default=None, repr=False)
     """Signs what moves the robot, where the device asks for it."""
-    least_delay_ns: tuple[int, int] = (0, 0)
+    min_delay_ns: tuple[int, int] = (0, 0)
     """Declared: no frame to the device, none from it is quicker (:class:`TimeSync`)."""

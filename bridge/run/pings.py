@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
 
 
-class Tell(Protocol):
+class EventLogger(Protocol):
     """Puts an event on record."""
 
     def __call__(
@@ -27,16 +27,16 @@ class Tell(Protocol):
 class Pings:
     """Takes each answered time request."""
 
-    def __init__(self, wire: WireStatistics, declared_ns: int, tell: Tell) -> None:
+    def __init__(self, wire: WireStatistics, declared_ns: int, log_event: EventLogger) -> None:
         """``declared_ns``: least delay of both ways together, as a person has told it."""
-        self._wire, self._tell = wire, tell
+        self._wire, self._log_event = wire, log_event
         self._declared_ns = declared_ns
         """0 once it was found not to be true."""
 
     def take(self, ping: Ping, ingest: Ingest, now_ns: HostNs) -> None:
         """Fit the clock, count the round trip, and hold the declaration against it."""
         if not ingest.exchange(ping):
-            self._tell(
+            self._log_event(
                 now_ns, Severity.WARNING, "clock", EventKind.STEP, "the device's clock has jumped"
             )
         round_trip_ns = ingest.sync.round_trip_ns
@@ -47,5 +47,5 @@ class Pings:
                 f"were declared come to {self._declared_ns / 1e6:.3f} ms: the bounds on time "
                 "stamps are not true; declare less (--adapter-delay)"
             )
-            self._tell(now_ns, Severity.WARNING, "clock", EventKind.DECLARED, text)
+            self._log_event(now_ns, Severity.WARNING, "clock", EventKind.DECLARED, text)
             self._declared_ns = 0

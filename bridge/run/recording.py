@@ -149,7 +149,7 @@ class HostRecords:
             first = found[0]
             tally.first = {"offset": first.offset, "first": first.data[:SHOWN_BYTES].hex()}
         if now_ns >= tally.due_ns:
-            self._tell_damaged(now_ns)
+            self._report_damaged(now_ns)
 
     def rejected(self, event: Rejected, now_ns: int) -> None:
         """An intact frame that was of no use."""
@@ -163,22 +163,22 @@ class HostRecords:
         if not tally.first:
             tally.first = {"type": frame.type_id, "first": frame.payload[:SHOWN_BYTES].hex()}
         if now_ns >= tally.due_ns:
-            self._tell_rejected(now_ns)
+            self._report_rejected(now_ns)
 
     def flush(self, now_ns: int, *, at_once: bool = False) -> None:
         """Put on record what was gathered of damaged and rejected frames, where it is time."""
         if self._damaged.counts and (at_once or now_ns >= self._damaged.due_ns):
-            self._tell_damaged(now_ns)
+            self._report_damaged(now_ns)
         if self._rejected.counts and (at_once or now_ns >= self._rejected.due_ns):
-            self._tell_rejected(now_ns)
+            self._report_rejected(now_ns)
 
-    def _tell_damaged(self, now_ns: int) -> None:
+    def _report_damaged(self, now_ns: int) -> None:
         frames, length, kinds, data = self._damaged.take(now_ns)
         stretches = "" if frames == 1 else f" in {frames} stretches"
         text = f"{length} bytes{stretches} that are no frame ({kinds})"
         self.event(now_ns, Severity.DEBUG, "link", EventKind.DAMAGED, text, **data)
 
-    def _tell_rejected(self, now_ns: int) -> None:
+    def _report_rejected(self, now_ns: int) -> None:
         frames, _, kinds, data = self._rejected.take(now_ns)
         what = "frame" if frames == 1 else f"{frames} frames, the first"
         text = f"{what} of type {data['type']:#04x} not used: {kinds}"

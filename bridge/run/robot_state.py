@@ -131,8 +131,8 @@ class RobotState:
         pose: Pose2,
         v_m_s: float,
         yaw_rate_rad_s: float,
-        gyro_doubt_rad_s: float = 0.0,
-        heading_doubt_rad: float = 0.0,
+        gyro_bias_sigma_rad_s: float = 0.0,
+        heading_sigma_rad: float = 0.0,
     ) -> Observation | None:
         """What planner and controllers are told; None before the first range reading."""
         reading = self.range
@@ -155,8 +155,8 @@ class RobotState:
             v_m_s,
             yaw_rate_rad_s,
             *self._sight,
-            gyro_doubt_rad_s,
-            heading_doubt_rad,
+            gyro_bias_sigma_rad_s,
+            heading_sigma_rad,
         )
 
     def forget(self) -> None:

@@ -31,7 +31,7 @@ _SPEED = "max_speed"
 GIVE_BACK_NS = 900_000_000
 """After a stop was asked for: longer, and the run would take it for not confirmed."""
 _SEVERITY = {
-    Level.TELL: Severity.WARNING,
+    Level.REPORT: Severity.WARNING,
     Level.SLOW: Severity.WARNING,
     Level.PAUSE: Severity.WARNING,
     Level.STOP: Severity.ERROR,
@@ -104,7 +104,7 @@ class Supervision:
         self._factor = 1.0
         self._setting = False
         """A new top speed is on its way: one at a time, so that an old one cannot come last."""
-        self._refused = False
+        self._is_rejected = False
         self._stop_ns = 0
         self._confirmed: Outcome | None = None
         """Of the run's stop, kept from the run until the top speed is as it was."""
@@ -247,7 +247,7 @@ class Supervision:
         return True
 
     def _give_back(self, confirmed: Outcome, now_ns: HostNs) -> None:
-        if not self._refused and now_ns - self._stop_ns < GIVE_BACK_NS:
+        if not self._is_rejected and now_ns - self._stop_ns < GIVE_BACK_NS:
             self._set(1.0, now_ns)
             if self._setting:
                 return  # asked again at the next control step
@@ -269,8 +269,8 @@ class Supervision:
 
         def ended(outcome: Outcome | None) -> None:
             self._setting = False
-            self._refused = outcome is None or not outcome.accepted
-            if self._refused:
+            self._is_rejected = outcome is None or not outcome.accepted
+            if self._is_rejected:
                 self._factor = before
             if self._confirmed is None:
                 self._ended(f"set {_SPEED}", outcome)
@@ -280,7 +280,7 @@ class Supervision:
     def _find(self, number: int, now_ns: HostNs) -> None:
         """Ask for one parameter after the other until it is the one, or there are no more."""
 
-        def told(outcome: Outcome | None) -> None:
+        def next_one(outcome: Outcome | None) -> None:
             known = self._commands.parameters.get(number)
             more = number + 1 < (self._commands.parameter_count or 0)
             if known is not None and known.name == _SPEED:
@@ -290,4 +290,4 @@ class Supervision:
             else:
                 self._lacks = True
 
-        self._commands.ask(GetParameter, (number,), now_ns, told)
+        self._commands.ask(GetParameter, (number,), now_ns, next_one)

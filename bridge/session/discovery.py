@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 LISTEN_NS = 300_000_000
 """A host that is there already sends more than one ping in this time."""
-SETTLE_NS = 300_000_000
+ANSWERS_NS = 300_000_000
 """Every device answers the first hello at once: what else there is is heard by then."""
 
 
@@ -31,7 +31,7 @@ class Answers:
     def note(self, hello: Hello, event: Received, opened_ns: int, now_ns: HostNs) -> None:
         """Take one answer; the first starts the time."""
         if self.settled_ns is None:
-            self.settled_ns = HostNs(max(now_ns, opened_ns + LISTEN_NS) + SETTLE_NS)
+            self.settled_ns = HostNs(max(now_ns, opened_ns + LISTEN_NS) + ANSWERS_NS)
         self._by_device[event.frame.node, hello.uid] = event
 
     def choose(self) -> tuple[Hello, int] | str:

@@ -132,7 +132,7 @@ class EventKind(StrEnum):
     """The device did not pause its planner as it was asked to."""
     NOT_RESUMED = "not_resumed"
     """The device did not resume its planner as it was asked to."""
-    TOLD = "told"
+    PRINTED = "printed"
     """A line that the person read during bring-up."""
     START = "start"
     """The robot does not seem to stand at the room's start."""

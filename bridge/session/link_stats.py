@@ -36,15 +36,15 @@ class Spread:
 
     def __init__(self) -> None:
         self.count = 0
-        self.least_ns = 0
-        self.most_ns = 0
+        self.min_ns = 0
+        self.max_ns = 0
         self._bins = [0] * _BINS
 
     def add(self, value_ns: float) -> None:
         """Count one."""
-        if not self.count or value_ns < self.least_ns:
-            self.least_ns = round(value_ns)
-        self.most_ns = max(self.most_ns, round(value_ns))
+        if not self.count or value_ns < self.min_ns:
+            self.min_ns = round(value_ns)
+        self.max_ns = max(self.max_ns, round(value_ns))
         self.count += 1
         place = int(_STEPS * math.log2(value_ns / 1000.0)) + 1 if value_ns > 1000.0 else 0  # noqa: PLR2004 - a microsecond
         self._bins[min(place, _BINS - 1)] += 1
@@ -56,18 +56,18 @@ class Spread:
             seen += count
             if seen >= wanted:
                 edge_ns = math.ceil(1000.0 * 2 ** (place / _STEPS))
-                return max(self.least_ns, min(self.most_ns, edge_ns))
-        return self.most_ns
+                return max(self.min_ns, min(self.max_ns, edge_ns))
+        return self.max_ns
 
     def to_dict(self) -> dict[str, float | int | None]:
         """In milliseconds; None where nothing was counted."""
         known = self.count > 0
         return {
             "count": self.count,
-            "min": _ms(self.least_ns) if known else None,
+            "min": _ms(self.min_ns) if known else None,
             "p50": _ms(self.percentile_ns(50.0)) if known else None,
             "p99": _ms(self.percentile_ns(99.0)) if known else None,
-            "max": _ms(self.most_ns) if known else None,
+            "max": _ms(self.max_ns) if known else None,
         }
 
 

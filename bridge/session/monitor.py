@@ -151,7 +151,7 @@ class Monitor:
         if isinstance(event, Received):
             return self._message(event, now_ns)
         if isinstance(event, Rejected):
-            return None if event.reason == "direction" else self._refused(event, now_ns)
+            return None if event.reason == "direction" else self._rejected(event, now_ns)
         return self._damage(event, now_ns)
 
     def _message(self, event: Received, now_ns: int) -> Seen | None:
@@ -179,7 +179,7 @@ class Monitor:
         count.add(seen)
         return seen if not self._wanted or spec.name in self._wanted else None
 
-    def _refused(self, event: Rejected, now_ns: int) -> Seen:
+    def _rejected(self, event: Rejected, now_ns: int) -> Seen:
         self.rejected += 1
         frame = event.frame
         text = f"type 0x{frame.type_id:02x} from node {frame.node} cannot be used: {event.reason}"

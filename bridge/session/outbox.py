@@ -32,7 +32,7 @@ class CommandCounts:
     issued: int = 0
     retried: int = 0
     """Sendings beyond each command's first."""
-    refused: int = 0
+    rejected: int = 0
     unanswered: int = 0
 
 

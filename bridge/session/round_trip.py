@@ -71,7 +71,7 @@ class RoundTrip:
             self._quick_ns = max(self._quick_ns, sent_ns)
 
     @property
-    def least_ns(self) -> int | None:
+    def min_ns(self) -> int | None:
         """Shortest round trip of the last four pings; None while fewer are answered."""
         last_ns = self._last_ns
         return min(last_ns) if len(last_ns) == PINGS else None

@@ -402,7 +402,7 @@ class Session:
                 and message.cause >= (self._open_stop or 0)
             ):
                 self._open_stop = None
-            self._outbox.counts.refused += not outcome.accepted
+            self._outbox.counts.rejected += not outcome.accepted
             self._events.append(CommandEnded(outcome))
 
     def _time_reply(self, reply: TimeReply, event: Received, now_ns: HostNs) -> None:

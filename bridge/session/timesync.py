@@ -51,16 +51,16 @@ class Fit:
 class TimeSync:
     """Fences, line and bounds of one boot of one device."""
 
-    def __init__(self, least_up_ns: int = 0, least_down_ns: int = 0) -> None:
+    def __init__(self, min_up_ns: int = 0, min_down_ns: int = 0) -> None:
         """Know nothing yet.
 
-        ``least_up_ns`` and ``least_down_ns`` declare what no frame to the device, and none from
+        ``min_up_ns`` and ``min_down_ns`` declare what no frame to the device, and none from
         it, is quicker than: the time on a wire of a known baud rate, an adapter's own. The
         fences move together by as much, and the bound halves or better; a declaration that is
         not true makes it dishonest, so the default declares nothing.
         """
-        self._least_up_ns = least_up_ns
-        self._least_down_ns = least_down_ns
+        self._min_up_ns = min_up_ns
+        self._min_down_ns = min_down_ns
         self.fit: Fit | None = None
         self.samples = 0
         self.steps = 0
@@ -95,7 +95,7 @@ class TimeSync:
         """
         last = self._last
         self._last = device_us = DeviceUs(low32) if last is None else extend_us(last, low32)
-        quickest_ns = arrived_ns - self._least_down_ns
+        quickest_ns = arrived_ns - self._min_down_ns
         known = self._upper.get(device_us // BUCKET_US)
         fit = self.fit
         if (
@@ -111,7 +111,7 @@ class TimeSync:
 
     def arrival(self, device_us: DeviceUs, host_ns: HostNs) -> None:
         """A frame stamped ``device_us`` was here at ``host_ns``."""
-        latest_ns = host_ns - self._least_down_ns
+        latest_ns = host_ns - self._min_down_ns
         if self._fence(self._upper, device_us, latest_ns, keep_smaller=True):
             self._upper_corners = None
 
@@ -131,7 +131,7 @@ class TimeSync:
         self._contradictions = 0
         # The stamp is cut, so the moment that it names may be just before our sending. Without
         # room for that, two fences close together bend the slope by thousands of ppm.
-        floor_ns = HostNs(sent_ns + self._least_up_ns - STAMP_NS - 1)
+        floor_ns = HostNs(sent_ns + self._min_up_ns - STAMP_NS - 1)
         if self._fence(self._lower, received_us, floor_ns, keep_smaller=False):
             self._lower_corners = None
         self.arrival(replied_us, arrived_ns)

@@ -35,7 +35,7 @@ class Level(enum.IntEnum):
 
     OFF = 0
     """The rule is not watched."""
-    TELL = 1
+    REPORT = 1
     """An event in the log, and a line for people."""
     SLOW = 2
     """Scaled down for a while."""
@@ -127,7 +127,7 @@ class LiftedRule(Rule):
 class BumpRule(Rule):
     """It bumps too often, or a bumper stays pressed."""
 
-    reaction: Level = Level.TELL
+    reaction: Level = Level.REPORT
     then: Level = Level.PAUSE
     then_s: float = _seconds(10.0)
     count: float = _in(18.0, 1.0, 10_000.0)
@@ -139,7 +139,7 @@ class BumpRule(Rule):
 class CliffRule(Rule):
     """No floor ahead; grave where it goes on all the same."""
 
-    reaction: Level = Level.TELL
+    reaction: Level = Level.REPORT
     then_s: float = _seconds(3.0)
     ahead_m: float = _in(0.05, 0.0, 1.0)
     """Way ahead with the cliff in sight after which it is grave."""
@@ -149,7 +149,7 @@ class CliffRule(Rule):
 class BatteryRule(Rule):
     """The battery is low; grave where it is empty."""
 
-    reaction: Level = Level.TELL
+    reaction: Level = Level.REPORT
     after_s: float = _seconds(0.5)
     then_s: float = _seconds(MAX_SECONDS)
     low_v: float = _in(12.8, 1.0, 100.0)
@@ -160,7 +160,7 @@ class BatteryRule(Rule):
 class SilenceRule(Rule):
     """Nothing is heard of the device, or one of its streams has ended."""
 
-    reaction: Level = Level.TELL
+    reaction: Level = Level.REPORT
     then_s: float = _seconds(0.3)
     silent_s: float = _in(0.4, 0.05, MAX_SECONDS)
     stream_s: float = _in(1.0, 0.1, MAX_SECONDS)
@@ -173,7 +173,7 @@ class ProgressRule(Rule):
     reaction: Level = Level.PAUSE
     then_s: float = _seconds(60.0)
     window_s: float = _in(60.0, 1.0, MAX_SECONDS)
-    least_m: float = _in(0.10, 0.001, 10.0)
+    min_side_m: float = _in(0.10, 0.001, 10.0)
     """It must leave a square of this side once in the window."""
 
 

@@ -9,7 +9,7 @@ from bridge.supervise.inputs import Reaction
 from bridge.supervise.measured import GAP_S, Measured
 from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
 from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
-from bridge.supervise.rules.shadow import Shadow
+from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.rules.slip import Slip
 from bridge.supervise.settings import Level, SuperviseSettings
 
@@ -93,7 +93,7 @@ class Supervisor:
             "silence": Silence(settings.silence),
             "progress": Progress(settings.progress),
             "fence": Fence(settings.fence),
-            "disagreement": Shadow(settings.disagreement, model),
+            "disagreement": PlannerCheck(settings.disagreement, model),
             "sensor": Sensor(),
             "reset": Reset(),
         }
@@ -138,7 +138,7 @@ class Supervisor:
             if holds and graded.done is Level.SLOW:
                 self._slow_until_s = now_s + self.settings.slow_for_s
             if level is not Level.OFF:
-                text, data = graded.condition.tell()
+                text, data = graded.condition.evidence()
                 factor = self.settings.slow_factor if level is Level.SLOW else 1.0
                 reactions.append(Reaction(graded.kind, level, text, data, factor))
                 if level is Level.PAUSE and not self.holding:

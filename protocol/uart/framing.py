@@ -198,8 +198,8 @@ class UartParser:
                 if damage.__class__ is Damage:
                     if length > MAX_ENCODED:
                         damage = Damage.LENGTH  # whatever else: as where it came in many reads
-                    told = (damage, offset, length, piece[:MAX_ENCODED])
-                    found[index] = _new(DamagedFrame, told)
+                    what = (damage, offset, length, piece[:MAX_ENCODED])
+                    found[index] = _new(DamagedFrame, what)
                     self.damaged += 1
                     self.frames -= 1
                 index += 1

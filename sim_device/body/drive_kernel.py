@@ -49,7 +49,7 @@ _WALKER = cython.declare(cython.int, -1)
 _NEAR_M = cython.declare(cython.double, 0.35)
 _NEAR_MOVED_M = cython.declare(cython.double, 0.25)
 """Edges within the radius and ``_NEAR_M`` are looked at; renewed as the robot has gone this far."""
-_CAREFUL_M = cython.declare(cython.double, 0.02)
+_SMALL_STEP_M = cython.declare(cython.double, 0.02)
 _PASSES = cython.declare(cython.int, 12)
 _HALVINGS = cython.declare(cython.int, 10)
 _SHOVE_M = cython.declare(cython.double, 0.005)
@@ -379,7 +379,7 @@ def _free(push: cython.bint, b: Body) -> cython.double:
     Without ``push`` it only looks. For the gap only walls count: a walker is soft, and gives
     way in a wedge.
     """
-    least = _CAREFUL_M
+    least = _SMALL_STEP_M
     count: cython.int = 0
     edge: cython.int
     k: cython.int
@@ -413,7 +413,7 @@ def _free(push: cython.bint, b: Body) -> cython.double:
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _settle(b: Body) -> cython.bint:
+def _push_out(b: Body) -> cython.bint:
     """Push the disc out of all that it is in; whether it is free then."""
     for _ in range(_PASSES):
         b.gap_m = _free(True, b)  # noqa: FBT003 - positional, as kernels are called
@@ -450,13 +450,13 @@ def _move(dx: cython.double, dy: cython.double, b: Body) -> cython.void:
         else:
             dx, dy = dx * kept / along, dy * kept / along
     b.at_x_m, b.at_y_m = b.x_m + dx, b.y_m + dy
-    if _settle(b):
+    if _push_out(b):
         return
     # a wedge too narrow to go into: as far as its second side, which is touched then
     share, step, end_x, end_y = 0.0, 0.5, b.x_m, b.y_m
     for _ in range(_HALVINGS):
         b.at_x_m, b.at_y_m = b.x_m + (share + step) * dx, b.y_m + (share + step) * dy
-        if _settle(b):
+        if _push_out(b):
             share, end_x, end_y = share + step, b.at_x_m, b.at_y_m
         step *= 0.5
     b.at_x_m, b.at_y_m = end_x, end_y
@@ -656,7 +656,7 @@ def sag(b: Body) -> cython.void:
 
 @cython.ccall
 @cython.exceptval(check=False)
-def settle(b: Body) -> cython.void:
+def discharge_battery(b: Body) -> cython.void:
     """Let the battery feel what was drawn since the last time.
 
     Its voltage was constant meanwhile: it follows the current of the time before.
@@ -720,7 +720,7 @@ def renew(b: Body) -> Felt:
 
     Two draws for the slip are used up while the wheels slip.
     """
-    settle(b)
+    discharge_battery(b)
     if b.wanders and b.slip_kick > 0.0:
         left, right, at = b.left, b.right, b.slip_at
         left.slip += b.slip_kick * b.slips[at] - b.slip_fade * left.slip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim_device.body.drive_kernel import TICK_S, sag, settle, switch
+from sim_device.body.drive_kernel import TICK_S, discharge_battery, sag, switch
 from sim_device.body.power import BatteryParameters
 from sim_device.body.truth import EnergyBalance
 
@@ -43,7 +43,7 @@ class Supply:
 
     def set_charge(self, fraction: float) -> None:
         """Make the battery that full (limited to 0..1); what was drawn is booked before."""
-        settle(self._body)
+        discharge_battery(self._body)
         self._body.charge_ah = self._body.capacity_ah * min(1.0, max(0.0, fraction))
         sag(self._body)
 

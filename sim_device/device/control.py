@@ -52,7 +52,7 @@ class Control:
         self._log = log
         self._seed = seed
         self._expired = 0
-        self._told_bits = 0
+        self._logged_bits = 0
         self._now_us = 0
         self.power = PowerReading(model.battery_v, 0.0, 0.0, 0.0)
         """As last measured."""
@@ -185,8 +185,8 @@ class Control:
         health.tick(sampler.imu, counts, wheels)
         if around is not None:
             health.on_around(around, self._model.wheel_base_m, self._model.metres_per_count)
-        if health.bits != self._told_bits:
-            self._tell_faults(health.bits)
+        if health.bits != self._logged_bits:
+            self._log_faults(health.bits)
         if (health.bits or health.battery_empty) and self.modes.state is not State.STOPPED:
             self._judge()
         return duties
@@ -236,9 +236,9 @@ class Control:
         if self.modes.state is not before:
             self._log.add(LogLevel.ERROR, f"stopped by itself: {why}")
 
-    def _tell_faults(self, bits: int) -> None:
-        new, gone = bits & ~self._told_bits, self._told_bits & ~bits
-        self._told_bits = bits
+    def _log_faults(self, bits: int) -> None:
+        new, gone = bits & ~self._logged_bits, self._logged_bits & ~bits
+        self._logged_bits = bits
         if new:
             self._log.add(LogLevel.WARNING, f"fault: {', '.join(flag_labels(Fault, new))}")
         if gone:

@@ -21,7 +21,7 @@ class LogLines:
 
     def __init__(self) -> None:
         self.waiting: list[LogText] = []
-        self._told_us = -LOG_PERIOD_US
+        self._sent_us = -LOG_PERIOD_US
 
     def add(self, level: LogLevel, line: str) -> None:
         """Queue a line for the host."""
@@ -31,7 +31,7 @@ class LogLines:
 
     def take(self, now_us: int) -> LogText | None:
         """The next line, if one may be sent now."""
-        if not self.waiting or now_us - self._told_us < LOG_PERIOD_US:
+        if not self.waiting or now_us - self._sent_us < LOG_PERIOD_US:
             return None
-        self._told_us = now_us
+        self._sent_us = now_us
         return self.waiting.pop(0)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from sim_device.device.sampling import Around, Sampler
 
-SETTLE_US = 2_500_000
+AT_REST_US = 2_500_000
 """At rest before the first move: the gyro's bias is averaged over 250 samples."""
 STEP_TICKS = 2
 _GYRO_RAD_S = math.radians(1.0 / 131.0)
@@ -53,7 +53,7 @@ _PHASES = {
     "recovery-return": PlannerPhase.RECOVERY_RETURN,
 }
 """A planner's own word for what it does, as the wire names it; any other is a lane."""
-_TOLD_APART = {PlannerPhase.LANE, PlannerPhase.STEP}
+_SPLIT_BY_TURN = {PlannerPhase.LANE, PlannerPhase.STEP}
 """Within these a turn in place is told as one."""
 
 
@@ -79,7 +79,7 @@ class Onboard:
         self.estimator = PoseEstimator(model, _ORIGIN)
         self._walls = Relocaliser(model, self.estimator)
         self._runner = PlanRunner(make_planner(planner, model, random.Random(seed)), model)
-        self._move_us = now_us + SETTLE_US
+        self._move_us = now_us + AT_REST_US
         self._moving = False
         self._around: Around | None = None
         self._command = HALT
@@ -147,7 +147,7 @@ class Onboard:
                 bumper_right,
                 cliff,
                 estimator.gyro_bias_sigma_rad_s,
-                self._walls.walls.heading_doubt_rad,
+                self._walls.walls.heading_sigma_rad,
             )
         )
 
@@ -179,7 +179,7 @@ class Onboard:
             return PlannerPhase.IDLE
         phase = _PHASES.get(self._runner.state.state, PlannerPhase.LANE)
         turning = isinstance(self._runner.executor.leg, Turn)
-        return PlannerPhase.TURN if turning and phase in _TOLD_APART else phase
+        return PlannerPhase.TURN if turning and phase in _SPLIT_BY_TURN else phase
 
     def message(self) -> PlannerState:
         """The paper's variables and the point driven to; the robot's own where there is none."""

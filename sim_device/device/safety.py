@@ -59,7 +59,7 @@ class Freshness:
 
     def __init__(self) -> None:
         self._host_us: DeviceUs | None = None
-        self._least_us = 0.0
+        self._min_us = 0.0
         self._at_us = 0
 
     def reset(self) -> None:
@@ -70,16 +70,16 @@ class Freshness:
         """Take a frame of the session; give its delay beyond the quickest one's."""
         if self._host_us is None:
             self._host_us = DeviceUs(host_stamp)
-            self._least_us = float(arrival_us - host_stamp)
+            self._min_us = float(arrival_us - host_stamp)
             self._at_us = arrival_us
             return 0.0
         host_us = extend_us(self._host_us, host_stamp)
         self._host_us = DeviceUs(max(self._host_us, host_us))
-        self._least_us += (arrival_us - self._at_us) * DRIFT_ALLOWANCE_PPM * 1e-6
+        self._min_us += (arrival_us - self._at_us) * DRIFT_ALLOWANCE_PPM * 1e-6
         self._at_us = arrival_us
         delay_us = float(arrival_us - host_us)
-        self._least_us = min(self._least_us, delay_us)
-        return delay_us - self._least_us
+        self._min_us = min(self._min_us, delay_us)
+        return delay_us - self._min_us
 
 
 class Watchdog:

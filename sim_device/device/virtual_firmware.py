@@ -358,20 +358,20 @@ class Firmware:
             self._telemetry.measure_load()
         if self.agreed:
             if due:
-                self._tell(due, now_us)
+                self._send_streams(due, now_us)
             if self._lines.waiting:
-                self._say(now_us)
+                self._send_line(now_us)
         elif tick % HELLO_TICKS == 0:
             self._hello(now_us)
         return duties
 
-    def _say(self, now_us: int) -> None:
+    def _send_line(self, now_us: int) -> None:
         """Send a line for people, if one may be sent now."""
         line = self._lines.take(now_us)
         if line is not None:
             self._send(line, now_us)
 
-    def _tell(self, due: tuple[str, ...], now_us: int) -> None:
+    def _send_streams(self, due: tuple[str, ...], now_us: int) -> None:
         """Send the streams that are due."""
         known, send = self._telemetry.streams, self.link.send_payload
         stamp_us, node = now_us + self._clock.offset_us, self.identity.node

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim_device.device.wheel_kernel import LEAST_V, REST_M_S, Loop, Wheel, control
+from sim_device.device.wheel_kernel import MIN_V, REST_M_S, Loop, Wheel, control
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
@@ -54,7 +54,7 @@ class WheelControl:
     def coast(self, counts: tuple[int, int]) -> None:
         """One period in which somebody else gives the duties."""
         loop = self._loop
-        control(loop, 0.0, 0.0, *counts, LEAST_V)  # for its measuring
+        control(loop, 0.0, 0.0, *counts, MIN_V)  # for its measuring
         loop.v = loop.yaw = 0.0
         for wheel in (self.left, self.right):
             wheel.integral = wheel.stalled = 0.0

@@ -7,15 +7,15 @@ import cython
 PERIODS_A_SECOND = 100.0
 REST_M_S = 0.005
 """Below one count a period: a wheel that is measured slower than this stands."""
-LEAST_V = 8.0
+MIN_V = 8.0
 NO_COUNT = -1
 
 _PERIODS_A_SECOND = cython.declare(cython.double, PERIODS_A_SECOND)
 _REST_M_S = cython.declare(cython.double, REST_M_S)
-_LEAST_V = cython.declare(cython.double, LEAST_V)
+_MIN_V = cython.declare(cython.double, MIN_V)
 _NO_COUNT = cython.declare(cython.int, NO_COUNT)
 _STALL_TARGET_M_S = cython.declare(cython.double, 0.03)
-_LEAST_TARGET_M_S = cython.declare(cython.double, 1e-5)
+_MIN_TARGET_M_S = cython.declare(cython.double, 1e-5)
 """A tenth of the wire's step: what is slower is the rounding of a wheel that should rest."""
 _NOMINAL_V = cython.declare(cython.double, 16.0)
 """Supply for which the gains are given; duties are scaled to the one measured."""
@@ -111,9 +111,9 @@ def _duty(loop: Loop, wheel: Wheel, target: cython.double, scale: cython.double)
     """Duty for the next period; exactly 0 where the wheel should rest and does."""
     speed = wheel.speed_m_s
     base = far = 0.0
-    if target > _LEAST_TARGET_M_S:
+    if target > _MIN_TARGET_M_S:
         base, far = loop.feed_forward * target + loop.friction, target
-    elif target < -_LEAST_TARGET_M_S:
+    elif target < -_MIN_TARGET_M_S:
         base, far = loop.feed_forward * target - loop.friction, -target
     elif -_REST_M_S < speed < _REST_M_S:
         wheel.integral = wheel.stalled = 0.0
@@ -148,7 +148,7 @@ def control(  # noqa: PLR0913, PLR0917 - positional: a compiled call of many a s
     loop.v = _towards(loop.v, v, loop.v_step, loop.v_max)
     loop.yaw = _towards(loop.yaw, yaw, loop.yaw_step, loop.yaw_max)
     turn = loop.half_base_m * loop.yaw
-    scale = _NOMINAL_V / max(supply_v, _LEAST_V)
+    scale = _NOMINAL_V / max(supply_v, _MIN_V)
     left = _duty(loop, loop.left, loop.v - turn, scale)
     right = _duty(loop, loop.right, loop.v + turn, scale)
     return left, right, loop.left.stalled > 0.0 or loop.right.stalled > 0.0

@@ -128,7 +128,7 @@ class FaultInjector:
             self._faults.remove(fault)
             if fault.active:
                 self._changed = True
-                self._tell("cleared", fault.spec)
+                self._add_event("cleared", fault.spec)
         return len(gone)
 
     @property
@@ -178,7 +178,7 @@ class FaultInjector:
                 changed |= self._begin(fault)
             if fault.active and fault.end_us is not None and fault.end_us <= now_us:
                 self._faults.remove(fault)
-                self._tell("ended", fault.spec)
+                self._add_event("ended", fault.spec)
                 changed = True
         if changed:
             self._turn()
@@ -191,10 +191,10 @@ class FaultInjector:
         if kind.strike is not None:
             self._faults.remove(fault)
             self._bench.strike(kind.strike, fault.spec.values)
-            self._tell("struck", fault.spec)
+            self._add_event("struck", fault.spec)
             return False
         fault.active = True
-        self._tell("began", fault.spec)
+        self._add_event("began", fault.spec)
         return True
 
     def _turn(self) -> None:
@@ -204,5 +204,5 @@ class FaultInjector:
                 fault.spec.kind.turn(self.knobs, fault.spec.values)
         self._bench.turn(self.knobs, self._now_us)
 
-    def _tell(self, what: str, spec: FaultSpec) -> None:
+    def _add_event(self, what: str, spec: FaultSpec) -> None:
         self.events.append(FaultEvent(self._now_us, what, spec))

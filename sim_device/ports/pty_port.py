@@ -124,18 +124,18 @@ class SlcanPort(PtyPort):
         """Frames that the host has put on the bus, at most as many as fit ``limit``."""
         frames = max(1, limit // RECORD.size)
         records, answer = self._adapter.feed(super().read(frames * SHORTEST_LINE))
-        self._say(answer)
+        self._write_text(answer)
         return records
 
     def write(self, data: bytes) -> int:
         """Frames for the host; while its bus is closed they go nowhere."""
-        self._say(b"")
+        self._write_text(b"")
         if self._text:
             return 0
-        self._say(self._adapter.from_bus(data))
+        self._write_text(self._adapter.from_bus(data))
         return len(data)
 
-    def _say(self, text: bytes) -> None:
+    def _write_text(self, text: bytes) -> None:
         self._text += text
         if self._text:
             self._text = self._text[super().write(self._text) :]

@@ -33,10 +33,10 @@ class FirmwareBuildError(PortUnavailableError):
     """The firmware cannot be built; one line for people."""
 
 
-def firmware_elf(cache: Path | None = None, tell: Callable[[str], None] = lambda _: None) -> Path:
+def firmware_elf(cache: Path | None = None, notify: Callable[[str], None] = lambda _: None) -> Path:
     """The firmware's program for the emulated chip, built now if it is not there yet.
 
-    ``tell`` gets a line for people before something takes time.
+    ``notify`` gets a line for people before something takes time.
 
     It is kept by what it is made of, so that a change of its sources, of the wire's catalogue or
     of the compiler makes another one.
@@ -58,7 +58,7 @@ def firmware_elf(cache: Path | None = None, tell: Callable[[str], None] = lambda
         return elf
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        tell("building the firmware, as its sources are new")
+        notify("building the firmware, as its sources are new")
         with tempfile.TemporaryDirectory() as build:  # make cannot take a path with blanks
             _build(Path(build), wire)
             whole = folder / f"{ELF}.{os.getpid()}"

@@ -108,9 +108,9 @@ class QemuSweeper:
         """The body's time when the chip's clock was 0; None until its first request."""
         self._chip_us = 0
         """The chip's clock at its last request, extended beyond 32 bits."""
-        self._told_us = 0
+        self._answered_us = 0
         """Of what moment of the chip's clock the last readings are that were sent ..."""
-        self._told_at_us = -LOST_US
+        self._answered_at_us = -LOST_US
         """... and when that was."""
         self._periods = 0
         self._parser = link.Parser()
@@ -228,7 +228,7 @@ class QemuSweeper:
             self._take(message, answered=place >= newest)
         if self._asked and self._state is _Chip.BOOTING:
             self._asked = False
-            self._tell_identity()
+            self._send_identity()
 
     def _take(self, message: link.Message, *, answered: bool) -> None:
         if isinstance(message, link.Boot):
@@ -240,7 +240,7 @@ class QemuSweeper:
         elif isinstance(message, link.Request):
             self._request(message)
             if answered and self._wanted(message):
-                self._tell_readings(self._extended(message.sample_us))
+                self._send_readings(self._extended(message.sample_us))
         elif isinstance(message, link.Motors):
             self._advance(self._extended(message.now_us))
             self._set_duty(message.left, message.right)
@@ -253,7 +253,7 @@ class QemuSweeper:
             known = message.cause in set(ResetCause)
             self._begin_anew(ResetCause(message.cause) if known else ResetCause.SOFTWARE)
 
-    def _tell_identity(self) -> None:
+    def _send_identity(self) -> None:
         plant = self._qemu.plant
         chunks = link.pages(self.flash)
         for chunk in chunks:
@@ -281,12 +281,12 @@ class QemuSweeper:
 
         Without this what QEMU takes too slowly would queue up, and all of it come too late.
         """
-        had = request.newest_us == self._told_us % _WRAP
-        return had or self._now_us - self._told_at_us > LOST_US
+        had = request.newest_us == self._answered_us % _WRAP
+        return had or self._now_us - self._answered_at_us > LOST_US
 
-    def _tell_readings(self, at_us: int) -> None:
+    def _send_readings(self, at_us: int) -> None:
         """Answer a request."""
-        self._told_us, self._told_at_us = at_us, self._now_us
+        self._answered_us, self._answered_at_us = at_us, self._now_us
         sensors, plant = self.sensors, self._qemu.plant
         plant.write(
             link.sample(

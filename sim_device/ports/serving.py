@@ -149,7 +149,7 @@ class _Served:
             rig.give_back(out[port.write(out) :], now_us)
         if self._control is not None and not set(asked).isdisjoint(ready):
             self._control.turn(rig)
-        self._tell()
+        self._report_changes()
 
     def report(self) -> ServeReport:
         """What the run was like."""
@@ -167,7 +167,7 @@ class _Served:
         if self._watchers.on_plug is not None:
             self._watchers.on_plug(self._port.path if self._plugged else None)
 
-    def _tell(self) -> None:
+    def _report_changes(self) -> None:
         on_fault, on_truth = self._watchers.on_fault, self._watchers.on_truth
         for event in self._rig.faults.take_events():
             if on_fault is not None:

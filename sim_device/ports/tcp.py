@@ -101,23 +101,23 @@ class TcpPort(DevicePort):
     """
 
     def __init__(
-        self, host: str = LOOPBACK, port: int = 0, tell: Callable[[str], None] = lambda _: None
+        self, host: str = LOOPBACK, port: int = 0, notify: Callable[[str], None] = lambda _: None
     ) -> None:
-        """Listen; ``tell`` gets a line for people when a client comes, goes or is refused.
+        """Listen; ``notify`` gets a line for people when a client comes, goes or is refused.
 
         Raises:
             PortUnavailableError: the address is not ours, or taken.
 
         """
-        self._host, self._port, self._tell = host, port, tell
+        self._host, self._port, self._notify = host, port, notify
         self._listener: socket.socket | None = None
         self._client: _Client | None = None
         self._waiting: list[_Client] = []
         self._stops = b""
         """Frames of waiting clients that the device has yet to get."""
-        self._refused = 0
+        self._rejected = 0
         """Since it was last told of."""
-        self._refusal_s = -QUIET_S
+        self._rejection_s = -QUIET_S
         self.path = ""
         self.plug()
 
@@ -245,7 +245,7 @@ class TcpPort(DevicePort):
         client.data = (client.data + data)[:_READ_MAX]
         stops = [f for f in frames if f.type_id == _STOP and f.version == PROTOCOL_VERSION]
         if stops and client.stopped_s is None:
-            self._tell(f"{client.who} stops the robot")
+            self._notify(f"{client.who} stops the robot")
         if stops:
             client.stopped_s, client.data = now_s, b""
         if len(stops) < len(frames) or len(client.data) >= _READ_MAX:
@@ -267,7 +267,9 @@ class TcpPort(DevicePort):
                 f"ended: this sweeper had no frame from here for {SILENT_S:g} s, "
                 f"and {client.who} wants it"
             )
-            self._tell(f"{host.who} sent no frame for {SILENT_S:g} s: it gives way to {client.who}")
+            self._notify(
+                f"{host.who} sent no frame for {SILENT_S:g} s: it gives way to {client.who}"
+            )
             self._client = None
         self._waiting.remove(client)
         self._welcome(client)
@@ -275,7 +277,7 @@ class TcpPort(DevicePort):
     def _welcome(self, client: _Client) -> None:
         self._client = client
         client.heard_s = time.monotonic()
-        self._tell(f"{client.who} is connected")
+        self._notify(f"{client.who} is connected")
 
     def _refuse(self, client: _Client) -> None:
         """Hang up; say it, but not each time: a client may knock again four times a second."""
@@ -283,14 +285,14 @@ class TcpPort(DevicePort):
         client.dismiss(f"refused: this sweeper has a host already, {host}; end it first")
         self._waiting.remove(client)
         now_s = time.monotonic()
-        self._refused += 1
-        if now_s - self._refusal_s < QUIET_S:
+        self._rejected += 1
+        if now_s - self._rejection_s < QUIET_S:
             return
-        more = f" ({self._refused} times)" if self._refused > 1 else ""
-        self._tell(
+        more = f" ({self._rejected} times)" if self._rejected > 1 else ""
+        self._notify(
             f"{client.who} was refused{more}: {host} is connected, and a sweeper has one host"
         )
-        self._refused, self._refusal_s = 0, now_s
+        self._rejected, self._rejection_s = 0, now_s
 
     def _drop(self, client: _Client) -> None:
         client.socket.close()
@@ -313,5 +315,5 @@ class TcpPort(DevicePort):
     def _hang_up(self) -> None:
         if self._client is not None:
             self._client.socket.close()
-            self._tell(f"{self._client.who} has left")
+            self._notify(f"{self._client.who} has left")
             self._client = None

@@ -143,7 +143,7 @@ class Imu:
         """What the chip adds to each axis; its bias with faults, and a lift's own."""
         self._chip = _drawn_chip(noise, rng, config, self._bias, self._extra)
         self._own_bias = self._bias.copy()
-        self._told_bias: tuple[object, object] = (None, None)
+        self._reported_bias: tuple[object, object] = (None, None)
         self._normals = np.empty(_BLOCK)
         self._at = _BLOCK
         self._interval_ms = 0
@@ -152,7 +152,7 @@ class Imu:
         self._chip.begin(*now[1:])
         self._was_ms = now.tick_ms
         self._sample_no = _EIGHTHS * plant.tick_ms // self._period_eighths
-        self._last = self._told = self._sample(now)
+        self._last = self._reported = self._sample(now)
 
     def read(self) -> ImuCounts:
         """Read the registers as they stand at this tick."""
@@ -167,8 +167,8 @@ class Imu:
             self._was_ms = tick_ms
             self._last = self._sample(plant.inertial)
         if not self._faults.imu_frozen:
-            self._told = self._last
-        return self._told
+            self._reported = self._last
+        return self._reported
 
     def _sample(self, now: Inertial) -> ImuCounts:
         at = self._at
@@ -186,7 +186,7 @@ class Imu:
             self._feel_lift(tick_ms)
         else:
             faults.touched = False
-        gyro, accel = self._told_bias
+        gyro, accel = self._reported_bias
         if faults.gyro_bias_deg_s != gyro or faults.accel_bias_g != accel:
             self._obey_bias()
 
@@ -195,7 +195,7 @@ class Imu:
 
     def _obey_bias(self) -> None:
         faults = self._faults
-        self._told_bias = (faults.gyro_bias_deg_s, faults.accel_bias_g)
+        self._reported_bias = (faults.gyro_bias_deg_s, faults.accel_bias_g)
         self._bias[:] = self._own_bias + np.array((*faults.accel_bias_g, *faults.gyro_bias))
 
     def _set_interval(self, interval_ms: int) -> None:

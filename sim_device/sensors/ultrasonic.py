@@ -80,7 +80,7 @@ class Ultrasonic:
         self._ear = Ear(*ear, EDGE_ECHO_M)
         self._ping = -1
         self._before: tuple[int, Pose2] | None = None
-        self._told: float | None = None
+        self._reported: float | None = None
         self._coming: float | None = None
         self._ready_ms = 0.0
 
@@ -96,15 +96,15 @@ class Ultrasonic:
             self._fire(newest, tick_ms, pose, world)
         self._before = (tick_ms, pose)
         if tick_ms >= self._ready_ms:
-            self._told = self._coming
-        return self._told
+            self._reported = self._coming
+        return self._reported
 
     def exact(self, pose: Pose2, world: World) -> float | None:
         """Range that a ping at ``pose`` without any noise would give."""
         return _limited(world.echo_m(pose, self._beams, self._ear), self._mount)
 
     def _fire(self, ping: int, tick_ms: int, pose: Pose2, world: World) -> None:
-        self._told = self._coming  # a cycle is longer than any flight
+        self._reported = self._coming  # a cycle is longer than any flight
         self._ping = ping
         ping_ms = CYCLE_MS * ping
         self._coming = self._heard(self.exact(self._pose_at(ping_ms, tick_ms, pose), world))

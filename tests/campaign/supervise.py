@@ -41,14 +41,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 
-def telling(more: dict[str, object] | None = None) -> SuperviseSettings:
+def planner_events(more: dict[str, object] | None = None) -> SuperviseSettings:
     """The default rules, every reaction lowered to telling."""
     rules = SuperviseSettings()
     table: dict[str, object] = {n: {"reaction": "tell", "then": "tell"} for n in rules.rules}
     for name, values in (more or {}).items():
         table[name] = {**table[name], **values}  # type: ignore[dict-item]  # tables of one rule each
     settings = settings_from(table)
-    assert all(rule.reaction is Level.TELL for rule in settings.rules.values())
+    assert all(rule.reaction is Level.REPORT for rule in settings.rules.values())
     return settings
 
 
@@ -67,8 +67,8 @@ def run(job: Job) -> Outcome:
     outcome = Outcome(job)
     faults, max_s = [], job.max_s
     if hazard is not None:
-        dice = random.Random(f"{job.seed} {hazard.name} at")
-        outcome.at_s = at_s = 0.0 if hazard.there else round(dice.uniform(12.0, 30.0), 1)
+        rng = random.Random(f"{job.seed} {hazard.name} at")
+        outcome.at_s = at_s = 0.0 if hazard.there else round(rng.uniform(12.0, 30.0), 1)
         faults = [parse_fault(_timed(text, at_s)) for text in hazard.faults]
         max_s = at_s + hazard.lasts_s + 2.0 * GRACE_S
     sink = Alarms()
@@ -81,7 +81,7 @@ def run(job: Job) -> Outcome:
         max_time_s=max_s,
         faults=faults,
         onboard=planner_number(job.planner) if job.onboard else None,
-        supervise=telling(hazard.settings if hazard else None),
+        supervise=planner_events(hazard.settings if hazard else None),
         prepare=lambda made: (
             let_lie(made.device, hazard.lie, outcome.at_s) if hazard and hazard.lie else None
         ),
@@ -109,10 +109,10 @@ def hazard_jobs(seeds: Iterable[int], hazards: Iterable[Hazard] = HAZARDS) -> li
     jobs = []
     for seed in seeds:
         for hazard in hazards:
-            dice = random.Random(f"{seed} {hazard.name}")
-            planner = dice.choice(hazard.planners)
+            rng = random.Random(f"{seed} {hazard.name}")
+            planner = rng.choice(hazard.planners)
             rooms = [r for r in hazard.rooms if planner not in IN_LANES or r not in SHORT]
-            room = dice.choice(rooms)
+            room = rng.choice(rooms)
             jobs.append(Job(room, planner, seed, hazard.onboard, hazard))
     return jobs
 

@@ -155,7 +155,7 @@ def test_a_folder_that_may_not_be_entered_is_told(tmp_path: Path) -> None:
     assert outputs == "cannot write run.html: Permission denied"
     assert log.startswith("cannot write runs/")
     assert done.returncode == 1
-    assert done.stderr == "sweepctl: cannot write wire: Permission denied\n"
+    assert done.stderr == "sweepctl: cannot write wire/sweepctl_protocol.h: Permission denied\n"
 
 
 def test_a_path_that_cannot_be_is_looked_at_without_an_error(tmp_path: Path) -> None:

@@ -80,9 +80,9 @@ TARGETS = (
     ),
     Target("electric", "bridge.supervise.rules.electric", _tests("supervise/electric")),
     Target(
-        "shadow",
-        "bridge.supervise.rules.shadow",
-        _tests("supervise/shadow", "supervise/shadow_limits"),
+        "planner_check",
+        "bridge.supervise.rules.planner_check",
+        _tests("supervise/planner_check", "supervise/planner_check_limits"),
     ),
     Target("supervisor", "bridge.supervise.supervisor", _tests("supervise/grading")),
     Target("dead_man", "bridge.run.dead_man", _tests("run/dead_man_velocities", "run/dead_man")),

@@ -67,7 +67,7 @@ def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
         assert recorded.recorded > 200
         reader = LogReader(log)
         assert reader.run["command"] == "bringup"
-        told = [m.decoded.text for m in reader.messages({"/events"}) if m.decoded.kind == "told"]
+        told = [m.decoded.text for m in reader.messages({"/events"}) if m.decoded.kind == "printed"]
         assert told
         assert all(text in stepped.err for text in told)
         again = bringup(monkeypatch, "", served.port, "--step", "rest", "--log", log)

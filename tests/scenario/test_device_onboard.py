@@ -21,7 +21,7 @@ from protocol.values import (
     PlannerPhase,
     StopCause,
 )
-from sim_device.device.onboard import SETTLE_US
+from sim_device.device.onboard import AT_REST_US
 from sim_device.sweeper import VirtualSweeper
 from support.ends import RAMP_US, REST_M_S, sweeper
 from support.wire_host import SESSION, WireHost
@@ -42,7 +42,7 @@ def driving() -> WireHost:
     """A plan under way in the middle of a wide floor: the first lane."""
     host = WireHost(sweeper())
     host.start_plan()
-    host.run(SETTLE_US / 1e6 + 2.0)
+    host.run(AT_REST_US / 1e6 + 2.0)
     assert speed(host) > 0.15
     return host
 
@@ -89,7 +89,7 @@ def test_a_whole_clean_of_the_papers_first_room() -> None:
 def test_it_rests_first_and_then_drives_from_its_own_origin() -> None:
     host = WireHost(sweeper())
     host.start_plan()
-    host.run(SETTLE_US / 1e6 - 0.2)
+    host.run(AT_REST_US / 1e6 - 0.2)
     assert host.device.truth.path_m < 1e-6
     assert (phase(host), host.status.mode) == (PlannerPhase.IDLE, Mode.ONBOARD)
     host.run(3.2)
@@ -130,7 +130,7 @@ def test_aborted_it_stands_and_cannot_be_resumed() -> None:
     assert host.plan(START) is NackReason.OTHER_MODE, "the mode is to be chosen anew"
     assert host.choose(Mode.ONBOARD) is None
     assert host.plan(START) is None
-    host.run(SETTLE_US / 1e6 + 2.0)
+    host.run(AT_REST_US / 1e6 + 2.0)
     assert speed(host) > 0.15
     assert host.last(PlannerState).target_x_m < 0.5, "another plan, another origin"
 
@@ -206,7 +206,7 @@ def test_every_planner_of_the_registry_and_no_other() -> None:
         assert host.choose(Mode.ONBOARD) is None
         known = name in PLANNERS
         assert host.plan(START, number) is (None if known else NackReason.UNSUPPORTED), name
-        host.run(SETTLE_US / 1e6 + 1.5)
+        host.run(AT_REST_US / 1e6 + 1.5)
         assert (speed(host) > 0.1) is known, name
     assert set(PLANNERS) <= set(names.values())
     host = WireHost(sweeper())
@@ -255,10 +255,10 @@ def test_the_plan_is_told_what_the_estimate_doubts(monkeypatch: pytest.MonkeyPat
     host = WireHost(VirtualSweeper(load_room("case-1"), RobotModel(), seed=1, noise="typical"))
     host.start_plan(OnboardPlanner.RECOVERY)
     host.run(45.0)
-    assert all(0.0 < obs.gyro_doubt_rad_s < math.radians(0.1) for obs in seen[-100:])
+    assert all(0.0 < obs.gyro_bias_sigma_rad_s < math.radians(0.1) for obs in seen[-100:])
     # nothing yet, and once two walls have been found to be square
-    assert seen[0].heading_doubt_rad == 0.0
-    assert 0.0 < seen[-1].heading_doubt_rad < math.radians(2.0)
+    assert seen[0].heading_sigma_rad == 0.0
+    assert 0.0 < seen[-1].heading_sigma_rad < math.radians(2.0)
 
 
 def test_telemetry_is_what_it_always_is() -> None:

@@ -67,7 +67,7 @@ def robot(plan: FloorPlan) -> Iterator[KitRobot]:
 def start(robot: KitRobot) -> None:
     robot.live(STEP_S)
     for message in LEAVE:
-        robot.say(message)
+        robot.inform(message)
         robot.live(STEP_S)
     assert robot.told.state == RUNNING
 
@@ -76,7 +76,7 @@ def drive(robot: KitRobot, seconds: float) -> None:
     """Let it go on, a host being there, for as long as it plans."""
     end_us = robot.now_us + round(seconds * 1e6)
     while robot.now_us < end_us and robot.told.state == RUNNING:
-        robot.say(TimeRequest(0))
+        robot.inform(TimeRequest(0))
         robot.live(0.5)
 
 
@@ -135,7 +135,7 @@ def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) 
     start(robot)
     track = CoverageMeter(plan, RobotModel(), 0.01).track()
     while robot.told.state == RUNNING and robot.now_us < 300_000_000:
-        robot.say(TimeRequest(0))
+        robot.inform(TimeRequest(0))
         robot.live(STEP_S)
         track.add(robot.now_us * 1e-6, *robot.plant.pose)
     robot.live(1.5)
@@ -152,16 +152,16 @@ def test_a_pause_keeps_the_leg_and_a_stop_ends_the_plan(robot: KitRobot) -> None
     start(robot)
     drive(robot, 5.0)
     assert robot.plant.truth.v_m_s > 0.1
-    robot.say(PlannerCommand(4, PlannerAction.PAUSE, 0))
+    robot.inform(PlannerCommand(4, PlannerAction.PAUSE, 0))
     robot.live(0.6)
     held = robot.plant.pose
     robot.live(0.3)
     assert robot.plant.pose.distance_m(held) < 1e-3
-    robot.say(PlannerCommand(5, PlannerAction.RESUME, 0))
+    robot.inform(PlannerCommand(5, PlannerAction.RESUME, 0))
     robot.live(0.8)
     assert robot.plant.truth.v_m_s > 0.1
     assert robot.plant.pose.theta_rad == pytest.approx(held.theta_rad, abs=0.02)
-    robot.say(Stop(6, StopCause.OPERATOR))
+    robot.inform(Stop(6, StopCause.OPERATOR))
     robot.live(0.6)
     assert robot.plant.truth.v_m_s == 0.0
     assert robot.told.stop_cause == StopCause.OPERATOR

@@ -80,11 +80,11 @@ class Numbered(Writer):
 
     def command(self, message: Message) -> None:
         self._id += 1
-        self.say(replaced(message, self._id))
+        self.inform(replaced(message, self._id))
 
     def go(self, state: int) -> None:
         """From wherever it stands, latched perhaps, to a state."""
-        self.say(HostHello(0, 7, 1, "test"))
+        self.inform(HostHello(0, 7, 1, "test"))
         self.command(Stop(0, StopCause.OPERATOR))
         for cause in (StopCause.OPERATOR, StopCause.HARDWARE):
             self.command(ClearStop(0, cause))
@@ -129,8 +129,8 @@ def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
     writer.begin()
     writer.drive(900, 0, 3)
     for first_id, age_us in ((1010, 3_000_000), (1020, -3_000_000)):
-        writer.say(Stop(1, StopCause.OPERATOR), age_us=age_us)
-        writer.say(ClearStop(first_id, StopCause.OPERATOR), SetMode(first_id + 1, Mode.VELOCITY))
+        writer.inform(Stop(1, StopCause.OPERATOR), age_us=age_us)
+        writer.inform(ClearStop(first_id, StopCause.OPERATOR), SetMode(first_id + 1, Mode.VELOCITY))
         writer.drive(900, 0, 3)
     told = compare(writer.acts)
     assert (told[-1].state, told[-1].stale, told[-1].setpoint.first) == (VELOCITY, 0, 900)
@@ -146,10 +146,10 @@ def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int)
     writer.go(state)
     reached = len(writer.acts)
     for i in range(40):
-        writer.say(VelocitySetpoint(900, 0, 200, i), WheelDuty(900, 900, 200, i), node=0)
+        writer.inform(VelocitySetpoint(900, 0, 200, i), WheelDuty(900, 900, 200, i), node=0)
         if i < len(commands):
-            writer.say(replaced(commands[i], 500 + i), node=0)
-        writer.say(TimeRequest(i), node=0)  # the one of these that keeps the session
+            writer.inform(replaced(commands[i], 500 + i), node=0)
+        writer.inform(TimeRequest(i), node=0)  # the one of these that keeps the session
     told = compare(writer.acts)[reached - 1 :]
     assert {(t.state, t.parameters[SPEED], t.reboots) for t in told} == {
         (state, told[0].parameters[SPEED], 0)
@@ -190,7 +190,7 @@ def test_a_wheel_that_does_not_turn(current_ma: int, fault: str) -> None:
     for i in range(190):
         count += 30
         writer.read(Readings(encoders=(0, count), motors_ma=(current_ma, 63)))
-        writer.say(VelocitySetpoint(2000, 0, 200, i & 0xFF), after_us=20_000)
+        writer.inform(VelocitySetpoint(2000, 0, 200, i & 0xFF), after_us=20_000)
     told = compare(writer.acts)
     assert any(t.faults & Fault[fault] for t in told)
     assert told[-1].stop_cause == StopCause.HARDWARE
@@ -226,7 +226,7 @@ def test_a_battery_that_runs_empty() -> None:
         writer.read(Readings(battery_mv=millivolts))
         for _ in range(3):
             writer.wait(400_000)
-            writer.say(Describe(1, 1))
+            writer.inform(Describe(1, 1))
     told = compare(writer.acts)
     assert any(t.faults & Fault.BATTERY_LOW for t in told)
     assert told[-1].stop_cause == StopCause.HARDWARE
@@ -244,7 +244,7 @@ def test_rangers_that_lie() -> None:
         writer.read(
             Readings((left, right), (0, 0, 16384, 0, 0, 0, yaw), 703, (811, 1217), i == 150)
         )
-        writer.say(VelocitySetpoint(1500, 0, 200, i & 0xFF), after_us=20_000)
+        writer.inform(VelocitySetpoint(1500, 0, 200, i & 0xFF), after_us=20_000)
     faults = 0
     for told in compare(writer.acts):
         faults |= told.faults
@@ -257,7 +257,7 @@ def test_an_older_host_leaves_out_last_fields() -> None:
     writer = Writer()
     writer.begin()
     for type_id, fields in ((0x02, 3), (0x06, 1), (0x09, 2), (0x0B, 3), (0x0D, 2)):
-        writer.say(Describe(type_id, fields))
+        writer.inform(Describe(type_id, fields))
     for payload in (b"\x10\x00", b"\x11\x00\x01", b"\x12", b"\x13\0\1\0\0\0\0\0\0"):
         for type_id in (0x02, 0x06, 0x09, 0x0B, 0x0D):
             writer.frame(1, type_id, payload)
@@ -293,12 +293,12 @@ def _saved(periods: int, *, again: bool) -> tuple[int, int]:
     """The top speed after a boot that came so many periods into a save; and before that one."""
     writer = Writer()
     writer.begin()
-    writer.say(SetMode(1, Mode.IDLE))
+    writer.inform(SetMode(1, Mode.IDLE))
     if again:
-        writer.say(SetParameter(2, SPEED, 2, f32(0.2)), SaveParameters(3))
+        writer.inform(SetParameter(2, SPEED, 2, f32(0.2)), SaveParameters(3))
         writer.wait(400_000)
     writer.acts.append(LoseSupply(periods))
-    writer.say(SetParameter(4, SPEED, 2, NEW), SaveParameters(5))
+    writer.inform(SetParameter(4, SPEED, 2, NEW), SaveParameters(5))
     writer.wait(500_000)
     told = the_kit().run(writer.acts)
     return told[-1].parameters[SPEED], told[-1].reboots
@@ -315,16 +315,16 @@ def test_a_supply_lost_while_saving_leaves_the_old_values_or_the_new(again: bool
 def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() -> None:
     writer = Writer()
     writer.begin()
-    writer.say(SetMode(1, Mode.IDLE))
-    writer.say(SetParameter(2, SPEED, 2, NEW), SetParameter(3, 8, 2, f32(13.0)))
-    writer.say(SaveParameters(4))
+    writer.inform(SetMode(1, Mode.IDLE))
+    writer.inform(SetParameter(2, SPEED, 2, NEW), SetParameter(3, 8, 2, f32(13.0)))
+    writer.inform(SaveParameters(4))
     writer.wait(400_000)
-    writer.say(SetParameter(5, 8, 2, f32(14.0)), Reboot(6, RebootKind.NORMAL))
+    writer.inform(SetParameter(5, 8, 2, f32(14.0)), Reboot(6, RebootKind.NORMAL))
     writer.wait(50_000)
     kept = len(writer.acts)
     writer.begin(8)
-    writer.say(SetMode(1, Mode.IDLE), GetParameter(2, SPEED), GetParameter(3, 8))
-    writer.say(Reboot(4, RebootKind.FACTORY_RESET))
+    writer.inform(SetMode(1, Mode.IDLE), GetParameter(2, SPEED), GetParameter(3, 8))
+    writer.inform(Reboot(4, RebootKind.FACTORY_RESET))
     writer.wait(50_000)
     told = compare(writer.acts)
     after = told[kept - 2].parameters
@@ -356,7 +356,7 @@ def test_what_claims_a_tag_is_refused_without_a_key_but_for_a_stop() -> None:
 def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(*, can: bool) -> None:
     for fields in range(5):
         writer = Writer(can=can)
-        writer.say(Describe(0x04, fields))
+        writer.inform(Describe(0x04, fields))
         writer.begin()
         told = compare(writer.acts, can=can)
         assert told[-1].agreed

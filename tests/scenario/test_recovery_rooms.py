@@ -68,7 +68,7 @@ def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall(s
     sigmas: list[tuple[float, float]] = []
 
     def look(t_s: float, host: Host) -> None:
-        sigmas.append((t_s, math.degrees(host.localisation.heading_doubt_rad)))
+        sigmas.append((t_s, math.degrees(host.localisation.heading_sigma_rad)))
 
     plan = load_room("empty")
     run_virtual(

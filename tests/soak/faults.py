@@ -59,23 +59,23 @@ class Result:
     """What must not be: crashes, unsafe motion, a log that cannot be read."""
 
 
-def draw_fault(kind: FaultKind, dice: random.Random, plan: FloorPlan) -> FaultSpec:
+def draw_fault(kind: FaultKind, rng: random.Random, plan: FloorPlan) -> FaultSpec:
     """A fault of a kind with drawn time and values."""
     values: dict[str, Value] = {}
     for argument in kind.arguments:
         if not isinstance(argument, Number):
-            values[argument.name] = dice.choice(argument.choices)
+            values[argument.name] = rng.choice(argument.choices)
         elif argument.name == "index":
-            values[argument.name] = float(dice.randrange(max(len(plan.obstacles), 1)))
+            values[argument.name] = float(rng.randrange(max(len(plan.obstacles), 1)))
         elif argument.name in _LOG_UNIFORM:
             top = min(argument.high, 100.0 * argument.default)
-            values[argument.name] = argument.default * (top / argument.default) ** dice.random()
+            values[argument.name] = argument.default * (top / argument.default) ** rng.random()
         else:
             span = 4.0 * abs(argument.default) or 0.3 * (argument.high - argument.low)
             low = max(argument.low, argument.default - span)
-            values[argument.name] = dice.uniform(low, min(argument.high, argument.default + span))
-    lasts_s = dice.choice((0.2, 1.0, 5.0, 20.0, None)) if kind.lasting else None
-    spec = FaultSpec(kind, round(dice.uniform(0.0, 40.0), 2), lasts_s, values)
+            values[argument.name] = rng.uniform(low, min(argument.high, argument.default + span))
+    lasts_s = rng.choice((0.2, 1.0, 5.0, 20.0, None)) if kind.lasting else None
+    spec = FaultSpec(kind, round(rng.uniform(0.0, 40.0), 2), lasts_s, values)
     return parse_fault(spec.text)
 
 
@@ -90,15 +90,15 @@ def run(seed: int, *, max_s: float = 60.0) -> Result:
 
 
 def _run(result: Result, max_s: float) -> None:
-    dice = random.Random(result.seed)
-    plan = load_room(dice.choice(ROOMS))
-    planner = dice.choice(PLANNERS)
+    rng = random.Random(result.seed)
+    plan = load_room(rng.choice(ROOMS))
+    planner = rng.choice(PLANNERS)
     kinds = [k for k in KINDS.values() if k.name != "obstacle" or plan.obstacles]
     # The first kind goes round, so that five hundred runs have each of them often enough.
-    chosen = [kinds[result.seed % len(kinds)], *dice.sample(kinds, dice.randrange(3))]
-    faults = [draw_fault(kind, dice, plan) for kind in chosen]
+    chosen = [kinds[result.seed % len(kinds)], *rng.sample(kinds, rng.randrange(3))]
+    faults = [draw_fault(kind, rng, plan) for kind in chosen]
     result.faults = tuple(spec.text for spec in faults)
-    onboard = dice.random() < 0.4
+    onboard = rng.random() < 0.4
     model = RobotModel()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.mcap"
@@ -123,9 +123,9 @@ def _run(result: Result, max_s: float) -> None:
             seed=result.seed,
             max_time_s=max_s,
             faults=faults,
-            line=LineSettings() if dice.random() < 0.5 else None,
+            line=LineSettings() if rng.random() < 0.5 else None,
             onboard=planner_number(planner) if onboard else None,
-            supervise=SuperviseSettings() if onboard or dice.random() < 0.5 else None,
+            supervise=SuperviseSettings() if onboard or rng.random() < 0.5 else None,
             prepare=truth.attach,
         )
         summary = summarise(finished, plan, planner, result.seed, str(path))

@@ -53,10 +53,10 @@ class Desk:
     def __init__(self, seed: int = 1) -> None:
         self.host = session_end()
         self.ends = Ends(self.host, sweeper(seed=seed))
-        self.settle()
+        self.reach_agreement()
         self.counter = 0
 
-    def settle(self) -> None:
+    def reach_agreement(self) -> None:
         assert self.ends.run(4.0, lambda: self.host.session.state is State.READY)
 
     def ask(self, make: Callable[[int], Message]) -> NackReason | None:

@@ -88,7 +88,7 @@ class Scripted:
         self.asked: list[str] = []
         self._confirm, self._choose, self._number = confirm, choose, number
 
-    def tell(self, text: str) -> None:
+    def show(self, text: str) -> None:
         self.told.append(text)
 
     def report(self, finding: Finding) -> None:

@@ -54,7 +54,7 @@ class KitRobot:
         """True time, and the firmware's."""
         return self._ticks * PERIOD_US
 
-    def say(self, *messages: Message) -> None:
+    def inform(self, *messages: Message) -> None:
         """Send at the end of the running period."""
         for message in messages:
             self.link.send(message, self.now_us, node=1)

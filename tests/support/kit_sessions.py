@@ -70,7 +70,9 @@ class Writer:
         """Let the sensors read this from now on."""
         self.acts.append(readings)
 
-    def say(self, *messages: Message, after_us: int = 1000, age_us: int = 0, node: int = 1) -> None:
+    def inform(
+        self, *messages: Message, after_us: int = 1000, age_us: int = 0, node: int = 1
+    ) -> None:
         """Send messages together, stamped as the host's clock stood ``age_us`` ago."""
         for message in messages:
             self._link.send(message, self.now_us + after_us + HOST_AHEAD_US - age_us, node=node)
@@ -111,15 +113,15 @@ class Writer:
 
     def begin(self, session_id: int = 7) -> None:
         """From nothing to driving."""
-        self.say(HostHello(0, session_id, 0, "first"))
-        self.say(HostHello(0, session_id, 1, "first"))
-        self.say(ClearStop(0xFFF0, StopCause.SESSION_END), SetMode(0xFFF1, Mode.VELOCITY))
+        self.inform(HostHello(0, session_id, 0, "first"))
+        self.inform(HostHello(0, session_id, 1, "first"))
+        self.inform(ClearStop(0xFFF0, StopCause.SESSION_END), SetMode(0xFFF1, Mode.VELOCITY))
 
     def drive(self, v: int, yaw_rate: int, times: int) -> None:
         """Setpoints as a host sends them."""
         for _ in range(times):
             self.counter = (self.counter + 1) & 0xFF
-            self.say(VelocitySetpoint(v, yaw_rate, 200, self.counter), after_us=20_000)
+            self.inform(VelocitySetpoint(v, yaw_rate, 200, self.counter), after_us=20_000)
 
 
 def _setpoint(kind: Callable[..., Message]) -> st.SearchStrategy[Any]:
@@ -238,7 +240,7 @@ def _do_setpoint(  # noqa: PLR0913, PLR0917 - a setpoint's fields
     age_us: int,
 ) -> None:
     writer.counter = writer.counter + advance & 0xFF
-    writer.say(kind(first, second, time_to_live, writer.counter), age_us=age_us)
+    writer.inform(kind(first, second, time_to_live, writer.counter), age_us=age_us)
 
 
 def _do_version(writer: Writer, version: int) -> None:
@@ -252,7 +254,7 @@ def _sealed(body: bytes) -> bytes:
 
 
 _DEEDS: dict[str, Callable[..., None]] = {
-    "say": lambda writer, message, node: writer.say(message, node=node),
+    "say": lambda writer, message, node: writer.inform(message, node=node),
     "setpoint": _do_setpoint,
     "drive": lambda writer, v, yaw_rate: writer.drive(v, yaw_rate, 4),
     "wait": Writer.wait,

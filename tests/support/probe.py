@@ -270,13 +270,13 @@ class Probe(WireProbe):
         self._counter = (self._counter + 1) & 0xFF
         return self._counter
 
-    def keep_saying(self, say: Callable[[], int], duration_s: float) -> int:
+    def keep_saying(self, inform: Callable[[], int], duration_s: float) -> int:
         """Repeat at the rate of a host's control loop; our clock as it was said last."""
         end_us = now_us() + round(duration_s * 1e6)
-        said_us = say()
+        said_us = inform()
         while now_us() < end_us:
             self.until(lambda: False, SETPOINT_S, alive=False)
-            said_us = say()
+            said_us = inform()
         return said_us
 
     def counts(self) -> list[tuple[int, int, int]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.rules.shadow import Shadow
+from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.settings import DisagreementRule
 from protocol.messages import PlannerState
 from protocol.values import PlannerPhase
@@ -25,8 +25,8 @@ class Device:
     """A device that sweeps lanes and tells of them; what it tells can be made wrong."""
 
     def __init__(self, onboard: str = "paper", rule: DisagreementRule | None = None) -> None:
-        self.shadow = Shadow(rule or DisagreementRule(motion_s=1.0), MODEL)
-        self.walk = Walk(self.shadow)
+        self.planner_check = PlannerCheck(rule or DisagreementRule(motion_s=1.0), MODEL)
+        self.walk = Walk(self.planner_check)
         self.onboard = onboard
         self.state = planner(IDLE)
         self.pose = Pose2(0.0, 0.0, 0.0)
@@ -34,7 +34,7 @@ class Device:
         self.follow_pose = True
         self.found: list[str] = []
 
-    def tell(self, state: PlannerState) -> None:
+    def emit_state(self, state: PlannerState) -> None:
         self.state = state
 
     def go(
@@ -58,7 +58,7 @@ class Device:
                 onboard=self.onboard,
                 range=reading(contacts=self.contacts),
             )
-            text, _ = self.shadow.tell()
+            text, _ = self.planner_check.evidence()
             if self.walk.held and text not in self.found:
                 self.found.append(text)
 
@@ -66,15 +66,15 @@ class Device:
         self, way_m: float, after: PlannerState, *, before: PlannerState | None = None
     ) -> None:
         """A lane of this way, which the state after it tells of."""
-        self.tell(before or planner(LANE, turns=self.state.turn_count, **_kept(self.state)))
+        self.emit_state(before or planner(LANE, turns=self.state.turn_count, **_kept(self.state)))
         self.go(round(way_m / CRUISE_M), CRUISE_M)
         self.go(30)  # the rest at its end
-        self.tell(after)
+        self.emit_state(after)
         self.go(20, rate=0.8)
 
     @property
     def data(self) -> dict[str, object]:
-        return dict(self.shadow.tell()[1])
+        return dict(self.planner_check.evidence()[1])
 
 
 def _kept(state: PlannerState) -> dict[str, int]:
@@ -97,9 +97,9 @@ def swept(way_m: float = 1.0, *, turns: int = 1, case: int = 1) -> Device:
     device = started()
     mm = round(way_m * 1000)
     device.lane(way_m, planner(TURN, distance=mm, previous=mm, case=case))
-    device.tell(planner(STEP, distance=mm, previous=mm, case=case))
+    device.emit_state(planner(STEP, distance=mm, previous=mm, case=case))
     device.go(40, CRUISE_M)
-    device.tell(planner(TURN, turns=turns, distance=mm, previous=mm, case=case))
+    device.emit_state(planner(TURN, turns=turns, distance=mm, previous=mm, case=case))
     device.go(40, rate=0.8)
     assert device.found == []
     return device

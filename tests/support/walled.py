@@ -28,10 +28,10 @@ class Room:
         self.filter = PoseFilter(ORIGIN)
         self.walls = WallMap(self.filter)
 
-    def doubt(self, sigma_m: float, sigma_rad: float) -> None:
-        self.filter.disturb(sigma_m, sigma_rad)
+    def inflate(self, sigma_m: float, sigma_rad: float) -> None:
+        self.filter.inflate(sigma_m, sigma_rad)
 
     def believe(self, x: float, y: float, theta: float) -> None:
-        step = np.zeros(self.filter.belief.size)
+        step = np.zeros(self.filter.joint_covariance.size)
         step[:3] = x, y, theta
         self.filter.apply(step)

@@ -83,22 +83,22 @@ def write_results(
     from bridge.bringup.values import edited
 
     for change in changes:
-        person.tell(change.line)
+        person.show(change.line)
     where = f"{robot} and the device" if robot else "the device (no --robot FILE was given)"
     if not person.confirm(f"Write this to {where}?"):
-        person.tell("nothing was written")
+        person.show("nothing was written")
         return NOWHERE
     if robot is not None:  # what can fail without the device, first
         text = robot_toml if is_there(robot) else ""
         replace_file(robot, edited(text, {c.key: c.new for c in changes}))
-        person.tell(f"{robot}: written")
+        person.show(f"{robot}: written")
     applied = set_on_device(desk, changes)
     if applied.set:
-        person.tell(f"device: set and saved {', '.join(applied.set)}")
+        person.show(f"device: set and saved {', '.join(applied.set)}")
     if applied.lacking:
-        person.tell(f"device: has no parameter {', '.join(applied.lacking)}")
+        person.show(f"device: has no parameter {', '.join(applied.lacking)}")
     if applied.reboot:
-        person.tell(f"{', '.join(applied.reboot)}: count from the device's next boot on")
+        person.show(f"{', '.join(applied.reboot)}: count from the device's next boot on")
     return Written(str(robot) if robot else None, applied.set, applied.lacking, applied.reboot)
 
 

@@ -21,7 +21,7 @@ from bridge.errors import (
 )
 from bridge.io.identifiers import new_session_id
 from tools.cli.cautions import caution_lines
-from tools.cli.console import ask, say
+from tools.cli.console import ask, inform
 from tools.cli.signals import until_signalled
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def desk_on(
 
     key = asked.key
     for line in caution_lines(model, None):
-        say(line)
+        inform(line)
     with contextlib.ExitStack() as stack:
         stack.enter_context(_named(asked.name))
         wire = PortWire(asked.open())
@@ -123,7 +123,7 @@ def _recorded(
     finally:
         records.closed()
         recorder.close(None)
-        say(f"recorded in {log.path}" if recorder.error is None else str(recorder.error))
+        inform(f"recorded in {log.path}" if recorder.error is None else str(recorder.error))
 
 
 def log_options(f: Callable[..., object]) -> Callable[..., object]:
@@ -153,7 +153,7 @@ class Terminal:
         self._desk, self._yes = desk, yes
         self._source = source or sys.stdin
 
-    def tell(self, text: str) -> None:
+    def show(self, text: str) -> None:
         """Print a line."""
         self._print(text, None)
 
@@ -162,13 +162,13 @@ class Terminal:
         self._print(finding.line, {True: "green", False: "red", None: "yellow"}[finding.ok])
 
     def _print(self, text: str, colour: str | None) -> None:
-        self._desk.told(text)
-        say(text, style=colour)
+        self._desk.record_line(text)
+        inform(text, style=colour)
 
     def confirm(self, text: str) -> bool:
         """Ask for a yes; the end of the input is a no."""
         if self._yes:
-            self.tell(f"{text} yes (--yes)")
+            self.show(f"{text} yes (--yes)")
             return True
         while True:
             said = self._line(f"{text} [y/n] ")
@@ -179,9 +179,9 @@ class Terminal:
 
     def choose(self, text: str, answers: Mapping[str, str]) -> str:
         """Ask for one of the keys; the end of the input is the last."""
-        self.tell(text)
+        self.show(text)
         for key, meaning in answers.items():
-            self.tell(f"  {key:3} {meaning}")
+            self.show(f"  {key:3} {meaning}")
         while True:
             said = self._line("> ")
             if said is None:

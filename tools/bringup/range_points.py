@@ -40,7 +40,7 @@ def measured(desk: Desk, person: Person, name: str, distances_m: Sequence[float]
             continue
         readings = [getattr(m, f"{name}_m") for _, m in desk.collect(Range, READ_S)]
         found.append(point(distance_m, readings))
-        person.tell(
+        person.show(
             f"  {shown}: reads {100 * found[-1].read_m:.2f} cm ±{1000 * found[-1].sigma_m:.1f} mm"
         )
     return found

@@ -44,15 +44,15 @@ def is_drawable() -> bool:
     return err().is_interactive
 
 
-def say(text: str, *, style: str | None = None) -> None:
+def inform(text: str, *, style: str | None = None) -> None:
     """Print a line for people, on stderr."""
     err().print(one_line(text), soft_wrap=True, style=style)
 
 
-def say_lines(text: str) -> None:
+def inform_lines(text: str) -> None:
     """Print several lines for people, on stderr."""
     for line in text.splitlines():
-        say(line)
+        inform(line)
 
 
 def complain(text: str) -> None:
@@ -121,7 +121,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
     what = [one_line(str(summary[k])) for k in ("room", "planner") if summary[k] is not None]
     if summary["seed"] is not None:
         what.append(f"seed {summary['seed']}")
-    outcome = Text(_told(summary["outcome"]), style)
+    outcome = Text(_or_unknown(summary["outcome"]), style)
     if summary["reason"] is not None:
         outcome.append(f" - {one_line(summary['reason'])}", style="none")
     rows: list[tuple[str, str | Text | None]] = [
@@ -140,7 +140,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
             "wire",
             (
                 f"{wire['frames']['rx']} frames in, {wire['frames']['tx']} out, "
-                f"{_told(wire['lost'])} lost, {_told(wire['crc_errors'])} damaged, "
+                f"{_or_unknown(wire['lost'])} lost, {_or_unknown(wire['crc_errors'])} damaged, "
                 f"{(wire['bytes']['rx'] + wire['bytes']['tx']) / 1024:.0f} KiB"
             ),
         ),
@@ -153,7 +153,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
     return table
 
 
-def _told(value: object) -> str:
+def _or_unknown(value: object) -> str:
     return "unknown" if value is None else one_line(str(value))
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from tools.cli.console import complain, flush, say, write_json
+from tools.cli.console import complain, flush, inform, write_json
 from tools.cli.interrupt import interrupted, is_done, set_done
 from tools.cli.output_queue import QueuedOutput
 from tools.cli.visible_text import shortened
@@ -173,7 +173,7 @@ def _warned(  # noqa: PLR0913, PLR0917 - the library's interface
     line: str | None = None,  # noqa: ARG001 - as above
 ) -> None:
     """Print a library's warning as our own: it may quote a text from outside."""
-    say(f"warning: {message}")
+    inform(f"warning: {message}")
 
 
 def _invoke(arguments: list[str]) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli import options
-from tools.cli.console import say
+from tools.cli.console import inform
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -92,7 +92,7 @@ def live_view(log: Path, *, view: bool, serve: bool) -> Iterator[str]:
     try:
         viewer.wait_started()
         if viewer.page:
-            say(f"the live picture is at {viewer.page}")
+            inform(f"the live picture is at {viewer.page}")
         yield viewer.page
     finally:
         viewer.close()

@@ -10,7 +10,7 @@ import click
 
 from tools.bringup.desk import clear_stop_option, log_options
 from tools.cli import options
-from tools.cli.console import say_lines, write_json, write_line
+from tools.cli.console import inform_lines, write_json, write_line
 from tools.cli.port_options import PortAsked, keyed_port_options
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         bench = BringUp(desk, Terminal(desk), model, clear_stop=clear_stop)
         bench.run(steps or _STEPS)
     if bench.steps:
-        say_lines(as_text(bench.steps))
+        inform_lines(as_text(bench.steps))
         if plot is not None:
             _draw(bench.steps, plot)
     if as_json:

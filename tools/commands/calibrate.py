@@ -77,7 +77,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     model, text = load_existing(robot)
     with desk_on(port, log, model, text) as desk:
         person = Terminal(desk, yes=yes)
-        person.tell(f"Let the robot stand still for {duration_s:g} s.")
+        person.show(f"Let the robot stand still for {duration_s:g} s.")
         turned = desk.watch(Encoders)
         readings = desk.collect(Imu, duration_s)
         desk.unwatch(turned)
@@ -90,7 +90,7 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
             bias, sure, wander = (
                 math.degrees(v) for v in (axis.bias_rad_s, axis.sure_rad_s, axis.wander_rad_s)
             )
-            person.tell(f"{axis.name}: {bias:+.4f} ±{sure:.4f} °/s, wandered by {wander:.4f}")
+            person.show(f"{axis.name}: {bias:+.4f} ±{sure:.4f} °/s, wandered by {wander:.4f}")
         wrong = complaint(found[2])
         if wrong is not None:
             raise BridgeError(wrong)
@@ -193,14 +193,14 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
             side_m=side_m, runs=runs, speed_m_s=speed_m_s, straight=straight, verify=verify
         )
         found = squares.run(asked)
-        for line in _told(found):
-            person.tell(line)
+        for line in _result_lines(found):
+            person.show(line)
         if found.refuted is None:
             changes = _odometry_changes(model, found.model)
             written = write_results(desk, person, changes, robot, text)
         else:
-            person.tell(f"refuted: {found.refuted}; nothing was written")
-            person.tell("drive more squares (--runs), slower, on a floor where no wheel slips")
+            person.show(f"refuted: {found.refuted}; nothing was written")
+            person.show("drive more squares (--runs), slower, on a floor where no wheel slips")
             written = NOWHERE
     _report(as_json, {"odometry": _figures(found), "written": written.to_dict()})
     return 0 if found.refuted is None else 1
@@ -218,7 +218,7 @@ def _odometry_changes(old: RobotModel, new: RobotModel) -> list[Change]:
     ]
 
 
-def _told(found: Result) -> list[str]:
+def _result_lines(found: Result) -> list[str]:
     correction, first = found.correction, found.first
     lines = []
     if found.scale is not None:
@@ -331,10 +331,10 @@ def _range(  # noqa: PLR0913 - one parameter per option
             )
             points = measured(desk, person, name, distances_m or _DISTANCES_M[sensor])
             if not points:
-                person.tell(f"{sensor}: left out")
+                person.show(f"{sensor}: left out")
                 continue
             result = fit(points, *now)
-            person.tell(
+            person.show(
                 f"{sensor}: error {1000 * result.before_m:.1f} mm before, "
                 f"{1000 * result.after_m:.1f} mm after"
             )

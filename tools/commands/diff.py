@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tools.cli import options
-from tools.cli.console import plain_console, say, write_json
+from tools.cli.console import inform, plain_console, write_json
 
 
 @click.command("diff", epilog="Example:  sweepctl diff before.mcap after.mcap --out both.html")
@@ -35,16 +35,16 @@ def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -
     check_format("--out", out, *PAGE, *PNG)
     with readable(a) as first, readable(b) as second:
         if as_json or out is not None:
-            told = (
+            result = (
                 write_page(first, second, out, force=force)
                 if out is not None
                 else compare(load_run(first), load_run(second))
             )
-            told["a"]["log"], told["b"]["log"] = str(a), str(b)
+            result["a"]["log"], result["b"]["log"] = str(a), str(b)
             if as_json:
-                write_json({**told, "out": str(out) if out else None})
+                write_json({**result, "out": str(out) if out else None})
             else:
-                say(f"wrote {out}")
+                inform(f"wrote {out}")
             return 0
         lines = rows(load_run(first), load_run(second))
     from rich.table import Table

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli import options
-from tools.cli.console import plain_console, say, write_json
+from tools.cli.console import inform, plain_console, write_json
 from tools.cli.paths import is_file, is_folder, is_there
 
 if TYPE_CHECKING:
@@ -67,11 +67,11 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     if find_baud:
         from bridge.doctor.attend import find_baud as search
 
-        found = search(target, tell=lambda rate: say(f"listening at {rate} baud"))
+        found = search(target, on_rate=lambda rate: inform(f"listening at {rate} baud"))
         if found is None:
-            say("no sweeper was heard at any rate")
+            inform("no sweeper was heard at any rate")
             return 3
-        say(f"a sweeper is heard at {found} baud: --baud {found}")
+        inform(f"a sweeper is heard at {found} baud: --baud {found}")
         baud = found
     import threading
 
@@ -83,7 +83,7 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     note = getattr(port, "latency_note", None)
     if not as_json:
         how = "listening" if listen else "asking and listening; nothing moves"
-        say(f"{target}: {how}, {duration_s:g} s (Ctrl-C ends it sooner)")
+        inform(f"{target}: {how}, {duration_s:g} s (Ctrl-C ends it sooner)")
     ended = threading.Event()
     with until_signalled(ended.set):  # what was seen is reported
         examination = attend(
@@ -169,20 +169,20 @@ def _print(target: str, findings: list[Finding], figures: dict[str, Any], note: 
 
 def _print_figures(console: Any, figures: dict[str, Any]) -> None:  # noqa: ANN401 - rich's console, imported late
     trip, delay = figures["round_trip_ms"], figures["delay_ms"]
-    told = [
+    counts = [
         f"{figures['frames']} frames in {figures['duration_s']:.1f} s",
         f"{figures['lost']} lost",
         f"{figures['damaged']} damaged",
     ]
     if trip:
-        told.append(f"round trip {trip['p50']:.1f} ms (p99 {trip['p99']:.1f})")
+        counts.append(f"round trip {trip['p50']:.1f} ms (p99 {trip['p99']:.1f})")
     if delay:
-        told.append(f"delay p95 {delay['p95']:.1f} ms")
+        counts.append(f"delay p95 {delay['p95']:.1f} ms")
     if figures["drift_error_ppm"] is not None:
-        told.append(f"clock {figures['drift_ppm']:+.0f} ppm (± {figures['drift_error_ppm']:.0f})")
+        counts.append(f"clock {figures['drift_ppm']:+.0f} ppm (± {figures['drift_error_ppm']:.0f})")
     elif figures["drift_ppm"] is not None:
-        told.append("clock not judged in so short a time")
-    console.print(", ".join(told), style="dim")
+        counts.append("clock not judged in so short a time")
+    console.print(", ".join(counts), style="dim")
     for boot in figures["boots"][:1]:
         who = f"{boot['firmware']}, uid {boot['uid']}, booted by {boot['cause']}"
         console.print(who, style="dim")

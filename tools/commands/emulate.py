@@ -13,7 +13,7 @@ import click
 
 from tools.cli import options
 from tools.cli.completion import complete_room
-from tools.cli.console import flush, say, write_line
+from tools.cli.console import flush, inform, write_line
 from tools.cli.signals import ending_signals
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                     noise=noise,
                     node=node,
                     boot_id=boot_id,
-                    tell=_tell,
+                    notify=_notify,
                 )
                 rig = options.rig(chip, line, fault, seed, chip.cannot)
             else:
@@ -204,7 +204,7 @@ def command(  # noqa: PLR0913 - one parameter per option
                 stack.callback(server.close)
             write_line(f"ready {port.path}")
             flush()
-            _tell(
+            _notify(
                 f"virtual sweeper{' with its firmware in QEMU' if chip else ''}, node {node}, in "
                 f"{plan.name} ({noise} noise, seed {seed}, {link}); Ctrl-C ends it"
             )
@@ -283,10 +283,10 @@ def _warn(  # noqa: PLR0913 - everything that can be wrong at the start
     from tools.cli.lan_risk import port_risk
 
     for text in caution_lines(model, plan):
-        _tell(text)
+        _notify(text)
     risk = port_risk(link, listen, lan=lan, keyed=keyed)
     if risk is not None:
-        _tell(f"warning: {risk}")
+        _notify(f"warning: {risk}")
 
 
 def _line(link: str, baud: int | None, latency_ms: float | None, bitrate: int) -> LineSettings:
@@ -313,50 +313,50 @@ def _port(
             return MulticastPort(partial(MulticastBus, lan=lan))
         case "tcp":
             host, number = listen or ("0.0.0.0" if lan else "127.0.0.1", 0)  # noqa: S104 - --lan
-            return TcpPort(host, number, _tell)
+            return TcpPort(host, number, _notify)
         case _:
             return PtyPort(pty_link)
 
 
-def _tell(text: str) -> None:
+def _notify(text: str) -> None:
     """A line for people; whoever read them may have left, and the device runs on."""
     with suppress(OSError, ValueError):
-        say(text)
+        inform(text)
 
 
 def _on_plug(name: str | None) -> None:
-    _tell("the port is unplugged" if name is None else f"the port is back: {name}")
+    _notify("the port is unplugged" if name is None else f"the port is back: {name}")
 
 
 def _on_fault(writer: RunWriter | None) -> Callable[[FaultEvent, int], None]:
     from tools.cli.fault_help import fault_record
 
-    def tell(event: FaultEvent, unix_ns: int) -> None:
-        _tell(f"fault at {event.t_us / 1e6:.2f} s: {event.text}")
+    def notify(event: FaultEvent, unix_ns: int) -> None:
+        _notify(f"fault at {event.t_us / 1e6:.2f} s: {event.text}")
         if writer is not None:
             writer.write(fault_record(event, unix_ns))
 
-    return tell
+    return notify
 
 
 def _sum_up(rig: Rig, report: ServeReport, chip: QemuSweeper | None, *, asked: bool) -> None:
     counts, late = rig.counts(), report.lateness
     if asked and late.periods:
-        _tell(
+        _notify(
             f"ran {report.duration_s:.1f} s: {late.periods} turns, 99 of 100 at most "
             f"{late.percentile_us(99.0) / 1000:.2f} ms late, the worst "
             f"{late.worst_us / 1000:.2f} ms; "
             f"{counts.to_host} B to the host, {counts.from_host} B from it"
         )
     if asked and chip is not None:
-        _tell(f"{chip.stack_free} B of the chip's stack were never used")
+        _notify(f"{chip.stack_free} B of the chip's stack were never used")
     lost = {
         "by the device, which had more to say than the line carries": counts.device_overrun,
         "in the adapter, because the host did not read": counts.adapter_overrun,
     }
     for where, count in lost.items():
         if count and (asked or rig.host_heard):
-            _tell(f"{count} B were lost {where}")
+            _notify(f"{count} B were lost {where}")
 
 
 def _truth_writer(  # noqa: PLR0913 - what a log says of itself

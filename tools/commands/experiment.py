@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from tools.cli import options
-from tools.cli.console import complain, say
+from tools.cli.console import complain, inform
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -157,7 +157,7 @@ def command(  # noqa: PLR0913 - one parameter per option
         outcome = run_all(store, trials, jobs)
         rows = store.rows(trials)
         if outcome.interrupted and rows:
-            say("the runs have ended; their report follows")
+            inform("the runs have ended; their report follows")
         if rows or as_json:
             made = output.write_results(out, _TITLES[what], _typed(what), rows)
             if as_json:
@@ -192,11 +192,11 @@ def _close(outcome: Outcome, done: str, out: Path) -> int:
     from tools.experiment.runs import ERRORS
 
     if outcome.interrupted:
-        say(f"{done}, kept in {out}; the same command goes on from there")
+        inform(f"{done}, kept in {out}; the same command goes on from there")
     for line in outcome.failed:
         complain(line)
     if outcome.failed:
-        say(f"in full: {out / ERRORS}")
+        inform(f"in full: {out / ERRORS}")
     return 1 if outcome.failed else 0
 
 

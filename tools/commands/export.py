@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tools.cli import options
-from tools.cli.console import complain, say, write_line
+from tools.cli.console import complain, inform, write_line
 
 
 @click.command(
@@ -62,9 +62,9 @@ def command(  # noqa: PLR0913 - one parameter per option
         complain(f"interrupted: the tables in {out} are not whole; --force writes them anew")
         return 1
     for problem in result.problems:
-        say(problem)
+        inform(problem)
     if as_json:
         write_line(exported_json(result))
     else:
-        say(f"wrote {result.messages} messages of {len(result.files)} topics to {out}")
+        inform(f"wrote {result.messages} messages of {len(result.files)} topics to {out}")
     return 0

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from tools.cli import options
-from tools.cli.console import say, write_json
+from tools.cli.console import inform, write_json
 from tools.cli.interrupt import set_done
 from tools.cli.port_options import port_argument
 
@@ -63,7 +63,7 @@ def command(
             raise
         except BaseException:
             if new is not None:  # it may have the key, and nobody else would
-                say(
+                inform(
                     f"the robot may have taken the key: {new} is kept; if the robot obeys with "
                     f"--key-file {new} it has, else delete the file"
                 )
@@ -72,6 +72,6 @@ def command(
             write_json({"port": port, "key": made is not None})
         else:
             said = f"set; keep {new}: it is told nowhere else" if new else "removed"
-            say(f"{port}: the key is {said}")
+            inform(f"{port}: the key is {said}")
         set_done()
     return 0

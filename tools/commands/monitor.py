@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli import options
-from tools.cli.console import flush, plain_console, say, write_json, write_line
+from tools.cli.console import flush, inform, plain_console, write_json, write_line
 from tools.cli.port_options import PortAsked, port_options
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def _look_on(
     from tools.cli.signals import until_signalled
     from tools.live.monitor_view import OwnerTable
 
-    say(f"{port} is another sweepctl's: what it knows is shown, not what passes")
+    inform(f"{port} is another sweepctl's: what it knows is shown, not what passes")
     ended: list[bool] = []
     newest: dict[str, Any] = {}
     end_ns = None if duration_s is None else clock.now() + round(duration_s * 1e9)

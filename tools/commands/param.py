@@ -10,7 +10,7 @@ import click
 
 from tools.cli import options
 from tools.cli.completion import complete_parameter, complete_robot
-from tools.cli.console import plain_console, say, write_json, write_line
+from tools.cli.console import inform, plain_console, write_json, write_line
 from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, keyed_port_options
 
@@ -97,7 +97,7 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
             after = [robot.get_parameter(p.number) for p in after]
         for name, now in zip(names, after, strict=True):
             was = before[name]
-            say(f"{now.name}: {_number(was, was.value)} -> {_number(now, now.value)} {now.unit}")
+            inform(f"{now.name}: {_number(was, was.value)} -> {_number(now, now.value)} {now.unit}")
         _remind(after)
         if as_json:
             _show(after, as_json=True)
@@ -115,10 +115,10 @@ def _save(*, port: PortAsked, as_json: bool) -> int:
         robot.save_parameters()
         found = robot.list_parameters()
         names = ", ".join(p.name for p in kept)
-        say(f"saved: {names}" if names else "saved; nothing had changed")
+        inform(f"saved: {names}" if names else "saved; nothing had changed")
         late = ", ".join(p.name for p in kept if p.needs_reboot)
         if late:
-            say(f"{late}: counts from the device's next boot on, so reboot it (sweepctl reboot)")
+            inform(f"{late}: counts from the device's next boot on, so reboot it (sweepctl reboot)")
         if as_json:
             _show(found, as_json=True)
         set_done()
@@ -149,7 +149,7 @@ def _diff(*, port: PortAsked, file: Path, as_json: bool) -> int:
         if rows_shown:
             _table(("parameter", "device", str(file), "unit"), rows_shown)
         else:
-            say("device and file agree")
+            inform("device and file agree")
     return 1 if found else 0
 
 
@@ -239,8 +239,8 @@ def _plain(value: float | None) -> str:
 def _remind(parameters: Sequence[Parameter]) -> None:
 
     if any(p.changed for p in parameters):
-        say("until the next boot; `sweepctl param save` makes it stay")
+        inform("until the next boot; `sweepctl param save` makes it stay")
     late = [p.name for p in parameters if p.needs_reboot]
     if late:
         what = "save and reboot" if any(p.changed for p in parameters) else "reboot"
-        say(f"{', '.join(late)}: counts from the device's next boot on, so {what} it")
+        inform(f"{', '.join(late)}: counts from the device's next boot on, so {what} it")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tools.cli import options
-from tools.cli.console import plain_console, say, write_json, write_lines
+from tools.cli.console import inform, plain_console, write_json, write_lines
 
 if TYPE_CHECKING:
     from bridge.io.candidates import Candidate
@@ -19,8 +19,8 @@ class Probe(click.Choice[str]):
 
     def get_invalid_choice_message(self, value: object, ctx: click.Context | None) -> str:
         """Say what to do: the option takes the next word for its value."""
-        told = super().get_invalid_choice_message(value, ctx)
-        return f"{told} Name ports before --probe."
+        problem = super().get_invalid_choice_message(value, ctx)
+        return f"{problem} Name ports before --probe."
 
 
 @click.command("ports", epilog="Example:  sweepctl ports --probe")
@@ -60,13 +60,13 @@ def command(
 
     found = candidates(named)
     if probe == "active":
-        say("warning: a hello goes to every port listed, whatever device is on it")
+        inform("warning: a hello goes to every port listed, whatever device is on it")
     if probe is not None:
         found = ask(found, active=probe == "active", baud=baud)
     if as_json:
         write_json({"ports": [one.to_dict() for one in found]})
     elif not found:
-        say("no serial port and no CAN interface; is the robot plugged in?")
+        inform("no serial port and no CAN interface; is the robot plugged in?")
     else:
         _show(found)
     return 0

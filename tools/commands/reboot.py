@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tools.cli import options
-from tools.cli.console import say, write_json
+from tools.cli.console import inform, write_json
 from tools.cli.interrupt import set_done
 from tools.cli.port_options import PortAsked, keyed_port_options
 
@@ -40,7 +40,7 @@ def command(*, port: PortAsked, as_json: bool) -> int:
         except KeyboardInterrupt as error:
             error.add_note("the device took the command and was not back yet")
             raise
-        say(f"{port.name}: the device has booted anew (cause: {after['reset_cause']})")
+        inform(f"{port.name}: the device has booted anew (cause: {after['reset_cause']})")
         if as_json:
             write_json({"port": port.name, "device": after})
         set_done()

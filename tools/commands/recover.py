@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tools.cli import options
-from tools.cli.console import say, write_json
+from tools.cli.console import inform, write_json
 
 
 @click.command("recover", epilog="Example:  sweepctl recover cut.mcap --out whole.mcap")
@@ -33,20 +33,24 @@ def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
     result = recover(file, out, force=force)
     others = parts_of(file)[1:]
     if others:
-        say(f"the run goes on in {', '.join(part.name for part in others)}: recover each by itself")
+        inform(
+            f"the run goes on in {', '.join(part.name for part in others)}: recover each by itself"
+        )
     for loss in result.losses:
-        say(f"lost: {loss.text()}")
+        inform(f"lost: {loss.text()}")
     if result.files > 1:
-        say(f"{file} is {result.files} files joined: all of them are in {out}")
+        inform(f"{file} is {result.files} files joined: all of them are in {out}")
     if result.stub_schemas:
-        say(f"{result.stub_schemas} schemas are lost: lost_schema_<number> stands for each")
+        inform(f"{result.stub_schemas} schemas are lost: lost_schema_<number> stands for each")
     if result.undeclared:
-        say(f"{result.undeclared} messages have lost their channel's name: /undeclared/<channel>")
+        inform(
+            f"{result.undeclared} messages have lost their channel's name: /undeclared/<channel>"
+        )
     if result.rescued:
-        say(f"{result.rescued} messages were taken out of a chunk that was cut")
+        inform(f"{result.rescued} messages were taken out of a chunk that was cut")
     if as_json:
         write_json(result.as_json())
     else:
         end = "" if result.whole else " (the end was missing or damaged)"
-        say(f"wrote {out}: {result.messages} messages in {result.chunks} chunks{end}")
+        inform(f"wrote {out}: {result.messages} messages in {result.chunks} chunks{end}")
     return 0

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tools.cli import options
-from tools.cli.console import flush, say, write_line
+from tools.cli.console import flush, inform, write_line
 
 
 @click.command(
@@ -97,9 +97,9 @@ def _check(log: Path, *, as_json: bool) -> int:
     if as_json:
         write_line(comparison_json(result))
     elif result.same:
-        say(f"{result.equal} messages of the device: the raw bytes say the same, bit for bit")
+        inform(f"{result.equal} messages of the device: the raw bytes say the same, bit for bit")
     else:
-        say(f"{result.equal} of {result.recorded} messages are the same; {result.first}")
+        inform(f"{result.equal} of {result.recorded} messages are the same; {result.first}")
     return 0 if result.same else 1
 
 
@@ -119,7 +119,7 @@ def _serve(log: Path, pty_link: Path | None) -> int:
             write_line(f"ready {port.path}")
             flush()
             name = device.recording.hello.name
-            say(f"{name}, recorded for {device.recording.duration_s:.1f} s; Ctrl-C ends it")
+            inform(f"{name}, recorded for {device.recording.duration_s:.1f} s; Ctrl-C ends it")
             serve(device, port, stopper)
     except PortUnavailableError as error:
         raise PortError(str(error)) from None
@@ -138,7 +138,9 @@ def _view(log: Path, speed: float, span_s: tuple[float, float | None], *, serve:
     check_view(view=True, serve=serve)
     ended = threading.Event()
     start_s, end_s = span_s
-    options_ = FeedOptions(log, speed=speed, start_s=start_s, end_s=end_s, serve=serve, report=say)
+    options_ = FeedOptions(
+        log, speed=speed, start_s=start_s, end_s=end_s, serve=serve, report=inform
+    )
     with until_signalled(ended.set):
         feed(options_, ended.is_set)
     return 0

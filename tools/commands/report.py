@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tools.cli import options
-from tools.cli.console import say, write_json
+from tools.cli.console import inform, write_json
 from tools.cli.paths import is_there
 
 
@@ -48,15 +48,15 @@ def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_j
     with readable(file) as log:
         data = write_report(log, page, png=png, force=force)
     if as_json:
-        told: dict[str, object] = {
+        result: dict[str, object] = {
             "report": None if page is None else str(page),
             "png": str(png) if png else None,
             "whole": data.whole,
         }
-        told |= {"problems": data.problems, "events": len(data.happenings), "lost": data.lost}
-        write_json(told)
+        result |= {"problems": data.problems, "events": len(data.happenings), "lost": data.lost}
+        write_json(result)
     else:
-        say("wrote " + " and ".join(str(path) for path in (page, png) if path is not None))
+        inform("wrote " + " and ".join(str(path) for path in (page, png) if path is not None))
         if keeps:
-            say(f"{default} was there and is left as it is; --force writes it anew")
+            inform(f"{default} was there and is left as it is; --force writes it anew")
     return 0

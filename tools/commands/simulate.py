@@ -11,7 +11,7 @@ import click
 
 from tools.cli import options
 from tools.cli.completion import complete_room
-from tools.cli.console import complain, err, print_summary, say
+from tools.cli.console import complain, err, inform, print_summary
 from tools.cli.supervising import rule_option
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     )
     writer = RunWriter(path, info, force=force)
     for line in caution_lines(model, plan):
-        say(line)
+        inform(line)
     try:
         for record in caution_records(model, plan, EPOCH_NS):
             writer.write(record)

@@ -7,7 +7,7 @@ import contextlib
 import click
 
 from tools.cli import options
-from tools.cli.console import complain, say, write_json
+from tools.cli.console import complain, inform, write_json
 from tools.cli.port_options import port_argument
 
 
@@ -53,5 +53,5 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
     if not found["confirmed"]:
         complain(f"{port}: {found['ending']}")
         return 3
-    say(f"{port}: stopped; the device has confirmed it")
+    inform(f"{port}: stopped; the device has confirmed it")
     return 0

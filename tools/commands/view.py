@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from tools.cli.console import say
+from tools.cli.console import inform
 
 
 @click.command("view", epilog="Example:  sweepctl view runs/demo-simulated.mcap")
@@ -69,16 +69,16 @@ def _write(log: Path, save: Path | None, png: Path | None, screenshot: Path | No
         from bridge.view.rerun.launch import open_viewer
 
         open_viewer(log, save=save)
-        say(f"wrote {save}")
+        inform(f"wrote {save}")
     if png is not None:
         from bridge.view.report.picture import draw_run
 
-        say(f"wrote {draw_run(log, png)}")
+        inform(f"wrote {draw_run(log, png)}")
     if screenshot is not None:
         from bridge.view.rerun.screenshot import save_screenshot
 
         save_screenshot(log, screenshot)
-        say(f"wrote {screenshot}")
+        inform(f"wrote {screenshot}")
 
 
 def _serve(log: Path) -> None:
@@ -90,4 +90,4 @@ def _serve(log: Path) -> None:
     check_view(view=False, serve=True)
     ended = threading.Event()
     with until_signalled(ended.set):
-        feed(FeedOptions(log, serve=True, report=say), ended.is_set)
+        feed(FeedOptions(log, serve=True, report=inform), ended.is_set)

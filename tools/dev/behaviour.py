@@ -168,7 +168,7 @@ def _rules() -> Iterator[Rule]:
     for what, us, source in (
         ("from reset to its first control period", device.BOOT_US, "sweeper.BOOT_US"),
         ("a program that hangs is reset after", device.WATCHDOG_US, "sweeper.WATCHDOG_US"),
-        ("onboard: at rest before the first leg", onboard.SETTLE_US, "device.onboard.SETTLE_US"),
+        ("onboard: at rest before the first leg", onboard.AT_REST_US, "device.onboard.AT_REST_US"),
     ):
         yield Rule("device", what, _us(us), f"sim_device.{source}")
     yield from _host_rules()
@@ -276,8 +276,8 @@ def _can_rules() -> Iterator[Rule]:
     yield Rule(
         "host, on CAN",
         "from the first hello heard, time for other devices to answer",
-        _ms(session_bus.SETTLE_NS),
-        "bridge.session.discovery.SETTLE_NS",
+        _ms(session_bus.ANSWERS_NS),
+        "bridge.session.discovery.ANSWERS_NS",
     )
 
 

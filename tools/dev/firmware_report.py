@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from tools.cli.console import say, write_line
+from tools.cli.console import inform, write_line
 from tools.dev.firmware_stack import Calls, UnboundedStackError, bound
 
 KIB = 1024
@@ -97,7 +97,7 @@ def _output(*command: str) -> str:
 def main(arguments: list[str]) -> int:
     """Print the table; 1 where a stack may outgrow its reserve, 2 where there is no build."""
     if len(arguments) != 1:
-        say("usage: python -m tools.dev.firmware_report BUILD")
+        inform("usage: python -m tools.dev.firmware_report BUILD")
         return 2
     build = Path(arguments[0])
     worst = 0
@@ -107,10 +107,10 @@ def main(arguments: list[str]) -> int:
         try:
             took = taken(build, name)
         except (OSError, subprocess.CalledProcessError) as error:
-            say(f"{build} holds no build of {name}, or no compiler: {error}")
+            inform(f"{build} holds no build of {name}, or no compiler: {error}")
             return 2
         except UnboundedStackError as error:
-            say(f"{name}: the stack has no bound: {error}")
+            inform(f"{name}: the stack has no bound: {error}")
             return 1
         ram = took.ram + took.reserve
         write_line(
@@ -124,7 +124,7 @@ def main(arguments: list[str]) -> int:
         write_line(f"  deepest: {' > '.join(took.deepest)}")
         worst = max(worst, took.stack - took.reserve)
     if worst > 0:
-        say(f"a stack may outgrow its reserve by {worst} B")
+        inform(f"a stack may outgrow its reserve by {worst} B")
     return int(worst > 0)
 
 

@@ -25,7 +25,7 @@ _CLEAR_M = 0.18
 _TRIES = 400
 
 
-class Dice(Protocol):
+class RandomSource(Protocol):
     """What is needed of a random generator (``numpy.random.Generator`` is one)."""
 
     def uniform(self, low: float, high: float) -> float:
@@ -33,17 +33,17 @@ class Dice(Protocol):
         ...
 
 
-def generate_room(seed: int, dice: Dice, kind: str | None = None) -> FloorPlan:
-    """A room drawn from ``dice``; ``seed`` only names it.
+def generate_room(seed: int, rng: RandomSource, kind: str | None = None) -> FloorPlan:
+    """A room drawn from ``rng``; ``seed`` only names it.
 
     Raises:
         KeyError: ``kind`` is not one of ``KINDS``.
 
     """
     if kind is None:
-        kind = KINDS[_whole(dice, 0, len(KINDS) - 1)]
-    walls, obstacles = _MAKERS[kind](dice)
-    start = _start(dice, walls, obstacles)
+        kind = KINDS[_whole(rng, 0, len(KINDS) - 1)]
+    walls, obstacles = _MAKERS[kind](rng)
+    start = _start(rng, walls, obstacles)
     return FloorPlan(f"{kind}-{seed}", walls, tuple(obstacles), start)
 
 
@@ -88,45 +88,47 @@ def distance_m(polygon: Polygon, x: float, y: float) -> float:
     return best
 
 
-def _whole(dice: Dice, low: int, high: int) -> int:
-    return min(int(dice.uniform(low, high + 1)), high)
+def _whole(rng: RandomSource, low: int, high: int) -> int:
+    return min(int(rng.uniform(low, high + 1)), high)
 
 
-def _start(dice: Dice, walls: Polygon, obstacles: list[Polygon]) -> Pose2:
+def _start(rng: RandomSource, walls: Polygon, obstacles: list[Polygon]) -> Pose2:
     """A pose at which the body is free, anywhere in the room."""
     xs, ys = [p[0] for p in walls], [p[1] for p in walls]
     for _ in range(_TRIES):
-        x, y = dice.uniform(min(xs), max(xs)), dice.uniform(min(ys), max(ys))
+        x, y = rng.uniform(min(xs), max(xs)), rng.uniform(min(ys), max(ys))
         if not contains(walls, x, y) or any(contains(o, x, y) for o in obstacles):
             continue
         if all(distance_m(polygon, x, y) > _CLEAR_M for polygon in (walls, *obstacles)):
-            heading = dice.uniform(-math.pi, math.pi)
-            if dice.uniform(0.0, 1.0) < 0.5:  # noqa: PLR2004 - half of the starts are square
+            heading = rng.uniform(-math.pi, math.pi)
+            if rng.uniform(0.0, 1.0) < 0.5:  # noqa: PLR2004 - half of the starts are square
                 heading = round(heading / (0.5 * math.pi)) * 0.5 * math.pi
             return Pose2(round(x, 3), round(y, 3), round(heading, 4))
     raise ValueError("no free place for the robot in this room")
 
 
-def _box_outline(dice: Dice, least: float = 1.8, most: float = 4.5) -> tuple[float, float, Polygon]:
-    width, depth = round(dice.uniform(least, most), 3), round(dice.uniform(least, most), 3)
+def _box_corners(
+    rng: RandomSource, least: float = 1.8, most: float = 4.5
+) -> tuple[float, float, Polygon]:
+    width, depth = round(rng.uniform(least, most), 3), round(rng.uniform(least, most), 3)
     return width, depth, rectangle(0.0, 0.0, width, depth)
 
 
 def _boxes(
-    dice: Dice, count: int, area: tuple[float, float, float, float], *, angled: bool = False
+    rng: RandomSource, count: int, area: tuple[float, float, float, float], *, angled: bool = False
 ) -> list[Polygon]:
     """Boxes in an area, on its walls or off them; they may overlap."""
     x0, y0, x1, y1 = area
     boxes: list[Polygon] = []
     for _ in range(count):
-        width = min(dice.uniform(0.2, 1.2), 0.45 * (x1 - x0))
-        depth = min(dice.uniform(0.2, 1.0), 0.45 * (y1 - y0))
-        x, y = dice.uniform(x0, x1 - width), dice.uniform(y0, y1 - depth)
+        width = min(rng.uniform(0.2, 1.2), 0.45 * (x1 - x0))
+        depth = min(rng.uniform(0.2, 1.0), 0.45 * (y1 - y0))
+        x, y = rng.uniform(x0, x1 - width), rng.uniform(y0, y1 - depth)
         if angled:
-            angle = dice.uniform(0.1, 1.45)
+            angle = rng.uniform(0.1, 1.45)
             boxes.append(turned(x + 0.5 * width, y + 0.5 * depth, width, depth, angle))
             continue
-        place = dice.uniform(0.0, 1.0)
+        place = rng.uniform(0.0, 1.0)
         if place < 0.25:  # noqa: PLR2004 - a quarter against each of two walls
             x = x0
         elif place < 0.5:  # noqa: PLR2004
@@ -135,14 +137,14 @@ def _boxes(
     return boxes
 
 
-def _box(dice: Dice) -> tuple[Polygon, list[Polygon]]:
-    width, depth, walls = _box_outline(dice)
-    return walls, _boxes(dice, _whole(dice, 0, 4), (0.0, 0.0, width, depth))
+def _box(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
+    width, depth, walls = _box_corners(rng)
+    return walls, _boxes(rng, _whole(rng, 0, 4), (0.0, 0.0, width, depth))
 
 
-def _ell(dice: Dice) -> tuple[Polygon, list[Polygon]]:
-    width, depth = dice.uniform(2.6, 4.6), dice.uniform(2.6, 4.6)
-    cut_x, cut_y = dice.uniform(0.35, 0.7) * width, dice.uniform(0.35, 0.7) * depth
+def _ell(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
+    width, depth = rng.uniform(2.6, 4.6), rng.uniform(2.6, 4.6)
+    cut_x, cut_y = rng.uniform(0.35, 0.7) * width, rng.uniform(0.35, 0.7) * depth
     corners: tuple[Point, ...] = (
         (0.0, 0.0),
         (width, 0.0),
@@ -152,37 +154,37 @@ def _ell(dice: Dice) -> tuple[Polygon, list[Polygon]]:
         (0.0, depth),
     )
     walls = tuple((round(x, 3), round(y, 3)) for x, y in corners)
-    return walls, _boxes(dice, _whole(dice, 0, 2), (0.0, 0.0, cut_x, cut_y))
+    return walls, _boxes(rng, _whole(rng, 0, 2), (0.0, 0.0, cut_x, cut_y))
 
 
-def _turned(dice: Dice) -> tuple[Polygon, list[Polygon]]:
-    width, depth, walls = _box_outline(dice, 2.4)
+def _turned(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
+    width, depth, walls = _box_corners(rng, 2.4)
     area = (0.2, 0.2, width - 0.2, depth - 0.2)
-    return walls, _boxes(dice, _whole(dice, 1, 3), area, angled=True)
+    return walls, _boxes(rng, _whole(rng, 1, 3), area, angled=True)
 
 
-def _columns(dice: Dice) -> tuple[Polygon, list[Polygon]]:
-    width, depth, walls = _box_outline(dice, 2.4)
+def _columns(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
+    width, depth, walls = _box_corners(rng, 2.4)
     obstacles = [
         column(
-            dice.uniform(0.4, width - 0.4),
-            dice.uniform(0.4, depth - 0.4),
-            dice.uniform(0.08, 0.4),
+            rng.uniform(0.4, width - 0.4),
+            rng.uniform(0.4, depth - 0.4),
+            rng.uniform(0.08, 0.4),
         )
-        for _ in range(_whole(dice, 1, 3))
+        for _ in range(_whole(rng, 1, 3))
     ]
-    return walls, obstacles + _boxes(dice, 1, (0.0, 0.0, width, depth))
+    return walls, obstacles + _boxes(rng, 1, (0.0, 0.0, width, depth))
 
 
-def _legs(dice: Dice) -> tuple[Polygon, list[Polygon]]:
-    width, depth, walls = _box_outline(dice, 2.4)
+def _legs(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
+    width, depth, walls = _box_corners(rng, 2.4)
     obstacles: list[Polygon] = []
-    for _ in range(_whole(dice, 1, 3)):
-        across, along = dice.uniform(0.4, 1.2), dice.uniform(0.4, 0.9)
-        x = dice.uniform(0.2, max(width - across - 0.2, 0.21))
-        y = dice.uniform(0.2, max(depth - along - 0.2, 0.21))
-        leg = dice.uniform(0.03, 0.05)
-        angle = dice.uniform(0.0, 0.4)
+    for _ in range(_whole(rng, 1, 3)):
+        across, along = rng.uniform(0.4, 1.2), rng.uniform(0.4, 0.9)
+        x = rng.uniform(0.2, max(width - across - 0.2, 0.21))
+        y = rng.uniform(0.2, max(depth - along - 0.2, 0.21))
+        leg = rng.uniform(0.03, 0.05)
+        angle = rng.uniform(0.0, 0.4)
         c, s = math.cos(angle), math.sin(angle)
         for i in (0.0, across):
             for j in (0.0, along):
@@ -192,28 +194,28 @@ def _legs(dice: Dice) -> tuple[Polygon, list[Polygon]]:
     return walls, obstacles
 
 
-def _pockets(dice: Dice) -> tuple[Polygon, list[Polygon]]:
+def _pockets(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
     """Cupboards in a row along a wall, with niches of a robot's width and more between them."""
-    width, depth, walls = _box_outline(dice, 2.4)
+    width, depth, walls = _box_corners(rng, 2.4)
     obstacles: list[Polygon] = []
-    x, height = dice.uniform(0.0, 0.5), dice.uniform(0.4, 0.9)
+    x, height = rng.uniform(0.0, 0.5), rng.uniform(0.4, 0.9)
     while x < width - 0.3:
-        across = min(dice.uniform(0.2, 0.7), width - x)
+        across = min(rng.uniform(0.2, 0.7), width - x)
         obstacles.append(rectangle(x, depth - height, x + across, depth))
-        x += across + dice.uniform(0.22, 0.7)
+        x += across + rng.uniform(0.22, 0.7)
     return walls, obstacles
 
 
-def _corridor(dice: Dice) -> tuple[Polygon, list[Polygon]]:
+def _corridor(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
     """A corridor with rooms on one side."""
-    count = _whole(dice, 2, 3)
-    room, hall = dice.uniform(1.8, 2.6), dice.uniform(0.7, 1.3)
-    depth = dice.uniform(1.8, 2.8)
+    count = _whole(rng, 2, 3)
+    room, hall = rng.uniform(1.8, 2.6), rng.uniform(0.7, 1.3)
+    depth = rng.uniform(1.8, 2.8)
     width = count * room + (count - 1) * _WALL_M
     obstacles: list[Polygon] = []
     for k in range(count):
         x0 = k * (room + _WALL_M)
-        door, at = dice.uniform(0.45, 0.9), dice.uniform(0.1, 0.5)
+        door, at = rng.uniform(0.45, 0.9), rng.uniform(0.1, 0.5)
         left = x0 + at * (room - door)
         if left > x0:
             obstacles.append(rectangle(x0, hall, left, hall + _WALL_M))
@@ -221,23 +223,23 @@ def _corridor(dice: Dice) -> tuple[Polygon, list[Polygon]]:
         if k:
             obstacles.append(rectangle(x0 - _WALL_M, hall, x0, hall + _WALL_M + depth))
         area = (x0, hall + _WALL_M + 0.5, x0 + room, hall + _WALL_M + depth)
-        obstacles.extend(_boxes(dice, _whole(dice, 0, 1), area))
+        obstacles.extend(_boxes(rng, _whole(rng, 0, 1), area))
     return rectangle(0.0, 0.0, width, hall + _WALL_M + depth), obstacles
 
 
-def _flat(dice: Dice) -> tuple[Polygon, list[Polygon]]:
+def _flat(rng: RandomSource) -> tuple[Polygon, list[Polygon]]:
     """Four rooms about a cross of walls with doors, and furniture."""
-    width, depth = dice.uniform(5.0, 8.0), dice.uniform(4.5, 7.5)
-    x, y = dice.uniform(0.4, 0.6) * width, dice.uniform(0.4, 0.6) * depth
+    width, depth = rng.uniform(5.0, 8.0), rng.uniform(4.5, 7.5)
+    x, y = rng.uniform(0.4, 0.6) * width, rng.uniform(0.4, 0.6) * depth
     half = 0.5 * _WALL_M
     obstacles: list[Polygon] = []
     for low, high in ((0.0, x - half), (x + half, width)):
-        door, at = dice.uniform(0.6, 1.0), dice.uniform(0.1, 0.6)
+        door, at = rng.uniform(0.6, 1.0), rng.uniform(0.1, 0.6)
         left = low + at * (high - low - door)
         obstacles.append(rectangle(low, y - half, left, y + half))
         obstacles.append(rectangle(left + door, y - half, high, y + half))
-    low, high = (0.0, y - half) if dice.uniform(0.0, 1.0) < 0.5 else (y + half, depth)  # noqa: PLR2004
-    door, at = dice.uniform(0.6, 1.0), dice.uniform(0.1, 0.6)
+    low, high = (0.0, y - half) if rng.uniform(0.0, 1.0) < 0.5 else (y + half, depth)  # noqa: PLR2004
+    door, at = rng.uniform(0.6, 1.0), rng.uniform(0.1, 0.6)
     left = low + at * (high - low - door)
     obstacles.append(rectangle(x - half, low, x + half, left))
     obstacles.append(rectangle(x - half, left + door, x + half, high))
@@ -247,12 +249,12 @@ def _flat(dice: Dice) -> tuple[Polygon, list[Polygon]]:
     for x0, x1 in ((0.0, x - half), (x + half, width)):
         for y0, y1 in ((0.0, y - half), (y + half, depth)):
             obstacles.extend(
-                _boxes(dice, _whole(dice, 0, 2), (x0 + 0.2, y0 + 0.5, x1 - 0.2, y1 - 0.5))
+                _boxes(rng, _whole(rng, 0, 2), (x0 + 0.2, y0 + 0.5, x1 - 0.2, y1 - 0.5))
             )
     return rectangle(0.0, 0.0, width, depth), obstacles
 
 
-_MAKERS: dict[str, Callable[[Dice], tuple[Polygon, list[Polygon]]]] = {
+_MAKERS: dict[str, Callable[[RandomSource], tuple[Polygon, list[Polygon]]]] = {
     "box": _box,
     "ell": _ell,
     "turned": _turned,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from tools.cli.console import err, is_drawable, say
+from tools.cli.console import err, inform, is_drawable
 from tools.cli.signals import held_back, until_signalled
 from tools.experiment.ending import prepare_worker, run_until_ended
 from tools.experiment.trials import room_of, work
@@ -91,7 +91,7 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
         done = len(trials) - len(missing)
         task = bar.add_task("", total=sum(costs.values()), done=done, count=len(trials))
         if not is_drawable():
-            say(f"{done}/{len(trials)} runs done, {workers} at a time from here")
+            inform(f"{done}/{len(trials)} runs done, {workers} at a time from here")
         try:
             # the longest first: none of them is left alone at the end
             ordered = sorted(missing, key=lambda trial: -costs[trial])
@@ -104,7 +104,7 @@ def run_all(store: Store, trials: list[Trial], jobs: int | None) -> Outcome:
                     done += 1
                     bar.update(task, advance=costs[trial], description=text, done=done)
                     if not is_drawable():
-                        _tell(bar, task, text)
+                        _print_progress(bar, task, text)
         except BrokenProcessPool as error:
             _break_off(outcome, error)
         if outcome.interrupted:
@@ -170,9 +170,9 @@ def _figure(row: dict[str, Any]) -> str:
     return str(row.get("outcome", "done"))
 
 
-def _tell(bar: Progress, task_id: TaskID, text: str) -> None:
+def _print_progress(bar: Progress, task_id: TaskID, text: str) -> None:
     task = next(task for task in bar.tasks if task.id == task_id)
-    say(f"{task.fields['done']}/{task.fields['count']} {text}; {_time_left(task)}")
+    inform(f"{task.fields['done']}/{task.fields['count']} {text}; {_time_left(task)}")
 
 
 def _time_left(task: Task) -> str:

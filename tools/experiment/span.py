@@ -35,10 +35,10 @@ def planner_of(trial: Trial, model: RobotModel) -> Planner:
         UnknownPlannerError: there is no such planner.
 
     """
-    dice = random.Random(trial.seed)
-    planner = make_planner(trial.planner, model, dice)
+    rng = random.Random(trial.seed)
+    planner = make_planner(trial.planner, model, rng)
     if isinstance(planner, RandomPlanner):
-        return RandomPlanner(model, dice, replace(RandomOptions(), max_time_s=float("inf")))
+        return RandomPlanner(model, rng, replace(RandomOptions(), max_time_s=float("inf")))
     return planner
 
 

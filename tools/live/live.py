@@ -22,7 +22,7 @@ from bridge.io import clock
 from bridge.run.ending import described
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import EventRecord, IdentityRecord, LogRecord, Severity
-from tools.cli.console import drop_queued, err, say
+from tools.cli.console import drop_queued, err, inform
 from tools.cli.visible_text import one_line
 from tools.live.heading import RunFacts, heading
 from tools.live.map import legend, swept_picture
@@ -56,8 +56,8 @@ _STATUS_NS = 5_000_000_000
 """Time between plain lines about the state of the run, nanoseconds."""
 _NARROW, _LOW, _LOWEST, _FOOTER = 110, 22, 15, 2
 """Columns and rows below which one small table tells what matters most."""
-_COLUMN, _TABLE, _LEAST_MAP = 44, 46, 10
-_LEAST_ROWS = 6
+_COLUMN, _TABLE, _MIN_MAP = 44, 46, 10
+_MIN_ROWS = 6
 """Rows of the map below which its legend is left out."""
 _TALL = 24
 """Rows from which three lines, and not two, may hold port, time, coverage, log and viewer."""
@@ -85,23 +85,23 @@ class Teller:
             self._first_ns = self._status_ns = record.log_ns
         if isinstance(record, EventRecord):
             if record.severity is not Severity.DEBUG and not _ends_run(record):
-                self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
+                self._show_line(record.log_ns, record.severity, f"{record.source}: {record.text}")
         elif isinstance(record, LogRecord):
-            self._tell(record.log_ns, record.severity, f"{record.source}: {record.text}")
+            self._show_line(record.log_ns, record.severity, f"{record.source}: {record.text}")
         elif isinstance(record, IdentityRecord):
             self.on_agreed()
         if self._plain and self.status and record.log_ns - self._status_ns >= _STATUS_NS:
             self._status_ns = record.log_ns
-            self._tell(record.log_ns, Severity.INFO, self.status())
+            self._show_line(record.log_ns, Severity.INFO, self.status())
 
     def close(self, summary: object = None) -> None:
         """The sink is closed by whoever opened it."""
 
-    def _tell(self, log_ns: int, severity: Severity, text: str) -> None:
+    def _show_line(self, log_ns: int, severity: Severity, text: str) -> None:
         line = f"{(log_ns - (self._first_ns or 0)) / 1e9:8.2f}  {one_line(text)}"
         if self._plain:
             with contextlib.suppress(OSError):  # the reader has left; the run goes on
-                say(line, style=_STYLES[severity])
+                inform(line, style=_STYLES[severity])
             return
         self.lines.append((severity, line))
 
@@ -176,7 +176,7 @@ class LivePicture:
                 compact_table(host, self._rates, now_ns / 1e9), title="robot", title_align="left"
             )
             map_width = width - _TABLE
-            if map_width < _LEAST_MAP:
+            if map_width < _MIN_MAP:
                 columns.update(table)
             else:
                 columns.split_row(
@@ -200,7 +200,7 @@ class LivePicture:
         rows = max(1, height - 2 - len(below))
         picture = swept_picture(host, inside, max(2, 2 * rows), self._trail, plan)
         subtitle = None if below else shown[0]
-        content = Group(picture, *below) if rows >= _LEAST_ROWS else picture
+        content = Group(picture, *below) if rows >= _MIN_ROWS else picture
         return Panel(content, title="map", title_align="left", subtitle=subtitle)
 
     def _three(self, host: Snapshot, columns: Layout, width: int, body: int, now_s: float) -> None:

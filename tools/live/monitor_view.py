@@ -12,7 +12,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from protocol.values import Contact, flag_labels
-from tools.cli.console import drop_queued, flush, plain_console, say, write_json, write_line
+from tools.cli.console import drop_queued, flush, inform, plain_console, write_json, write_line
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -83,17 +83,17 @@ class TextLines(Nothing):
         for node, value in monitor.strangers.items():
             if node not in self._warned:
                 self._warned.add(node)
-                say(_stranger(node, value))
+                inform(_stranger(node, value))
         if now_ns - self._rates_ns >= _RATES_NS:
             rates = _rates(monitor)
             if self._rates_ns and rates != self._rates:  # nothing is worth saying once
-                say(rates)
+                inform(rates)
                 self._rates = rates if rates.startswith(_SILENCE) else ""
             self._rates_ns = now_ns
 
     def sum_up(self, monitor: Monitor) -> None:
         """Say the totals."""
-        say(_totals(monitor))
+        inform(_totals(monitor))
 
 
 class JsonLines(Nothing):
@@ -124,7 +124,7 @@ class JsonLines(Nothing):
 
     def sum_up(self, monitor: Monitor) -> None:
         """Say the totals."""
-        say(_totals(monitor))
+        inform(_totals(monitor))
 
 
 class Table(Nothing):
@@ -176,9 +176,9 @@ class Table(Nothing):
             more = "…" if len(bad.raw) > _SHOWN_BYTES else ""
             shown = bad.raw[:_SHOWN_BYTES].hex(" ")
             text = f"newest bad: {bad.text}: {shown}{more}"
-            told = Text(text, style="red", no_wrap=is_low)
-            told.overflow = "ellipsis" if is_low else "fold"
-            parts.append(told)
+            newest_bad = Text(text, style="red", no_wrap=is_low)
+            newest_bad.overflow = "ellipsis" if is_low else "fold"
+            parts.append(newest_bad)
         parts.append(Text("Ctrl-C: end", style="dim"))
         return Group(*parts)
 

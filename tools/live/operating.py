@@ -108,9 +108,9 @@ class Operating:
         """Let go and say so: the gamepad was unplugged. Keys may drive on."""
         self.dead_man.let_go()
         self.message = f"the gamepad {path} is gone: the robot stands; keys still drive"
-        self._pump.call(lambda: self._tell_gone(path))
+        self._pump.call(lambda: self._log_gone(path))
 
-    def _tell_gone(self, path: str) -> None:
+    def _log_gone(self, path: str) -> None:
         text = f"the gamepad {path} is gone: the robot was stopped"
         self._host.event(clock.now(), Severity.WARNING, "operator", EventKind.GAMEPAD_GONE, text)
 
@@ -184,14 +184,14 @@ class Operating:
             self.message = _SAID[self.operator.hand]
         elif self._pump.snapshot.mission.phase is not Phase.WAITING:
             self.message = "the run cannot begin now"
-        elif self._refused() is None and self._twice(key, f"{key} again lets {what} begin"):
+        elif self._reason_against() is None and self._twice(key, f"{key} again lets {what} begin"):
             then()
             clear = self._clear_stop
             self._pump.call(lambda: mission.start(self.operator, clear_stop=clear))
             self._on_start()
             self.message = f"{what} begins after a moment at rest"
 
-    def _refused(self) -> str | None:
+    def _reason_against(self) -> str | None:
         """What stands against a start, said; None: nothing."""
         status = self._pump.snapshot.state.status
         if status is None:

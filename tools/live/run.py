@@ -38,7 +38,7 @@ from bridge.session.event_kinds import EventKind
 from bridge.session.records import RoomRecord, RunInfo, Severity
 from bridge.supervise import Supervisor
 from tools.cli.cautions import cautions
-from tools.cli.console import is_drawable, say
+from tools.cli.console import inform, is_drawable
 from tools.cli.lan_risk import bus_risk
 from tools.cli.options import DEFAULT_PLANNER
 from tools.cli.recording import check_view, live_view
@@ -217,10 +217,10 @@ def _operator(asked: LiveOptions) -> Operator:
         name = asked.planner or DEFAULT_PLANNER
         return PlanRunner(make_planner(name, asked.model, np.random.default_rng()), asked.model)
 
-    most_m_s = asked.model.max_speed_m_s
+    max_m_s = asked.model.max_speed_m_s
     return Operator(
         asked.model,
-        DeadMan(most_m_s, min(asked.speed_m_s, most_m_s)),
+        DeadMan(max_m_s, min(asked.speed_m_s, max_m_s)),
         plan=make_plan() if asked.planner is not None else None,
         make_plan=None if asked.drive else make_plan,
         manual=asked.drive,
@@ -251,19 +251,19 @@ def _operating(asked: LiveOptions, pump: Pump, operator: Operator) -> Operating:
 def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
     """Let other shells reach the robot through this run; say what is amiss with the port."""
 
-    def tell(kind: EventKind, text: str) -> None:
+    def warn(kind: EventKind, text: str) -> None:
         pump.host.event(clock.now(), Severity.WARNING, "link", kind, text)
 
     note = latency_note(opened)
     if note is not None:
-        tell(EventKind.LATENCY, note)
+        warn(EventKind.LATENCY, note)
     risk = bus_risk(asked.port, lan=asked.opening.lan, keyed=asked.key is not None)
     if risk is not None:
-        tell(EventKind.LAN, risk)
+        warn(EventKind.LAN, risk)
     try:
         owner = OwnerSocket(asked.port, OwnerService(pump.host, pump))
     except BridgeError as error:
-        tell(EventKind.NO_SOCKET, f"other shells cannot reach this run: {error}")
+        warn(EventKind.NO_SOCKET, f"other shells cannot reach this run: {error}")
         yield
         return
 
@@ -271,7 +271,7 @@ def _owner(asked: LiveOptions, pump: Pump, opened: BytePort) -> Iterator[None]:
         try:
             owner.also(name)
         except OSError as error:
-            tell(
+            warn(
                 EventKind.NO_SOCKET,
                 f"other shells cannot find this run under {name}: {error.strerror}",
             )
@@ -364,7 +364,7 @@ def _answered(operating: Operating) -> Callable[[Key], None]:
         before = operating.message
         operating.on_key(key)
         if operating.message != before:
-            say(operating.message)
+            inform(operating.message)
 
     return on_key
 
@@ -396,7 +396,7 @@ def _picture(pump: Pump, teller: Teller, operating: Operating, facts: RunFacts) 
         # In the loop's thread, which makes the records.
         teller.status = lambda: status_line(host.snapshot())
         if Keyboard.possible():
-            say(operating.help(_ANY_WIDTH))
+            inform(operating.help(_ANY_WIDTH))
         yield
         return
     picture = LivePicture(

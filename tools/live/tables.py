@@ -252,10 +252,10 @@ def sensor_table(host: Snapshot, now_s: float) -> Table:
     return _rows(rows)
 
 
-def _range(value: float | None, most_m: float) -> Text:
+def _range(value: float | None, max_m: float) -> Text:
     if value is None:
         return Text("nothing", style="dim")
-    return Text.assemble(f"{value:.3f} m ", (_bar(value / most_m, 12), "cyan"))
+    return Text.assemble(f"{value:.3f} m ", (_bar(value / max_m, 12), "cyan"))
 
 
 def planner_table(host: Snapshot, planner: str = "") -> Table:

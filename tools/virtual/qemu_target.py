@@ -43,7 +43,7 @@ def device(  # noqa: PLR0913 - what a device is made with
     noise: str,
     node: int,
     boot_id: int,
-    tell: Callable[[str], None],
+    notify: Callable[[str], None],
 ) -> QemuSweeper:
     """A chip that runs, until ``stack`` is closed; the firmware is built where none is given.
 
@@ -57,7 +57,7 @@ def device(  # noqa: PLR0913 - what a device is made with
 
     find_qemu()
     made = QemuSweeper(
-        firmware or firmware_elf(tell=tell),
+        firmware or firmware_elf(notify=notify),
         plan,
         model,
         seed=seed,

@@ -50,13 +50,13 @@ class LaneOptions:
     rest_s: float = 0.6
     """Stand still at the end of every lane: the gyro's bias is measured in the second half of
     it. At 0.01 °/s a run of case 1 would else end 2° askew. 0 leaves it out."""
-    least_step_m: float = 0.02
+    min_step_m: float = 0.02
     """A step is never shorter, however far a lane strayed towards the next one."""
     both_ends_widths: float = 1.0
     """From how many W a lane has two ends: those of a shorter one are the same place, and a step
     that is blocked at both says no more than one that is blocked at one. Only for
     ``last_partial_lane``."""
-    most_blocked: int = 3
+    max_blocked: int = 3
     """Blocked side steps in a row with which the robot is not yet shut in, however short the lanes
     between them; one more is the end of ``last_partial_lane``."""
     max_lanes: int = 2000
@@ -121,7 +121,7 @@ class LanePlanner(ScriptedPlanner, ABC):
         result = yield from self._drive(
             Drive(
                 heading_rad,
-                max(way_m, options.least_step_m),
+                max(way_m, options.min_step_m),
                 stop_range_m=options.step_stop_range_m,
                 purpose="step",
             ),
@@ -164,6 +164,6 @@ class LanePlanner(ScriptedPlanner, ABC):
             return "side step blocked: the robot could not go further"
         two_ends_m = options.both_ends_widths * self.model.cleaning_width_m
         both_ends = self._blocked_steps > 1 and lane.distance_m >= two_ends_m
-        if both_ends or self._blocked_steps > options.most_blocked:
+        if both_ends or self._blocked_steps > options.max_blocked:
             return "side step blocked at both ends of the last lane"
         return None

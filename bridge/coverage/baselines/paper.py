@@ -77,7 +77,7 @@ class PaperPlanner(LanePlanner):
             step = yield from self._side_step(lane.pose, width)
             blocked = self._is_short(step)
             if blocked:
-                self._tell_blocked(step)
+                self._report_blocked(step)
             reason = self._stuck(lane, blocked=blocked)
             if reason is not None:
                 return reason
@@ -150,8 +150,8 @@ class PaperPlanner(LanePlanner):
             line_m = self._line_m
             back = yield from self._side_step(leave, -length)
             if self._is_short(back):
-                self._tell_blocked(back)
-            pose = yield from self._sweep_shadow(
+                self._report_blocked(back)
+            pose = yield from self._sweep_occlusion(
                 wrap_angle(heading + math.pi), back.pose, self._offset_m(leave) - 0.5 * width
             )
             if self.options.return_by == "leave_point":
@@ -161,7 +161,7 @@ class PaperPlanner(LanePlanner):
             self._state = replace(self._state, turn_count=0)
         self.decide("recovery-end", "the shadow is swept as far as it could be")
 
-    def _sweep_shadow(
+    def _sweep_occlusion(
         self,
         heading: float,
         pose: Pose2,
@@ -186,7 +186,7 @@ class PaperPlanner(LanePlanner):
             pose = step.pose
             blocked = self._is_short(step)
             if blocked:
-                self._tell_blocked(step)
+                self._report_blocked(step)
             if self._stuck(lane, blocked=blocked) is not None:
                 break
             heading = wrap_angle(heading + math.pi)
@@ -201,10 +201,10 @@ class PaperPlanner(LanePlanner):
         leg = GoTo(leave.x_m, leave.y_m, stop_range_m=self.options.stop_range_m, purpose="return")
         step = yield leg
         if step.result.reason.blocked:
-            self._tell_blocked(step.result)
+            self._report_blocked(step.result)
         yield from self._back_off(step.obs.pose.theta_rad, step.result)
 
-    def _tell_blocked(self, result: LegResult) -> None:
+    def _report_blocked(self, result: LegResult) -> None:
         self.decide(
             "blocked",
             f"{result.leg.purpose} ended early: {result.reason}",

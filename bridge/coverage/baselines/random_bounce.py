@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 
-class Dice(Protocol):
+class RandomSource(Protocol):
     """Where chance comes from: ``random.Random`` is one."""
 
     def uniform(self, a: float, b: float, /) -> float:
@@ -42,7 +42,7 @@ class RandomPlanner(ScriptedPlanner):
     def __init__(
         self,
         model: RobotModel,
-        rng: Dice,
+        rng: RandomSource,
         options: RandomOptions | None = None,
     ) -> None:
         """All chance comes from ``rng``."""

@@ -16,8 +16,8 @@ from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lan
 from bridge.coverage.recovery.travel_kernels import STRAIGHT
 from bridge.coverage.recovery.window import Buffers, Point, Turned, Window, free_cell
 from bridge.coverage.recovery.window_kernels import (
-    BestOutline,
-    OutlinePrices,
+    BestPerimeter,
+    PerimeterCosts,
     keep_holes,
     mark_targets,
     scan_outlines,
@@ -44,7 +44,7 @@ class Choice:
     """A lane, an outline or a sight of a wall to begin, and how to get there."""
 
     kind: str
-    """``lane``, ``outline`` or ``sight``."""
+    """``lane``, ``perimeter`` or ``sight``."""
     way: tuple[Point, ...]
     """Corners of the way to the beginning, the robot's place left out."""
     heading_rad: float
@@ -167,7 +167,7 @@ class Chooser:
         holes: bool = False,
     ) -> Generator[None, None, Choice | None]:
         options = self._options
-        least_rate = options.hole_rate if holes else options.least_rate
+        min_rate = options.hole_rate if holes else options.min_rate
         speed = options.lane_speed_m_s * 100.0
         x, y = window.place(pose)
         yield from self._spend(_MARKING * window.cells)
@@ -176,13 +176,13 @@ class Chooser:
         if holes:
             yield from self._spend(_MARKING * window.cells)
             left = keep_holes(window.target, self._buffers.layer("hole", window.target.shape))
-        outline = BestOutline()
-        prices = OutlinePrices(speed, options.turn_s_rad, options.stop_s, options.outline_cells)
-        ways = window.outline_ways
-        scan_outlines(window.open, ways, window.done, y, x, pose.theta_rad, prices, outline)
+        perimeter = BestPerimeter()
+        prices = PerimeterCosts(speed, options.turn_s_rad, options.stop_s, options.perimeter_cells)
+        ways = window.perimeter_lengths
+        scan_outlines(window.open, ways, window.done, y, x, pose.theta_rad, prices, perimeter)
         best = BestLane(), BestLane()
         image: Turned | None = None
-        if left >= options.least_cells:
+        if left >= options.min_cells:
             yield from self._spend(_TURNING * window.cells)
             image = Turned(window, grid_rad, self._buffers)
             for across in range(2):
@@ -194,7 +194,7 @@ class Chooser:
                 scan_lanes(
                     target,
                     ways,
-                    options.least_cells,
+                    options.min_cells,
                     options.gap_cells,
                     round(half - 0.5),
                     *image.place(x, y, across=across),
@@ -203,22 +203,22 @@ class Chooser:
                     best[across],
                     self._buffers.ints("sums", (1, target.shape[1])).ravel(),
                 )
-        score = max(best[0].score, best[1].score, outline.score)
-        if score < least_rate:
+        score = max(best[0].score, best[1].score, perimeter.score)
+        if score < min_rate:
             return None
-        if outline.score == score or image is None:
-            return self._outline(window, outline)
+        if perimeter.score == score or image is None:
+            return self._perimeter_choice(window, perimeter)
         across = int(best[1].score > best[0].score)
         return self._lane(window, image, best[across], across)
 
-    def _outline(self, window: Window, found: BestOutline) -> Choice:
+    def _perimeter_choice(self, window: Window, found: BestPerimeter) -> Choice:
         area = self._options.cell_m**2
         return Choice(
             "outline",
             window.way(found.row, found.col),
             found.bearing_rad + _QUARTER,
             0.0,
-            self._options.outline_cells * area,
+            self._options.perimeter_cells * area,
             found.score * area,
         )
 

@@ -98,5 +98,5 @@ def _beyond(mark: Pose2, x_m: float, y_m: float) -> bool:
     """Whether a point is a little farther on than a mark, as that was looked at."""
     c, s = math.cos(mark.theta_rad), math.sin(mark.theta_rad)
     dx, dy = x_m - mark.x_m, y_m - mark.y_m
-    least_m, most_m = _FLOOR_M
-    return least_m < dx * c + dy * s < most_m and abs(dy * c - dx * s) < _ASIDE_M
+    min_m, max_m = _FLOOR_M
+    return min_m < dx * c + dy * s < max_m and abs(dy * c - dx * s) < _ASIDE_M

@@ -175,7 +175,7 @@ class EvidenceMap:
         """A bumper half, or both, is pressed at a pose.
 
         Where nothing known is touched, a half does not tell what is. It is put in its middle, so
-        that the robot goes slowly there, though it may be 12 cm from it: :meth:`doubt_bumps`.
+        that the robot goes slowly there, though it may be 12 cm from it: :meth:`clear_bumps`.
         """
         low, high = _pressed(left=left, right=right)
         seen = self._touched(pose, low, high)
@@ -232,7 +232,7 @@ class EvidenceMap:
         for row, col in np.argwhere(self.wall[part]).tolist():
             add_wall(self.wall, self.near, row + r0, col + c0, -MOST, self._reach)
 
-    def doubt_bumps(self, radius_m: float) -> bool:
+    def clear_bumps(self, radius_m: float) -> bool:
         """Drop what only bumps tell, and that places so near to it were gone for in vain.
 
         Whether there was any. A thing stays where both halves were pressed, or where one was known

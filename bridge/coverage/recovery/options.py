@@ -17,7 +17,7 @@ class RecoveryOptions:
     robot just fits through must stay open in a map of 2 cm cells."""
     infrared_trust_m: float = 0.22
     """Farther readings are too noisy to map with."""
-    outline_gap_m: float = 0.0005
+    perimeter_gap_m: float = 0.0005
     """Between rim and wall on an outline; 5 mm cost 1-2 % of what is sweepable. Not 0: who presses
     on slides aside, which no wheel tells."""
     stop_range_m: float = 0.048
@@ -29,9 +29,9 @@ class RecoveryOptions:
     """From an edge, again and again until there is floor ahead."""
     fresh_share: float = 0.15
     """An outline ends where less than this of the mouth's next way is unswept."""
-    least_cells: int = 7
+    min_cells: int = 7
     """A lane must promise this many new cells: 28 cm²."""
-    least_rate: float = 15.0
+    min_rate: float = 15.0
     """... and this many per second of all it takes; at full mouth a lane gives 70."""
     hole_rate: float = 1.0
     """This many are enough where a disc of 4 cm would be left: slivers are not gone back for, a
@@ -40,9 +40,9 @@ class RecoveryOptions:
     """A lane goes on over so many cells with nothing new."""
     frontier: float = 2.0
     """Cells that a cell's edge of new frontier costs: so that no slivers are left."""
-    outline_cells: float = 500.0
+    perimeter_cells: float = 500.0
     """What beginning an outline is taken to promise."""
-    outline_pace: float = 1.2
+    perimeter_pace: float = 1.2
     """Times the robot's cruise speed, along a wall that is straight. A bend is followed at the
     cruise speed: the ultrasonic looks past what stands behind it."""
     lane_speed_m_s: float = 0.28

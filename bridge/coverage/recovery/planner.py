@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bridge.coverage.recovery import telling
+from bridge.coverage.recovery import planner_events
 from bridge.coverage.recovery.driving import FLOOR_CELLS, DrivingPlanner
 from bridge.coverage.recovery.evidence import EvidenceMap
-from bridge.coverage.recovery.shadows import ShadowBook
+from bridge.coverage.recovery.occlusions import OccludedRegions
 from bridge.motion.geometry import Pose2
 
 if TYPE_CHECKING:
@@ -27,23 +27,23 @@ if TYPE_CHECKING:
 
 _FUTILE = 20
 """Decisions in a row that gained nothing, after which the evidence itself is doubted."""
-_MOST_REFUSED = 6
+_MAX_BLOCKED = 6
 """Refusals at one place, likewise."""
 _SPARED = 8
 """Up to so many of them in a row, a place is not blamed for a passage so far from it that refused
 the robot."""
 _FAR_M = 0.4
-_MOST_FORGOTTEN = 3
-_FORGET_M, _REFUSED_M = 0.6, 0.3
+_MAX_CLEARED = 3
+_CLEAR_RADIUS_M, _BLOCKED_M = 0.6, 0.3
 """Things are forgotten so far off where nothing leads anywhere, and where one place refused the
 robot: what is farther off does not bar it there, and legs that are forgotten are bumped again."""
-_DOUBT_M = 0.2
+_UNCERTAIN_M = 0.2
 
 
 class RecoveryPlanner(DrivingPlanner):
     """See the module."""
 
-    _doubted_at = -FLOOR_CELLS
+    _cleared_at = -FLOOR_CELLS
     """New cells when bumps were doubted last."""
 
     # -- the plan ------------------------------------------------------------------------------
@@ -52,28 +52,28 @@ class RecoveryPlanner(DrivingPlanner):
         """The plan from the pose in ``obs``."""
         self._reset()
         self._recovering = None
-        self._doubted_at = -FLOOR_CELLS
+        self._cleared_at = -FLOOR_CELLS
         self._obs = obs
         self._memory = EvidenceMap(self.model, self.options, obs.pose)
         memory = self._memory
-        self._shadows = ShadowBook(self.model.cleaning_width_m)
+        self._occlusions = OccludedRegions(self.model.cleaning_width_m)
         self._stand("approach")
         self.decide("start", "looking for a wall to follow")
         yield from self._first_wall(obs)
-        futile = forgotten = forgot_at = 0
+        futile = cleared = cleared_at = 0
         for _ in range(self.options.max_decisions):
             choice = yield from self._think()
             if choice is None and self._think_again():
                 futile = 0
                 continue
             stuck = futile >= _FUTILE or self._chooser.shut_in
-            if stuck or self._refusals > _MOST_REFUSED:
-                radius_m = _FORGET_M if stuck else _REFUSED_M
-                at, self._refusals = self._doubtful_place(), 0
-                if memory.new_cells - forgot_at > FLOOR_CELLS:
-                    forgotten = 0
-                if forgotten < _MOST_FORGOTTEN:
-                    memory.forget(at, radius_m, _FORGET_M)
+            if stuck or self._refusals > _MAX_BLOCKED:
+                radius_m = _CLEAR_RADIUS_M if stuck else _BLOCKED_M
+                at, self._refusals = self._uncertain_place(), 0
+                if memory.new_cells - cleared_at > FLOOR_CELLS:
+                    cleared = 0
+                if cleared < _MAX_CLEARED:
+                    memory.forget(at, radius_m, _CLEAR_RADIUS_M)
                     self.decide(
                         "forget",
                         f"{'nothing leads anywhere' if stuck else 'it refuses the robot'}: "
@@ -81,7 +81,7 @@ class RecoveryPlanner(DrivingPlanner):
                         x_m=round(at.x_m, 3),
                         y_m=round(at.y_m, 3),
                     )
-                    futile, forgotten, forgot_at = 0, forgotten + 1, memory.new_cells
+                    futile, cleared, cleared_at = 0, cleared + 1, memory.new_cells
                     continue
                 if stuck:
                     return self._end("shut in: nothing that was tried led anywhere")
@@ -90,30 +90,30 @@ class RecoveryPlanner(DrivingPlanner):
             if (yield from self._take_heading()):
                 continue
             before = memory.new_cells
-            self.tell(telling.chosen(choice))
-            part = self._lane if choice.kind == "lane" else self._begin_outline
+            self.emit(planner_events.chosen(choice))
+            part = self._lane if choice.kind == "lane" else self._begin_perimeter
             self._go_back(choice)
             arrived = yield from part(choice)
             gained = memory.new_cells - before
             self._come_back(choice, gained, arrived=arrived)
             self._judge(choice, gained, futile, arrived=arrived)
-            futile = futile + 1 if gained < self.options.least_cells else 0
+            futile = futile + 1 if gained < self.options.min_cells else 0
         return self._end(f"{self.options.max_decisions} decisions, the limit")
 
-    def _doubtful_place(self) -> Pose2:
+    def _uncertain_place(self) -> Pose2:
         """Where the evidence is to blame: what parts or refuses the robot; else, where it is."""
         if self._chooser.parted_at is not None:
             return Pose2(*self._chooser.parted_at, 0.0)
-        if self._refusals > _MOST_REFUSED and self._refused_at is not None:
-            return self._refused_at
+        if self._refusals > _MAX_BLOCKED and self._blocked_at is not None:
+            return self._blocked_at
         return self._pose
 
     def _think_again(self) -> bool:
         """Before the end, doubt what only bumps tell; whether there was anything new to doubt."""
-        if self.memory.new_cells - self._doubted_at < FLOOR_CELLS:
+        if self.memory.new_cells - self._cleared_at < FLOOR_CELLS:
             return False
-        self._doubted_at = self.memory.new_cells
-        if not self.memory.doubt_bumps(_DOUBT_M):
+        self._cleared_at = self.memory.new_cells
+        if not self.memory.clear_bumps(_UNCERTAIN_M):
             return False
         self._refusals = 0
         self.decide("forget", "before the end: what only bumps tell is doubted")
@@ -122,10 +122,10 @@ class RecoveryPlanner(DrivingPlanner):
     def _end(self, reason: str) -> str:
         self._stand("finished")
         area_m2 = self.options.cell_m**2
-        self.told_at_end = {
+        self.end_figures = {
             "swept_m2": round(self.memory.new_cells * area_m2, 2),
             "left_cm2": round(self._chooser.left_m2 * 1e4),
-            "shadows_open": len(self._shadows.open),
+            "shadows_open": len(self._occlusions.open),
         }
         return reason
 
@@ -134,23 +134,23 @@ class RecoveryPlanner(DrivingPlanner):
         begin = Pose2(*choice.way[-1], choice.heading_rad)
         self._recovering = None
         if choice.kind == "lane":
-            self._recovering = self._shadows.met(begin, choice.length_m)
+            self._recovering = self._occlusions.met(begin, choice.length_m)
         if self._recovering is not None:
-            self.tell(telling.recovery_begun(self._recovering))
+            self.emit(planner_events.recovery_begun(self._recovering))
 
     def _come_back(self, choice: Choice, new_cells: int, *, arrived: bool) -> None:
-        shadow, self._recovering = self._recovering, None
-        if shadow is None:
+        occlusion, self._recovering = self._recovering, None
+        if occlusion is None:
             return
         begin = Pose2(*choice.way[-1], choice.heading_rad)
-        closed = arrived and self._shadows.swept(shadow, begin, self._lane_m)
+        closed = arrived and self._occlusions.swept(occlusion, begin, self._lane_m)
         new_m2 = new_cells * self.options.cell_m**2
-        self.tell(telling.recovery_ended(shadow, new_m2, arrived=arrived, closed=closed))
+        self.emit(planner_events.recovery_ended(occlusion, new_m2, arrived=arrived, closed=closed))
 
     def _judge(self, choice: Choice, new_cells: int, futile: int, *, arrived: bool) -> None:
         """Set a place aside that gave next to nothing, after so many decisions that gave nothing.
 
-        What refused the robot far from there is a passage, and is shut in time (``_refused``):
+        What refused the robot far from there is a passage, and is shut in time (``_on_blocked``):
         there may be another way.
         """
         promised = choice.new_m2 / self.options.cell_m**2

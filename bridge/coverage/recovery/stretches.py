@@ -19,7 +19,7 @@ what it takes to come onto the line."""
 OFF_M = 0.035
 """Farther off the wall than its outline: the place may be as wrong, and who rubs against a wall
 takes it for his heading."""
-_LEAST_M = 0.5
+_MIN_M = 0.5
 _MOST = 24
 _BENT_RAD = math.radians(10.0)
 _TRIES = 2
@@ -77,7 +77,7 @@ class Stretches:
         if begun is None:
             return
         length = begun.distance_m(pose)
-        if length < _LEAST_M:
+        if length < _MIN_M:
             return
         heading = math.atan2(pose.y_m - begun.y_m, pose.x_m - begun.x_m)
         self._kept.append(_Stretch(length, begun.x_m, begun.y_m, heading, side))

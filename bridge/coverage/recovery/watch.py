@@ -35,7 +35,7 @@ _BRISK_M_S = 0.15
 """Faster than any corner is gone round."""
 _JUMP_M = 0.008
 """Beyond the way driven in a control step (6 mm at top speed)."""
-_TOLD_RAD, _TOLD_SHARE = math.radians(0.3), 0.5
+_REPORTED_RAD, _REPORTED_SHARE = math.radians(0.3), 0.5
 """A doubt of the heading that is worth telling, and what is left of it when a wall took it away."""
 
 
@@ -56,7 +56,7 @@ class WatchfulPlanner(ScriptedPlanner):
         self._following = 0
         self._looking = False
         self._aside = 0
-        self._refused_at: Pose2 | None = None
+        self._blocked_at: Pose2 | None = None
         self._refusals = 0
         self._sought: list[tuple[Pose2, bool, int]] = []
         """Where what refused the robot was followed, on which side, and the new cells by then."""
@@ -67,20 +67,20 @@ class WatchfulPlanner(ScriptedPlanner):
         self._brisk_s = -math.inf
         self._followed_m = 0.0
         self._checked_m = 0.0
-        self._least_m = CLOSED_M
+        self._min_m = CLOSED_M
         self._stale = 0
         self._grid = 0j
         self._last_pose: Pose2 | None = None
-        self._doubted_rad = 0.0
-        self._most_m_s = math.inf
+        self._reported_rad = 0.0
+        self._speed_limit_m_s = math.inf
         self._sight_due_s = -math.inf
         self._sights_failed = 0
         self._stretches = Stretches()
 
     @property
-    def most_m_s(self) -> float:
+    def speed_limit_m_s(self) -> float:
         """Fastest forward speed that touches nothing known hard."""
-        return self._most_m_s
+        return self._speed_limit_m_s
 
     @property
     def memory(self) -> EvidenceMap:
@@ -102,14 +102,16 @@ class WatchfulPlanner(ScriptedPlanner):
         if memory is None:
             return False
         self._see_jump(obs)
-        self._see_heading(obs.heading_doubt_rad)
+        self._see_heading(obs.heading_sigma_rad)
         self._obs = obs
         self._see_edge(obs)
         memory.update(obs)
         straight = abs(obs.yaw_rate_rad_s) < _STRAIGHT_RAD_S
-        self._most_m_s = memory.pace(obs.pose, self._following, self._brake, straight=straight)
+        self._speed_limit_m_s = memory.pace(
+            obs.pose, self._following, self._brake, straight=straight
+        )
         if self._following and not straight:
-            self._most_m_s = min(self._most_m_s, self.model.cruise_speed_m_s)
+            self._speed_limit_m_s = min(self._speed_limit_m_s, self.model.cruise_speed_m_s)
         if not self._following:
             return self._looking and self._look_aside(obs)
         if obs.v_m_s > _BRISK_M_S:
@@ -132,7 +134,7 @@ class WatchfulPlanner(ScriptedPlanner):
             self._stale += 1
         else:
             self._stale = 0
-        return self._stale > 1 and self._followed_m > self._least_m
+        return self._stale > 1 and self._followed_m > self._min_m
 
     def _see_edge(self, obs: Observation) -> None:
         """Keep where the floor ahead was missed first: by the time it stands it is farther on."""
@@ -156,18 +158,18 @@ class WatchfulPlanner(ScriptedPlanner):
                 self._stretches.end(last.pose, self._following)
             self.decide("re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4))
 
-    def _see_heading(self, doubt_rad: float) -> None:
+    def _see_heading(self, sigma_rad: float) -> None:
         """Tell where the walls told the heading: its doubt grows by itself, and falls by that."""
-        most_rad = self._doubted_rad
-        if doubt_rad > most_rad:
-            self._doubted_rad = doubt_rad
-        elif most_rad > _TOLD_RAD and doubt_rad < _TOLD_SHARE * most_rad:
-            self._doubted_rad = doubt_rad
+        max_rad = self._reported_rad
+        if sigma_rad > max_rad:
+            self._reported_rad = sigma_rad
+        elif max_rad > _REPORTED_RAD and sigma_rad < _REPORTED_SHARE * max_rad:
+            self._reported_rad = sigma_rad
             self.decide(
                 "re-zero",
                 "the walls told the heading",
-                doubt_deg=round(math.degrees(doubt_rad), 2),
-                before_deg=round(math.degrees(most_rad), 2),
+                doubt_deg=round(math.degrees(sigma_rad), 2),
+                before_deg=round(math.degrees(max_rad), 2),
             )
 
     def _fresh_along(self, pose: Pose2, side: int) -> float:

@@ -104,7 +104,7 @@ class Window:
         return self.open.size
 
     @property
-    def outline_ways(self) -> Ints:
+    def perimeter_lengths(self) -> Ints:
         """The ways, without those to places beside which the floor ends: no wall to follow."""
         if not self._edges:
             return self.ways

@@ -25,7 +25,7 @@ SWEPT, GIVEN_UP, OCCUPIED = _SWEPT, _GIVEN_UP, _OCCUPIED
 
 @cython.final
 @cython.cclass
-class OutlinePrices:
+class PerimeterCosts:
     """What following a wall costs, and what it promises."""
 
     speed_cm_s = cython.declare(cython.double, visibility="public")
@@ -49,7 +49,7 @@ class OutlinePrices:
 
 @cython.final
 @cython.cclass
-class BestOutline:
+class BestPerimeter:
     """The best place so far to begin following a wall."""
 
     score = cython.declare(cython.double, visibility="public")
@@ -204,8 +204,8 @@ def scan_outlines(
     here_row: cython.double,
     here_col: cython.double,
     heading: cython.double,
-    prices: OutlinePrices,
-    best: BestOutline,
+    prices: PerimeterCosts,
+    best: BestPerimeter,
 ) -> None:
     """The best place beside a wall whose band was not swept, to begin following it."""
     rows: cython.int = open_.shape[0]

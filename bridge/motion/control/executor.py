@@ -64,7 +64,7 @@ class LegExecutor:
         self._ahead = RangeAhead()
         self._hidden = HiddenAhead(model, brake_m_s2)
         self._wary_m_s = math.inf
-        self.most_m_s = math.inf
+        self.speed_limit_m_s = math.inf
         """Fastest forward speed that the planner allows now."""
         self._leg: Leg | None = None
         self._result: LegResult | None = None
@@ -162,7 +162,7 @@ class LegExecutor:
             if self._elapsed_s > self._timeout_s:
                 return self._stop(StopReason.TIMEOUT, obs, dt)
             return self._advance(leg, obs, dt)
-        return self._settle(obs, dt)
+        return self._come_to_rest(obs, dt)
 
     def cancel(self, obs: Observation) -> None:
         """End the leg under way where the robot is now, without bringing it to rest."""
@@ -323,7 +323,7 @@ class LegExecutor:
 
     def _allowed(self, *, wary: bool) -> float:
         """Fastest forward speed for what is known, and with ``wary`` suspected, ahead."""
-        most = min(self.most_m_s, self._wary_m_s) if wary else self.most_m_s
+        most = min(self.speed_limit_m_s, self._wary_m_s) if wary else self.speed_limit_m_s
         return max(most, self._tuning.creep_m_s)
 
     def _hit(self, obs: Observation) -> StopReason | None:
@@ -367,13 +367,13 @@ class LegExecutor:
         self._finish(obs)
         return VelocityCommand(self._smooth_v.output, self._smooth_w.output)
 
-    def _settle(self, obs: Observation, dt: float) -> VelocityCommand:
+    def _come_to_rest(self, obs: Observation, dt: float) -> VelocityCommand:
         """Ramp to zero; the leg ends at rest, where its distance and pose are final."""
         tune = self._tuning
         self._stopped_s += dt
         command = self._slow_down(dt)
         rest = abs(obs.v_m_s) < tune.rest_m_s and abs(obs.yaw_rate_rad_s) < tune.rest_rad_s
-        if (command is HALT and rest) or self._stopped_s > tune.settle_s:
+        if (command is HALT and rest) or self._stopped_s > tune.settling_s:
             self._finish(obs)
         return command
 

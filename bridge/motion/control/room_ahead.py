@@ -20,7 +20,7 @@ class RoomAhead:
     another soon after, as of a leg that answers now and then.
     """
 
-    __slots__ = ("_age_s", "_range_m", "_stop_m", "_strange_s", "barred")
+    __slots__ = ("_age_s", "_range_m", "_stop_m", "_strange_s", "is_blocked")
 
     def __init__(self, stop_m: float) -> None:
         """``stop_m``: the range at which no room is left."""
@@ -28,26 +28,26 @@ class RoomAhead:
         self._range_m: float | None = None
         self._age_s = 0.0
         self._strange_s = math.inf
-        self.barred = False
+        self.is_blocked = False
         """Whether there is less room than asked for at the last update, for certain."""
 
-    def update(self, range_m: float | None, least_m: float, dt_s: float) -> float:
+    def update(self, range_m: float | None, min_m: float, dt_s: float) -> float:
         """Room by the newest reading, in metres, believed or not; infinite without an echo.
 
-        ``least_m``: that much room is needed. The first reading of all is believed.
+        ``min_m``: that much room is needed. The first reading of all is believed.
         """
         self._age_s += dt_s
         self._strange_s += dt_s
         if range_m is None:
             if self._age_s > _SILENT_S:
                 self._range_m = math.inf
-            self.barred = False
+            self.is_blocked = False
             return math.inf
         room_m = range_m - self._stop_m
         if range_m != self._range_m or self._age_s > _HELD_S:
             leapt = self._range_m is not None and range_m < self._range_m - _LEAP_M
-            near = room_m <= least_m
-            self.barred = near and (not leapt or self._strange_s < _SILENT_S)
+            near = room_m <= min_m
+            self.is_blocked = near and (not leapt or self._strange_s < _SILENT_S)
             if near and leapt:
                 self._strange_s = 0.0
             self._range_m, self._age_s = range_m, 0.0

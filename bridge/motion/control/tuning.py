@@ -33,7 +33,7 @@ class MotionTuning:
     """k of the velocity smoothing, per 20 ms step."""
     rest_m_s: float = 0.01
     rest_rad_s: float = 0.03
-    settle_s: float = 0.6
+    settling_s: float = 0.6
     """A leg ends at the latest this long after its stop, at rest or not."""
     stall_s: float = 1.5
     stall_m: float = 0.003

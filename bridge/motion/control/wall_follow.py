@@ -157,10 +157,12 @@ class WallFollower:
         """What is known of the wall."""
         return self._track
 
-    def step(self, observation: Observation, dt_s: float, most_m_s: float = math.inf) -> FollowStep:
+    def step(
+        self, observation: Observation, dt_s: float, speed_limit_m_s: float = math.inf
+    ) -> FollowStep:
         """Velocity for this control step, and how it stands with the wall.
 
-        ``most_m_s``: fastest forward speed allowed now.
+        ``speed_limit_m_s``: fastest forward speed allowed now.
         """
         ahead_m, into_rad = self._motion(observation.pose)
         self._track.move(ahead_m, into_rad, self._radius_m)
@@ -168,7 +170,7 @@ class WallFollower:
         self._straight_m += abs(ahead_m)
         if self._state is FollowState.CORNER:
             self._straight_m = 0.0
-        command = self._drive(observation, dt_s, most_m_s)
+        command = self._drive(observation, dt_s, speed_limit_m_s)
         distance = self._track.distance_m
         gap = None if distance is None else distance - self._radius_m
         return FollowStep(command, self._state, gap, self._track.yaw_rad)
@@ -278,12 +280,12 @@ class WallFollower:
 
     # -- driving ---------------------------------------------------------------------------
 
-    def _drive(self, obs: Observation, dt_s: float, most_m_s: float) -> VelocityCommand:
-        speed = min(self._speed, most_m_s)
+    def _drive(self, obs: Observation, dt_s: float, speed_limit_m_s: float) -> VelocityCommand:
+        speed = min(self._speed, speed_limit_m_s)
         if self._straight_m < _THIN_M:
             speed = min(speed, _CORNER_M_S)
         room = self._room.update(obs.ultrasonic_m, self._brake.run_out(obs.v_m_s), dt_s)
-        if self._room.barred:
+        if self._room.is_blocked:
             return self._halt()
         speed = min(speed, self._brake.speed(room))
         nudge = self._bumped(obs, dt_s)

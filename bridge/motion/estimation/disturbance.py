@@ -44,7 +44,7 @@ STALL_S = 0.5
 GAIN_M_S = 0.05
 """Wheels that gain so much speed in a stall show whether the body follows: inertia tells as much
 (within the shares below), or nothing."""
-_LEAST_SHARE, _MOST_SHARE = 0.5, 2.0
+_MIN_SHARE, _MAX_SHARE = 0.5, 2.0
 LONGEST_S = 2.0
 """After this the accelerometer's offset has grown into the velocity: give up."""
 SLIP_M_S = 0.02
@@ -252,7 +252,7 @@ class InertialBridge:
         if self.stalled:
             self._withheld_m += v_m_s * dt_s
             gain = v_m_s - self._wheels_m_s
-            if abs(gain) > GAIN_M_S and _LEAST_SHARE < self._gain_m_s / gain < _MOST_SHARE:
+            if abs(gain) > GAIN_M_S and _MIN_SHARE < self._gain_m_s / gain < _MAX_SHARE:
                 self.given_back_m = self._withheld_m
                 return True
         away = v_m_s * self._into < -AWAY_M_S

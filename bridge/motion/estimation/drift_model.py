@@ -63,7 +63,7 @@ class NoiseScale:
         self._most = most
         self.value = 1.0
 
-    def learn(self, surprise: float) -> None:
+    def learn(self, innovation: float) -> None:
         """Take one normalised squared surprise."""
-        step = self._RATE * min(surprise - 1.0, self._CAP)
+        step = self._RATE * min(innovation - 1.0, self._CAP)
         self.value = min(max(self.value * math.exp(step), 1.0), self._most)

@@ -158,7 +158,7 @@ class PoseEstimator(PoseFilter):
         if bridge is None:
             return
         self.shift(bridge.unmade_m, 0.0)
-        self.disturb_along(_RELEASE_SHARE * abs(bridge.unmade_m))
+        self.inflate_along(_RELEASE_SHARE * abs(bridge.unmade_m))
         self._end_bridge(bridge)
 
     def hold(self) -> None:
@@ -214,7 +214,7 @@ class PoseEstimator(PoseFilter):
             # set off before the rest was long enough: its few samples may be of the start
             self._rest_samples = 0
             self._bias = self._model.gyro_bias_rad_s
-            self.belief.forget((BIAS,), (self.drift.bias_prior_rad_s**2,))
+            self.joint_covariance.forget((BIAS,), (self.drift.bias_prior_rad_s**2,))
             return
         self._yaw_rate = rate
         if previous_s is None or t_s - previous_s > IMU_GAP_S:
@@ -312,18 +312,18 @@ class PoseEstimator(PoseFilter):
             # up to the bump the wheels were right: their last count is up to 20 ms old
             before_s = min(max(t_s - 0.5 * dt - self._encoder_s, 0.0), IMU_GAP_S)
             self.shift(self._speed * before_s, 0.0)
-        self.shake(self._bumps.vibration_m_s2)
+        self.inflate_for_vibration(self._bumps.vibration_m_s2)
         if bridge is None:
             return
         way_ahead, way_aside = bridge.push(ahead, aside, self._yaw_rate, dt)
         self.shift(way_ahead, way_aside)
         # a velocity off by σ makes (σt)² of position's variance in t: 2σ²t·dt from step to step
         sigma = _BRIDGE_M_S + _BRIDGE_M_S2 * bridge.age_s
-        self.disturb(sigma * math.sqrt(2.0 * bridge.age_s * dt), 0.0)
+        self.inflate(sigma * math.sqrt(2.0 * bridge.age_s * dt), 0.0)
 
     def _end_bridge(self, bridge: InertialBridge) -> None:
         sigma = _BRIDGE_CUT_M if bridge.cut else _BRIDGE_M
-        self.disturb(sigma, _BRIDGE_RAD)
+        self.inflate(sigma, _BRIDGE_RAD)
         self._bridge = None
 
     def _gripping(self, t_s: float, dt: float, left: float, right: float, rotation: float) -> float:
@@ -339,7 +339,7 @@ class PoseEstimator(PoseFilter):
             kind = DisturbanceKind.SLIP_RIGHT if side > 0 else DisturbanceKind.SLIP_LEFT
             self._note(kind, t_s, abs(right - left - turn) / dt)
         way = left + 0.5 * turn if side > 0 else right - 0.5 * turn
-        self.disturb_along(_SLIP_SHARE * abs(0.5 * (left + right) - way))
+        self.inflate_along(_SLIP_SHARE * abs(0.5 * (left + right) - way))
         return way
 
     def _note(self, kind: DisturbanceKind, t_s: float, size: float) -> None:
@@ -355,5 +355,5 @@ class PoseEstimator(PoseFilter):
         if ripe is None:
             return
         variance = self.drift.gyro_sample_rad_s**2 / _REST_BATCH
-        self.settle()
-        self.apply(self.belief.update_one(BIAS, ripe - self._bias, variance))
+        self.update_pending()
+        self.apply(self.joint_covariance.update_one(BIAS, ripe - self._bias, variance))

@@ -16,12 +16,12 @@ import math
 
 NOMINAL_M_S2 = 0.15
 """Vibration per axis for which the drift model's figures of the gyro hold: 15 mg."""
-LEAST_SHARE, MOST_SHARE = 0.25, 10.0
+MIN_SHARE, MAX_SHARE = 0.25, 10.0
 _WINDOW_M = 0.10
 """Longer than the memory of slip (a third of a second)."""
-_COMMON_M_SQRT_M, _MOST_COMMON = 0.0017, 2.2
+_COMMON_M_SQRT_M, _MAX_COMMON = 0.0017, 2.2
 """From this slip on (measured: 0.0013 at ``typical``, 0.0038 at ``harsh``) more of it is common."""
-_LEAST_SLIPPERY, _MOST_SLIPPERY = 0.5, 3.0
+_MIN_SLIPPERY, _MAX_SLIPPERY = 0.5, 3.0
 """Bounds: no floor is quite without slip, and wheels that far off show it soon enough."""
 _STRAIGHT_SHARE = 0.2
 """A window that turned by more than this share of its way, at the rims, is passed over."""
@@ -38,7 +38,7 @@ _MEAN_SHARE = 0.02
 def gyro_share(vibration_m_s2: float) -> float:
     """Factor on the standard deviations of the gyro's errors in motion."""
     square = (vibration_m_s2 / NOMINAL_M_S2) ** 2
-    return min(max(square, LEAST_SHARE), MOST_SHARE)
+    return min(max(square, MIN_SHARE), MAX_SHARE)
 
 
 class SlipMonitor:
@@ -63,13 +63,13 @@ class SlipMonitor:
     def slippery(self) -> float:
         """How much more than nominal these wheels slip, what does not show included."""
         shown_m = self.along_m_sqrt_m
-        common = min(max(shown_m / _COMMON_M_SQRT_M, 1.0), _MOST_COMMON)
-        return max(common * shown_m / self._nominal_m, _LEAST_SLIPPERY)
+        common = min(max(shown_m / _COMMON_M_SQRT_M, 1.0), _MAX_COMMON)
+        return max(common * shown_m / self._nominal_m, _MIN_SLIPPERY)
 
     @property
     def mean_slippery(self) -> float:
         """The same for what stays from metre to metre: the way that a count stands for."""
-        return min(self.along_m_sqrt_m / self._nominal_m, _MOST_SLIPPERY)
+        return min(self.along_m_sqrt_m / self._nominal_m, _MAX_SLIPPERY)
 
     def update(self, left_m: float, right_m: float, turn_m: float) -> None:
         """Take an interval: the wheels' ways, and the rotation by the gyro times the base."""
@@ -100,10 +100,10 @@ class RangingNoise:
         """Begin as a good sensor's."""
         self.sigma_m = _QUIET_M
 
-    def learn(self, surprise_m: float) -> None:
+    def learn(self, innovation_m: float) -> None:
         """Take one reading's surprise; one alone counts for little, it may be another surface."""
         variance = self.sigma_m * self.sigma_m
-        square = min(surprise_m * surprise_m, 16.0 * variance)
+        square = min(innovation_m * innovation_m, 16.0 * variance)
         self.sigma_m = math.sqrt(variance + _LEARN * (square - variance))
 
     @property

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.motion.estimation.belief import Belief
 from bridge.motion.estimation.drift_model import DriftModel, NoiseScale
+from bridge.motion.estimation.joint_covariance import JointCovariance
 from bridge.motion.estimation.noise_monitor import SlipMonitor, gyro_share
 from bridge.motion.geometry import Pose2, wrap_angle
 
@@ -37,7 +37,7 @@ STATES = 8
 _BIAS_SHAKEN, _WALK_SHAKEN = 0.6, 1.5
 """Powers of the gyro's share (vibration squared) with which its bias in motion and its scale grow,
 and its walk: from ``typical`` to ``harsh`` (2.7 times the vibration) threefold and 19-fold."""
-SETTLE_S = 0.1
+UPDATE_DELAY_S = 0.1
 """The covariance is at most this old."""
 
 
@@ -67,7 +67,7 @@ class PoseFilter:
     def __init__(self, start: Pose2, drift: DriftModel | None = None) -> None:
         """``start`` is taken as exact: the frame is the one in which it was given."""
         self.drift = noise = drift or DriftModel()
-        self.belief = Belief(
+        self.joint_covariance = JointCovariance(
             (
                 0.0,
                 0.0,
@@ -115,7 +115,7 @@ class PoseFilter:
     @property
     def gyro_bias_sigma_rad_s(self) -> float:
         """Standard deviation of the bias; large until the robot has stood still once."""
-        return math.sqrt(max(float(self.belief.p[BIAS, BIAS]), 0.0))
+        return math.sqrt(max(float(self.joint_covariance.p[BIAS, BIAS]), 0.0))
 
     @property
     def motion_bias_rad_s(self) -> float:
@@ -130,20 +130,20 @@ class PoseFilter:
     @property
     def wheel_scale_sigma(self) -> float:
         """Its standard deviation."""
-        return math.sqrt(max(float(self.belief.p[WHEEL_SCALE, WHEEL_SCALE]), 0.0))
+        return math.sqrt(max(float(self.joint_covariance.p[WHEEL_SCALE, WHEEL_SCALE]), 0.0))
 
     @property
     def covariance(self) -> Covariance:
-        """Of (x, y, θ): m², m·rad, rad²; as of at most 0.1 s ago, see :meth:`settle`."""
-        (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.belief.p[:3, :3].tolist()
+        """Of (x, y, θ): m², m·rad, rad²; as of at most 0.1 s ago, see :meth:`update_pending`."""
+        (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.joint_covariance.p[:3, :3].tolist()
         return (xx, xy, xt), (xy, yy, yt), (xt, yt, tt)
 
     # -- corrections -----------------------------------------------------------------------
 
     def correct_yaw(self, error_rad: float, variance: float) -> None:
         """Take a measurement of the heading's error (estimate less truth, rad²)."""
-        self.settle()
-        self.apply(self.belief.update_one(THETA, -error_rad, variance))
+        self.update_pending()
+        self.apply(self.joint_covariance.update_one(THETA, -error_rad, variance))
 
     def correct_position(
         self, direction_x: float, direction_y: float, error_m: float, variance: float
@@ -160,21 +160,21 @@ class PoseFilter:
         noise: Floats,
         held: Sequence[int] = (),
     ) -> None:
-        """Take a measurement of any states, as ``Belief.update``."""
-        self.settle()
-        self.apply(self.belief.update(index, rows, innovation, noise, held))
+        """Take a measurement of any states, as ``JointCovariance.update``."""
+        self.update_pending()
+        self.apply(self.joint_covariance.update(index, rows, innovation, noise, held))
 
-    def disturb(self, sigma_m: float, sigma_rad: float) -> None:
+    def inflate(self, sigma_m: float, sigma_rad: float) -> None:
         """Grow the doubt: something moved the robot that wheels and gyro do not tell whole."""
-        p = self.belief.p
+        p = self.joint_covariance.p
         p[X, X] += sigma_m**2
         p[Y, Y] += sigma_m**2
         p[THETA, THETA] += sigma_rad**2
 
-    def disturb_along(self, sigma_m: float) -> None:
+    def inflate_along(self, sigma_m: float) -> None:
         """Grow the doubt of the way made ahead, as by wheels that slipped."""
         c, s = math.cos(self._theta), math.sin(self._theta)
-        p, v = self.belief.p, sigma_m**2
+        p, v = self.joint_covariance.p, sigma_m**2
         p[X, X] += v * c * c
         p[Y, Y] += v * s * s
         p[X, Y] += v * c * s
@@ -200,18 +200,18 @@ class PoseFilter:
     def restart(self, pose: Pose2) -> None:
         """Set the pose as exact; walls are forgotten, what the sensors are is kept."""
         if self.walls:
-            self.belief.remove(STATES, len(self.walls))
+            self.joint_covariance.remove(STATES, len(self.walls))
             self.walls.clear()
         self._x, self._y, self._theta = pose
         self._heading_mark = self._theta
         self._due = Due()
-        self.belief.forget((X, Y, THETA), (0.0, 0.0, 0.0))
+        self.joint_covariance.forget((X, Y, THETA), (0.0, 0.0, 0.0))
 
     def wait(self, time_s: float) -> None:
         """Let time pass in which nothing moved."""
         self._due.time_s += time_s
-        if self._due.time_s >= SETTLE_S:
-            self.settle()
+        if self._due.time_s >= UPDATE_DELAY_S:
+            self.update_pending()
 
     def advance(
         self, chord: float, rotation: float, time_s: float, turning_s: float, *, by_wheels: bool
@@ -249,15 +249,15 @@ class PoseFilter:
             due.turned += abs(rotation)
         due.turning_s += turning_s
         due.time_s += time_s
-        if due.time_s >= SETTLE_S:
-            self.settle()
+        if due.time_s >= UPDATE_DELAY_S:
+            self.update_pending()
 
     @property
     def across_m_sqrt_m(self) -> float:
         """How far these wheels slide aside over a metre, at random."""
         return self.slip_monitor.slippery * self.drift.across_m_sqrt_m
 
-    def settle(self) -> None:
+    def update_pending(self) -> None:
         """Bring the covariance up to the newest encoder sample: F P Fᵀ + Q of all since.
 
         It is done for some steps at once, as it costs more than they do; every correction does
@@ -273,7 +273,7 @@ class PoseFilter:
         f[THETA, BIAS] = f[THETA, MOTION_BIAS] = -due.turning_s
         f[THETA, GYRO_SCALE] = -due.rotation
         f[BIAS, BIAS_SLOPE] = due.warmed_c
-        self._doubt_wheels()
+        self._inflate_for_wheels()
         along_m = self.slip_monitor.slippery * drift.along_m_sqrt_m
         across_m = self.across_m_sqrt_m
         along = self.way_noise.value * along_m * along_m
@@ -289,14 +289,14 @@ class PoseFilter:
         q[THETA, THETA] = self.yaw_noise.value * by_gyro + by_wheels
         q[BIAS, BIAS] = drift.bias_walk_rad_s_sqrt_s**2 * due.time_s
         q[MOTION_BIAS, MOTION_BIAS] = drift.motion_bias_walk_rad_s_sqrt_s**2 * due.turning_s
-        self.belief.propagate(f, q)
+        self.joint_covariance.propagate(f, q)
 
-    def _doubt_wheels(self) -> None:
+    def _inflate_for_wheels(self) -> None:
         """Of wheels that are found to slip more than ever the mean way is less sure."""
         most = self.slip_monitor.mean_slippery
         if most > self._worst_slip:
             grown = most * most - self._worst_slip * self._worst_slip
-            self.belief.p[WHEEL_SCALE, WHEEL_SCALE] += grown * self.drift.wheel_scale**2
+            self.joint_covariance.p[WHEEL_SCALE, WHEEL_SCALE] += grown * self.drift.wheel_scale**2
             self._worst_slip = most
 
     def warm(self, change_c: float) -> None:
@@ -314,13 +314,13 @@ class PoseFilter:
             turned = theta + side
             self._odometry = Pose2(x + way * math.cos(turned), y + way * math.sin(turned), theta)
 
-    def shake(self, vibration_m_s2: float) -> None:
+    def inflate_for_vibration(self, vibration_m_s2: float) -> None:
         """Tell how much the robot vibrates: the gyro is the worse for it, its bias as well."""
         share = gyro_share(vibration_m_s2)
         most = max(self._worst_shaken, share**_BIAS_SHAKEN)
         if most > self._worst_shaken:
             grown = most * most - self._worst_shaken * self._worst_shaken
-            p = self.belief.p
+            p = self.joint_covariance.p
             p[MOTION_BIAS, MOTION_BIAS] += grown * self.drift.motion_bias_rad_s**2
             p[GYRO_SCALE, GYRO_SCALE] += grown * self.drift.gyro_scale**2
             self._worst_shaken = most

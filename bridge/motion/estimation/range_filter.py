@@ -19,21 +19,21 @@ class RangeAhead:
     disagrees is not believed, two in a row that agree with each other are.
     """
 
-    __slots__ = ("_doubt_m", "_last_raw_m", "_silent_s", "range_m")
+    __slots__ = ("_last_raw_m", "_pending_m", "_silent_s", "range_m")
 
     def __init__(self) -> None:
         """Nothing seen yet."""
         self.range_m: float | None = None
         """Present estimate in metres; ``None``: nothing ahead."""
         self._last_raw_m: float | None = None
-        self._doubt_m: float | None = None
+        self._pending_m: float | None = None
         self._silent_s = 0.0
 
     def reset(self) -> None:
         """Forget everything, as after a turn."""
         self.range_m = None
         self._last_raw_m = None
-        self._doubt_m = None
+        self._pending_m = None
         self._silent_s = 0.0
 
     def update(self, raw_m: float | None, travel_m: float, dt_s: float) -> float | None:
@@ -41,8 +41,8 @@ class RangeAhead:
         estimate = self.range_m
         if estimate is not None:
             estimate = max(estimate - travel_m, 0.0)
-        if self._doubt_m is not None:
-            self._doubt_m -= travel_m
+        if self._pending_m is not None:
+            self._pending_m -= travel_m
         if raw_m is None:
             self._silent_s += dt_s
             if self._silent_s > _DROPOUT_S:
@@ -57,14 +57,14 @@ class RangeAhead:
 
     def _fresh(self, estimate: float | None, raw_m: float) -> float:
         if estimate is None:
-            self._doubt_m = None
+            self._pending_m = None
             return raw_m
         error = raw_m - estimate
         if -_GATE_M < error < _GATE_M:
-            self._doubt_m = None
+            self._pending_m = None
             return estimate + _GAIN * error
-        if self._doubt_m is not None and abs(raw_m - self._doubt_m) < _GATE_M:
-            self._doubt_m = None
+        if self._pending_m is not None and abs(raw_m - self._pending_m) < _GATE_M:
+            self._pending_m = None
             return raw_m
-        self._doubt_m = raw_m
+        self._pending_m = raw_m
         return estimate

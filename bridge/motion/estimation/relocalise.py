@@ -6,7 +6,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-from bridge.motion.estimation.contact_doubt import ContactDoubt
+from bridge.motion.estimation.contact_uncertainty import ContactUncertainty
 from bridge.motion.estimation.wall_map import WallMap
 from bridge.motion.estimation.wall_measurements import (
     MAX_SPAN_M,
@@ -59,7 +59,7 @@ class Relocaliser:
         self._front = FrontSights(model.ultrasonic)
         self.walls = WallMap(estimator)
         self._echo_m: float | None = None
-        self._contact = ContactDoubt(estimator)
+        self._contact = ContactUncertainty(estimator)
         self.yaw_fixes = 0
         self.position_fixes = 0
 
@@ -95,7 +95,7 @@ class Relocaliser:
             )
             if line is not None and self._grazed_m < MAX_SPAN_M:
                 room_m = _mean_m(line) - self._radius_m
-                line = line.doubt(GRAZE_RAD if RUB_M <= room_m < GRAZED_M else RUB_RAD)
+                line = line.with_sigma(GRAZE_RAD if RUB_M <= room_m < GRAZED_M else RUB_RAD)
             if line is not None and self.walls.see_line(line):
                 self.yaw_fixes += 1
                 self.position_fixes += 1

@@ -9,20 +9,20 @@ class Standstill:
     """Tells rest from motion by the encoders, with a veto by the gyro.
 
     At rest from the start (a robot boots standing), until the first count. After a motion,
-    rest is believed once the counts have not changed for ``settle_s``: gearbox play and the
+    rest is believed once the counts have not changed for ``settling_s``: gearbox play and the
     last of the run-out are over by then.
     """
 
-    __slots__ = ("_last_count_s", "_last_sample_s", "_settle_s")
+    __slots__ = ("_last_count_s", "_last_sample_s", "_settling_s")
 
     RATE_VETO_RAD_S = 0.05
     """A robot turned by hand has still wheels: no rest above 3 °/s off the bias."""
     STALE_S = 0.2
     """Without encoder samples for this long, nothing is known about rest."""
 
-    def __init__(self, settle_s: float = 0.3) -> None:
-        """``settle_s``: see the class."""
-        self._settle_s = settle_s
+    def __init__(self, settling_s: float = 0.3) -> None:
+        """``settling_s``: see the class."""
+        self._settling_s = settling_s
         self._last_count_s = -math.inf
         self._last_sample_s: float | None = None
 
@@ -37,5 +37,6 @@ class Standstill:
         if self._last_sample_s is None:
             return True
         return (
-            t_s - self._last_count_s >= self._settle_s and t_s - self._last_sample_s < self.STALE_S
+            t_s - self._last_count_s >= self._settling_s
+            and t_s - self._last_sample_s < self.STALE_S
         )

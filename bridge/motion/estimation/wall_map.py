@@ -62,7 +62,7 @@ class _Match(NamedTuple):
     second_chi2: float
     """Of the next other wall."""
     rows: Floats
-    surprise: Floats
+    innovation: Floats
     """Of direction and distance."""
     expected: Floats
     """Its covariance, ..."""
@@ -90,7 +90,7 @@ class WallMap:
         return self._estimator.walls[2 * wall + 1]
 
     @property
-    def heading_doubt_rad(self) -> float:
+    def heading_sigma_rad(self) -> float:
         """Standard deviation of the heading against the walls found square; 0: there are none.
 
         They are tied to each other, so that one stands for all; of several frames it is the one
@@ -100,7 +100,7 @@ class WallMap:
         if i < 0 or 2 * len(self.walls) != len(self._estimator.walls):
             return 0.0
         k = STATES + 2 * i
-        p = self._estimator.belief.p
+        p = self._estimator.joint_covariance.p
         return math.sqrt(max(p.item(THETA, THETA) + p.item(k, k) - 2.0 * p.item(THETA, k), 0.0))
 
     # -- sights ----------------------------------------------------------------------------
@@ -113,11 +113,11 @@ class WallMap:
             [[sight.var_normal, sight.covar], [sight.covar, sight.var_distance]], dtype=np.float64
         )
         best = self._match(sight, pose, noise)
-        same = best is not None and self._hides(best.wall, sight, pose, best.surprise)
+        same = best is not None and self._hides(best.wall, sight, pose, best.innovation)
         if best is None or (best.chi2 > OTHER_CHI2 and not same):
             self._add_line(sight, pose, noise)
             return False
-        off_rad, off_m = best.surprise.tolist()
+        off_rad, off_m = best.innovation.tolist()
         gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best.expected[1, 1]))
         if best.second_chi2 < SAME_CHI2 or abs(off_rad) > GATE_RAD or abs(off_m) > gate_m:
             return False
@@ -128,8 +128,8 @@ class WallMap:
             if not same:
                 return False
             # Nothing else can stand there: it is the estimate that was too sure of itself.
-            estimator.disturb(abs(off_m), abs(off_rad))
-        estimator.correct(self._index(best.wall), best.rows, best.surprise, noise)
+            estimator.inflate(abs(off_m), abs(off_rad))
+        estimator.correct(self._index(best.wall), best.rows, best.innovation, noise)
         self._extend(best.wall, sight, estimator.pose)
         self._square(best.wall)
         return True
@@ -153,25 +153,29 @@ class WallMap:
             if not wall.low_m - FRONT_MARGIN_M < along < wall.high_m + FRONT_MARGIN_M:
                 continue
             rows, predicted_m, by_skew = self._front_rows(i, pose, mount, sensor)
-            surprise = np.array([sight.range_m - predicted_m])
-            _, s = estimator.belief.project(self._index(i), rows)
+            innovation = np.array([sight.range_m - predicted_m])
+            _, s = estimator.joint_covariance.project(self._index(i), rows)
             noise = np.array([[sight.variance + by_skew]])
             s += noise
-            chi2 = float(surprise[0] ** 2) / float(s[0, 0])
-            found.append(_Match(i, chi2, math.inf, rows, surprise, s, noise))
+            chi2 = float(innovation[0] ** 2) / float(s[0, 0])
+            found.append(_Match(i, chi2, math.inf, rows, innovation, s, noise))
         best = self._choose(found, SAME_CHI1)
         if best is None or best.chi2 > OTHER_CHI1:
             if straight_on:
                 self._add_front(sight, pose, mount)
             return False
         gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best.expected[0, 0]))
-        if best.chi2 > SAME_CHI1 or best.second_chi2 < SAME_CHI1 or abs(best.surprise[0]) > gate_m:
+        if (
+            best.chi2 > SAME_CHI1
+            or best.second_chi2 < SAME_CHI1
+            or abs(best.innovation[0]) > gate_m
+        ):
             return False
         wall = self.walls[best.wall]
         held: tuple[int, ...] = (THETA, STATES + 2 * best.wall)
         if wall.seen_m < NEW_SPAN_M:
             held += (WHEEL_SCALE,)
-        estimator.correct(self._index(best.wall), best.rows, best.surprise, best.noise, held)
+        estimator.correct(self._index(best.wall), best.rows, best.innovation, best.noise, held)
         along = _along(wall, self.normal_rad(best.wall), sensor)
         wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
         wall.sights += 1
@@ -182,7 +186,7 @@ class WallMap:
 
     def _check(self) -> None:
         """After a reset of the estimator its walls are gone, and so are these."""
-        self._estimator.settle()
+        self._estimator.update_pending()
         if 2 * len(self.walls) != len(self._estimator.walls):
             self.walls.clear()
             self._frames.count()
@@ -195,13 +199,13 @@ class WallMap:
             if abs(off) > 3.0 * GATE_RAD:
                 continue
             rows, predicted_m = self._line_rows(i, pose)
-            surprise = np.array([off, sight.distance_m - predicted_m])
-            if abs(surprise[1]) > 3.0 * GATE_M or not self._beside(wall, i, sight, pose):
+            innovation = np.array([off, sight.distance_m - predicted_m])
+            if abs(innovation[1]) > 3.0 * GATE_M or not self._beside(wall, i, sight, pose):
                 continue
-            _, s = self._estimator.belief.project(self._index(i), rows)
+            _, s = self._estimator.joint_covariance.project(self._index(i), rows)
             s += noise
-            chi2 = float(surprise @ np.linalg.solve(s, surprise))
-            found.append(_Match(i, chi2, math.inf, rows, surprise, s, noise))
+            chi2 = float(innovation @ np.linalg.solve(s, innovation))
+            found.append(_Match(i, chi2, math.inf, rows, innovation, s, noise))
         return self._choose(found, SAME_CHI2)
 
     def _choose(self, found: list[_Match], same_chi2: float) -> _Match | None:
@@ -265,7 +269,7 @@ class WallMap:
         dx, dy = sensor[0] - wall.anchor_x_m, sensor[1] - wall.anchor_y_m
         rows = np.array([[-c, -s, by_theta, dx * s - dy * c, 1.0]])
         k = STATES + 2 * i
-        turned = float(self._estimator.belief.p[k, k])
+        turned = float(self._estimator.joint_covariance.p[k, k])
         skew = SKEW * turned * (dx * c + dy * s)
         variance = skew * skew
         return rows, self.offset_m(i) - dx * c - dy * s, variance
@@ -292,7 +296,7 @@ class WallMap:
         step_m = dx * c + dy * s + self.offset_m(j) - self.offset_m(i)
         index = (STATES + 2 * i, STATES + 2 * i + 1, STATES + 2 * j + 1)
         rows = np.array([[dy * c - dx * s, -1.0, 1.0]])
-        _, variance = self._estimator.belief.project(index, rows)
+        _, variance = self._estimator.joint_covariance.project(index, rows)
         sigma_m = math.hypot(STEP_M, math.sqrt(max(float(variance[0, 0]), 0.0)))
         return abs(step_m) < min(2.0 * sigma_m, SAME_M)
 
@@ -301,9 +305,9 @@ class WallMap:
         apart = APART_M if sight.span_m >= NEW_SPAN_M else APART_SHORT_M
         return at + sight.low_m < wall.high_m + apart and at + sight.high_m > wall.low_m - apart
 
-    def _hides(self, i: int, sight: LineSight, pose: Pose2, surprise: Floats) -> bool:
+    def _hides(self, i: int, sight: LineSight, pose: Pose2, innovation: Floats) -> bool:
         """Whether this can only be the wall itself: no other is seen where that one stood."""
-        if abs(surprise[0]) > SAME_RAD or abs(surprise[1]) > SAME_M:
+        if abs(innovation[0]) > SAME_RAD or abs(innovation[1]) > SAME_M:
             return False
         wall = self.walls[i]
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
@@ -351,7 +355,7 @@ class WallMap:
     def _append(self, wall: Wall, alpha: float, rows: Floats, noise: Floats) -> None:
         if len(self.walls) >= MAX_WALLS:
             self._drop()
-        self._estimator.belief.append((X, Y, THETA), rows, noise)
+        self._estimator.joint_covariance.append((X, Y, THETA), rows, noise)
         self._estimator.walls += [alpha, 0.0]
         self.walls.append(wall)
         self._square(len(self.walls) - 1)
@@ -361,13 +365,13 @@ class WallMap:
         i = min(range(len(self.walls)), key=lambda k: (self.walls[k].sights, self.walls[k].seen_m))
         del self.walls[i]
         del self._estimator.walls[2 * i : 2 * i + 2]
-        self._estimator.belief.remove(STATES + 2 * i, 2)
+        self._estimator.joint_covariance.remove(STATES + 2 * i, 2)
         self._frames.count()
 
     def _square(self, i: int) -> None:
         """Tie a wall's direction to that of the longest wall which it is square to."""
-        belief, alphas = self._estimator.belief, self._estimator.walls[::2]
-        found = self._frames.partner(i, alphas, belief.p[STATES::2, STATES::2])
+        joint_covariance, alphas = self._estimator.joint_covariance, self._estimator.walls[::2]
+        found = self._frames.partner(i, alphas, joint_covariance.p[STATES::2, STATES::2])
         if found is None:
             return
         partner, error = found

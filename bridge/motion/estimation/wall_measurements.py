@@ -69,7 +69,7 @@ class LineSight(NamedTuple):
         """Length of the stretch."""
         return self.high_m - self.low_m
 
-    def doubt(self, sigma_rad: float) -> LineSight:
+    def with_sigma(self, sigma_rad: float) -> LineSight:
         """The same, its direction less sure; the middle of the stretch stays as sure as it was."""
         more = sigma_rad * sigma_rad
         ahead = 0.5 * (self.low_m + self.high_m)

@@ -76,10 +76,10 @@ class WallTrack:
         self._pdy = slope * self._pyy
         self._pdd = slope * self._pdy + infrared_sigma_m(range_m) ** 2
 
-    def move(self, ahead_m: float, into_rad: float, least_m: float = 0.0) -> None:
+    def move(self, ahead_m: float, into_rad: float, min_m: float = 0.0) -> None:
         """The robot drove ``ahead_m`` and turned by ``into_rad`` towards the wall's side.
 
-        At ``least_m`` it touches: it then slides along the wall, and a distance that stays says
+        At ``min_m`` it touches: it then slides along the wall, and a distance that stays says
         nothing of the direction. Round a corner it may be nearer to the line of a wall that
         only begins there: no way takes it to the line then, and none is held back.
         """
@@ -87,7 +87,7 @@ class WallTrack:
             return
         mid = self.yaw_rad + 0.5 * into_rad
         distance = self.distance_m
-        self.distance_m = max(distance - ahead_m * math.sin(mid), min(distance, least_m))
+        self.distance_m = max(distance - ahead_m * math.sin(mid), min(distance, min_m))
         self.yaw_rad += into_rad
         slope = -ahead_m * math.cos(mid)
         way = abs(ahead_m)
@@ -102,7 +102,7 @@ class WallTrack:
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return (self.distance_m - self._reach_m * s) / c - self._arm_m
 
-    def take(self, range_m: float, gate_sigmas: float, least_gate_m: float) -> bool:
+    def take(self, range_m: float, gate_sigmas: float, min_gate_m: float) -> bool:
         """Correct by a reading; False, and nothing done, where it is not of this wall."""
         expected = self.expected_m()
         if expected is None or self.distance_m is None:
@@ -113,12 +113,12 @@ class WallTrack:
         to_d = self._pdd * by_d + self._pdy * by_yaw
         to_yaw = self._pdy * by_d + self._pyy * by_yaw
         variance = by_d * to_d + by_yaw * to_yaw + infrared_sigma_m(range_m) ** 2
-        surprise = range_m - expected
-        if abs(surprise) > max(least_gate_m, gate_sigmas * math.sqrt(variance)):
+        innovation = range_m - expected
+        if abs(innovation) > max(min_gate_m, gate_sigmas * math.sqrt(variance)):
             return False
         gain = 1.0 / variance
-        self.distance_m += to_d * gain * surprise
-        self.yaw_rad += to_yaw * gain * surprise
+        self.distance_m += to_d * gain * innovation
+        self.yaw_rad += to_yaw * gain * innovation
         self._pdd -= to_d * to_d * gain
         self._pdy -= to_d * to_yaw * gain
         self._pyy -= to_yaw * to_yaw * gain

@@ -37,7 +37,7 @@ class Tilt:
 
     def __init__(self, rule: TiltRule) -> None:
         """Keep the limit."""
-        self._least_cos = math.cos(math.radians(rule.angle_deg))
+        self._min_cos = math.cos(math.radians(rule.angle_deg))
         self.restart()
 
     def restart(self) -> None:
@@ -50,7 +50,7 @@ class Tilt:
         """Smooth the accelerometer and compare it with the body's own upright axis."""
         imu = watched.imu
         if imu is None or imu is self._imu:
-            return self._cos < self._least_cos
+            return self._cos < self._min_cos
         self._imu = imu
         now = (float(imu.accel_x), float(imu.accel_y), float(imu.accel_z))
         mean = now if self._mean is None else self._mean
@@ -59,9 +59,9 @@ class Tilt:
         self._mean = (x, y, z)
         norm = math.sqrt(x * x + y * y + z * z)
         self._cos = z / norm if norm > 0.0 else 1.0
-        return self._cos < self._least_cos
+        return self._cos < self._min_cos
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """By how much."""
         angle_deg = math.degrees(math.acos(self._cos))
         return f"it leans by {angle_deg:.0f}°", {"angle_deg": round(angle_deg, 1)}
@@ -91,12 +91,12 @@ class Lifted:
             self._up = False
         elif watched.time_s - self._jolt_s < JOLT_S:
             self._up = True
-        self._told = status is not None and status.faults & _LIFTED != 0
-        return self._told or self._up
+        self._reported = status is not None and status.faults & _LIFTED != 0
+        return self._reported or self._up
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """By whose finding."""
-        if self._told:
+        if self._reported:
             return "the device says that it is lifted", {"by": "device"}
         return "a jolt, and no floor since: it is lifted", {"by": "host"}
 
@@ -144,10 +144,10 @@ class Bump:
         if self._touch is None:
             return False
         before_s, before_m = self._touch
-        made_m, (least_m, most_m) = way_m - before_m, FOLLOWS_M
-        return least_m < made_m < min(most_m, FOLLOWS_M_S * (now_s - before_s))
+        made_m, (min_m, max_m) = way_m - before_m, FOLLOWS_M
+        return min_m < made_m < min(max_m, FOLLOWS_M_S * (now_s - before_s))
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """How many, or how long."""
         data: dict[str, Scalar] = {
             "count": len(self._onsets),
@@ -187,7 +187,7 @@ class Cliff:
         self.grave = self._ahead_m > self._rule.ahead_m
         return True
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """How far it went."""
         data: dict[str, Scalar] = {"ahead_m": round(self._ahead_m, 3)}
         if self.grave:
@@ -219,16 +219,16 @@ class Progress:
         left, low, right, high = self._box
         left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
         self._box = left, low, right, high
-        if max(right - left, high - low) > self._rule.least_m:
+        if max(right - left, high - low) > self._rule.min_side_m:
             self._since_s, self._box = watched.time_s, (x, y, x, y)
         self._for_s = watched.time_s - self._since_s
         return self._for_s > self._rule.window_s
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """For how long."""
-        least_cm = 100.0 * self._rule.least_m
-        text = f"it has been within {least_cm:.0f} cm for {self._for_s:.0f} s"
-        return text, {"for_s": round(self._for_s, 1), "least_m": self._rule.least_m}
+        side_cm = 100.0 * self._rule.min_side_m
+        text = f"it has been within {side_cm:.0f} cm for {self._for_s:.0f} s"
+        return text, {"for_s": round(self._for_s, 1), "min_side_m": self._rule.min_side_m}
 
 
 class Fence:
@@ -261,7 +261,7 @@ class Fence:
             return True
         return False
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """Where it is."""
         data: dict[str, Scalar] = {
             "x_m": round(self._pose.x_m, 3),

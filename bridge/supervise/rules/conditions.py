@@ -16,7 +16,7 @@ class Condition(Protocol):
     """One rule's condition.
 
     A step comes first: what a class declares without a value, ``holds`` sets before anything
-    reads it, :meth:`tell` included.
+    reads it, :meth:`evidence` included.
     """
 
     grave: bool
@@ -25,7 +25,7 @@ class Condition(Protocol):
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """Take a step; whether it holds now."""
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """What was found, in words and as data; asked only while it holds."""
 
     def restart(self) -> None:

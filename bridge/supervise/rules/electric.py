@@ -64,10 +64,10 @@ class Stall:
             ]
             way[:] = (0.0, 0.0)
         status = watched.status
-        self._told = status is not None and status.faults & _STALL != 0
-        return self._told or bool(self._stands)
+        self._reported = status is not None and status.faults & _STALL != 0
+        return self._reported or bool(self._stands)
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """Which wheel, and what its motor draws."""
         if not self._stands:
             return "the device says that a motor stalls", {"by": "device"}
@@ -111,10 +111,10 @@ class Battery:
         volts = math.inf if self._battery_v is None else self._battery_v
         self.grave = volts < self._rule.empty_v
         status = watched.status
-        told = status is not None and status.faults & _LOW != 0
-        return volts < self._rule.low_v or told
+        reported = status is not None and status.faults & _LOW != 0
+        return volts < self._rule.low_v or reported
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """How low, or that the device says so."""
         volts, rule = self._battery_v, self._rule
         if volts is None or volts >= rule.low_v:
@@ -154,7 +154,7 @@ class Silence:
                 return True
         return False
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """What is silent, and since when."""
         what = f"stream {self._stream}" if self._stream else "device"
         data: dict[str, Scalar] = {"stream": self._stream, "for_s": round(self._for_s, 2)}
@@ -188,7 +188,7 @@ class Sensor:
                 self._frozen_s += measured.step_s
         return self._bits != 0 or self._frozen_s >= FROZEN_S
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """Which."""
         if self._bits:
             names = ", ".join(flag_labels(Fault, self._bits))
@@ -218,6 +218,6 @@ class Reset:
             self._first = self._now
         return self._now != self._first
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """Which boots."""
         return "the device has booted anew", {"boot_id": str(self._now), "was": str(self._first)}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 RUN_M = 0.30
 """Way by the wheels over which the closing is judged: 5 mm of noise are then 2 % of it."""
-LEAST_READINGS = 12
+MIN_READINGS = 12
 HALF_SHARE = 0.6
 """Each half of the run must show so much of what the whole does: what slips does so evenly,
 while an echo that wanders over a round column or past an edge bends."""
@@ -70,7 +70,7 @@ class Slip:
         elif measured.way_m == readings[-1][0]:
             return  # it stands: nothing to be learnt
         readings.append((measured.way_m, range_m))
-        if measured.way_m - readings[0][0] >= RUN_M and len(readings) >= LEAST_READINGS:
+        if measured.way_m - readings[0][0] >= RUN_M and len(readings) >= MIN_READINGS:
             self._lost = _lost(list(readings))
             readings.popleft()
 
@@ -86,7 +86,7 @@ class Slip:
         straight = abs(measured.turn_rad - self._turn_rad) <= STRAIGHT_RAD
         return straight and made_m >= 0.0 and abs(before_m - range_m) <= JUMP_M + made_m
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """Which pair, and by how much."""
         if abs(self._slip_m_s) > self._rule.difference_m_s:
             side = "right" if self._slip_m_s > 0.0 else "left"

@@ -278,7 +278,7 @@ class _Gatherer:
         second = int((message.log_ns - self._data.start_ns) // 1_000_000_000)
         self._seconds[second] += 1
         if second != self._second:
-            self._lost[self._second] += self._losses.settle()
+            self._lost[self._second] += self._losses.update()
             self._second = second
         self._losses.add(message.sequence)
 
@@ -299,7 +299,7 @@ class _Gatherer:
     def finish(self) -> None:
         """Put the seconds in a row, and leave out what the host has told already."""
         data = self._data
-        self._lost[self._second] += self._losses.settle()
+        self._lost[self._second] += self._losses.update()
         seen = {(happening.source, happening.kind) for happening in data.happenings}
         double = set()
         if ("safety", "latch") in seen:

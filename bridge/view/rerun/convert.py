@@ -96,7 +96,7 @@ class RunConverter:
         self._path, self._truth_path = scene.path_track(), scene.truth_track()
         self._whole = scene.whole_track()
         self._motion, self._target = scene.Motion(), scene.Target()
-        self._lanes, self._shadows = planning.Lanes(), planning.Shadows(model)
+        self._lanes, self._occlusions = planning.Lanes(), planning.Shadows(model)
         self._covariance, self._planner_text = planning.Covariance(), Document(p.PLANNER_TEXT)
         self._pose: planning.Pose | None = None
         self._planner_state = ""
@@ -147,7 +147,7 @@ class RunConverter:
         parts += [self._gyro, self._wheel_speeds, self._acceleration, self._range, self._battery]
         parts += [self._current, self._pose_error, self._clock, self._link, self._lines]
         parts += [self._whole, self._path, self._truth_path, self._motion, self._target]
-        parts += [self._lanes, self._shadows, self._covariance, self._planner_text]
+        parts += [self._lanes, self._occlusions, self._covariance, self._planner_text]
         parts += [self._room, self._swept, *self._rays, *self._states.values()]
         for part in parts:
             part.send(recording)
@@ -186,9 +186,9 @@ class RunConverter:
     def _on_event(self, time_ns: int, event: Any) -> None:  # noqa: ANN401 - decoded
         self._lines.add(time_ns, str(event.severity), f"{event.source} {event.kind}: {event.text}")
         if event.source == "planner" and event.kind == "lane":
-            self._shadows.lane(time_ns, event.data_json, self._pose)
+            self._occlusions.lane(time_ns, event.data_json, self._pose)
         elif event.source == "planner" and event.kind == "shadow":
-            self._shadows.report(time_ns, event.data_json, self._pose)
+            self._occlusions.report(time_ns, event.data_json, self._pose)
 
     def _on_log(self, time_ns: int, line: Any) -> None:  # noqa: ANN401 - decoded
         level = _LOG_LEVELS.get(line.level, "info")
@@ -256,7 +256,7 @@ class _LinkHealth:
             self._second_ns = message.log_ns
         while message.log_ns - self._second_ns >= _SECOND_NS:
             self._second_ns += _SECOND_NS
-            lost = self._losses.settle()
+            lost = self._losses.update()
             self._series.add(self._second_ns, self._frames, self._bytes / 1e3, lost)
             self._frames = self._bytes = 0
         if received:

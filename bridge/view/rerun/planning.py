@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.view.rerun.columns import RerunRecording
 
-_Z_LANE, _Z_SHADOW, _Z_COVARIANCE = 0.007, 0.005, 0.013
+_Z_LANE, _Z_OCCLUSION, _Z_COVARIANCE = 0.007, 0.005, 0.013
 _SIGMAS = 2.0
 _ELLIPSE_PERIOD_NS = 200_000_000
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 33)
@@ -136,7 +136,7 @@ class Shadows:
         corners = ((near, -half), (far, -half), (far, half), (near, half), (near, -half))
         cosine, sine = math.cos(theta), math.sin(theta)
         strip = [
-            [x_m + a * cosine - b * sine, y_m + a * sine + b * cosine, _Z_SHADOW]
+            [x_m + a * cosine - b * sine, y_m + a * sine + b * cosine, _Z_OCCLUSION]
             for a, b in corners
         ]
         self._strips.add(time_ns, strip)

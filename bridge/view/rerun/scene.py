@@ -84,7 +84,7 @@ def draw_robot(recording: RerunRecording, model: RobotModel) -> None:
     """Outline, heading and mouth in the robot's own frame."""
     turns = np.linspace(0.0, 2.0 * math.pi, 49)
     radius_m, half_m, mouth_m = model.radius_m, model.cleaning_width_m / 2, model.mouth_offset_m
-    outline = np.stack(
+    footprint = np.stack(
         [radius_m * np.cos(turns), radius_m * np.sin(turns), np.full_like(turns, _Z_ROBOT)], axis=1
     )
     heading = [[0.0, 0.0, _Z_ROBOT], [radius_m, 0.0, _Z_ROBOT]]
@@ -92,7 +92,7 @@ def draw_robot(recording: RerunRecording, model: RobotModel) -> None:
     recording.log_static(
         f"{paths.ROBOT}/body",
         rr.LineStrips3D(
-            [outline, heading, mouth],
+            [footprint, heading, mouth],
             colors=[paths.ORANGE, paths.ORANGE, paths.GREEN],
             # Negative: in points of the screen, not in metres.
             radii=[-2.0, -2.0, -3.5],

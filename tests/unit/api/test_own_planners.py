@@ -60,8 +60,8 @@ def test_a_class_in_place_of_a_planner_is_named() -> None:
 @pytest.mark.parametrize(
     ("members", "lacks"),
     [
-        ({"watch": lambda _self, _obs: False}, "lacks most_m_s"),
-        ({"most_m_s": 0.2}, r"lacks watch\(\)"),
+        ({"watch": lambda _self, _obs: False}, "lacks speed_limit_m_s"),
+        ({"speed_limit_m_s": 0.2}, r"lacks watch\(\)"),
     ],
 )
 def test_half_a_watcher_is_not_ignored(members: dict[str, object], lacks: str) -> None:

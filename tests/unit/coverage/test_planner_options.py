@@ -79,13 +79,13 @@ def test_what_cannot_be(said: list[str], told: str) -> None:
 
 
 def test_the_planners_take_theirs() -> None:
-    dice = random.Random(0)
-    paper = make_planner("paper", MODEL, dice, ["return_by=nearest"])
-    bounce = make_planner("random", MODEL, dice, ["max_time_s=7"])
+    rng = random.Random(0)
+    paper = make_planner("paper", MODEL, rng, ["return_by=nearest"])
+    bounce = make_planner("random", MODEL, rng, ["max_time_s=7"])
     assert isinstance(paper, PaperPlanner)
     assert isinstance(bounce, RandomPlanner)
     assert paper.options == PaperOptions(return_by="nearest")
     assert bounce.options == RandomOptions(max_time_s=7.0)
     assert parse_options(NoOptions, ()) == NoOptions()
     with pytest.raises(PlannerOptionError, match="there are: none"):
-        make_planner("recovery", MODEL, dice, ["cell_m=0.01"])
+        make_planner("recovery", MODEL, rng, ["cell_m=0.01"])

@@ -198,8 +198,8 @@ def test_one_slot_no_stack_when_the_shadow_is_observed() -> None:
         (PaperOptions(end="last_partial_lane"), 3),
         (PaperOptions(end="never", max_lanes=5), 5),
         (PaperOptions(both_ends_widths=13.0), 5),
-        (PaperOptions(both_ends_widths=13.0, most_blocked=2), 4),
-        (PaperOptions(both_ends_widths=12.0, most_blocked=2), 3),
+        (PaperOptions(both_ends_widths=13.0, max_blocked=2), 4),
+        (PaperOptions(both_ends_widths=12.0, max_blocked=2), 3),
     ],
 )
 def test_the_ends(options: PaperOptions, lanes_driven: int) -> None:

@@ -54,7 +54,7 @@ def test_half_a_bumper_alone_forbids_places_and_something_is_guessed_until_it_is
     guessed = at(memory, 0.165 * math.cos(middle), 0.165 * math.sin(middle))
     assert np.argwhere(memory.wall).tolist() == [list(guessed)]
     assert memory.near.any()
-    assert memory.doubt_bumps(0.2)
+    assert memory.clear_bumps(0.2)
     assert not memory.wall.any()
     assert not memory.near.any()
 
@@ -64,7 +64,7 @@ def test_a_second_bump_there_does_not_make_a_guess_known() -> None:
     memory.add_bump(HERE, left=True, right=False)
     memory.add_bump(Pose2(0.002, 0.0, 0.0), left=True, right=False)
     assert memory.wall.sum() == 4
-    assert memory.doubt_bumps(0.2)
+    assert memory.clear_bumps(0.2)
     assert not memory.wall.any()
 
 
@@ -72,7 +72,7 @@ def test_both_halves_tell_that_it_stands_ahead() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=True)
     assert np.argwhere(memory.wall).tolist() == [list(at(memory, 0.165, 0.0))]
-    assert memory.doubt_bumps(0.2)
+    assert memory.clear_bumps(0.2)
     assert memory.wall.any()
 
 
@@ -119,12 +119,12 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
     memory.give_up(1.5, 1.5, 0.05)
     memory.add_bump(HERE, left=True, right=True)
     walls = memory.wall.copy()
-    assert memory.doubt_bumps(0.2)
+    assert memory.clear_bumps(0.2)
     assert not memory.lens.any()
     assert (memory.wall == walls).all()
     assert not memory.tried[at(memory, 0.2, 0.0)]  # beside the bump: one more try
     assert memory.tried[at(memory, 1.5, 1.5)] == 1
-    assert not memory.doubt_bumps(0.2)
+    assert not memory.clear_bumps(0.2)
 
 
 class Following(RecoveryPlanner):
@@ -150,7 +150,7 @@ class Following(RecoveryPlanner):
         ``rest_s``: for the gyro's sake, between the end of an outline and what comes next.
         """
         turns: list[float] = []
-        script = self._outline(left=False)
+        script = self._follow_perimeter(left=False)
         leg = next(script)
         while len(turns) < count:
             bumped = False
@@ -185,18 +185,18 @@ def test_a_brisk_pace_is_remembered_while_a_wall_is_followed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("following", "yaw_rad_s", "most_m_s"),
+    ("following", "yaw_rad_s", "speed_limit_m_s"),
     [(-1, 0.0, 0.3), (-1, 0.29, 0.3), (-1, -0.31, 0.2), (1, 0.6, 0.2), (0, 0.6, 0.3)],
 )
 def test_along_a_bend_it_is_slower_than_along_a_straight_wall(
-    following: int, yaw_rad_s: float, most_m_s: float
+    following: int, yaw_rad_s: float, speed_limit_m_s: float
 ) -> None:
     planner = Following(-45.0)
     planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
     planner._following = following  # noqa: SLF001 - as within an outline
     seen = AT_REST._replace(time_s=5.0, pose=HERE, v_m_s=0.2, yaw_rate_rad_s=yaw_rad_s)
     planner.watch(seen)
-    assert planner.most_m_s == pytest.approx(most_m_s)
+    assert planner.speed_limit_m_s == pytest.approx(speed_limit_m_s)
 
 
 def test_a_bend_is_followed_no_faster_than_the_robot_cruises() -> None:
@@ -205,16 +205,16 @@ def test_a_bend_is_followed_no_faster_than_the_robot_cruises() -> None:
     planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
     planner._following = -1  # noqa: SLF001 - as within an outline
     planner.watch(AT_REST._replace(time_s=5.0, pose=HERE, v_m_s=0.1, yaw_rate_rad_s=0.5))
-    assert planner.most_m_s == pytest.approx(0.1)
+    assert planner.speed_limit_m_s == pytest.approx(0.1)
 
 
 def test_a_straight_wall_is_followed_a_little_faster_than_the_robot_cruises() -> None:
-    leg = next(Following(-45.0)._outline(left=True))  # noqa: SLF001 - the part itself
+    leg = next(Following(-45.0)._follow_perimeter(left=True))  # noqa: SLF001 - the part itself
     assert isinstance(leg, FollowWall)
     assert leg.speed_m_s == pytest.approx(0.24)
     careful = Following(-45.0)
     careful.model = replace(MODEL, cruise_speed_m_s=0.1)
-    leg = next(careful._outline(left=True))  # noqa: SLF001 - the part itself
+    leg = next(careful._follow_perimeter(left=True))  # noqa: SLF001 - the part itself
     assert isinstance(leg, FollowWall)
     assert leg.speed_m_s == pytest.approx(0.12)
 

@@ -132,7 +132,7 @@ def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> No
     # beside the outer spots the wheels might pass over an edge
     assert not open_at(memory, AHEAD_M, ASIDE_M + 0.19)
     assert open_at(memory, AHEAD_M, ASIDE_M + 0.25)
-    assert not memory.doubt_bumps(0.2), "it is no bump"
+    assert not memory.clear_bumps(0.2), "it is no bump"
     assert not open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M - 0.03)
     # which spot it was may become known: that it was one of them stays
     memory.edges.marks.clear()
@@ -190,12 +190,12 @@ def test_no_outline_is_begun_beside_an_edge() -> None:
     rows, cols = memory.shape
     window = Window(memory, (0, rows, 0, cols), 2, Buffers())
     window.ways[:] = 7
-    assert window.outline_ways is window.ways
+    assert window.perimeter_lengths is window.ways
     memory.add_cliff(ORIGIN)
     window = Window(memory, (0, rows, 0, cols), 2, Buffers())
     window.ways[:] = 7
     rim = window.cell(MODEL.radius_m, 0.0)
-    ways = window.outline_ways
+    ways = window.perimeter_lengths
     assert ways[rim] == -1
     assert ways[rim[0] + 20, rim[1]] == -1
     assert ways[rim[0] + 22, rim[1]] == 7
@@ -209,9 +209,9 @@ class Driver(RecoveryPlanner):
         """A leg, with what is made of its end."""
         return self._drive(leg)
 
-    def outline(self) -> Generator[Leg, Step]:
+    def perimeter(self) -> Generator[Leg, Step]:
         """Follow a wall on the left."""
-        return self._outline(left=True)
+        return self._follow_perimeter(left=True)
 
     def meet(self, result: LegResult) -> Generator[Leg, Step, bool]:
         """What is done where a leg ended early."""
@@ -242,7 +242,7 @@ def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
 ) -> None:
     """It marks where the floor was first missed, not where it came to a stand."""
     planner = begun()
-    part: Generator[Leg, Step, object] = planner.outline()
+    part: Generator[Leg, Step, object] = planner.perimeter()
     if not follows:
         part = planner.drive(Drive(0.0, 2.0, purpose="lane"))
     leg = next(part)

@@ -92,7 +92,7 @@ class Refused(RecoveryPlanner):
         self.tries += 1
         self.memory.new_cells += self.floor
         leg = Drive(choice.heading_rad, 1.0)
-        self._refused(LegResult(leg, StopReason.BUMPER, 0.1, 1.0, Pose2(0.1, 0.0, 0.0)), 0.0)
+        self._on_blocked(LegResult(leg, StopReason.BUMPER, 0.1, 1.0, Pose2(0.1, 0.0, 0.0)), 0.0)
         return False
 
     def run(self, most: int) -> tuple[str | None, Counter[str]]:

@@ -78,14 +78,14 @@ class AtDoor(RecoveryPlanner):
         self._judge(choice, 0, 0, arrived=False)
         return [event.kind for event in self.drain_events()] == ["set-aside"]
 
-    def follows(self, least_m: float) -> float:
+    def follows(self, min_m: float) -> float:
         """How far it follows a swept wall on its right, in steps of 1 cm."""
-        next(self._outline(left=False, least_m=least_m))
+        next(self._follow_perimeter(left=False, min_m=min_m))
         return self.watched()
 
     def goes_on(self, followed_m: float) -> bool:
         """Whether it does after a bump so far along a swept wall."""
-        script = self._outline(left=False, least_m=0.4)
+        script = self._follow_perimeter(left=False, min_m=0.4)
         leg = next(script)
         self._followed_m = followed_m
         bumped = LegResult(leg, StopReason.BUMPER, followed_m, 1.0, HERE, bumper_right=True)

@@ -17,8 +17,8 @@ from bridge.coverage.recovery.window_kernels import (
     GIVEN_UP,
     OCCUPIED,
     SWEPT,
-    BestOutline,
-    OutlinePrices,
+    BestPerimeter,
+    PerimeterCosts,
     copy_window,
     keep_holes,
     mark_targets,
@@ -149,7 +149,7 @@ def test_the_outline_begins_beside_the_wall_that_is_not_swept() -> None:
     done = np.zeros((40, 40), dtype=np.uint8)
     done[:, :20] = SWEPT
     ways = np.where(open_ > 0, 10, -1).astype(np.int32)
-    best, prices = BestOutline(), OutlinePrices(28.0, 0.85, 0.9, 500.0)
+    best, prices = BestPerimeter(), PerimeterCosts(28.0, 0.85, 0.9, 500.0)
     scan_outlines(open_, ways, done, 20.0, 20.0, 0.0, prices, best)
     assert best.score > 0.0
     assert best.row == 8
@@ -236,7 +236,7 @@ def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
         if choice is not None:
             x, y = choice.way[-1]
             assert math.hypot(x - 2.4, y) < 0.3
-            assert choice.rate_m2_s < RecoveryOptions().least_rate * 4e-4
+            assert choice.rate_m2_s < RecoveryOptions().min_rate * 4e-4
 
 
 def test_nothing_left_is_no_choice() -> None:

@@ -231,7 +231,7 @@ class Doubting:
             share = min(max(world.time_s - 80.0, 0.0) / 60.0, 1.0)  # its outlines were right
             off_x, off_y = (share * o for o in off_m)
             pose = Pose2(obs.pose.x_m + off_x, obs.pose.y_m + off_y, obs.pose.theta_rad)
-            obs = world.step(runner.step(obs._replace(heading_doubt_rad=doubt_rad, pose=pose)))
+            obs = world.step(runner.step(obs._replace(heading_sigma_rad=doubt_rad, pose=pose)))
             doubt_rad += math.radians(deg_s) * 0.02
             state = self.planner.state.state
             if state == "sight" and was != "sight":

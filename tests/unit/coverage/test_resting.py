@@ -26,7 +26,7 @@ DOUBTFUL, SURE = math.radians(0.02), math.radians(0.004)
 
 def seen(time_s: float, doubt: float, x: float = 0.0) -> Observation:
     pose = Pose2(x, 0.0, 0.0)
-    return AT_REST._replace(time_s=time_s, pose=pose, gyro_doubt_rad_s=doubt)
+    return AT_REST._replace(time_s=time_s, pose=pose, gyro_bias_sigma_rad_s=doubt)
 
 
 def test_a_rest_lasts_until_the_bias_is_sure() -> None:
@@ -72,7 +72,7 @@ class Legs:
 class Watching(Legs):
     """As ``recovery`` is."""
 
-    most_m_s = 1.0
+    speed_limit_m_s = 1.0
 
     def watch(self, _obs: Observation) -> bool:
         return False

@@ -29,7 +29,7 @@ class Line:
         self.now_ms = 1000
         self.late_ms = 0
 
-    def say(self, message: object, *, every_ms: int = 10, count: int = 1) -> None:
+    def inform(self, message: object, *, every_ms: int = 10, count: int = 1) -> None:
         """So many times, stamped as sent."""
         for _ in range(count):
             self.now_ms += every_ms
@@ -53,8 +53,8 @@ COUNTS = Encoders(7, 7)
 
 def test_a_quiet_good_line_is_well() -> None:
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, count=400)
+    line.inform(hello())
+    line.inform(COUNTS, count=400)
     assert line.kinds == []
     figures = line.examination.figures()
     assert figures["frames"] == 401
@@ -84,11 +84,11 @@ def frame(line: Line) -> bytes:
 )
 def test_damage_is_told_apart_by_length(harm: object, kind: str, what: Damaged) -> None:
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, count=50)
+    line.inform(hello())
+    line.inform(COUNTS, count=50)
     for _ in range(5):
         line.hear(harm(frame(line)))  # type: ignore[operator]  # a function of bytes
-        line.say(COUNTS, count=10)
+        line.inform(COUNTS, count=10)
     assert line.kinds == [kind]
     seen = line.examination.wire.damaged
     assert (seen.whole, seen.short, seen.long) == (what.whole, what.short, what.long)
@@ -97,7 +97,7 @@ def test_damage_is_told_apart_by_length(harm: object, kind: str, what: Damaged) 
 
 def test_frames_that_come_twice() -> None:
     line = Line()
-    line.say(hello())
+    line.inform(hello())
     for _ in range(60):
         data = frame(line)
         line.hear(data)
@@ -108,11 +108,11 @@ def test_frames_that_come_twice() -> None:
 
 def test_missing_numbers_without_damage_are_an_overrun() -> None:
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, count=60)
+    line.inform(hello())
+    line.inform(COUNTS, count=60)
     for _ in range(4):
         frame(line)
-        line.say(COUNTS, count=20)
+        line.inform(COUNTS, count=20)
     assert line.kinds == ["overrun"]
     assert line.examination.wire.lost == 4
 
@@ -121,8 +121,8 @@ def test_missing_numbers_without_damage_are_an_overrun() -> None:
 def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
     """As of a recovered log without one chunk: it may end in the middle of a frame."""
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, every_ms=4, count=400)
+    line.inform(hello())
+    line.inform(COUNTS, every_ms=4, count=400)
     if cut:
         line.link.send(COUNTS, line.now_ms * 1000, node=1)
         line.hear(line.link.data_to_send()[:cut])
@@ -130,7 +130,7 @@ def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
         line.now_ms += 4  # 0.2 s, less than what is called a hole by time alone
         line.link.send(COUNTS, line.now_ms * 1000, node=1)
         line.link.data_to_send()
-    line.say(COUNTS, every_ms=4, count=400)
+    line.inform(COUNTS, every_ms=4, count=400)
     (found,) = line.examination.conclude()
     assert (found.kind, found.severity) == ("gap", Severity.WARNING)
     missing = 55 if cut else 54
@@ -140,35 +140,35 @@ def test_a_piece_that_is_missing_is_a_gap_however_short(cut: int) -> None:
 
 def test_a_hole_and_a_stall() -> None:
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, count=200)
+    line.inform(hello())
+    line.inform(COUNTS, count=200)
     for _ in range(50):
         frame(line)  # half a second that nobody heard
-    line.say(COUNTS, count=200)
+    line.inform(COUNTS, count=200)
     assert line.kinds == ["gap"]
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, count=200)
+    line.inform(hello())
+    line.inform(COUNTS, count=200)
     for delay_ms in range(500, 0, -10):  # half a second that came at once, late
         line.late_ms = delay_ms - 10
-        line.say(COUNTS)
-    line.say(COUNTS, count=200)
+        line.inform(COUNTS)
+    line.inform(COUNTS, count=200)
     assert line.kinds == ["host_stall"]
 
 
 def test_a_clock_that_runs_away_and_one_that_jumps() -> None:
     line = Line()
-    line.say(hello())
+    line.inform(hello())
     for index in range(1500):
         line.late_ms = index // 150  # a millisecond in 1.5 s
-        line.say(COUNTS)
+        line.inform(COUNTS)
     assert line.kinds == ["clock_drift"]
     assert line.examination.figures()["drift_ppm"] == pytest.approx(-660, rel=0.1)
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, count=500)
+    line.inform(hello())
+    line.inform(COUNTS, count=500)
     line.late_ms = 70
-    line.say(COUNTS, count=500)
+    line.inform(COUNTS, count=500)
     findings = line.examination.conclude()
     assert [f.kind for f in findings] == ["clock_step"]
     assert findings[0].data["jumps"][0][1] == pytest.approx(-70.0, abs=0.5)
@@ -185,25 +185,25 @@ def test_a_clock_that_runs_away_and_one_that_jumps() -> None:
 )
 def test_a_boot_and_its_cause(cause: ResetCause, kind: str) -> None:
     line = Line()
-    line.say(hello(1))
-    line.say(COUNTS, count=100)
-    line.say(hello(2, cause))
-    line.say(COUNTS, count=100)
+    line.inform(hello(1))
+    line.inform(COUNTS, count=100)
+    line.inform(hello(2, cause))
+    line.inform(COUNTS, count=100)
     assert line.kinds == [kind]
     line = Line()
-    line.say(hello(1, cause))
-    line.say(COUNTS, count=100)
+    line.inform(hello(1, cause))
+    line.inform(COUNTS, count=100)
     assert line.kinds == ([] if kind == "reset" else [kind]), "of before: a note"
 
 
 def test_what_the_device_counts_and_says() -> None:
     line = Line()
-    line.say(hello())
-    line.say(COUNTS, count=60)
-    line.say(LinkCounters(65_500, 0, 0))
-    line.say(LinkCounters(100, 3, 40))
-    line.say(Status(0, StopCause.HARDWARE, 0, 0, 95))
-    line.say(Power(16_000, 160, 5, 5))  # 4.0 V on the logic's rail
+    line.inform(hello())
+    line.inform(COUNTS, count=60)
+    line.inform(LinkCounters(65_500, 0, 0))
+    line.inform(LinkCounters(100, 3, 40))
+    line.inform(Status(0, StopCause.HARDWARE, 0, 0, 95))
+    line.inform(Power(16_000, 160, 5, 5))  # 4.0 V on the logic's rail
     assert sorted(line.kinds) == [
         "brown_out",
         "device_hears_noise",
@@ -227,11 +227,11 @@ def test_not_a_byte_and_not_a_frame() -> None:
 
 def test_a_device_that_waits_for_a_host() -> None:
     line = Line()
-    line.say(hello(), every_ms=1000, count=5)
+    line.inform(hello(), every_ms=1000, count=5)
     (finding,) = line.examination.conclude()
     assert (finding.kind, finding.severity) == ("waiting", Severity.INFO)
     assert line.examination.figures()["duration_s"] == 4.0
-    line.say(COUNTS, count=2)
+    line.inform(COUNTS, count=2)
     assert line.kinds == []
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from bridge.errors import BridgeError, NoOwnerError, OwnerRefusedError
+from bridge.errors import BridgeError, NoOwnerError, OwnerRejectedError
 from bridge.io import owner_names
 from bridge.io.owner_client import ask, has_owner, watch
 from bridge.io.owner_names import NoFolderError, folder, link_names
@@ -74,7 +74,7 @@ class Robot:
 
     def _other(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
         if request.get("do") == "refuse":
-            raise OwnerRefusedError("not now", 5)
+            raise OwnerRejectedError("not now", 5)
         if request.get("do") != "echo":
             raise BridgeError("no such request")
         return {"request": request, "asker": asker}
@@ -123,10 +123,10 @@ def test_only_this_user_may_enter(owner: OwnerSocket, runtime: Path) -> None:
 
 
 def test_a_refusal_keeps_its_reason_and_status(owner: OwnerSocket, port: str) -> None:
-    with pytest.raises(OwnerRefusedError, match="not now") as refused:
+    with pytest.raises(OwnerRejectedError, match="not now") as refused:
         ask(port, {"do": "refuse"})
     assert refused.value.exit_status == 5
-    with pytest.raises(OwnerRefusedError, match="no such request"):
+    with pytest.raises(OwnerRejectedError, match="no such request"):
         ask(port, {"do": "dance"})
     assert owner.path.exists()
 
@@ -172,7 +172,7 @@ def test_an_owner_that_ends_does_not_take_its_successors_names(port: str) -> Non
 
 def test_watching_goes_on_until_the_run_is_over(owner: OwnerSocket, port: str) -> None:
     assert [status["shown"] for status in watch(port, hz=50.0)] == [1, 2, 3, 4], "the end too"
-    with pytest.raises(OwnerRefusedError, match="hz"):
+    with pytest.raises(OwnerRejectedError, match="hz"):
         next(watch(port, hz=0.0))
     assert owner.path.exists()
 
@@ -275,7 +275,7 @@ def test_a_stop_passes_requests_that_wait_for_the_device(port: str) -> None:
     with OwnerSocket(port, robot) as owner:
         clients = crowd(owner, MAX_ANSWERS, b'{"do": "wait"}\n')
         robot.waiting.acquire_all(MAX_ANSWERS)
-        with pytest.raises(OwnerRefusedError, match="are being answered already"):
+        with pytest.raises(OwnerRejectedError, match="are being answered already"):
             ask(port, {"do": "echo"})
         stop(port)
         clients[0].sendall(b'{"do": "stop"}\n')  # behind a request that is not answered yet
@@ -352,7 +352,7 @@ def test_viewers_are_counted_apart(port: str) -> None:
         viewers = crowd(owner, MAX_VIEWERS, b'{"do": "watch", "hz": 0.01}\n')
         for viewer in viewers:
             assert json.loads(viewer.recv(4096))["ok"] is True
-        with pytest.raises(OwnerRefusedError, match="viewers are connected already"):
+        with pytest.raises(OwnerRejectedError, match="viewers are connected already"):
             next(watch(port))
         assert ask(port, {"do": "echo"})["ok"] is True
         viewers.pop().close()  # its place is free though its next line is due in 100 s
@@ -361,7 +361,7 @@ def test_viewers_are_counted_apart(port: str) -> None:
             try:
                 assert next(watch(port))["shown"] > 10
                 break
-            except OwnerRefusedError:
+            except OwnerRejectedError:
                 assert time.monotonic() < deadline, "a viewer that has left keeps its place"
         for viewer in viewers:
             viewer.close()

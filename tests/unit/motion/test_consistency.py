@@ -97,7 +97,7 @@ def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
         if i % 2:
             go(0.8, 0.0, 0.0)
     go(0.1, 0.0, 0.0)
-    estimator.settle()
+    estimator.update_pending()
     pose = estimator.pose
     turn = math.remainder(pose.theta_rad - truth.theta, math.tau)
     error = np.array([pose.x_m - truth.x, pose.y_m - truth.y, turn])
@@ -223,19 +223,19 @@ def test_wheels_that_slip_and_a_chip_that_shakes_leave_their_scale_in_doubt() ->
     slip(estimator.slip_monitor, 2.0 * DRIFT.along_m_sqrt_m)
     for _ in range(2):  # once: the same slip again tells nothing new
         estimator.wait(0.2)
-        estimator.shake(0.30)
-        doubt = np.sqrt(np.diag(estimator.belief.p)[states])
+        estimator.inflate_for_vibration(0.30)
+        with_sigma = np.sqrt(np.diag(estimator.joint_covariance.p)[states])
         expected = [2.0 * wheels, 4.0**0.6 * gyro, 4.0**0.6 * bias]
-        assert doubt == pytest.approx(expected, rel=0.03)
+        assert with_sigma == pytest.approx(expected, rel=0.03)
 
 
 def test_of_the_gyros_walk_only_what_vibration_makes_grows_with_it() -> None:
     """By the cube: 0.005 °/√s is the chip's own, at rest as in motion."""
     for vibration_m_s2, grown in ((0.15, 1.0), (0.30, 8.0)):
         estimator = PoseEstimator(MODEL, ORIGIN)
-        estimator.shake(vibration_m_s2)
+        estimator.inflate_for_vibration(vibration_m_s2)
         sensors = range(BIAS, STATES)
-        estimator.belief.forget(sensors, [0.0] * len(sensors))
+        estimator.joint_covariance.forget(sensors, [0.0] * len(sensors))
         estimator.advance(0.2, 0.0, 1.0, 1.0, by_wheels=False)
         walk = math.hypot(DRIFT.gyro_walk_rad_sqrt_s, grown * DRIFT.gyro_shaken_rad_sqrt_s)
         assert math.sqrt(estimator.covariance[2][2]) == pytest.approx(walk)

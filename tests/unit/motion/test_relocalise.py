@@ -215,7 +215,7 @@ def seen_askew() -> tuple[Driven, WallMap]:
     estimator = driven.estimator
     walls = Relocaliser(MODEL, estimator).walls
     walls.see_line(LineSight(0.0, 0.8, 1e-4, 0.0, 1e-8, -0.5, 0.5))
-    estimator.disturb(0.005, math.radians(1.0))
+    estimator.inflate(0.005, math.radians(1.0))
     for turn in (1.0, -1.0):
         driven.drive(0.0, turn * 0.5 * math.pi, 100)
         driven.drive(0.2, 0.0, 200 if turn > 0.0 else 1)
@@ -226,9 +226,9 @@ def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
     """Though place and heading are in doubt together: the heading is held, and so is the wall's."""
     driven, walls = seen_askew()
     estimator = driven.estimator
-    estimator.settle()
-    doubt = np.array(estimator.belief.p)
-    assert abs(doubt[0, 2]) > 0.5 * math.sqrt(doubt[0, 0] * doubt[2, 2]), (
+    estimator.update_pending()
+    with_sigma = np.array(estimator.joint_covariance.p)
+    assert abs(with_sigma[0, 2]) > 0.5 * math.sqrt(with_sigma[0, 0] * with_sigma[2, 2]), (
         "they are in doubt together"
     )
     before, normal_rad = estimator.pose, walls.normal_rad(0)
@@ -238,7 +238,7 @@ def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
     assert estimator.pose.theta_rad == before.theta_rad
     assert walls.normal_rad(0) == normal_rad
     held = np.ix_((2, STATES), (2, STATES))
-    assert estimator.belief.p[held] == pytest.approx(doubt[held], rel=1e-12)
+    assert estimator.joint_covariance.p[held] == pytest.approx(with_sigma[held], rel=1e-12)
 
 
 def test_one_doubtful_direction_is_one_doubt_for_a_whole_approach() -> None:
@@ -251,7 +251,7 @@ def test_one_doubtful_direction_is_one_doubt_for_a_whole_approach() -> None:
     for _ in range(200):
         walls.see_front(FrontSight(range_m, 1e-6), MODEL.ultrasonic)
     assert walls.walls[0].sights > 150
-    by_wall_m = lever_m * math.sqrt(estimator.belief.p[STATES, STATES])
+    by_wall_m = lever_m * math.sqrt(estimator.joint_covariance.p[STATES, STATES])
     assert math.sqrt(estimator.covariance[0][0]) > 0.5 * by_wall_m
 
 
@@ -303,7 +303,7 @@ class Driven:
                 c, s = math.cos(direction), math.sin(direction)
                 self.estimator.correct_position(c, s, error, variance)
             case ("disturb", float(sigma_m), float(sigma_rad)):
-                self.estimator.disturb(sigma_m, sigma_rad)
+                self.estimator.inflate(sigma_m, sigma_rad)
             case ("drive", float(v), float(w), int(ticks)):
                 self.drive(v, w, ticks)
 
@@ -328,14 +328,14 @@ def test_a_correction_takes_away_part_of_the_error_and_of_the_doubt(
     for step in steps:
         driven.apply(step)
     estimator = driven.estimator
-    estimator.settle()
-    before, doubt = estimator.pose, estimator.covariance[2][2]
+    estimator.update_pending()
+    before, with_sigma = estimator.pose, estimator.covariance[2][2]
     estimator.correct_yaw(error, variance)
     moved = math.remainder(estimator.pose.theta_rad - before.theta_rad, math.tau)
-    assert estimator.covariance[2][2] <= min(doubt, variance) * (1 + 1e-9) + 1e-15
+    assert estimator.covariance[2][2] <= min(with_sigma, variance) * (1 + 1e-9) + 1e-15
     assert moved * error <= 0.0
     assert abs(moved) <= abs(error) + 1e-12
-    assert moved == pytest.approx(-error * doubt / (doubt + variance), abs=1e-9)
+    assert moved == pytest.approx(-error * with_sigma / (with_sigma + variance), abs=1e-9)
 
 
 @given(st.lists(STEP, max_size=20), st.floats(-math.pi, math.pi), ERROR, VARIANCE)
@@ -346,15 +346,15 @@ def test_a_position_is_corrected_along_the_walls_normal(
     for step in steps:
         driven.apply(step)
     estimator = driven.estimator
-    estimator.settle()
+    estimator.update_pending()
     c, s = math.cos(direction), math.sin(direction)
     before = estimator.pose
     (xx, xy, _), (_, yy, _), _ = estimator.covariance
-    doubt = c * c * xx + 2 * c * s * xy + s * s * yy
+    with_sigma = c * c * xx + 2 * c * s * xy + s * s * yy
     estimator.correct_position(c, s, error, variance)
     after = estimator.pose
     along = (after.x_m - before.x_m) * c + (after.y_m - before.y_m) * s
-    assert along == pytest.approx(-error * doubt / (doubt + variance), abs=1e-9)
+    assert along == pytest.approx(-error * with_sigma / (with_sigma + variance), abs=1e-9)
 
 
 def between_walls(right_m: float, left_m: float | None = None) -> tuple[Relocaliser, PoseEstimator]:
@@ -381,7 +381,7 @@ def test_a_wall_passed_without_rubbing_enters_the_map(gap_m: float) -> None:
     places, estimator = between_walls(gap_m)
     assert len(places.walls.walls) == 1
     assert places.walls.normal_rad(0) == pytest.approx(-math.pi / 2, abs=math.radians(0.1))
-    variance = float(estimator.belief.p[STATES, STATES])
+    variance = float(estimator.joint_covariance.p[STATES, STATES])
     # nearer than 5 mm it may be a touch now and then
     assert (variance > math.radians(0.4) ** 2) == (gap_m < 0.005)
     assert variance < math.radians(0.8) ** 2

@@ -14,12 +14,12 @@ from bridge.motion.control.room_ahead import RoomAhead
 STOP_M, LEAST_M, STEP_S = 0.05, 0.002, 0.02
 
 
-def barred(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
+def is_blocked(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
     room = RoomAhead(STOP_M)
     found = []
     for range_m in ranges_m:
         room.update(range_m, LEAST_M, dt_s)
-        found.append(room.barred)
+        found.append(room.is_blocked)
     return found
 
 
@@ -31,27 +31,27 @@ def test_room_is_what_is_beyond_the_stop_range() -> None:
 
 
 def test_a_wall_that_came_near_bars_at_once_and_an_echo_out_of_nothing_with_the_next() -> None:
-    assert barred(0.10, 0.06, 0.051, None) == [False, False, True, False]
-    assert barred(0.40, 0.051, 0.39, 0.38) == [False, False, False, False]
-    assert barred(0.40, 0.051, 0.050) == [False, False, True]
-    assert barred(0.051) == [True], "it may have begun there"
+    assert is_blocked(0.10, 0.06, 0.051, None) == [False, False, True, False]
+    assert is_blocked(0.40, 0.051, 0.39, 0.38) == [False, False, False, False]
+    assert is_blocked(0.40, 0.051, 0.050) == [False, False, True]
+    assert is_blocked(0.051) == [True], "it may have begun there"
 
 
 def test_a_leg_that_answers_now_and_then_is_believed_and_two_strange_echoes_far_apart_are_not() -> (
     None
 ):
-    assert barred(0.40, 0.051, 0.40, 0.051) == [False, False, False, True]
-    assert barred(0.40, 0.051, *([0.40, 0.41] * 3), 0.051) == [False] * 9
+    assert is_blocked(0.40, 0.051, 0.40, 0.051) == [False, False, False, True]
+    assert is_blocked(0.40, 0.051, *([0.40, 0.41] * 3), 0.051) == [False] * 9
 
 
 def test_one_lost_echo_is_not_nothing_and_a_silence_is() -> None:
-    assert barred(0.10, None, 0.051) == [False, False, True]
-    assert barred(0.10, *([None] * 7), 0.051, 0.050) == [*([False] * 9), True]
+    assert is_blocked(0.10, None, 0.051) == [False, False, True]
+    assert is_blocked(0.10, *([None] * 7), 0.051, 0.050) == [*([False] * 9), True]
 
 
 def test_a_reading_that_is_held_is_one_reading() -> None:
-    assert barred(0.40, *([0.051] * 6), dt_s=STEP_S) == [False] * 7
-    assert barred(0.40, *([0.051] * 9), dt_s=STEP_S)[-1], "longer than any is held"
+    assert is_blocked(0.40, *([0.051] * 6), dt_s=STEP_S) == [False] * 7
+    assert is_blocked(0.40, *([0.051] * 9), dt_s=STEP_S)[-1], "longer than any is held"
 
 
 @given(
@@ -60,7 +60,7 @@ def test_a_reading_that_is_held_is_one_reading() -> None:
 def test_whatever_is_read_it_is_barred_only_without_room_and_by_two_that_agree(
     ranges_m: list[float | None],
 ) -> None:
-    found = barred(*ranges_m)
+    found = is_blocked(*ranges_m)
     seen = [(k, r) for k, r in enumerate(ranges_m) if r is not None]
     strange_k = -9
     for (before, earlier), (k, range_m) in pairwise(seen):

@@ -84,7 +84,7 @@ def test_a_walls_distance_is_taken_up(step_m: float, speed_m_s: float) -> None:
 @pytest.mark.parametrize("step_m", [0.02, 0.04])
 def test_near_the_wall_it_comes_slowly(step_m: float) -> None:
     """An outline is driven half a millimetre off: the last centimetre at 15 mm/s, a touch."""
-    gap_m = RecoveryOptions().outline_gap_m
+    gap_m = RecoveryOptions().perimeter_gap_m
     response = wall_step(MODEL, step_m, gap_m=gap_m, speed_m_s=1.2 * CRUISE_M_S)
     ways = zip(response.value, response.value[1:], strict=False)
     across = [(b - a) / 0.02 for a, b in ways if b > step_m]

@@ -13,7 +13,7 @@ from support.walled import DEGREE, ORIGIN, Room, line
 def test_squareness_is_used_where_the_evidence_is_for_it() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
-    room.doubt(0.0, 0.5 * DEGREE)
+    room.inflate(0.0, 0.5 * DEGREE)
     room.believe(0.0, 0.0, 0.4 * DEGREE)
     room.walls.see_line(line(0.0, 0.8))  # square to the first; the heading is 0.4° off
     assert abs(room.filter.pose.theta_rad) < 0.15 * DEGREE
@@ -23,7 +23,7 @@ def test_squareness_is_used_where_the_evidence_is_for_it() -> None:
 def test_an_askew_box_bends_nothing(degrees: float) -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
-    room.doubt(0.0, 0.5 * DEGREE)
+    room.inflate(0.0, 0.5 * DEGREE)
     room.walls.see_line(line(degrees * DEGREE, 0.8))
     assert room.filter.pose == ORIGIN
     assert len(room.walls.walls) == 2
@@ -39,7 +39,7 @@ def test_long_walls_are_square_though_their_angle_is_less_sure() -> None:
     for span_m, squared in ((0.3, False), (0.6, True)):
         room = Room()
         room.walls.see_line(line(math.pi / 2, 0.5, span_m))
-        room.doubt(0.0, 1.5 * DEGREE)
+        room.inflate(0.0, 1.5 * DEGREE)
         room.believe(0.0, 0.0, 1.7 * DEGREE)
         room.walls.see_line(line(0.0, 0.8, span_m))
         off = abs(room.filter.pose.theta_rad)
@@ -53,7 +53,7 @@ def test_two_frames_of_square_walls_become_one() -> None:
     first = (line(math.pi / 2, 0.5), line(0.0, 0.8))
     for sight in first:
         room.walls.see_line(sight)
-    room.doubt(0.0, 1.5 * DEGREE)
+    room.inflate(0.0, 1.5 * DEGREE)
     room.believe(0.0, 0.0, 1.7 * DEGREE)
     for sight in (line(-math.pi / 2, 1.5), line(math.pi, 1.8)):
         room.walls.see_line(sight)
@@ -72,20 +72,20 @@ def test_two_frames_of_square_walls_become_one() -> None:
 
 def test_the_headings_doubt_is_that_against_the_square_walls() -> None:
     room = Room()
-    assert room.walls.heading_doubt_rad == 0.0
+    assert room.walls.heading_sigma_rad == 0.0
     room.walls.see_line(line(math.pi / 2, 0.5))
-    room.doubt(0.0, 0.5 * DEGREE)
-    assert room.walls.heading_doubt_rad == 0.0, "one wall squares with nothing"
+    room.inflate(0.0, 0.5 * DEGREE)
+    assert room.walls.heading_sigma_rad == 0.0, "one wall squares with nothing"
     room.walls.see_line(line(0.0, 0.8))
-    known = room.walls.heading_doubt_rad
+    known = room.walls.heading_sigma_rad
     assert 0.0 < known < 0.25 * DEGREE
     # what the whole map is turned by does not count, what was drifted since does
-    room.doubt(0.0, 1.0 * DEGREE)
-    assert room.walls.heading_doubt_rad == pytest.approx(math.hypot(known, DEGREE), rel=1e-3)
+    room.inflate(0.0, 1.0 * DEGREE)
+    assert room.walls.heading_sigma_rad == pytest.approx(math.hypot(known, DEGREE), rel=1e-3)
     room.walls.see_line(line(math.pi / 2, 0.5))
-    assert room.walls.heading_doubt_rad < 0.25 * DEGREE
+    assert room.walls.heading_sigma_rad < 0.25 * DEGREE
     room.filter.restart(ORIGIN)
-    assert room.walls.heading_doubt_rad == 0.0, "and a restart knows no walls"
+    assert room.walls.heading_sigma_rad == 0.0, "and a restart knows no walls"
 
 
 @pytest.mark.parametrize(("span_m", "hides"), [(0.2, False), (0.6, True)])
@@ -94,14 +94,14 @@ def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hide
     room = Room()
     for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
         room.walls.see_line(sight)
-    room.doubt(0.0, 2.0 * DEGREE)
-    doubt = room.walls.heading_doubt_rad
+    room.inflate(0.0, 2.0 * DEGREE)
+    inflate = room.walls.heading_sigma_rad
     askew = 20.0 * DEGREE
     for sight in (line(math.pi / 2 + askew, 0.9, span_m), line(askew, 0.9, span_m)):
         room.walls.see_line(sight)
     walls = room.walls.walls
     assert walls[0].frame == walls[1].frame != walls[2].frame == walls[3].frame >= 0
-    assert (room.walls.heading_doubt_rad < 0.25 * DEGREE < doubt) is hides
+    assert (room.walls.heading_sigma_rad < 0.25 * DEGREE < inflate) is hides
 
 
 def test_a_frame_of_which_more_is_seen_later_counts_then() -> None:
@@ -110,13 +110,13 @@ def test_a_frame_of_which_more_is_seen_later_counts_then() -> None:
     box = (line(math.pi / 2 + askew, 0.4, 0.4), line(askew, 0.4, 0.4))
     for sight in box:
         room.walls.see_line(sight)
-    room.doubt(0.0, 2.0 * DEGREE)  # of the angle between the box and the room
+    room.inflate(0.0, 2.0 * DEGREE)  # of the angle between the box and the room
     for sight in (line(math.pi / 2, 0.9), line(0.0, 0.9)):
         room.walls.see_line(sight)
-    assert room.walls.heading_doubt_rad > DEGREE, "against the box, of which more was seen"
+    assert room.walls.heading_sigma_rad > DEGREE, "against the box, of which more was seen"
     for _ in range(2):
         room.walls.see_line(line(math.pi / 2, 0.9))
-    assert room.walls.heading_doubt_rad < 0.25 * DEGREE, "against the room"
+    assert room.walls.heading_sigma_rad < 0.25 * DEGREE, "against the room"
 
 
 def test_a_wall_forgotten_stands_for_no_others() -> None:
@@ -125,10 +125,10 @@ def test_a_wall_forgotten_stands_for_no_others() -> None:
     for sight in (askew, *[line(math.pi / 2, 0.5)] * 3, *[between] * 3, *[line(0.0, 0.8)] * 3):
         room.walls.see_line(sight)
     assert [wall.frame for wall in room.walls.walls] == [-1, 0, -1, 0]
-    room.doubt(0.0, DEGREE)
-    doubt = room.walls.heading_doubt_rad
-    assert doubt > DEGREE
+    room.inflate(0.0, DEGREE)
+    inflate = room.walls.heading_sigma_rad
+    assert inflate > DEGREE
     for i in range(MAX_WALLS - 3):  # the first one goes, and others of which little was seen come
         room.walls.see_line(line(0.5 + 0.02 * i, 1.0 + 0.11 * i, 0.15))
     assert len(room.walls.walls) == MAX_WALLS
-    assert room.walls.heading_doubt_rad == pytest.approx(doubt, rel=1e-6)
+    assert room.walls.heading_sigma_rad == pytest.approx(inflate, rel=1e-6)

@@ -20,7 +20,7 @@ MODEL = RobotModel()
 def test_a_wall_seen_again_takes_the_drift_away() -> None:
     room = Room()
     assert not room.walls.see_line(line(math.pi / 2, 0.5)), "new"
-    room.doubt(0.02, DEGREE)
+    room.inflate(0.02, DEGREE)
     room.believe(0.01, 0.012, 0.6 * DEGREE)  # an error, within the doubt
     assert room.walls.see_line(line(math.pi / 2, 0.5))
     pose = room.filter.pose
@@ -31,7 +31,7 @@ def test_a_wall_seen_again_takes_the_drift_away() -> None:
 
 def test_a_wall_first_seen_in_doubt_gives_no_more_than_was_known_then() -> None:
     room = Room()
-    room.doubt(0.03, 2.0 * DEGREE)
+    room.inflate(0.03, 2.0 * DEGREE)
     before = room.filter.covariance
     room.walls.see_line(line(math.pi / 2, 0.5))
     for _ in range(50):
@@ -44,7 +44,7 @@ def test_a_wall_first_seen_in_doubt_gives_no_more_than_was_known_then() -> None:
 def test_a_short_stretch_beside_a_walls_end_may_be_a_column() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))  # seen from -0.15 to 0.15 m
-    room.doubt(0.01, DEGREE)
+    room.inflate(0.01, DEGREE)
 
     def beside(at_m: float, span_m: float) -> LineSight:
         half = 0.5 * span_m
@@ -59,7 +59,7 @@ def test_a_wall_may_be_as_far_off_as_the_doubt() -> None:
     for sigma_m, known in ((0.02, False), (0.06, True)):
         room = Room()
         room.walls.see_line(line(0.0, 0.8))
-        room.doubt(sigma_m, 0.0)
+        room.inflate(sigma_m, 0.0)
         room.believe(0.1, 0.0, 0.0)
         sight = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.002**2)
         assert room.walls.see_front(sight, MODEL.ultrasonic) is known
@@ -69,7 +69,7 @@ def test_a_wall_may_be_as_far_off_as_the_doubt() -> None:
 def test_the_ultrasonic_corrects_along_its_view() -> None:
     room = Room()
     room.walls.see_line(line(0.0, 0.8))
-    room.doubt(0.02, 0.0)
+    room.inflate(0.02, 0.0)
     room.believe(0.015, 0.01, 0.0)
     assert room.walls.see_front(FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.002**2), MODEL.ultrasonic)
     assert room.filter.pose.x_m == pytest.approx(0.0, abs=0.001)
@@ -84,7 +84,7 @@ def test_a_surface_of_unknown_direction_tells_nothing_of_the_wheels() -> None:
     for i in range(6):
         assert room.walls.see_front(FrontSight(0.9 - 0.0996 * i, 0.001**2), mount) is (i > 0)
         room.filter.advance(0.1, 0.0, 0.5, 0.5, by_wheels=False)
-        room.filter.settle()
+        room.filter.update_pending()
     assert room.filter.wheel_scale == 1.0
     assert room.filter.wheel_scale_sigma == scale
 
@@ -125,7 +125,7 @@ def test_an_echo_askew_is_held_against_walls_that_the_infrared_saw_only() -> Non
 def test_a_surface_far_off_the_doubt_is_another() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
-    room.doubt(0.003, 0.0)
+    room.inflate(0.003, 0.0)
     assert not room.walls.see_line(line(math.pi / 2, 0.54))
     assert room.filter.pose == ORIGIN
     assert len(room.walls.walls) == 2
@@ -135,7 +135,7 @@ def test_the_wall_itself_is_believed_against_too_sure_an_estimate() -> None:
     """A stretch before the very wall cannot be another one: the estimate had it wrong."""
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
-    room.doubt(0.001, 0.02 * DEGREE)
+    room.inflate(0.001, 0.02 * DEGREE)
     room.believe(0.0, 0.02, 0.0)
     assert room.walls.see_line(line(math.pi / 2, 0.5))
     assert abs(room.filter.pose.y_m) < 0.005
@@ -147,11 +147,11 @@ def test_memory_is_bounded_and_a_restart_forgets() -> None:
     for i in range(3 * MAX_WALLS):
         room.walls.see_line(line(0.03 * i, 0.3 + 0.11 * i))
     assert len(room.walls.walls) == MAX_WALLS
-    assert room.filter.belief.size == STATES + 2 * MAX_WALLS
+    assert room.filter.joint_covariance.size == STATES + 2 * MAX_WALLS
     assert len(room.filter.walls) == 2 * MAX_WALLS
     room.filter.restart(ORIGIN)
-    assert room.walls.heading_doubt_rad == 0.0
-    assert room.filter.belief.size == STATES
+    assert room.walls.heading_sigma_rad == 0.0
+    assert room.filter.joint_covariance.size == STATES
     room.walls.see_line(line(0.0, 0.5))
     assert len(room.walls.walls) == 1
 
@@ -160,10 +160,10 @@ def test_the_joint_covariance_stays_positive() -> None:
     rng = random.Random(4)
     room = Room()
     for _ in range(300):
-        room.doubt(rng.uniform(0, 0.003), rng.uniform(0, 0.2) * DEGREE)
+        room.inflate(rng.uniform(0, 0.003), rng.uniform(0, 0.2) * DEGREE)
         normal = rng.choice((0.0, 0.5, 1.0, 1.5)) * math.pi + rng.gauss(0, 0.3 * DEGREE)
         room.walls.see_line(line(normal, 0.5 + rng.gauss(0, 0.003)))
-    p = room.filter.belief.p
+    p = room.filter.joint_covariance.p
     assert np.allclose(p, p.T)
     assert float(np.linalg.eigvalsh(p).min()) > -1e-12
     assert p[THETA, THETA] > 0.0
@@ -180,7 +180,7 @@ def test_a_wall_that_the_map_holds_twice_still_tells_the_heading() -> None:
     assert len({wall.frame for wall in walls}) == 1
     # between both, where the sight may be of either
     room.believe(-0.6, 0.0, 0.0)
-    room.doubt(0.01, DEGREE)
+    room.inflate(0.01, DEGREE)
     room.believe(0.0, 0.0, 0.8 * DEGREE)
     assert room.walls.see_line(line(math.pi / 2, 0.5))
     assert abs(room.filter.pose.theta_rad) < 0.2 * DEGREE
@@ -189,12 +189,12 @@ def test_a_wall_that_the_map_holds_twice_still_tells_the_heading() -> None:
 def test_of_two_walls_that_may_be_meant_none_is_taken() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
-    room.doubt(0.0, 4.0 * DEGREE)  # so that they are not found to be parallel
+    room.inflate(0.0, 4.0 * DEGREE)  # so that they are not found to be parallel
     room.believe(1.2, 0.02, 0.0)
     room.walls.see_line(line(math.pi / 2, 0.5))  # a step of 2 cm, or an error
     assert [wall.frame for wall in room.walls.walls] == [-1, -1]
     room.believe(-0.6, -0.01, 0.0)
-    room.doubt(0.02, DEGREE)
+    room.inflate(0.02, DEGREE)
     assert not room.walls.see_line(line(math.pi / 2, 0.5))
 
 
@@ -208,7 +208,7 @@ def test_a_cupboards_front_before_a_wall_is_not_that_wall() -> None:
     assert len(walls) == 3
     assert len({wall.frame for wall in walls}) == 1, "parallel, 2.5 cm apart, and surely so"
     room.believe(-0.6, 0.0, 0.0)
-    room.doubt(0.02, 0.5 * DEGREE)
+    room.inflate(0.02, 0.5 * DEGREE)
     assert not room.walls.see_line(line(math.pi / 2, 0.49)), "it may be either"
 
 
@@ -234,7 +234,7 @@ def test_a_place_that_the_ultrasonic_saw_on_a_wall_is_that_wall(
     room.walls.walls[0].high_m = high_m
     for wall in room.walls.walls:
         wall.frame = frame
-    room.doubt(0.01, DEGREE)
+    room.inflate(0.01, DEGREE)
     room.believe(0.0, 0.0, off_deg * DEGREE)
     assert room.walls.see_line(line(0.0, 0.8))
     assert abs(room.filter.pose.theta_rad) < 0.1 * DEGREE
@@ -245,7 +245,7 @@ def test_a_place_that_the_ultrasonic_saw_on_a_wall_is_that_wall(
 def test_the_ultrasonic_takes_such_a_place_for_the_wall_as_well(off_m: float) -> None:
     room = marked()
     room.believe(0.0, 0.45, 0.0)
-    room.doubt(0.01, 0.0)
+    room.inflate(0.01, 0.0)
     room.believe(off_m, 0.0, 0.0)
     sight = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
     assert room.walls.see_front(sight, MODEL.ultrasonic)
@@ -257,7 +257,7 @@ def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
     before, beside = marked(before_m=0.025), marked()
     beside.walls.walls[0].high_m = 0.15  # seen up to 25 cm from that place
     for room in (before, beside):
-        room.doubt(0.02, 0.5 * DEGREE)
+        room.inflate(0.02, 0.5 * DEGREE)
         room.believe(0.0125, 0.0, 0.0)
         assert not room.walls.see_line(line(0.0, 0.8)), "it may be either"
         room.believe(0.0, 0.25, 0.0)
@@ -302,7 +302,7 @@ def test_a_cupboard_that_may_be_the_wall_is_still_itself(
     room = Room()
     cupboard = FrontSight(0.8 - step_m - MODEL.ultrasonic.x_m, 0.002**2)
     assert not room.walls.see_front(cupboard, MODEL.ultrasonic)
-    room.doubt(drift_m, 0.3 * DEGREE)
+    room.inflate(drift_m, 0.3 * DEGREE)
     for forth_m in (0.8, 0.0, 0.2, -0.3):
         room.believe(0.0, forth_m, 0.0)
         room.walls.see_line(line(0.0, 0.8))

@@ -142,7 +142,7 @@ def window_kernels(m: Any) -> list[object]:
     ways = np.zeros_like(dist)
     given: list[object] = [m.mark_targets(dist, 250, done, target, ways)]
     for heading in (0.0, 2.9):
-        best, prices = m.BestOutline(), m.OutlinePrices(28.0, 0.85, 0.9, 500.0)
+        best, prices = m.BestPerimeter(), m.PerimeterCosts(28.0, 0.85, 0.9, 500.0)
         m.scan_outlines(open_, ways, done, 20.0, 20.0, heading, prices, best)
         given += public(best)
     marked = target.copy()
@@ -255,7 +255,7 @@ def drive_kernel(m: Any) -> list[object]:
             b.take_draws(np.linspace(-1.0, 1.0, b.draws_used()))
         if period == 200:
             b.touch(0.6, 0.8)
-    m.settle(b)
+    m.discharge_battery(b)
     m.switch(0.5, -0.5, b)
     assert b.collisions > 0
     assert b.contact_ms > 0.0

@@ -10,10 +10,10 @@ from bridge.motion.observation import HALT, Observation
 from bridge.motion.robot_model import RobotModel
 from bridge.run.ending import Ending
 from bridge.run.mission import (
+    AT_REST_S,
     DATA_TIMEOUT_S,
     END_TIMEOUT_S,
     LOST_TIMEOUT_S,
-    SETTLE_S,
     Mission,
     Phase,
     Request,
@@ -82,11 +82,11 @@ def test_each_step_waits_for_the_one_before() -> None:
     assert mission.requests() == [Request("mode", Mode.VELOCITY)]
     mission.on_command(ENABLED, 0.5)
     assert mission.step(seen(0.6), None, 0.6) == HALT
-    assert mission.step(seen(2.9), None, 0.5 + SETTLE_S - 0.01) == HALT
+    assert mission.step(seen(2.9), None, 0.5 + AT_REST_S - 0.01) == HALT
     assert phase(mission) is Phase.SETTLING
-    mission.step(seen(3.0), None, 0.5 + SETTLE_S)
+    mission.step(seen(3.0), None, 0.5 + AT_REST_S)
     assert phase(mission) is Phase.DRIVING
-    assert mission.drive_started_s == 0.5 + SETTLE_S
+    assert mission.drive_started_s == 0.5 + AT_REST_S
     mission.step(seen(3.1), None, 3.1)
     command = mission.step(seen(3.2), None, 3.2)
     assert command is not None

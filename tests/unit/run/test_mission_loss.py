@@ -54,7 +54,7 @@ def made(plan: Plan | None = None, **options: object) -> Mission:
 
 def driving(plan: Plan | None = None, **options: object) -> Mission:
     """On its way since 16 s."""
-    mission = made(plan, settle_s=2.0, **options)
+    mission = made(plan, at_rest_s=2.0, **options)
     mission.on_ready(10.0)
     mission.on_status(status(), 12.0)
     mission.on_command(accepted(SetMode(1, 1)), 14.0)
@@ -105,7 +105,7 @@ def test_by_default_it_settles_for_2_5_s() -> None:
 
 @pytest.mark.parametrize(("obs", "stale"), [(None, None), (AT_REST, "imu"), (None, "imu")])
 def test_it_does_not_set_out_without_its_data(obs: Observation | None, stale: str | None) -> None:
-    mission = made(settle_s=2.0)
+    mission = made(at_rest_s=2.0)
     mission.on_ready(0.0)
     mission.on_status(status(), 0.0)
     mission.on_command(accepted(SetMode(1, 1)), 1.0)
@@ -420,7 +420,7 @@ def test_a_drive_whose_session_fails_reports_that_no_stop_is_confirmed() -> None
 @pytest.mark.parametrize("enabled", [False, True], ids=["asked to", "settling"])
 def test_a_device_that_dies_before_the_first_move_gives_status_3(*, enabled: bool) -> None:
     """It may have been enabled; an end in order must not pass for one that is confirmed."""
-    mission = made(settle_s=2.0)
+    mission = made(at_rest_s=2.0)
     mission.on_ready(10.0)
     mission.on_status(status(), 12.0)
     if enabled:

@@ -227,7 +227,7 @@ def test_motion_waits_for_four_answers() -> None:
     host = spinning_host()
     ends = Ends(HostEnd(host), sweeper(), to_host=NoReplies(Pipe(1_000), every=9))
     assert ends.run(8.0, lambda: ends.moving)
-    answered = host.session.round_trip.least_ns
+    answered = host.session.round_trip.min_ns
     assert answered is not None
     pings = [s for s in ends.sent if isinstance(s.message, TimeRequest)]
     assert len([s for s in pings if s.at_us < ends.setpoints_us()]) >= 4 * 9
@@ -316,7 +316,7 @@ def test_a_turnaround_longer_than_the_round_trip_hides_nothing(turnaround_us: in
     trip.begin(0)
     for sent_ns in range(200 * MS, 1001 * MS, 200 * MS):
         trip.answered(sent_ns, sent_ns + 300 * MS, turnaround_us)
-    assert trip.least_ns == 300 * MS
+    assert trip.min_ns == 300 * MS
     assert trip.trouble(1000 * MS) is not None
 
 
@@ -334,7 +334,7 @@ def test_a_new_session_is_measured_anew() -> None:
 
 
 def test_nothing_moves_before_the_fourth_answer() -> None:
-    host = host_with(Mission(PlanRunner(Spinning(MODEL), MODEL), settle_s=0.0))
+    host = host_with(Mission(PlanRunner(Spinning(MODEL), MODEL), at_rest_s=0.0))
     ends = joined(host, Line(40))
     assert ends.run(8.0, lambda: ends.setpoints_us() >= 0)
     pings = [s for s in ends.sent if isinstance(s.message, TimeRequest)]

@@ -54,10 +54,10 @@ class Fickle:
                 continue
             self.heard += 1
             if isinstance(event.message, HostHello):
-                self.say(event.message.session_id, now_ns)
+                self.inform(event.message.session_id, now_ns)
         return self._link.data_to_send()
 
-    def say(self, session_id: int, now_ns: int) -> None:
+    def inform(self, session_id: int, now_ns: int) -> None:
         stamp_us = now_ns // 1000 & 0xFFFF_FFFF
         if self.calm or self.joins:
             self._link.send(hello(session_id), stamp_us, node=1)
@@ -82,7 +82,7 @@ def run(session: Session, device: Fickle, begin_ns: int, seconds: float) -> list
         events += session.poll(HostNs(now))
         came = device.turn(session.data_to_send(), now)
         if now == begin_ns and not device.heard:
-            device.say(0, now)
+            device.inform(0, now)
     return events
 
 

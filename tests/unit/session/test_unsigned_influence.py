@@ -55,19 +55,19 @@ class Line:
             if isinstance(event, Received):
                 self.heard.append(event.message)
 
-    def say(self, link: Link, message: Message, late_us: int = 0) -> None:
+    def inform(self, link: Link, message: Message, late_us: int = 0) -> None:
         link.send(message, (self.now_us - late_us) % SPAN_US, node=1)
         self.wait(20_000, link.data_to_send())
 
     def begin(self) -> None:
-        self.say(self.host, HostHello(CATALOGUE.hash, SESSION, 0, "host"))
+        self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, 0, "host"))
         hello = next(m for m in reversed(self.heard) if isinstance(m, Hello))
         if self.host.key is not None:
             challenge = next(m for m in reversed(self.heard) if isinstance(m, Challenge))
             self.host.key.begin(hello.boot_id, SESSION, challenge.counter)
-        self.say(self.host, HostHello(CATALOGUE.hash, SESSION, 1, "host"))
-        self.say(self.host, ClearStop(1, StopCause.SESSION_END))
-        self.say(self.host, SetMode(2, Mode.VELOCITY))
+        self.inform(self.host, HostHello(CATALOGUE.hash, SESSION, 1, "host"))
+        self.inform(self.host, ClearStop(1, StopCause.SESSION_END))
+        self.inform(self.host, SetMode(2, Mode.VELOCITY))
 
     @property
     def moving(self) -> bool:
@@ -83,12 +83,12 @@ def test_stamps_of_unsigned_frames_make_no_old_setpoint_fresh() -> None:
     line = Line(KEY)
     line.begin()
     for ahead_us in (0x5555_0000, 0xAAAA_0000, SPAN_US - LATE_US - 100_000):
-        line.say(line.stranger, TimeRequest(1), late_us=-ahead_us)
+        line.inform(line.stranger, TimeRequest(1), late_us=-ahead_us)
     for counter in range(50):
-        line.say(line.host, VelocitySetpoint(2000, 0, 200, counter), late_us=LATE_US)
+        line.inform(line.host, VelocitySetpoint(2000, 0, 200, counter), late_us=LATE_US)
         assert not line.moving
     for counter in range(50, 100):
-        line.say(line.host, VelocitySetpoint(2000, 0, 200, counter))
+        line.inform(line.host, VelocitySetpoint(2000, 0, 200, counter))
     assert line.moving  # nor do they make a fresh one old
 
 
@@ -96,7 +96,7 @@ def test_a_refused_frame_keeps_no_session_alive() -> None:
     line = Line(KEY)
     line.begin()
     for counter in range(80):
-        line.say(line.stranger, VelocitySetpoint(2000, 0, 200, counter))
+        line.inform(line.stranger, VelocitySetpoint(2000, 0, 200, counter))
     assert line.cause is StopCause.LINK
     assert not line.device.firmware.agreed
 
@@ -107,7 +107,7 @@ def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(
     fields: int, key: bytes | None
 ) -> None:
     line = Line(key)
-    line.say(line.stranger, Describe(HOST_HELLO, fields))
+    line.inform(line.stranger, Describe(HOST_HELLO, fields))
     line.begin()
     assert line.device.firmware.agreed
     assert line.device.firmware.session_id == SESSION
@@ -123,7 +123,7 @@ def test_a_stop_with_a_wrong_tag_is_a_stop(key: bytes | None) -> None:
         line.wait(20_000, encode_frame(1, STOP, 0, 0, payload + tag, FLAG_AUTHENTICATED))
         assert line.cause is StopCause.OPERATOR
         assert Ack(900, STOP) in line.heard
-        line.say(line.host, ClearStop(3 + len(tag), StopCause.OPERATOR))
+        line.inform(line.host, ClearStop(3 + len(tag), StopCause.OPERATOR))
         assert not line.device.firmware.latch.latched
 
 
@@ -134,5 +134,5 @@ def test_a_stop_is_no_proof_of_the_key() -> None:
     stop = Stop(901, StopCause.SESSION_END)
     payload = struct.pack("<HB", *stop)
     line.wait(20_000, encode_frame(1, STOP, 0, 0, payload + bytes(12), FLAG_AUTHENTICATED))
-    line.say(line.stranger, ClearStop(902, StopCause.SESSION_END))
+    line.inform(line.stranger, ClearStop(902, StopCause.SESSION_END))
     assert line.cause is StopCause.SESSION_END

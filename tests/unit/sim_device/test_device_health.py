@@ -18,7 +18,7 @@ from protocol.values import (
 )
 from sim_device.device.health import STALL_STOP_S
 from sim_device.device.modes import State
-from sim_device.device.onboard import SETTLE_US
+from sim_device.device.onboard import AT_REST_US
 from sim_device.device.parameters import table, to_raw
 from sim_device.sensors.rangers import Ranges
 from sim_device.sweeper import VirtualSweeper
@@ -149,7 +149,7 @@ def test_a_gravity_that_is_none() -> None:
 def test_planning_for_itself_it_stops_without_a_gyro() -> None:
     bench = Bench(mode=Mode.IDLE)
     bench.start_plan_again()
-    bench.run(SETTLE_US / 1e6 + 2.0)
+    bench.run(AT_REST_US / 1e6 + 2.0)
     assert not bench.standing()
     bench.device.sensors.faults.imu_frozen = True
     assert bench.run(60.0, lambda: bench.device.state is State.STOPPED)

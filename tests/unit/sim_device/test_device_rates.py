@@ -51,7 +51,7 @@ def test_rates_end_with_the_session() -> None:
     host = desk.ends.host
     assert isinstance(host, SessionEnd)
     desk.host = host
-    desk.settle()
+    desk.reach_agreement()
     assert desk.count(Imu, 1.0) == pytest.approx(100, abs=1)
 
 

@@ -33,17 +33,19 @@ def host_words() -> list[tuple[int, bytes]]:
     link = Link(Direction.HOST)
     said: list[tuple[int, bytes]] = []
 
-    def say(at_us: int, message: object) -> None:
+    def inform(at_us: int, message: object) -> None:
         link.send(message, at_us + HOST_BOOT_US, node=1)  # type: ignore[arg-type]  # a message
         said.append((at_us, link.data_to_send()))
 
-    say(350_000, HostHello(link.codec.catalogue.hash, 77, 1, "determinism"))
-    say(400_000, ClearStop(1, StopCause.SESSION_END))
-    say(420_000, SetMode(2, Mode.VELOCITY))
+    inform(350_000, HostHello(link.codec.catalogue.hash, 77, 1, "determinism"))
+    inform(400_000, ClearStop(1, StopCause.SESSION_END))
+    inform(420_000, SetMode(2, Mode.VELOCITY))
     for number, at_us in enumerate(range(450_000, LASTS_US, 20_000)):
-        say(at_us, VelocitySetpoint(1500, 2000 if number % 40 < 20 else -2500, 200, number % 256))
+        inform(
+            at_us, VelocitySetpoint(1500, 2000 if number % 40 < 20 else -2500, 200, number % 256)
+        )
         if number % 10 == 0:
-            say(at_us, TimeRequest(number % 256))
+            inform(at_us, TimeRequest(number % 256))
     return said
 
 

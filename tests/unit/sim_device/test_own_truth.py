@@ -19,7 +19,7 @@ RECKONING = {
     "bridge.motion.kinematics",
     "bridge.motion.estimation.odometry",
     "bridge.motion.estimation.relocalise",
-    "bridge.motion.estimation.belief",
+    "bridge.motion.estimation.joint_covariance",
     "bridge.motion.dead_reckoning",
     "bridge.motion.estimation.pose_filter",
     "bridge.motion.estimation.wall_map",

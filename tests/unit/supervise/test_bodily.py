@@ -40,7 +40,7 @@ def test_it_leans_beyond_its_limit(degrees: float, *, aside: bool, found: bool) 
     for _ in range(100):
         walk.step(1, imu=leaning(degrees, aside=aside))
     assert walk.held is found
-    assert rule.tell()[1]["angle_deg"] == pytest.approx(abs(degrees), abs=0.1)
+    assert rule.evidence()[1]["angle_deg"] == pytest.approx(abs(degrees), abs=0.1)
 
 
 def test_a_shock_is_no_lean() -> None:
@@ -50,7 +50,7 @@ def test_a_shock_is_no_lean() -> None:
     for _ in range(2):
         walk.step(1, imu=leaning(20.0))
     assert not walk.held
-    assert rule.tell()[1]["angle_deg"] == pytest.approx(3.8, abs=0.2)
+    assert rule.evidence()[1]["angle_deg"] == pytest.approx(3.8, abs=0.2)
     for _ in range(2):
         walk.step(1, imu=leaning(20.0))
     assert walk.held
@@ -74,7 +74,7 @@ def test_a_dead_accelerometer_is_no_lean() -> None:
 def test_upside_down_is_a_lean() -> None:
     walk = Walk(rule := Tilt(TiltRule()))
     assert walk.step(2, imu=imu(0, 0, -G_LSB))
-    assert rule.tell()[1]["angle_deg"] == 180.0
+    assert rule.evidence()[1]["angle_deg"] == 180.0
 
 
 # ---- lifted ------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ def test_a_jolt_and_no_floor_is_a_lift(up: int, *, found: bool) -> None:
     walk.step(1, imu=imu(0, 0, up), range=reading())
     assert walk.step(1, imu=imu(), range=reading(contacts=CLIFF)) is found
     if found:
-        assert rule.tell()[1] == {"by": "host"}
+        assert rule.evidence()[1] == {"by": "host"}
         assert walk.step(200, imu=imu(), range=reading(contacts=CLIFF)), "as long as it is up"
         assert not walk.step(1, imu=imu(), range=reading(contacts=LEFT))
 
@@ -115,7 +115,7 @@ def test_a_jolt_alone_and_a_cliff_alone_are_none() -> None:
 def test_the_device_says_that_it_is_lifted() -> None:
     walk = Walk(rule := Lifted())
     assert walk.step(1, status=status(int(Fault.LIFTED | Fault.IMU)))
-    assert rule.tell()[1] == {"by": "device"}
+    assert rule.evidence()[1] == {"by": "device"}
     assert not walk.step(1, status=status(int(Fault.IMU)))
     walk.step(1, imu=imu(0, 0, JOLT), range=reading(contacts=CLIFF))
     rule.restart()
@@ -132,7 +132,7 @@ def test_so_many_bumps_in_the_window() -> None:
         assert held is (number == 3)
         if number < 3:
             assert not walk.step(4, range=reading())
-    assert rule.tell()[1] == {"count": 3, "window_s": 1.0, "held_s": 0.0}
+    assert rule.evidence()[1] == {"count": 3, "window_s": 1.0, "held_s": 0.0}
     assert walk.step(39, range=reading())
     assert not walk.step(2, range=reading()), "the first is a second ago"
 
@@ -152,7 +152,7 @@ def test_a_half_that_stays_pressed(half: int) -> None:
     walk.step(1, range=reading(contacts=half))
     assert not walk.step(99, range=reading(contacts=half))
     assert walk.step(2, range=reading(contacts=half))
-    assert rule.tell()[1]["held_s"] == pytest.approx(2.0, abs=0.03)
+    assert rule.evidence()[1]["held_s"] == pytest.approx(2.0, abs=0.03)
     assert walk.step(1, range=reading(contacts=LEFT | RIGHT))
     assert not walk.step(1, range=reading(contacts=(LEFT | RIGHT) ^ half))
     assert not walk.step(99, range=reading(contacts=(LEFT | RIGHT) ^ half))
@@ -164,11 +164,11 @@ def test_the_same_reading_twice_is_one() -> None:
     walk.step(3, range=touch)
     walk.step(3, range=free)
     assert not walk.held
-    assert rule.tell()[1] == {"count": 1, "window_s": 10.0, "held_s": 0.0}
+    assert rule.evidence()[1] == {"count": 1, "window_s": 10.0, "held_s": 0.0}
     rule.restart()
     walk.step(1, range=reading(contacts=LEFT))
     assert not walk.held
-    assert rule.tell()[1]["count"] == 1, "the one before is forgotten"
+    assert rule.evidence()[1]["count"] == 1, "the one before is forgotten"
     assert not walk.step(1, range=None)
 
 
@@ -189,7 +189,7 @@ def test_a_touch_that_creeps_along_is_one(made_m: float, after_s: float, counts:
             *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0), range=reading(contacts=contacts)
         )
         rule.holds(watched, measured)
-    assert rule.tell()[1]["count"] == counts
+    assert rule.evidence()[1]["count"] == counts
 
 
 def test_a_wall_that_is_followed_slowly_is_no_run_of_bumps() -> None:
@@ -199,11 +199,11 @@ def test_a_wall_that_is_followed_slowly_is_no_run_of_bumps() -> None:
         walk.step(5, left_m=0.0006, right_m=0.0006, range=reading(contacts=LEFT))
         walk.step(10, left_m=0.0006, right_m=0.0006, range=reading())
     assert not walk.held
-    assert rule.tell()[1]["count"] == 0, "the first was half a minute ago"
+    assert rule.evidence()[1]["count"] == 0, "the first was half a minute ago"
     walk.step(1, range=reading(contacts=LEFT))
     rule.restart()
     walk.step(1, left_m=0.01, right_m=0.01, range=reading(contacts=LEFT))
-    assert rule.tell()[1]["count"] == 1, "nothing is known of a touch before"
+    assert rule.evidence()[1]["count"] == 1, "nothing is known of a touch before"
 
 
 # ---- cliff -------------------------------------------------------------------------------
@@ -218,11 +218,11 @@ def test_no_floor_is_told_and_driving_on_is_grave() -> None:
         walk.step(steps, left_m=way_m, right_m=way_m, range=reading(contacts=CLIFF))
         grave.append(rule.grave)
         if steps == 12:
-            assert rule.tell()[1]["ahead_m"] == pytest.approx(0.048, abs=0.001)
+            assert rule.evidence()[1]["ahead_m"] == pytest.approx(0.048, abs=0.001)
     assert grave == [False, False, True, True], "what was done is done"
     held = [walk.step(1, range=reading()), walk.step(1, range=reading(contacts=CLIFF))]
     assert held == [False, True]
-    assert rule.tell() == ("no floor ahead", {"ahead_m": 0.0}), "it begins anew"
+    assert rule.evidence() == ("no floor ahead", {"ahead_m": 0.0}), "it begins anew"
 
 
 def test_backing_off_from_a_cliff_is_right() -> None:
@@ -237,19 +237,19 @@ def test_backing_off_from_a_cliff_is_right() -> None:
 
 
 def test_a_small_square_for_a_long_time_is_no_progress() -> None:
-    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, least_m=0.1)))
+    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, min_side_m=0.1)))
     walk.step(1)
     for index in range(199):
         x = 0.099 * (index % 2)
         assert not walk.step(1, pose=Pose2(x, -x, 0.0))
     assert not walk.step(1, pose=Pose2(0.05, 0.0, 0.0))
     assert walk.step(2, pose=Pose2(0.05, 0.0, 0.0))
-    assert rule.tell()[1] == {"for_s": pytest.approx(4.0, abs=0.05), "least_m": 0.1}
+    assert rule.evidence()[1] == {"for_s": pytest.approx(4.0, abs=0.05), "min_side_m": 0.1}
 
 
 @pytest.mark.parametrize("there", [(0.101, 0.0), (-0.101, 0.0), (0.0, 0.101), (0.0, -0.101)])
 def test_leaving_the_square_begins_it_anew(there: tuple[float, float]) -> None:
-    walk = Walk(Progress(ProgressRule(window_s=4.0, least_m=0.1)))
+    walk = Walk(Progress(ProgressRule(window_s=4.0, min_side_m=0.1)))
     walk.step(150)
     walk.step(1, pose=Pose2(*there, 0.0))
     assert not walk.step(199, pose=Pose2(*there, 0.0))
@@ -257,7 +257,7 @@ def test_leaving_the_square_begins_it_anew(there: tuple[float, float]) -> None:
 
 
 def test_steps_to_and_fro_make_a_square_of_their_own() -> None:
-    walk = Walk(rule := Progress(ProgressRule(window_s=1.0, least_m=0.1)))
+    walk = Walk(rule := Progress(ProgressRule(window_s=1.0, min_side_m=0.1)))
     for x in (0.0, 0.06, -0.06):
         walk.step(10, pose=Pose2(x, 0.0, 0.0))
     assert not walk.step(40, pose=Pose2(-0.06, 0.0, 0.0)), "0.12 m apart: it left the square"
@@ -271,8 +271,8 @@ def test_the_radius_is_around_the_first_place() -> None:
     assert not walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
     assert not walk.step(1, pose=Pose2(5.99, 5.0, 0.0))
     assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0))
-    assert rule.tell()[1] == {"x_m": 5.8, "y_m": 5.8}
-    assert "further than 1 m" in rule.tell()[0]
+    assert rule.evidence()[1] == {"x_m": 5.8, "y_m": 5.8}
+    assert "further than 1 m" in rule.evidence()[0]
     rule.restart()
     assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0)), "the fence stands where it stood"
 
@@ -294,7 +294,7 @@ def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
     walk = Walk(rule := Fence(FenceRule(polygon=corners)))
     assert walk.step(1, pose=Pose2(x, y, 0.0)) is outside
     if outside:
-        assert "outside of the fence" in rule.tell()[0]
+        assert "outside of the fence" in rule.evidence()[0]
 
 
 def test_a_slanting_fence() -> None:

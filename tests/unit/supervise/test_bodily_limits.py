@@ -61,7 +61,7 @@ def test_to_lean_by_the_limit_is_not_to_lean_by_more() -> None:
     for mark in range(200):
         walk.step(1, imu=imu(3000, 0, 3990, mark=mark))
     assert walk.held
-    assert rule.tell() == ("it leans by 37°", {"angle_deg": 36.9})
+    assert rule.evidence() == ("it leans by 37°", {"angle_deg": 36.9})
 
 
 def test_a_sample_counts_once_however_long_it_is_shown() -> None:
@@ -70,7 +70,7 @@ def test_a_sample_counts_once_however_long_it_is_shown() -> None:
     walk.step(50, imu=imu())
     shock = leaning(20.0)
     assert walk.step(10, imu=shock)
-    assert rule.tell()[1] == {"angle_deg": 2.0}
+    assert rule.evidence()[1] == {"angle_deg": 2.0}
 
 
 def test_a_step_longer_than_its_time_constant_takes_the_sample_as_it_is() -> None:
@@ -78,7 +78,7 @@ def test_a_step_longer_than_its_time_constant_takes_the_sample_as_it_is() -> Non
     walk.step(1, imu=imu())
     walk.time_s += 0.28
     assert walk.step(1, imu=leaning(20.0))
-    assert rule.tell()[1] == {"angle_deg": 20.0}
+    assert rule.evidence()[1] == {"angle_deg": 20.0}
 
 
 def test_the_least_that_an_accelerometer_tells_is_a_direction() -> None:
@@ -111,14 +111,14 @@ def test_a_bumper_is_held_from_the_limit_on() -> None:
     walk.look(range=reading(contacts=RIGHT))
     walk.time_s = 3.499
     assert not walk.look(range=reading(contacts=RIGHT))
-    assert rule.tell() == ("1 bumps in 8 s", {"count": 1, "window_s": 8.0, "held_s": 2.5})
+    assert rule.evidence() == ("1 bumps in 8 s", {"count": 1, "window_s": 8.0, "held_s": 2.5})
     walk.time_s = 3.5
     assert walk.look(range=reading(contacts=RIGHT))
     text = "a bumper has been pressed for 2 s"
-    assert rule.tell() == (text, {"count": 1, "window_s": 8.0, "held_s": 2.5})
+    assert rule.evidence() == (text, {"count": 1, "window_s": 8.0, "held_s": 2.5})
     walk.time_s = 3.625
     walk.look(range=reading(contacts=RIGHT))
-    assert rule.tell()[1]["held_s"] == 2.62
+    assert rule.evidence()[1]["held_s"] == 2.62
 
 
 def test_on_the_edge_it_is_not_grave_and_a_step_ahead_is() -> None:
@@ -127,7 +127,7 @@ def test_on_the_edge_it_is_not_grave_and_a_step_ahead_is() -> None:
     grave = [rule.grave]
     walk.step(1, left_m=0.0123, right_m=0.0123, range=reading(contacts=CLIFF))
     grave.append(rule.grave)
-    text, data = rule.tell()
+    text, data = rule.evidence()
     assert text == "no floor ahead, and it drove on by 1 cm"
     assert data == {"ahead_m": 0.012}
     rule.restart()
@@ -135,16 +135,16 @@ def test_on_the_edge_it_is_not_grave_and_a_step_ahead_is() -> None:
 
 
 def test_a_square_of_just_its_side_is_not_left() -> None:
-    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, least_m=0.75)))
+    walk = Walk(rule := Progress(ProgressRule(window_s=4.0, min_side_m=0.75)))
     walk.time_s = 0.0
     for time_s, x, held in ((0.0, 0.0, False), (3.9, 0.75, False), (4.0, 0.75, False)):
         walk.time_s = time_s
         assert walk.look(pose=Pose2(x, 0.0, 0.0)) is held, "a square of three quarters of a metre"
     walk.time_s = 4.0625
     assert walk.look(pose=Pose2(0.75, 0.0, 0.0))
-    text, data = rule.tell()
+    text, data = rule.evidence()
     assert text == "it has been within 75 cm for 4 s"
-    assert data == {"for_s": 4.1, "least_m": 0.75}
+    assert data == {"for_s": 4.1, "min_side_m": 0.75}
 
 
 def test_the_fence_is_where_it_is_and_not_before() -> None:
@@ -152,7 +152,7 @@ def test_the_fence_is_where_it_is_and_not_before() -> None:
     walk.step(1, pose=Pose2(5.0, 5.0, 0.0))
     assert not walk.step(1, pose=Pose2(6.0, 5.0, 0.0)), "a metre is not further than a metre"
     assert walk.step(1, pose=Pose2(6.1234, 5.5678, 0.0))
-    assert rule.tell()[1] == {"x_m": 6.123, "y_m": 5.568}
+    assert rule.evidence()[1] == {"x_m": 6.123, "y_m": 5.568}
     walk = Walk(Fence(FenceRule()))
     walk.step(1, pose=Pose2(0.0, 0.0, 0.0))
     assert not walk.step(1, pose=Pose2(9.0, 0.0, 0.0)), "no fence, and it has moved"

@@ -25,7 +25,7 @@ def test_what_says_that_it_stands_must_stand(phase: PlannerPhase) -> None:
         *((0.0, 0.14, False), (0.0, 0.17, True), (0.0, -0.17, True)),
     ):
         device = started("recovery")
-        device.tell(planner(phase))
+        device.emit_state(planner(phase))
         device.go(20)
         device.go(110, speed, rate=rate)
         assert bool(device.found) is found, (speed, rate)
@@ -36,7 +36,7 @@ def test_what_says_that_it_stands_must_stand(phase: PlannerPhase) -> None:
 
 def test_a_claim_is_tested_once_it_is_a_second_old() -> None:
     device = started("recovery")
-    device.tell(planner(PlannerPhase.PAUSED))
+    device.emit_state(planner(PlannerPhase.PAUSED))
     device.go(49, CRUISE_M)
     assert device.found == []
     device.go(3, CRUISE_M)
@@ -47,9 +47,9 @@ def test_a_claim_is_tested_once_it_is_a_second_old() -> None:
 
 def test_a_new_claim_is_not_held_for_what_was_before() -> None:
     device = started("recovery")
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(100, CRUISE_M)
-    device.tell(planner(PlannerPhase.PAUSED))
+    device.emit_state(planner(PlannerPhase.PAUSED))
     device.go(150)
     assert device.found == []
 
@@ -57,7 +57,7 @@ def test_a_new_claim_is_not_held_for_what_was_before() -> None:
 @pytest.mark.parametrize(("speed", "found"), [(0.0011, False), (0.0013, True), (-0.0013, True)])
 def test_a_turn_in_place_makes_no_way(speed: float, *, found: bool) -> None:
     device = started("recovery")
-    device.tell(planner(TURN))
+    device.emit_state(planner(TURN))
     device.go(110, speed, rate=1.0)
     assert bool(device.found) is found
     if found:
@@ -69,19 +69,19 @@ def test_a_turn_in_place_makes_no_way(speed: float, *, found: bool) -> None:
 @pytest.mark.parametrize(("rate", "found"), [(0.55, False), (0.65, True), (-0.65, True)])
 def test_a_straight_run_does_not_bend(phase: PlannerPhase, rate: float, *, found: bool) -> None:
     device = started("u-shape")
-    device.tell(planner(phase))
+    device.emit_state(planner(phase))
     device.go(110, CRUISE_M, rate=rate)
     assert bool(device.found) is found
     if found:
         assert "turns" in device.found[0]
     device = started("recovery")
-    device.tell(planner(phase))
+    device.emit_state(planner(phase))
     device.go(110, CRUISE_M, rate=rate)
     assert device.found == [], "an outline is a lane too, to the wire"
 
 
 def test_recovery_phases_may_do_anything() -> None:
     device = started("paper")
-    device.tell(planner(PlannerPhase.RECOVERY_RETURN))
+    device.emit_state(planner(PlannerPhase.RECOVERY_RETURN))
     device.go(110, CRUISE_M, rate=1.0)
     assert device.found == []

@@ -30,7 +30,7 @@ def test_a_wheel_that_stands_under_current_stalls() -> None:
     first, second = power(), power(left_a=0.5, right_a=0.1)
     walk.step(10, right_m=0.002, power=first)
     assert walk.step(1, power=second)
-    assert rule.tell()[1] == {"by": "host", "side": "left", "current_a": 0.5}
+    assert rule.evidence()[1] == {"by": "host", "side": "left", "current_a": 0.5}
     assert walk.step(9, power=second), "until the next reading"
     assert not walk.step(1, power=power(left_a=0.48))
 
@@ -45,7 +45,7 @@ def test_a_wheel_stands_below_2_cm_s(way_m: float, *, stands: bool) -> None:
         walk.step(9, power=first, **{side: sign * way_m / 9})
         assert walk.step(1, power=power(left_a=1.0, right_a=1.0))
         name = "left" if side == "left_m" else "right"
-        told = rule.tell()[1]["side"]
+        told = rule.evidence()[1]["side"]
         assert isinstance(told, str)
         assert (name in told) is stands
 
@@ -69,7 +69,7 @@ def test_the_devices_own_word_is_enough() -> None:
     walk = Walk(rule := stall())
     assert not walk.step(1, status=status(int(Fault.INFRARED)))
     assert walk.step(1, status=status(int(Fault.MOTOR_STALL | Fault.IMU)))
-    assert rule.tell()[1] == {"by": "device"}
+    assert rule.evidence()[1] == {"by": "device"}
     assert not walk.step(1, status=status())
     rule.restart()
     assert not walk.step(1, status=None)
@@ -98,7 +98,7 @@ def test_the_battery_at_its_limits(volts: float, *, low: bool, empty: bool) -> N
     assert drain(walk, volts, 4.0) is low
     assert rule.grave is empty
     if low:
-        text, data = rule.tell()
+        text, data = rule.evidence()
         assert text == f"the battery is {'empty' if empty else 'low'}: {volts:.1f} V"
         assert data == {"by": "host", "battery_v": volts, "limit_v": 12.0 if empty else 12.8}
 
@@ -110,7 +110,7 @@ def test_a_dip_is_smoothed_over_a_second() -> None:
     dip = power(9.876)
     walk.step(10, power=dip)
     assert not walk.held
-    assert rule.tell() == (
+    assert rule.evidence() == (
         "the device says that the battery is low",
         {"by": "device", "battery_v": 14.78},
     )
@@ -120,7 +120,7 @@ def test_a_dip_is_smoothed_over_a_second() -> None:
 def test_the_device_says_that_it_is_low() -> None:
     walk = Walk(rule := battery())
     assert walk.step(1, status=status(int(Fault.BATTERY_LOW)))
-    assert rule.tell() == ("the device says that the battery is low", {"by": "device"})
+    assert rule.evidence() == ("the device says that the battery is low", {"by": "device"})
     assert not rule.grave
     assert not walk.step(1, status=status(int(Fault.IMU)))
     drain(walk, 11.0, 1.0)
@@ -141,7 +141,7 @@ def test_nothing_of_the_device() -> None:
     walk = Walk(rule := silence())
     assert not walk.look(heard_s=walk.time_s - 0.39)
     assert walk.look(heard_s=walk.time_s - 0.42)
-    assert rule.tell()[1] == {"stream": "", "for_s": 0.42}
+    assert rule.evidence()[1] == {"stream": "", "for_s": 0.42}
     assert not walk.look(heard_s=walk.time_s)
 
 
@@ -151,7 +151,7 @@ def test_a_stream_that_ends(kind: type[Encoders | Imu | Range | Status | Power])
     others = dict.fromkeys((Encoders, Imu, Range, Status, Power, PlannerState), walk.time_s)
     assert not walk.look(arrived_s={**others, kind: walk.time_s - 0.98})
     assert walk.look(arrived_s={**others, kind: walk.time_s - 1.02})
-    assert rule.tell()[1] == {"stream": kind.__name__.lower(), "for_s": 1.02}
+    assert rule.evidence()[1] == {"stream": kind.__name__.lower(), "for_s": 1.02}
     del others[kind]
     assert not walk.look(arrived_s=others), "a stream that never was has not ended"
     rule.restart()
@@ -168,7 +168,7 @@ def test_a_stream_that_ends(kind: type[Encoders | Imu | Range | Status | Power])
 def test_what_the_device_says_of_its_sensors(fault: Fault) -> None:
     walk = Walk(rule := Sensor())
     assert walk.step(1, status=status(int(fault | Fault.LIFTED)))
-    assert rule.tell()[1] == {"sensor": (fault.name or "").lower()}
+    assert rule.evidence()[1] == {"sensor": (fault.name or "").lower()}
     assert not walk.step(1, status=status(int(Fault.LIFTED | Fault.BATTERY_LOW)))
     assert not walk.step(1, status=None)
 
@@ -180,7 +180,7 @@ def test_registers_that_do_not_change_while_the_wheels_turn() -> None:
     walk.step(1, imu=imu(mark=1))
     assert not walk.step(49, left_m=-way_m, right_m=way_m, imu=imu(mark=1))
     assert walk.step(2, left_m=-way_m, right_m=way_m, imu=imu(mark=1))
-    assert rule.tell()[1] == {"sensor": "imu", "frozen_s": pytest.approx(1.0, abs=0.03)}
+    assert rule.evidence()[1] == {"sensor": "imu", "frozen_s": pytest.approx(1.0, abs=0.03)}
     assert not walk.step(1, left_m=-way_m, right_m=way_m, imu=imu(mark=2))
     assert not walk.step(49, left_m=way_m, right_m=-way_m, imu=imu(mark=2))
     assert walk.step(2, left_m=way_m, right_m=-way_m, imu=imu(mark=2))
@@ -200,7 +200,7 @@ def test_another_boot_is_a_reset() -> None:
     walk = Walk(rule := Reset())
     assert not walk.step(2, boot_id=7)
     assert walk.step(1, boot_id=8)
-    assert rule.tell()[1] == {"boot_id": "8", "was": "7"}
+    assert rule.evidence()[1] == {"boot_id": "8", "was": "7"}
     rule.restart()
     assert walk.step(1, boot_id=8), "the boot that was watched is another"
     assert not walk.step(1, boot_id=7)
@@ -232,7 +232,7 @@ def test_of_two_wheels_that_stand_the_greater_current_is_told() -> None:
     walk = Walk(rule := stall())
     walk.step(1, power=power())
     assert walk.step(1, power=power(left_a=0.58, right_a=0.86))
-    text, data = rule.tell()
+    text, data = rule.evidence()
     assert text == "the left and right wheel stands while its motor draws 0.9 A"
     assert data == {"by": "host", "side": "left and right", "current_a": 0.86}
     assert walk.step(1, power=None), "no newer reading"
@@ -242,14 +242,14 @@ def test_at_its_limits_the_battery_is_neither_low_nor_empty() -> None:
     walk = Walk(rule := battery())
     assert walk.step(1, power=power(12.8)) is False
     assert walk.step(1, power=None) is False
-    assert rule.tell()[1] == {"by": "device", "battery_v": 12.8}
+    assert rule.evidence()[1] == {"by": "device", "battery_v": 12.8}
     walk = Walk(rule := battery())
     assert walk.step(1, power=power(12.0))
     assert rule.grave is False
     walk = Walk(rule := battery())
     assert walk.step(1, power=power(11.876))
     assert rule.grave is True
-    assert rule.tell()[1]["battery_v"] == 11.88
+    assert rule.evidence()[1]["battery_v"] == 11.88
 
 
 def test_a_reading_after_a_long_time_is_taken_as_it_is() -> None:
@@ -257,7 +257,7 @@ def test_a_reading_after_a_long_time_is_taken_as_it_is() -> None:
     walk.step(1, power=power(16.0))
     walk.time_s += 3.0
     assert walk.step(1, power=power(12.5))
-    assert rule.tell()[1]["battery_v"] == 12.5
+    assert rule.evidence()[1]["battery_v"] == 12.5
 
 
 def test_a_device_is_silent_only_after_its_time() -> None:
@@ -265,11 +265,11 @@ def test_a_device_is_silent_only_after_its_time() -> None:
     walk.time_s = 8.0
     assert walk.look(heard_s=7.5) is False
     assert walk.look(heard_s=7.375) is True
-    assert rule.tell() == ("nothing of the device for 0.6 s", {"stream": "", "for_s": 0.62})
+    assert rule.evidence() == ("nothing of the device for 0.6 s", {"stream": "", "for_s": 0.62})
     assert walk.look(heard_s=8.0, arrived_s={Imu: 7.0}) is False
     assert walk.look(heard_s=8.0, arrived_s={Imu: 6.875}) is True
     text = "nothing of the stream imu for 1.1 s"
-    assert rule.tell() == (text, {"stream": "imu", "for_s": 1.12})
+    assert rule.evidence() == (text, {"stream": "imu", "for_s": 1.12})
 
 
 def test_registers_stand_still_for_a_second_of_turning() -> None:
@@ -285,4 +285,4 @@ def test_registers_stand_still_for_a_second_of_turning() -> None:
         rule.holds(watched, measured)
         if found:
             text = "the inertial sensor's registers do not change while it turns"
-            assert rule.tell() == (text, {"sensor": "imu", "frozen_s": 1.12})
+            assert rule.evidence() == (text, {"sensor": "imu", "frozen_s": 1.12})

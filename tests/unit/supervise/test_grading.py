@@ -67,8 +67,8 @@ def test_an_interruption_begins_its_time_anew() -> None:
 
 
 def test_what_goes_on_is_answered_harder() -> None:
-    run = Run(stall=stall("tell", 0.0, "stop", 1.0))
-    assert run.go(0.02, stalls=True) == [Level.TELL]
+    run = Run(stall=stall("report", 0.0, "stop", 1.0))
+    assert run.go(0.02, stalls=True) == [Level.REPORT]
     assert run.go(0.96, stalls=True) == []
     assert run.go(0.06, stalls=True) == [Level.STOP]
     assert run.go(5.0, stalls=True) == []
@@ -77,7 +77,7 @@ def test_what_goes_on_is_answered_harder() -> None:
 
 
 def test_a_short_pause_of_the_condition_is_the_same_occasion() -> None:
-    run = Run(stall=stall("tell", 0.0, "stop", 2.0))
+    run = Run(stall=stall("report", 0.0, "stop", 2.0))
     run.go(0.5, stalls=True)
     run.go(0.96)
     assert run.go(0.5, stalls=True) == [], "still the first occasion"
@@ -85,15 +85,15 @@ def test_a_short_pause_of_the_condition_is_the_same_occasion() -> None:
 
 
 def test_after_a_calm_second_it_is_a_new_occasion() -> None:
-    run = Run(stall=stall("tell", 0.0, "stop", 2.0))
+    run = Run(stall=stall("report", 0.0, "stop", 2.0))
     run.go(0.5, stalls=True)
     run.go(1.04)
-    assert run.go(1.5, stalls=True) == [Level.TELL]
+    assert run.go(1.5, stalls=True) == [Level.REPORT]
     assert run.go(0.6, stalls=True) == [Level.STOP]
 
 
 def test_a_lesser_then_changes_nothing() -> None:
-    run = Run(stall=stall("pause", 0.0, "tell", 0.5))
+    run = Run(stall=stall("pause", 0.0, "report", 0.5))
     assert run.go(3.0, stalls=True) == [Level.PAUSE]
     run = Run(stall=stall("pause", 0.0, "off", 0.5))
     assert run.go(3.0, stalls=True) == [Level.PAUSE]
@@ -105,7 +105,7 @@ def test_off_is_not_watched() -> None:
 
 
 def test_what_is_grave_is_answered_at_once() -> None:
-    cliff = {"reaction": "tell", "after_s": 0.5, "then": "stop", "then_s": 60.0, "ahead_m": 0.0}
+    cliff = {"reaction": "report", "after_s": 0.5, "then": "stop", "then_s": 60.0, "ahead_m": 0.0}
     run = Run(cliff=cliff)
     on_edge = reading(contacts=int(Contact.CLIFF))
     assert run.go(0.4, range=on_edge) == []
@@ -118,7 +118,7 @@ def test_what_is_grave_is_answered_at_once() -> None:
 
 
 def test_grave_is_never_less_than_the_first_reaction() -> None:
-    battery = {"reaction": "pause", "then": "tell", "after_s": 9.0, "empty_v": 12.0}
+    battery = {"reaction": "pause", "then": "report", "after_s": 9.0, "empty_v": 12.0}
     run = Run(battery=battery)
     assert run.go(0.02, power=power(11.0)) == [Level.PAUSE]
     assert run.go(3.0, power=power(11.0)) == []
@@ -140,7 +140,7 @@ def test_slow_lasts_as_long_as_its_cause_and_five_seconds() -> None:
 
 
 def test_only_slow_has_a_factor() -> None:
-    run = Run(stall=stall("tell", 0.0, "pause", 0.5))
+    run = Run(stall=stall("report", 0.0, "pause", 0.5))
     run.go(1.0, stalls=True)
     assert [reaction.factor for _, reaction in run.said] == [1.0, 1.0]
     assert run.supervisor.factor == 1.0
@@ -183,11 +183,11 @@ def test_a_second_pause_does_not_begin_the_time_anew() -> None:
 def test_the_gravest_comes_last() -> None:
     run = Run(
         lifted={"reaction": "stop"},
-        stall=stall("tell", 0.0, "tell", 1.0),
+        stall=stall("report", 0.0, "report", 1.0),
         sensor={"reaction": "pause"},
     )
     bits = STALL | int(Fault.LIFTED | Fault.IMU)
-    assert run.go(0.02, status=status(bits)) == [Level.TELL, Level.PAUSE, Level.STOP]
+    assert run.go(0.02, status=status(bits)) == [Level.REPORT, Level.PAUSE, Level.STOP]
     assert [reaction.kind for _, reaction in run.said] == ["stall", "sensor", "lifted"]
     assert all(reaction.text and reaction.data for _, reaction in run.said)
 
@@ -196,7 +196,7 @@ def test_the_gravest_comes_last() -> None:
 
 
 def test_restart_forgets_occasions_and_references() -> None:
-    run = Run(stall=stall("tell", 0.5, "stop", 1.0), bump={"count": 2.0, "after_s": 0.0})
+    run = Run(stall=stall("report", 0.5, "stop", 1.0), bump={"count": 2.0, "after_s": 0.0})
     touch: list[Range] = [reading(contacts=1), reading()]
     run.go(0.4, stalls=True)
     run.go(0.02, range=touch[0], stalls=True)
@@ -208,7 +208,7 @@ def test_restart_forgets_occasions_and_references() -> None:
 
 
 def test_a_gap_between_steps_forgets_the_odometry() -> None:
-    run = Run(slip={"reaction": "tell", "after_s": 0.0})
+    run = Run(slip={"reaction": "report", "after_s": 0.0})
     run.go(0.02, encoders=Encoders(0, 0))
     run.time_s += 0.29
     run.go(0.02, encoders=Encoders(0, 1000))
@@ -219,7 +219,7 @@ def test_a_gap_between_steps_forgets_the_odometry() -> None:
 
 
 def test_a_gap_forgets_the_slip() -> None:
-    run = Run(slip={"reaction": "tell", "after_s": 0.0, "then": "tell"})
+    run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
     for count in range(50):
         run.go(0.02, encoders=Encoders(0, 100 * count))
     assert len(run.said) == 1
@@ -241,25 +241,25 @@ def test_every_rule_is_watched() -> None:
     }
     for kind, values in causes.items():
         extra = {"radius_m": 1.0} if kind == "fence" else {}
-        run = Run(**{kind: {"reaction": "tell", "after_s": 0.0, **extra}})
+        run = Run(**{kind: {"reaction": "report", "after_s": 0.0, **extra}})
         run.go(0.02)
         run.go(0.02, **values)  # type: ignore[arg-type]  # values of messages
         assert [reaction.kind for _, reaction in run.said] == [kind]
-    run = Run(reset={"reaction": "tell"})
+    run = Run(reset={"reaction": "report"})
     run.go(0.02, boot_id=1)
     run.go(0.02, boot_id=2)
     assert [reaction.kind for _, reaction in run.said] == ["reset"]
-    run = Run(disagreement={"reaction": "tell"})
+    run = Run(disagreement={"reaction": "report"})
     run.go(0.3, planner=planner(7), onboard="paper")
     run.go(2.0, planner=planner(7), onboard="paper", yaw_rate_rad_s=1.0)
     assert [reaction.kind for _, reaction in run.said] == ["disagreement"]
-    run = Run(progress={"reaction": "tell", "window_s": 1.0})
+    run = Run(progress={"reaction": "report", "window_s": 1.0})
     run.go(1.1)
     assert [reaction.kind for _, reaction in run.said] == ["progress"]
-    run = Run(tilt={"reaction": "tell", "after_s": 0.0})
+    run = Run(tilt={"reaction": "report", "after_s": 0.0})
     run.go(0.02, imu=imu(10_000, 0, 10_000))
     assert [reaction.kind for _, reaction in run.said] == ["tilt"]
-    run = Run(bump={"reaction": "tell", "count": 1.0})
+    run = Run(bump={"reaction": "report", "count": 1.0})
     run.go(0.02, range=reading(contacts=1))
     assert [reaction.kind for _, reaction in run.said] == ["bump"]
 
@@ -271,8 +271,8 @@ def test_the_defaults_are_graded() -> None:
     with pytest.raises(ConfigError, match=r"supervise\.stall\.reaction"):
         settings_from({"stall": {"reaction": "loud"}})
     assert list(pairwise(sorted(Level))) == [
-        (Level.OFF, Level.TELL),
-        (Level.TELL, Level.SLOW),
+        (Level.OFF, Level.REPORT),
+        (Level.REPORT, Level.SLOW),
         (Level.SLOW, Level.PAUSE),
         (Level.PAUSE, Level.STOP),
     ]
@@ -303,18 +303,18 @@ def quarters(run: Run, levels: str) -> list[str]:
 
 
 def test_a_calm_second_is_a_whole_one() -> None:
-    run = Run(stall=stall("tell", 0.0, "tell", 1.0))
+    run = Run(stall=stall("report", 0.0, "report", 1.0))
     run.time_s = 0.0
-    assert quarters(run, "x...x") == ["T", "", "", "", ""], (
+    assert quarters(run, "x...x") == ["R", "", "", "", ""], (
         "held again after 1 s, seen calm for 0.75"
     )
-    assert quarters(run, "....x") == ["", "", "", "", "T"], "seen calm for 1 s"
+    assert quarters(run, "....x") == ["", "", "", "", "R"], "seen calm for 1 s"
 
 
 def test_what_goes_on_is_answered_from_its_time_on() -> None:
-    run = Run(stall=stall("tell", 0.5, "stop", 0.75))
+    run = Run(stall=stall("report", 0.5, "stop", 0.75))
     run.time_s = 0.0
-    assert quarters(run, "xxxxxxx") == ["", "", "T", "", "", "S", ""]
+    assert quarters(run, "xxxxxxx") == ["", "", "R", "", "", "S", ""]
 
 
 def test_a_pause_may_last_its_whole_limit() -> None:
@@ -327,7 +327,7 @@ def test_a_step_of_0_3_s_is_no_gap() -> None:
     """The right rim leads by 26 cm: known for a step of 0.3 s, unknown beyond."""
     for gap_s, said in ((0.3, 1), (0.3001, 0)):
         supervisor = Supervisor(
-            MODEL, settings_from({"slip": {"reaction": "tell", "after_s": 0.0}})
+            MODEL, settings_from({"slip": {"reaction": "report", "after_s": 0.0}})
         )
         for time_s, right in ((0.0, 0), (gap_s, 2000)):
             watched = Watched(
@@ -340,14 +340,14 @@ def test_a_step_of_0_3_s_is_no_gap() -> None:
 
 
 def test_only_a_pause_holds() -> None:
-    run = Run(stall=stall("tell", 0.0, "stop", 0.5))
-    assert run.go(1.0, stalls=True) == [Level.TELL, Level.STOP]
+    run = Run(stall=stall("report", 0.0, "stop", 0.5))
+    assert run.go(1.0, stalls=True) == [Level.REPORT, Level.STOP]
     assert run.supervisor.holding is False
 
 
 def test_of_two_at_once_the_graver_comes_last() -> None:
-    run = Run(stall=stall("stop", 0.0, "stop", 1.0), sensor={"reaction": "tell"})
-    assert run.go(0.02, status=status(STALL | int(Fault.IMU))) == [Level.TELL, Level.STOP]
+    run = Run(stall=stall("stop", 0.0, "stop", 1.0), sensor={"reaction": "report"})
+    assert run.go(0.02, status=status(STALL | int(Fault.IMU))) == [Level.REPORT, Level.STOP]
 
 
 def test_what_still_holds_after_a_pause_is_answered_again() -> None:
@@ -369,7 +369,7 @@ def test_slow_driving_may_end_while_it_is_held() -> None:
 
 def test_a_robot_that_was_moved_by_hand_has_not_slipped() -> None:
     for restarts, said in ((False, 1), (True, 0)):
-        run = Run(slip={"reaction": "tell", "after_s": 0.0})
+        run = Run(slip={"reaction": "report", "after_s": 0.0})
         run.go(0.02, encoders=Encoders(0, 0))
         if restarts:
             run.supervisor.restart()
@@ -380,7 +380,7 @@ def test_a_robot_that_was_moved_by_hand_has_not_slipped() -> None:
 def test_a_gap_ends_a_run_towards_an_echo() -> None:
     """Twice 0.25 m that closed by half: half a metre says so, a quarter each does not."""
     for gap_s, said in ((0.0, 1), (1.0, 0)):
-        run = Run(slip={"reaction": "tell", "after_s": 0.0, "then": "tell"})
+        run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
         count = 0
         for step in range(124):
             if step == 62:

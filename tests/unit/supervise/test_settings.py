@@ -42,7 +42,7 @@ def test_a_robot_file_changes_what_it_names(tmp_path: Path) -> None:
 def test_what_is_written_is_read_back() -> None:
     settings = settings_from(
         {
-            "tilt": {"angle_deg": 20, "reaction": "tell"},
+            "tilt": {"angle_deg": 20, "reaction": "report"},
             "fence": {"polygon": [[0, 0], [1, 0], [0, 1]]},
         }
     )
@@ -55,7 +55,7 @@ def test_what_is_written_is_read_back() -> None:
         ({"stal": {}}, "supervise.stal: no such key"),
         ({"stall": {"current": 1}}, "supervise.stall.current: no such key"),
         ({"stall": 3}, "supervise.stall: must be a table"),
-        ({"stall": {"reaction": 2}}, "supervise.stall.reaction: 2 is not one of off, tell"),
+        ({"stall": {"reaction": 2}}, "supervise.stall.reaction: 2 is not one of off, report"),
         ({"stall": {"reaction": "halt"}}, "supervise.stall.reaction: 'halt' is not one of"),
         ({"stall": {"current_a": "1"}}, "supervise.stall.current_a: '1' is not a number"),
         ({"stall": {"current_a": True}}, "supervise.stall.current_a: True is not a number"),
@@ -113,7 +113,7 @@ def test_one_setting_as_an_option(text: str, key: str, value: object) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["stall", "stall.reaction", "=3", "stall.=3", ".reaction=tell", ""]
+    "text", ["stall", "stall.reaction", "=3", "stall.=3", ".reaction=report", ""]
 )
 def test_an_option_that_names_nothing(text: str) -> None:
     with pytest.raises(ConfigError, match=r"RULE\.KEY=VALUE"):
@@ -123,9 +123,9 @@ def test_an_option_that_names_nothing(text: str) -> None:
 def test_an_option_is_judged_like_the_file() -> None:
     with pytest.raises(ConfigError, match=r"supervise\.stall\.reaction: 'loud'"):
         parse_rule(SuperviseSettings(), "stall.reaction=loud")
-    first = parse_rule(SuperviseSettings(), "stall.reaction=tell")
+    first = parse_rule(SuperviseSettings(), "stall.reaction=report")
     second = parse_rule(first, "slip.reaction=off")
-    assert (second.stall.reaction, second.slip.reaction) == (Level.TELL, Level.OFF)
+    assert (second.stall.reaction, second.slip.reaction) == (Level.REPORT, Level.OFF)
 
 
 def test_the_defaults_as_the_page_has_them() -> None:
@@ -140,10 +140,10 @@ def test_the_defaults_as_the_page_has_them() -> None:
         "slip": ("SLOW", 0.3, "PAUSE", 3.0),
         "tilt": ("STOP", 0.3, "STOP", 1.0),
         "lifted": ("STOP", 0.0, "STOP", 1.0),
-        "bump": ("TELL", 0.0, "PAUSE", 10.0),
-        "cliff": ("TELL", 0.0, "STOP", 3.0),
-        "battery": ("TELL", 0.5, "STOP", 3600.0),
-        "silence": ("TELL", 0.0, "STOP", 0.3),
+        "bump": ("REPORT", 0.0, "PAUSE", 10.0),
+        "cliff": ("REPORT", 0.0, "STOP", 3.0),
+        "battery": ("REPORT", 0.5, "STOP", 3600.0),
+        "silence": ("REPORT", 0.0, "STOP", 0.3),
         "progress": ("PAUSE", 0.0, "STOP", 60.0),
         "fence": ("STOP", 0.0, "STOP", 1.0),
         "disagreement": ("PAUSE", 0.0, "STOP", 5.0),
@@ -155,6 +155,6 @@ def test_the_defaults_as_the_page_has_them() -> None:
     assert (rules.bump.count, rules.bump.window_s, rules.bump.held_s) == (18.0, 15.0, 5.0)
     assert (rules.battery.low_v, rules.battery.empty_v) == (12.8, 12.0)
     assert (rules.silence.silent_s, rules.silence.stream_s) == (0.4, 1.0)
-    assert (rules.progress.window_s, rules.progress.least_m) == (60.0, 0.10)
+    assert (rules.progress.window_s, rules.progress.min_side_m) == (60.0, 0.10)
     assert (rules.disagreement.distance_m, rules.disagreement.equal_m) == (0.03, 0.02)
     assert (rules.slow_factor, rules.slow_for_s, rules.pause_limit_s) == (0.5, 5.0, 60.0)

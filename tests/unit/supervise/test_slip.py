@@ -64,7 +64,7 @@ def test_both_wheels_slip_where_the_range_does_not_close(closing: float, *, foun
     walk = Walk(rule := slip())
     assert run_towards(walk, closing) is found
     if found:
-        _, data = rule.tell()
+        _, data = rule.evidence()
         assert data["by"] == "ultrasonic"
         assert data["lost_share"] == pytest.approx(1.0 - closing, abs=0.02)
 
@@ -177,4 +177,4 @@ def test_each_half_must_show_it(first: float, second: float, *, found: bool) -> 
             range_m -= shares[index >= 38] * 0.004
             walk.step(1, left_m=0.004, right_m=0.004, range=reading(range_m))
             ever = ever or walk.held
-        assert ever is found, rule.tell()
+        assert ever is found, rule.evidence()

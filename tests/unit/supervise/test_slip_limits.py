@@ -46,12 +46,12 @@ def test_a_range_that_does_not_close_at_all_lost_all_of_the_way() -> None:
     assert Hand(share=1.0).run(from_m=0.0) is False, "by no more than all of it"
     hand = Hand(share=0.999)
     assert hand.run() is True
-    text, data = hand.rule.tell()
+    text, data = hand.rule.evidence()
     assert text.startswith("the range ahead closes by 0 % of the wheels' way: the wheels slip, ")
     assert data == {"by": "ultrasonic", "lost_share": 1.0}
     hand = Hand()
     hand.run(closing=1 / 3)
-    assert hand.rule.tell()[1]["lost_share"] in {0.666, 0.667, 0.668}, "to a thousandth"
+    assert hand.rule.evidence()[1]["lost_share"] in {0.666, 0.667, 0.668}, "to a thousandth"
 
 
 def test_a_range_counts_up_to_3_5_m() -> None:
@@ -101,7 +101,7 @@ def test_what_both_pairs_find_is_told_by_the_gyro_only_beyond_its_limit() -> Non
         hand = Hand()
         hand.measured.slip_m_s = slip_m_s
         assert hand.run() is True
-        assert hand.rule.tell()[1]["by"] == by
+        assert hand.rule.evidence()[1]["by"] == by
 
 
 @pytest.mark.parametrize(("slip_m_s", "side"), [(0.123456, "right"), (-0.123456, "left")])
@@ -109,7 +109,7 @@ def test_the_wheel_that_is_ahead_is_named(slip_m_s: float, side: str) -> None:
     hand = Hand()
     hand.measured.slip_m_s = slip_m_s
     assert hand.at(0.0, 1.0) is True
-    text, data = hand.rule.tell()
+    text, data = hand.rule.evidence()
     assert text == (
         f"wheels and gyro differ by 12 cm/s: the {side} wheel is ahead of what the body turns"
     )

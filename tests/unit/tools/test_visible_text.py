@@ -94,8 +94,8 @@ def test_a_long_word_and_a_long_line_are_shortened() -> None:
 
 
 SINKS: list[Callable[[str], None]] = [
-    console.say,
-    console.say_lines,
+    console.inform,
+    console.inform_lines,
     console.complain,
     console.ask,
     console.write_line,

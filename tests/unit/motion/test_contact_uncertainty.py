@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.motion.estimation.contact_doubt import (
+from bridge.motion.estimation.contact_uncertainty import (
     GRAZE_M_SQRT_M,
     PRESS_SHARE,
     SLIDE_AHEAD,
     SLIDE_ASIDE,
-    ContactDoubt,
+    ContactUncertainty,
 )
 from bridge.motion.estimation.drift_model import DriftModel
 from bridge.motion.estimation.estimator import PoseEstimator
@@ -33,7 +33,7 @@ class Pushed:
 
     def __init__(self) -> None:
         self.estimator = PoseEstimator(MODEL, START)
-        self.contact = ContactDoubt(self.estimator)
+        self.contact = ContactUncertainty(self.estimator)
 
     def go(self, ways_m: Sequence[float], *, left: bool, right: bool, graze: bool = False) -> None:
         for way in ways_m:
@@ -42,7 +42,7 @@ class Pushed:
 
     @property
     def sigma_m(self) -> tuple[float, float]:
-        self.estimator.settle()
+        self.estimator.update_pending()
         covariance = self.estimator.covariance
         return math.sqrt(covariance[0][0]), math.sqrt(covariance[1][1])
 
@@ -74,7 +74,7 @@ def test_what_inertia_tells_after_a_bump_is_not_taken_back() -> None:
     estimator = drive.estimator
     estimator.on_imu(0.001 * drive.body.tick_ms + 0.001, 0.0, -12.0, 0.0)
     assert estimator.bridging
-    contact, before = ContactDoubt(estimator), estimator.pose
+    contact, before = ContactUncertainty(estimator), estimator.pose
     estimator.shift(0.005, 0.0)
     contact.update(left=True, right=False, grazing=False)
     assert estimator.pose.distance_m(before) == pytest.approx(0.005)
@@ -124,13 +124,13 @@ def test_a_bump_felt_before_does_not_end_the_next_one() -> None:
     assert bridging == [False, True, True]
 
 
-def struck(speed_m_s: float) -> tuple[SimDrive, ContactDoubt]:
+def struck(speed_m_s: float) -> tuple[SimDrive, ContactUncertainty]:
     """A robot that drives, and whose accelerometer has just told of a hard stop."""
     drive = SimDrive(room((1.0, 1.0, 0.0)), "typical", 5)
     drive.rest(2.0)
     for _ in range(100):
         drive.step(speed_m_s, 0.0)
-    contact = ContactDoubt(drive.estimator)
+    contact = ContactUncertainty(drive.estimator)
     drive.estimator.on_imu(0.001 * drive.body.tick_ms + 0.005, 0.0, -12.0, 0.0)
     assert drive.estimator.bridging
     return drive, contact

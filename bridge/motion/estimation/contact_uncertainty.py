@@ -36,7 +36,7 @@ _FREE_READINGS = 4
 """Of a bumper that is free again: 0.15 s."""
 
 
-class ContactDoubt:
+class ContactUncertainty:
     """Takes back what wheels tell and contact withholds, and grows the doubt."""
 
     def __init__(self, estimator: PoseEstimator) -> None:
@@ -59,12 +59,12 @@ class ContactDoubt:
         if left or right:
             if not any(self._pressed):
                 self._pressed_m = 0.0
-                self._doubt_onset()
+                self._inflate_at_onset()
             if not estimator.bridging:
                 self._slide(self._ahead_m(), (left, right))
         if grazing and way_m > 0.0:
             sigma_m = GRAZE_M_SQRT_M * estimator.slip_monitor.slippery
-            estimator.disturb(sigma_m * math.sqrt(way_m), 0.0)
+            estimator.inflate(sigma_m * math.sqrt(way_m), 0.0)
         self._last = estimator.odometry
         self._pressed = (left, right)
         return way_m
@@ -93,11 +93,11 @@ class ContactDoubt:
         way_m = (here.x_m - last.x_m) * c + (here.y_m - last.y_m) * s
         return min(max(way_m, 0.0), _READING_M)
 
-    def _doubt_onset(self) -> None:
+    def _inflate_at_onset(self) -> None:
         if self._estimator.feels:
-            self._estimator.disturb(FELT_SIGMA_M, FELT_SIGMA_RAD)
+            self._estimator.inflate(FELT_SIGMA_M, FELT_SIGMA_RAD)
         else:
-            self._estimator.disturb(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
+            self._estimator.inflate(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
 
     def _slide(self, way_m: float, pressed: tuple[bool, bool]) -> None:
         """Take a way made while pressed, not negative."""
@@ -113,4 +113,4 @@ class ContactDoubt:
         share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
         # One error for the whole touch: its standard deviation grows with the way, not its root.
         grown_m = math.sqrt(self._pressed_m**2 - before_m**2)
-        estimator.disturb(share * grown_m, 0.0)
+        estimator.inflate(share * grown_m, 0.0)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
-LEAST_M = 0.15
+MIN_M = 0.15
 """A lane cut short by less hides nothing."""
 _STEP_M = 0.04
 _CLOSED_SHARE = 0.5
@@ -22,7 +22,7 @@ _MOST = 64
 
 
 @dataclass(slots=True)
-class Shadow:
+class OccludedRegion:
     """A strip of a lane that an obstacle hid."""
 
     number: int
@@ -47,37 +47,39 @@ class Shadow:
         return met * self.length_m / count
 
 
-class ShadowBook:
+class OccludedRegions:
     """The shadows that are open."""
 
     def __init__(self, width_m: float) -> None:
         """``width_m``: of the mouth."""
         self._within_m = 0.5 * width_m
-        self.open: list[Shadow] = []
+        self.open: list[OccludedRegion] = []
         self._found = 0
 
-    def found(self, end: Pose2, heading_rad: float, planned_m: float, done_m: float) -> Shadow:
+    def found(
+        self, end: Pose2, heading_rad: float, planned_m: float, done_m: float
+    ) -> OccludedRegion:
         """A lane of ``planned_m`` ended at ``end`` after ``done_m``: what lies beyond is hidden."""
         self._found += 1
         rest_m = planned_m - done_m
-        shadow = Shadow(self._found, end.x_m, end.y_m, heading_rad, rest_m, rest_m)
-        self.open.append(shadow)
+        occlusion = OccludedRegion(self._found, end.x_m, end.y_m, heading_rad, rest_m, rest_m)
+        self.open.append(occlusion)
         del self.open[:-_MOST]
-        return shadow
+        return occlusion
 
-    def met(self, begin: Pose2, length_m: float) -> Shadow | None:
+    def met(self, begin: Pose2, length_m: float) -> OccludedRegion | None:
         """The open shadow of which a lane passes most; ``None``: it passes none."""
-        best, most_m = None, LEAST_M
-        for shadow in self.open:
-            over_m = shadow.overlap_m(begin, length_m, self._within_m)
-            if over_m >= most_m:
-                best, most_m = shadow, over_m
+        best, max_m = None, MIN_M
+        for occlusion in self.open:
+            over_m = occlusion.overlap_m(begin, length_m, self._within_m)
+            if over_m >= max_m:
+                best, max_m = occlusion, over_m
         return best
 
-    def swept(self, shadow: Shadow, begin: Pose2, length_m: float) -> bool:
+    def swept(self, occlusion: OccludedRegion, begin: Pose2, length_m: float) -> bool:
         """Take note of a lane driven for a shadow; true: the shadow is closed by it."""
-        shadow.left_m -= shadow.overlap_m(begin, length_m, self._within_m)
-        closed = shadow.left_m <= (1.0 - _CLOSED_SHARE) * shadow.length_m
-        if closed and shadow in self.open:
-            self.open.remove(shadow)
+        occlusion.left_m -= occlusion.overlap_m(begin, length_m, self._within_m)
+        closed = occlusion.left_m <= (1.0 - _CLOSED_SHARE) * occlusion.length_m
+        if closed and occlusion in self.open:
+            self.open.remove(occlusion)
         return closed

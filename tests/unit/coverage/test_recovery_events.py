@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from bridge.coverage.planner import Step
-from bridge.coverage.recovery import telling
+from bridge.coverage.recovery import planner_events
 from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.occlusions import OccludedRegion
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.recovery.shadows import Shadow
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult, StopReason
@@ -67,14 +67,14 @@ def test_lanes_tell_what_they_swept_and_the_end_what_is_swept_and_left(driven: F
 
 def test_a_second_plan_does_not_tell_the_end_of_the_first() -> None:
     planner = RecoveryPlanner(MODEL)
-    planner.told_at_end = {"swept_m2": 1.0}
+    planner.end_figures = {"swept_m2": 1.0}
     planner.start(observed(0.0))
-    assert planner.told_at_end == {}
+    assert planner.end_figures == {}
 
 
 def observed(doubt_deg: float, time_s: float = 0.0) -> Observation:
     """Nothing in reach, the heading in doubt."""
-    return AT_REST._replace(time_s=time_s, heading_doubt_rad=math.radians(doubt_deg))
+    return AT_REST._replace(time_s=time_s, heading_sigma_rad=math.radians(doubt_deg))
 
 
 class Watching(RecoveryPlanner):
@@ -119,10 +119,10 @@ def test_what_ended_a_lane_early_is_told_once_as_an_obstacle_there(reason: StopR
 def test_what_ends_a_leg_is_told_with_its_place() -> None:
     leg = Drive(0.0, 1.0, purpose="lane")
     result = LegResult(leg, StopReason.RANGE, 0.5, 2.0, Pose2(0.5, 0.25, 0.0))
-    ended = telling.lane_ended(result, 0.0123)
+    ended = planner_events.lane_ended(result, 0.0123)
     assert (ended.kind, ended.reason) == ("lane-end", "ended early: range")
     assert ended.data == {"length_m": 0.5, "new_cm2": 123}
-    met = telling.obstacle_met(result)
+    met = planner_events.obstacle_met(result)
     assert (met.kind, met.reason) == ("obstacle", "lane ended: range")
     assert met.data == {"x_m": 0.5, "y_m": 0.25}
 
@@ -136,7 +136,7 @@ def test_what_ends_a_leg_is_told_with_its_place() -> None:
     ],
 )
 def test_what_going_back_gave(reason: str, *, arrived: bool, closed: bool) -> None:
-    shadow = Shadow(4, 0.0, 0.0, 0.0, 1.0, -0.1)
-    told = telling.recovery_ended(shadow, 0.02, arrived=arrived, closed=closed)
+    occlusion = OccludedRegion(4, 0.0, 0.0, 0.0, 1.0, -0.1)
+    told = planner_events.recovery_ended(occlusion, 0.02, arrived=arrived, closed=closed)
     assert (told.kind, told.reason) == ("recovery-end", reason)
     assert told.data == {"shadow": 4, "left_m": 0.0, "new_cm2": 200}

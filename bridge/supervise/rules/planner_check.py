@@ -63,11 +63,11 @@ class _Lane:
     """The estimate where it began."""
     made_m: float = 0.0
     """The furthest along it, by the estimate: after a bump the wheels turn on."""
-    doubt_m: float = 0.0
+    uncertain_m: float = 0.0
     """Way since then that a slip, or pushing against something, has put in doubt."""
 
 
-class Shadow:
+class PlannerCheck:
     """Judges the device's planner; for none it holds nothing."""
 
     grave = False
@@ -96,19 +96,19 @@ class Shadow:
 
     def holds(self, watched: Watched, measured: Measured) -> bool:
         """Take a step; whether a disagreement was found of late."""
-        told, now_s = watched.planner, watched.time_s
-        if told is None or not watched.onboard:
+        reported, now_s = watched.planner, watched.time_s
+        if reported is None or not watched.onboard:
             return False
         if self._lane is not None:
             _go_on(self._lane, watched, measured)
-        if told is not self._state:
-            self._hear(told, watched, measured)
-        self._test_claim(told, watched, measured)
+        if reported is not self._state:
+            self._hear(reported, watched, measured)
+        self._test_claim(reported, watched, measured)
         if self._found is not None and now_s - self._found_s > KEEP_S:
             self._found = None
         return self._found is not None
 
-    def tell(self) -> Evidence:
+    def evidence(self) -> Evidence:
         """The newest disagreement."""
         return self._found or ("", {})
 
@@ -117,33 +117,33 @@ class Shadow:
 
     # ---- a decision -----------------------------------------------------------------------
 
-    def _hear(self, told: PlannerState, watched: Watched, measured: Measured) -> None:
+    def _hear(self, reported: PlannerState, watched: Watched, measured: Measured) -> None:
         before, now_s = self._state, watched.time_s
         whole = before is not None and now_s - self._state_s <= GAP_S
-        self._state, self._state_s = told, now_s
-        if before is None or told.phase != before.phase:
+        self._state, self._state_s = reported, now_s
+        if before is None or reported.phase != before.phase:
             self._claim_s = now_s
             self._mark_m, self._mark_rad = measured.travel_m, measured.turn_rad
         if watched.onboard in _LANES and before is not None and whole:
-            if before.phase == _LANE and told.phase != _LANE and told.phase not in _STILL:
-                self._judge(before, told, now_s, paper=watched.onboard == "paper")
-            elif told.turn_count > before.turn_count + 1:
-                text = f"T went from {before.turn_count} to {told.turn_count} in one step"
-                self._note(now_s, text, T=told.turn_count, T_before=before.turn_count)
-        if told.phase != _LANE:
+            if before.phase == _LANE and reported.phase != _LANE and reported.phase not in _STILL:
+                self._judge(before, reported, now_s, paper=watched.onboard == "paper")
+            elif reported.turn_count > before.turn_count + 1:
+                text = f"T went from {before.turn_count} to {reported.turn_count} in one step"
+                self._note(now_s, text, T=reported.turn_count, T_before=before.turn_count)
+        if reported.phase != _LANE:
             # A turn in place makes no way: the lane begins where the turn before it ended.
             self._lane = _Lane(now_s, measured.way_m, measured.way_m, watched.pose)
         elif not whole:
             self._lane = None
 
     def _judge(
-        self, before: PlannerState, told: PlannerState, now_s: float, *, paper: bool
+        self, before: PlannerState, reported: PlannerState, now_s: float, *, paper: bool
     ) -> None:
-        distance_m, lane = told.lane_distance_m, self._lane
+        distance_m, lane = reported.lane_distance_m, self._lane
         if lane is not None:
             ways_m = lane.far_m - lane.began_m, lane.made_m
             driven_m = min(ways_m, key=lambda way_m: abs(distance_m - way_m))
-            if abs(distance_m - driven_m) > self._rule.distance_m + lane.doubt_m:
+            if abs(distance_m - driven_m) > self._rule.distance_m + lane.uncertain_m:
                 self._note(
                     now_s,
                     f"it says D = {distance_m:.3f} m, odometry {driven_m:.3f} m",
@@ -153,19 +153,19 @@ class Shadow:
                 )
         previous_m = before.lane_distance_m
         first = not (before.lane_distance or before.lane_case or before.turn_count)
-        if told.previous_lane_distance not in {told.lane_distance, before.lane_distance}:
+        if reported.previous_lane_distance not in {reported.lane_distance, before.lane_distance}:
             self._note(
                 now_s,
-                f"it says Prev-D = {told.previous_lane_distance_m:.3f} m, "
+                f"it says Prev-D = {reported.previous_lane_distance_m:.3f} m, "
                 f"and had said D = {previous_m:.3f} m of the lane before",
-                Prev_D_m=told.previous_lane_distance_m,
+                Prev_D_m=reported.previous_lane_distance_m,
                 D_before_m=previous_m,
             )
         if paper:
-            self._judge_case(told, distance_m if first else previous_m, now_s)
+            self._judge_case(reported, distance_m if first else previous_m, now_s)
 
-    def _judge_case(self, told: PlannerState, previous_m: float, now_s: float) -> None:
-        distance_m, case = told.lane_distance_m, told.lane_case
+    def _judge_case(self, reported: PlannerState, previous_m: float, now_s: float) -> None:
+        distance_m, case = reported.lane_distance_m, reported.lane_case
         # At a limit either side may be right.
         cases = {self._case(distance_m, previous_m + off) for off in (-_MM, 0.0, _MM)}
         if case not in cases:
@@ -179,15 +179,15 @@ class Shadow:
                 D_m=distance_m,
                 Prev_D_m=previous_m,
             )
-        elif case == 3 and told.length != _LENGTH_MOST:  # noqa: PLR2004 - the paper's own number
-            length_m = self._width_m * told.turn_count
-            if abs(told.length_m - length_m) > 0.5 * _LENGTH_STEP_M + _MM:
+        elif case == 3 and reported.length != _LENGTH_MOST:  # noqa: PLR2004 - the paper's own number
+            length_m = self._width_m * reported.turn_count
+            if abs(reported.length_m - length_m) > 0.5 * _LENGTH_STEP_M + _MM:
                 self._note(
                     now_s,
-                    f"it says Length = {told.length_m:.2f} m; W·T is {length_m:.2f} m",
-                    Length_m=told.length_m,
+                    f"it says Length = {reported.length_m:.2f} m; W·T is {length_m:.2f} m",
+                    Length_m=reported.length_m,
                     expected_m=round(length_m, 3),
-                    T=told.turn_count,
+                    T=reported.turn_count,
                 )
 
     def _case(self, distance_m: float, previous_m: float) -> int:
@@ -200,7 +200,7 @@ class Shadow:
 
     # ---- what it says that it does --------------------------------------------------------
 
-    def _test_claim(self, told: PlannerState, watched: Watched, measured: Measured) -> None:
+    def _test_claim(self, reported: PlannerState, watched: Watched, measured: Measured) -> None:
         """Once the claim is old enough: what was measured since the last test."""
         now_s, rule = watched.time_s, self._rule
         for_s = now_s - self._claim_s
@@ -210,7 +210,7 @@ class Shadow:
         turn_rad = measured.turn_rad - self._mark_rad
         self._claim_s = now_s
         self._mark_m, self._mark_rad = measured.travel_m, measured.turn_rad
-        phase = told.phase
+        phase = reported.phase
         wrong = ""
         if phase in _STILL:
             if way_m > STANDS_M_S * for_s or abs(turn_rad) > STANDS_RAD_S * for_s:
@@ -238,10 +238,10 @@ def _go_on(lane: _Lane, watched: Watched, measured: Measured) -> None:
     lane.far_m = max(lane.far_m, measured.way_m)
     lane.made_m = max(lane.made_m, _along(lane.start, watched.pose))
     if abs(measured.slip_m_s) > SLIPS_M_S:
-        lane.doubt_m += abs(measured.slip_m_s) * measured.step_s
+        lane.uncertain_m += abs(measured.slip_m_s) * measured.step_s
     reading = watched.range
     if reading is not None and reading.contacts & _BUMPERS:
-        lane.doubt_m += 0.5 * abs(measured.left_m + measured.right_m)
+        lane.uncertain_m += 0.5 * abs(measured.left_m + measured.right_m)
 
 
 def _along(start: Pose2, pose: Pose2) -> float:

@@ -12,14 +12,14 @@ from bridge.motion.legs import StopReason
 
 if TYPE_CHECKING:
     from bridge.coverage.recovery.choice import Choice
-    from bridge.coverage.recovery.shadows import Shadow
+    from bridge.coverage.recovery.occlusions import OccludedRegion
     from bridge.motion.legs import LegResult
 
 _LANE_ENDS = {
     StopReason.DISTANCE: "driven to its end",
     StopReason.CANCELLED: "left for what came into view beside it",
 }
-_OUTLINE_ENDS = {
+_PERIMETER_ENDS = {
     StopReason.CANCELLED: "closed: what lies ahead is swept",
     StopReason.LOST: "the wall is lost",
 }
@@ -50,9 +50,9 @@ def lane_ended(result: LegResult, new_m2: float) -> PlannerEvent:
     return PlannerEvent("lane-end", reason, figures)
 
 
-def outline_ended(reason: StopReason, length_m: float) -> PlannerEvent:
+def perimeter_ended(reason: StopReason, length_m: float) -> PlannerEvent:
     """A wall was followed for so long."""
-    why = _OUTLINE_ENDS.get(reason, f"no way along the wall: {reason}")
+    why = _PERIMETER_ENDS.get(reason, f"no way along the wall: {reason}")
     return PlannerEvent("outline-end", why, {"length_m": round(length_m, 2)})
 
 
@@ -63,25 +63,27 @@ def obstacle_met(result: LegResult) -> PlannerEvent:
     return PlannerEvent("obstacle", reason, {"x_m": x_m, "y_m": y_m})
 
 
-def shadow_found(shadow: Shadow) -> PlannerEvent:
+def occlusion_found(occlusion: OccludedRegion) -> PlannerEvent:
     """An obstacle hides a strip."""
     figures: dict[str, Scalar] = {
-        "shadow": shadow.number,
-        "x_m": round(shadow.x_m, 3),
-        "y_m": round(shadow.y_m, 3),
-        "length_m": round(shadow.length_m, 2),
+        "shadow": occlusion.number,
+        "x_m": round(occlusion.x_m, 3),
+        "y_m": round(occlusion.y_m, 3),
+        "length_m": round(occlusion.length_m, 2),
     }
     reason = "an obstacle hides the rest of the lane: kept, to go back for"
     return PlannerEvent("shadow", reason, figures)
 
 
-def recovery_begun(shadow: Shadow) -> PlannerEvent:
+def recovery_begun(occlusion: OccludedRegion) -> PlannerEvent:
     """A lane goes back for a shadow."""
-    figures: dict[str, Scalar] = {"shadow": shadow.number, "left_m": round(shadow.left_m, 2)}
+    figures: dict[str, Scalar] = {"shadow": occlusion.number, "left_m": round(occlusion.left_m, 2)}
     return PlannerEvent("recovery-begin", "back for what an obstacle hid", figures)
 
 
-def recovery_ended(shadow: Shadow, new_m2: float, *, arrived: bool, closed: bool) -> PlannerEvent:
+def recovery_ended(
+    occlusion: OccludedRegion, new_m2: float, *, arrived: bool, closed: bool
+) -> PlannerEvent:
     """What going back for it gave. ``left_m`` is what no lane has passed, not what the map says."""
     if not arrived:
         reason = "no way to it was found"
@@ -90,8 +92,8 @@ def recovery_ended(shadow: Shadow, new_m2: float, *, arrived: bool, closed: bool
     else:
         reason = "a part of it was driven over"
     figures: dict[str, Scalar] = {
-        "shadow": shadow.number,
-        "left_m": round(max(shadow.left_m, 0.0), 2),
+        "shadow": occlusion.number,
+        "left_m": round(max(occlusion.left_m, 0.0), 2),
         "new_cm2": _cm2(new_m2),
     }
     return PlannerEvent("recovery-end", reason, figures)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.rules.shadow import Shadow
+from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.settings import DisagreementRule
 from protocol.values import Contact
 from support.sweeping_device import (
@@ -39,17 +39,17 @@ def test_d_is_held_against_the_odometry(told: float, *, found: bool) -> None:
 
 def test_d_is_judged_by_the_furthest_not_by_where_it_backed_off_to() -> None:
     device = started()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(250, CRUISE_M)
     device.go(20, -CRUISE_M)
-    device.tell(planner(TURN, distance=1000, previous=1000, case=1))
+    device.emit_state(planner(TURN, distance=1000, previous=1000, case=1))
     device.go(10)
     assert device.found == []
     device = started()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(250, CRUISE_M)
     device.go(20, -CRUISE_M)
-    device.tell(planner(TURN, distance=920, previous=920, case=1))
+    device.emit_state(planner(TURN, distance=920, previous=920, case=1))
     device.go(10)
     assert len(device.found) == 1
 
@@ -66,17 +66,17 @@ def test_each_lane_counts_from_its_own_beginning() -> None:
 def test_the_estimate_may_be_right_where_the_wheels_are_not() -> None:
     """After a bump the wheels turn on: the estimate knows, and D agrees with it."""
     device = started()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(200, CRUISE_M)
     device.follow_pose = False
     device.go(25, CRUISE_M)
     device.follow_pose = True
-    device.tell(planner(TURN, distance=800, previous=800, case=1))
+    device.emit_state(planner(TURN, distance=800, previous=800, case=1))
     device.go(10)
     assert device.found == []
-    device.tell(planner(LANE, distance=800, previous=800, case=1))
+    device.emit_state(planner(LANE, distance=800, previous=800, case=1))
     device.go(100, CRUISE_M)
-    device.tell(planner(TURN, distance=500, previous=500, case=0))
+    device.emit_state(planner(TURN, distance=500, previous=500, case=0))
     device.go(10)
     assert len(device.found) == 1, "now both say 0.4 m"
 
@@ -85,12 +85,12 @@ def test_the_estimates_way_is_along_the_lane() -> None:
     device = started()
     device.pose = Pose2(3.0, 1.0, 0.0)
     device.go(10)
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.follow_pose = False
     device.go(200, CRUISE_M)
     device.pose = Pose2(3.5, 1.7, 0.0)  # 0.86 m away, 0.5 m along
     device.go(10)
-    device.tell(planner(TURN, distance=860, previous=860, case=1))
+    device.emit_state(planner(TURN, distance=860, previous=860, case=1))
     device.go(10)
     assert len(device.found) == 1
     assert device.data["odometry_m"] == pytest.approx(0.8, abs=0.005)
@@ -98,36 +98,36 @@ def test_the_estimates_way_is_along_the_lane() -> None:
 
 def test_a_lane_that_slipped_or_pushed_is_in_doubt() -> None:
     device = started()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(250, CRUISE_M, lead_m=0.0012)
     device.go(30)
-    device.tell(planner(TURN, distance=900, previous=900, case=1))
+    device.emit_state(planner(TURN, distance=900, previous=900, case=1))
     device.go(20)
     assert device.found == [], "a wheel slipped by 6 cm/s for 5 s"
     device = started()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(225, CRUISE_M)
     device.contacts = int(Contact.BUMPER_LEFT)
     device.go(25, CRUISE_M)
     device.contacts = 0
     device.follow_pose = False
-    device.tell(planner(TURN, distance=900, previous=900, case=1))
+    device.emit_state(planner(TURN, distance=900, previous=900, case=1))
     device.go(10)
     assert device.found == [], "the last 10 cm it pushed against something"
     device = started()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.contacts = int(Contact.CLIFF)
     device.go(250, CRUISE_M, lead_m=0.0001)
-    device.tell(planner(TURN, distance=900, previous=900, case=1))
+    device.emit_state(planner(TURN, distance=900, previous=900, case=1))
     device.go(10)
     assert len(device.found) == 1, "a cliff is no push, and 5 mm/s between the rims no slip"
 
 
 def test_doubt_is_of_one_lane() -> None:
     device = started()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(250, CRUISE_M, lead_m=0.0012)
-    device.tell(planner(TURN, distance=900, previous=900, case=1))
+    device.emit_state(planner(TURN, distance=900, previous=900, case=1))
     device.go(60)
     device.lane(1.0, planner(TURN, distance=920, previous=920, case=1))
     assert len(device.found) == 1
@@ -138,50 +138,50 @@ def test_doubt_is_of_one_lane() -> None:
 
 def test_a_lane_whose_beginning_was_not_seen_is_not_judged_by_its_d() -> None:
     device = Device()
-    device.tell(planner(LANE))
+    device.emit_state(planner(LANE))
     device.go(100, CRUISE_M)
-    device.tell(planner(TURN, distance=1500, previous=1500, case=1))
+    device.emit_state(planner(TURN, distance=1500, previous=1500, case=1))
     device.go(20)
     assert device.found == []
 
 
 def test_after_a_gap_the_devices_figures_are_taken_over() -> None:
     device = swept(1.0)
-    device.tell(planner(LANE, turns=1, distance=1000, previous=1000, case=1))
+    device.emit_state(planner(LANE, turns=1, distance=1000, previous=1000, case=1))
     device.go(50, CRUISE_M)
     held = device.state
     for _ in range(40):  # 0.8 s without a planner state
         device.walk.step(1, planner=held, onboard="paper", pose=device.pose)
-    device.tell(planner(TURN, turns=5, distance=1700, previous=1700, case=2))
+    device.emit_state(planner(TURN, turns=5, distance=1700, previous=1700, case=2))
     device.go(20, rate=0.8)
     assert device.found == []
-    device.tell(planner(LANE, turns=5, distance=1700, previous=1700, case=2))
+    device.emit_state(planner(LANE, turns=5, distance=1700, previous=1700, case=2))
     device.go(425, CRUISE_M)
-    device.tell(planner(TURN, turns=5, distance=1700, previous=1700, case=1))
+    device.emit_state(planner(TURN, turns=5, distance=1700, previous=1700, case=1))
     device.go(20, rate=0.8)
     assert device.found == [], "and the lane after it is judged as ever"
 
 
 def test_a_gap_within_a_lane_leaves_its_beginning_unknown() -> None:
     device = swept(1.0)
-    device.tell(planner(LANE, turns=1, distance=1000, previous=1000, case=1))
+    device.emit_state(planner(LANE, turns=1, distance=1000, previous=1000, case=1))
     device.go(50, CRUISE_M)
     held = device.state
     for _ in range(40):
         device.walk.step(1, planner=held, onboard="paper", pose=device.pose)
     device.go(50, CRUISE_M)
-    device.tell(planner(TURN, turns=1, distance=1010, previous=1010, case=1))
+    device.emit_state(planner(TURN, turns=1, distance=1010, previous=1010, case=1))
     device.go(20, rate=0.8)
     assert device.found == []
 
 
 def test_restart_forgets_the_lane() -> None:
     device = swept(1.0)
-    device.tell(planner(LANE, turns=1, distance=1000, previous=1000, case=1))
+    device.emit_state(planner(LANE, turns=1, distance=1000, previous=1000, case=1))
     device.go(50, CRUISE_M)
-    device.shadow.restart()
+    device.planner_check.restart()
     device.go(50, CRUISE_M)
-    device.tell(planner(TURN, turns=1, distance=990, previous=990, case=1))
+    device.emit_state(planner(TURN, turns=1, distance=990, previous=990, case=1))
     device.go(20, rate=0.8)
     assert device.found == []
 
@@ -203,7 +203,7 @@ def test_u_shape_tells_no_cases() -> None:
 
 
 def test_the_host_plans_nothing_is_held() -> None:
-    walk = Walk(Shadow(DisagreementRule(), MODEL))
+    walk = Walk(PlannerCheck(DisagreementRule(), MODEL))
     assert not walk.step(100, left_m=0.004, right_m=0.004, planner=planner(IDLE), onboard="")
     assert not walk.step(100, left_m=0.004, right_m=0.004, planner=None, onboard="paper")
 
@@ -269,7 +269,7 @@ def test_length_is_w_times_t(turns: int, length: int, *, found: bool) -> None:
     """W is 0.16 m, the wire's step 0.02 m; 255 says 5.1 m or more."""
     device = swept(1.0, turns=turns and 1)
     for now in range(2, turns + 1):
-        device.tell(planner(TURN, turns=now, distance=1000, previous=1000, case=1))
+        device.emit_state(planner(TURN, turns=now, distance=1000, previous=1000, case=1))
         device.go(11, rate=0.8)
     device.lane(
         1.5, planner(BACK, turns=turns, distance=1500, previous=1500, case=3, length=length)
@@ -286,7 +286,7 @@ def test_length_is_w_times_t(turns: int, length: int, *, found: bool) -> None:
 )
 def test_t_grows_by_one_at_a_time(after: int, *, found: bool) -> None:
     device = swept(1.0)
-    device.tell(planner(STEP, turns=after, distance=1000, previous=1000, case=1))
+    device.emit_state(planner(STEP, turns=after, distance=1000, previous=1000, case=1))
     device.go(20, CRUISE_M)
     assert bool(device.found) is found
     if found:
@@ -301,5 +301,5 @@ def test_a_finding_is_held_for_two_seconds_and_told_once() -> None:
         device.go(steps, rate=0.8)
         held.append(device.walk.held)
     assert held == [True, True, False]
-    assert device.shadow.tell() == ("", {})
+    assert device.planner_check.evidence() == ("", {})
     assert len(device.found) == 1

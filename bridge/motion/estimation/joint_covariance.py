@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-class Belief:
+class JointCovariance:
     """A covariance whose first states move and whose later ones stand still.
 
     The means belong to the caller; every update returns what to add to all of them.

@@ -5,54 +5,56 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.motion.estimation.belief import Belief
+from bridge.motion.estimation.joint_covariance import JointCovariance
 
 
 def test_a_state_appended_shares_the_doubt_that_it_was_made_of() -> None:
-    belief = Belief((4.0, 1.0))
-    first = belief.append((0,), np.array([[1.0]]), np.array([[0.5]]))
+    joint_covariance = JointCovariance((4.0, 1.0))
+    first = joint_covariance.append((0,), np.array([[1.0]]), np.array([[0.5]]))
     assert first == 2
-    assert belief.p[2, 2] == pytest.approx(4.5)
-    assert belief.p[0, 2] == pytest.approx(4.0)
+    assert joint_covariance.p[2, 2] == pytest.approx(4.5)
+    assert joint_covariance.p[0, 2] == pytest.approx(4.0)
     # seeing that their difference is as it was tells nothing of either
-    belief.update((0, 2), np.array([[1.0, -1.0]]), np.zeros(1), np.array([[1e-9]]))
-    assert belief.p[0, 0] == pytest.approx(4.0)
-    belief.remove(2, 1)
-    assert belief.size == 2
+    joint_covariance.update((0, 2), np.array([[1.0, -1.0]]), np.zeros(1), np.array([[1e-9]]))
+    assert joint_covariance.p[0, 0] == pytest.approx(4.0)
+    joint_covariance.remove(2, 1)
+    assert joint_covariance.size == 2
 
 
 def test_an_update_is_kalmans() -> None:
-    belief = Belief((4.0,))
-    step = belief.update((0,), np.array([[2.0]]), np.array([1.0]), np.array([[9.0]]))
+    joint_covariance = JointCovariance((4.0,))
+    step = joint_covariance.update((0,), np.array([[2.0]]), np.array([1.0]), np.array([[9.0]]))
     assert step[0] == pytest.approx(4.0 * 2.0 / 25.0)
-    assert belief.p[0, 0] == pytest.approx(4.0 - 8.0 * 8.0 / 25.0)
+    assert joint_covariance.p[0, 0] == pytest.approx(4.0 - 8.0 * 8.0 / 25.0)
 
 
 def test_a_held_state_counts_with_its_doubt_and_stays() -> None:
     """Schmidt's filter, by hand: s = 4 + 1 + 4, gains 4/9 and, held, 0."""
-    belief = Belief((4.0, 1.0))
+    joint_covariance = JointCovariance((4.0, 1.0))
     row = np.array([[1.0, 1.0]])
-    step = belief.update((0, 1), row, np.array([9.0]), np.array([[4.0]]), held=(1,))
+    step = joint_covariance.update((0, 1), row, np.array([9.0]), np.array([[4.0]]), held=(1,))
     assert step == pytest.approx([4.0, 0.0])
-    assert belief.p == pytest.approx(np.array([[4.0 - 16.0 / 9.0, -4.0 / 9.0], [-4.0 / 9.0, 1.0]]))
+    assert joint_covariance.p == pytest.approx(
+        np.array([[4.0 - 16.0 / 9.0, -4.0 / 9.0], [-4.0 / 9.0, 1.0]])
+    )
     # (I - KH) P (I - KH)' + KRK', Joseph's form, which holds for any gain
     gain = np.array([[4.0 / 9.0], [0.0]])
     keep = np.eye(2) - gain @ row
     joseph = keep @ np.diag([4.0, 1.0]) @ keep.T + 4.0 * gain @ gain.T
-    assert belief.p == pytest.approx(joseph)
+    assert joint_covariance.p == pytest.approx(joseph)
 
 
 def test_what_two_held_states_have_in_common_stays() -> None:
     """As Joseph's form has it with their gains zero, for any covariance."""
     rng = np.random.default_rng(1)
     root = rng.normal(size=(5, 5))
-    belief = Belief((1.0,) * 5)
-    before = belief.p = root @ root.T
+    joint_covariance = JointCovariance((1.0,) * 5)
+    before = joint_covariance.p = root @ root.T
     row, noise = rng.normal(size=(1, 5)), np.array([[0.7]])
     gain = before @ row.T / float((row @ before @ row.T)[0, 0] + 0.7)
     gain[[1, 3]] = 0.0
     keep = np.eye(5) - gain @ row
     joseph = keep @ before @ keep.T + gain @ noise @ gain.T
-    step = belief.update(range(5), row, np.array([2.0]), noise, held=(1, 3))
-    assert belief.p == pytest.approx(joseph)
+    step = joint_covariance.update(range(5), row, np.array([2.0]), noise, held=(1, 3))
+    assert joint_covariance.p == pytest.approx(joseph)
     assert step == pytest.approx(2.0 * gain[:, 0])

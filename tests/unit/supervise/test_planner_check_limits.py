@@ -10,7 +10,7 @@ import pytest
 from bridge.motion.geometry import Pose2
 from bridge.supervise.inputs import Watched
 from bridge.supervise.measured import Measured
-from bridge.supervise.rules.shadow import Shadow
+from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.settings import DisagreementRule
 from protocol.messages import PlannerState, Range
 from protocol.values import Contact, PlannerPhase
@@ -41,7 +41,7 @@ class Hand:
         equal_m: float = 0.02,
     ) -> None:
         rule = DisagreementRule(distance_m=distance_m, equal_m=equal_m, motion_s=motion_s)
-        self.shadow = Shadow(rule, model)
+        self.planner_check = PlannerCheck(rule, model)
         self.measured = Measured(MODEL)
         self.onboard = onboard
 
@@ -55,7 +55,7 @@ class Hand:
     ) -> bool:
         seen: Range | None = None if contacts is None else reading(contacts=contacts)
         watched = Watched(*(time_s, pose, 0.0, 0.0), planner=told, onboard=self.onboard, range=seen)
-        return self.shadow.holds(watched, self.measured)
+        return self.planner_check.holds(watched, self.measured)
 
     def lane(self, way_m: float, after: PlannerState, before: PlannerState | None = None) -> bool:
         """A lane from 0 on, by the odometry; the estimate stays behind."""
@@ -71,11 +71,11 @@ class Hand:
 
 def test_nothing_is_grave_and_nothing_held_without_a_planner() -> None:
     hand = Hand()
-    assert hand.shadow.grave is False
+    assert hand.planner_check.grave is False
     assert hand.at(0.0, None) is False
     hand.onboard = ""
     assert hand.at(0.0, planner(LANE)) is False
-    assert hand.shadow.tell() == ("", {})
+    assert hand.planner_check.evidence() == ("", {})
 
 
 @pytest.mark.parametrize(("way_m", "found"), [(1.0, False), (1.0001, True)])
@@ -85,7 +85,7 @@ def test_d_may_be_off_by_its_limit(way_m: float, *, found: bool) -> None:
     after = planner(TURN, distance=875, previous=875, case=1)
     assert hand.lane(way_m, after) is found
     if found:
-        assert hand.shadow.tell() == (
+        assert hand.planner_check.evidence() == (
             "it says D = 0.875 m, odometry 1.000 m",
             {"D_m": 0.875, "odometry_m": 1.0, "for_s": 0.75},
         )
@@ -97,8 +97,8 @@ def test_the_evidence_is_in_millimetres_and_hundredths() -> None:
     hand.at(1.126, planner(LANE))
     hand.measured.way_m = 1.23456
     hand.at(1.313, planner(TURN, distance=1000, previous=1000, case=1))
-    assert hand.shadow.tell()[1] == {"D_m": 1.0, "odometry_m": 1.235, "for_s": 0.31}
-    hand.shadow.restart()
+    assert hand.planner_check.evidence()[1] == {"D_m": 1.0, "odometry_m": 1.235, "for_s": 0.31}
+    hand.planner_check.restart()
     assert hand.at(1.4, planner(LANE)) is False
 
 
@@ -112,7 +112,7 @@ def test_a_lane_begins_where_the_odometry_was() -> None:
     hand.at(0.75, planner(LANE, distance=1000, previous=1000, case=1))
     hand.measured.way_m = 7.1
     assert hand.at(1.0, planner(TURN, distance=1000, previous=1000, case=1)) is True
-    assert hand.shadow.tell()[1]["odometry_m"] == 1.1
+    assert hand.planner_check.evidence()[1]["odometry_m"] == 1.1
 
 
 def test_the_estimates_way_is_along_any_heading() -> None:
@@ -127,7 +127,7 @@ def test_the_estimates_way_is_along_any_heading() -> None:
     hand.at(0.75, planner(LANE, distance=520, previous=520, case=1), start)
     hand.at(0.9, planner(LANE, distance=520, previous=520, case=1), Pose2(2.3, 3.4, 0.0))
     assert hand.at(1.0, planner(TURN, distance=540, previous=540, case=1), start) is True
-    assert hand.shadow.tell()[1]["odometry_m"] == 0.5
+    assert hand.planner_check.evidence()[1]["odometry_m"] == 0.5
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def test_every_limit_of_a_case(distance: int, cases: set[int]) -> None:
         after = planner(TURN, turns=1, distance=distance, previous=distance, case=case, length=8)
         assert hand.lane(distance / 1000, after, before) is (case not in cases), case
         if case not in cases:
-            assert hand.shadow.tell()[1]["expected"] == min(cases)
+            assert hand.planner_check.evidence()[1]["expected"] == min(cases)
 
 
 @pytest.mark.parametrize(("equal_m", "cases"), [(0.25, {0, 1}), (0.2489, {0})])
@@ -262,7 +262,7 @@ def test_length_is_told_to_half_a_step(width_m: float, length: int, *, found: bo
     after = planner(TURN, turns=3, distance=1500, previous=1500, case=3, length=length)
     assert hand.lane(1.5, after, before) is found
     if found:
-        assert hand.shadow.tell()[1]["expected_m"] == (0.45 if width_m == 0.15 else 0.37)
+        assert hand.planner_check.evidence()[1]["expected_m"] == (0.45 if width_m == 0.15 else 0.37)
 
 
 def test_planners_without_lanes_may_bend() -> None:
@@ -290,7 +290,7 @@ def test_what_may_be_measured_of_a_claim(
     hand.measured.travel_m, hand.measured.turn_rad = way_m, turn_rad
     assert hand.at(1.999, told) is False
     assert hand.at(2.0, told) is bool(wrong)
-    text, data = hand.shadow.tell()
+    text, data = hand.planner_check.evidence()
     assert wrong in text
     if wrong:
         assert data["for_s"] == 2.0
@@ -306,7 +306,7 @@ def test_a_longer_time_between_tests_allows_more() -> None:
     assert hand.at(6.0, told) is False
     hand.measured.travel_m, hand.measured.turn_rad = 0.30456, 0.61239
     assert hand.at(8.126, told) is True
-    assert hand.shadow.tell() == (
+    assert hand.planner_check.evidence() == (
         "it says paused, and moves: 12 cm and 0.31 rad in 2.1 s",
         {"phase": "paused", "way_m": 0.125, "turn_rad": 0.312, "for_s": 2.13},
     )
