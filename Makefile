@@ -144,7 +144,9 @@ clean: ## remove .venv and caches
 
 venv: $(INSTALLED)
 
-# Only what the locks name, built only by what they name: first the build tools, then the rest.
+# Exactly what the locks name, built only by what they name: first the build tools, then the rest.
+# Without dependency resolution: pip 23 takes a newer release of a package that another one names
+# with an extra, and then finds no hash for it.
 $(LOCKED): $(LOCKS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 		echo "sweepctl needs Python 3.11 or newer; '$(PYTHON)' is $$($(PYTHON) --version 2>/dev/null || echo missing)." >&2; \
@@ -157,9 +159,9 @@ $(LOCKED): $(LOCKS)
 		echo 'This Python cannot make a virtual environment (on Debian: apt install python3-venv).' >&2; \
 		rm -rf $(VENV); exit 1; }
 	@echo '== installing the build tools'
-	@$(call pip_install,--require-hashes -r requirements-build.lock)
+	@$(call pip_install,--no-deps --require-hashes -r requirements-build.lock)
 	@echo '== installing the locked packages (a minute or more, 2 GB unpacked)'
-	@$(call pip_install,--require-hashes --no-build-isolation -r requirements.lock)
+	@$(call pip_install,--no-deps --require-hashes --no-build-isolation -r requirements.lock)
 	@touch $@
 
 $(INSTALLED): $(LOCKED) pyproject.toml $(KERNELS) $(MADE_WITH)
