@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
 
 def planner_events(more: dict[str, object] | None = None) -> SuperviseSettings:
-    """The default rules, every reaction lowered to telling."""
+    """The default rules, every reaction lowered to reporting."""
     rules = SuperviseSettings()
-    table: dict[str, object] = {n: {"reaction": "tell", "then": "tell"} for n in rules.rules}
+    table: dict[str, object] = {n: {"reaction": "report", "then": "report"} for n in rules.rules}
     for name, values in (more or {}).items():
         table[name] = {**table[name], **values}  # type: ignore[dict-item]  # tables of one rule each
     settings = settings_from(table)

@@ -165,15 +165,15 @@ def told(sink: Collector) -> list[EventRecord]:
     return [e for e in sink.of(EventRecord) if e.source == "supervise"]
 
 
-def test_telling_changes_nothing() -> None:
+def test_reporting_changes_nothing() -> None:
     ends, host, sink = moving()
-    alarmed(host, "TELL")
+    alarmed(host, "REPORT")
     ends.run(2.0)
     assert host.mission.phase is Phase.DRIVING
     (event,) = told(sink)
     assert (event.kind, event.text, event.data) == (
         *("tilt", "it leans"),
-        {"angle": 0.4, "level": "tell"},
+        {"angle": 0.4, "level": "report"},
     )
 
 
