@@ -328,11 +328,24 @@ class _Recoverer:
             following = next_file(self._data, start, end)
             if following is None and opcode == Opcode.ATTACHMENT and not self._stands_known(end):
                 following = self._search_inner.after(start)
+            elif following is None and opcode == Opcode.CHUNK:
+                following = self._next_chunk(start, end)
             # Bytes of it are missing, and its length reaches into what follows.
             if following is not None and following < end:
                 self._loss.bytes = following - offset
                 return following
         return end if is_longer else None
+
+    def _next_chunk(self, start: int, end: int) -> int | None:
+        """Find the chunk or attachment into which a damaged chunk's length reaches.
+
+        A message may itself hold a chunk, which then ends within the message and does not count
+        where a record stands at ``end``.
+        """
+        if self._stands_known(end):
+            return self._search.reached(start, end)
+        following = self._search.after(start, only_sized=True)
+        return following if following is not None and following < end else None
 
     def _stands(self, position: int) -> bool:
         """Whether a whole record stands here."""

@@ -25,7 +25,7 @@ from bridge.record.records_kernel import skip_indexes
 from bridge.record.unpack import CHUNK_HEAD, HEAD
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
 Bytes = bytes | mmap
@@ -100,15 +100,36 @@ class Search:
     def __init__(self, data: Bytes) -> None:
         """Search these bytes."""
         self._data = data
-        self._from = 0
-        self._found: int | None = -1
+        self._answers: dict[bool, tuple[int, int | None]] = {False: (0, -1), True: (0, -1)}
+        """By whether only sized records count: where the search began, and what it found."""
 
-    def after(self, position: int) -> int | None:
-        """Find the first place behind this one; None: there is none."""
-        begin, found = position + 1, self._found
-        if begin < self._from or (found is not None and begin > found):
-            self._from, self._found = begin, _next(self._data, begin)
-        return self._found
+    def after(self, position: int, *, only_sized: bool = False) -> int | None:
+        """Find the first place after this one; None: there is none.
+
+        Args:
+            position: byte after which to search.
+            only_sized: find only chunks and attachments, which never stand within a chunk.
+
+        """
+        begin = position + 1
+        first, found = self._answers[only_sized]
+        if begin < first or (found is not None and begin > found):
+            found = _next(self._data, begin, _TWICE if only_sized else _SHAPES)
+            self._answers[only_sized] = begin, found
+        return found
+
+    def reached(self, start: int, end: int) -> int | None:
+        """Find the chunk or attachment that begins in ``start`` to ``end`` and ends behind it.
+
+        A record with such a length has lost bytes, so that it reaches into what follows.
+        """
+        place = self.after(start, only_sized=True)
+        while place is not None and place < end:
+            own = inner_end(self._data, self._data[place], place + HEAD.size)
+            if own is not None and own > end:
+                return place
+            place = self.after(place, only_sized=True)
+        return None
 
 
 def records(
@@ -135,8 +156,10 @@ def records(
             # What stands behind it is damaged, or its length is, which then mostly reaches into
             # or over whole records.
             if found is not None and following is not None and following < found.end:
+                reached = search.reached(found.start, found.end)
                 is_sure = inner_end(data, found.opcode, found.start) == found.end
-                found = found if is_sure and not begins_file(data, following) else None
+                if reached is not None or not is_sure or begins_file(data, following):
+                    found, following = None, reached or following
         if found is not None:
             yield found
             position = found.end
@@ -212,14 +235,14 @@ def first_end(data: Bytes) -> tuple[int, bool]:
     return end, whole
 
 
-def _next(data: Bytes, position: int) -> int | None:
-    """The next place from here where a record stands, or a file begins."""
+def _next(data: Bytes, position: int, kinds: Collection[int]) -> int | None:
+    """The next place from here where a record of these kinds stands, or a file begins."""
     end = len(data)
     for match in _CANDIDATE.finditer(data, position):
         found = _fits(data, match.start())
         # Here chance could have a hand in it: it must be of a known kind, and followed by
         # another record, not by the file's end; or have two sizes of 64 bits that agree.
-        if found is None or found.opcode not in _SHAPES:
+        if found is None or found.opcode not in kinds:
             continue
         is_sure = found.opcode in _TWICE and inner_end(data, found.opcode, found.start) == found.end
         if is_sure or (_may_begin(data, found.end) and _is_followed(data, found.end)):

@@ -55,6 +55,7 @@ cuts = st.lists(
 
 @settings(max_examples=60)
 @given(st.sampled_from(NAMES), cuts)
+@example("none", [("gap", 0.0625, 239)])  # a chunk that then ends within the next chunk
 @example("ours", [("gap", 0.25, 281)])  # an attachment that then ends within the next chunk
 def test_several_damages_together(name: str, wanted: list[tuple[str, float, int]]) -> None:
     log = named(name)
