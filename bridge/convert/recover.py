@@ -240,6 +240,7 @@ class _Recoverer:
         self._search, self._search_inner = Search(data), Search(data)
         self._last: dict[int, list[tuple[int, int]]] = {}
         """Of the last chunk that was kept: what its message indexes say."""
+        self._is_chunked = Opcode.CHUNK in self._summary.kinds.values()
         self._loss: Loss | None = None
         """The last one, as long as message indexes may follow that say what it held."""
         self._handlers: dict[int, Callable[[int, bytes], None]] = {
@@ -301,6 +302,10 @@ class _Recoverer:
             going_on = self._mislabelled(offset, expected)
             if going_on is not None:
                 return going_on
+        if opcode == Opcode.MESSAGE and self._is_chunked and self._loss is not None:
+            # It stood in the chunk that is lost, whose checksum alone covered it.
+            self._loss.bytes = max(self._loss.bytes, end - self._loss.offset)
+            return None
         if opcode != Opcode.MESSAGE_INDEX:
             self._loss = None
         handler = self._handlers.get(opcode)
@@ -511,6 +516,7 @@ class _Recoverer:
         self._copy.message(_ID.pack(number) + content[_ID.size :], number, log_ns)
 
     def _chunk(self, offset: int, record: bytes) -> None:
+        self._is_chunked = True
         try:
             parts = chunk_parts(record)
             content, is_sound = self._content(parts)

@@ -119,15 +119,15 @@ class Search:
         return found
 
     def reached(self, start: int, end: int) -> int | None:
-        """Find the chunk or attachment that begins in ``start`` to ``end`` and ends behind it.
+        """Find the first chunk or attachment between two bytes, if one of them ends behind ``end``.
 
-        A record with such a length has lost bytes, so that it reaches into what follows.
+        A record from ``start`` to ``end`` has then lost bytes: it reaches into what follows.
         """
-        place = self.after(start, only_sized=True)
+        first = place = self.after(start, only_sized=True)
         while place is not None and place < end:
             own = inner_end(self._data, self._data[place], place + HEAD.size)
             if own is not None and own > end:
-                return place
+                return first
             place = self.after(place, only_sized=True)
         return None
 
@@ -156,10 +156,11 @@ def records(
             # What stands behind it is damaged, or its length is, which then mostly reaches into
             # or over whole records.
             if found is not None and following is not None and following < found.end:
-                reached = search.reached(found.start, found.end)
                 is_sure = inner_end(data, found.opcode, found.start) == found.end
-                if reached is not None or not is_sure or begins_file(data, following):
-                    found, following = None, reached or following
+                if not is_sure or begins_file(data, following):
+                    found = None
+                elif (reached := search.reached(found.start, found.end)) is not None:
+                    found, following = None, reached
         if found is not None:
             yield found
             position = found.end
