@@ -1,11 +1,10 @@
-"""The doctor held against every fault that the emulator has: who is told what.
+"""The findings of the doctor for every fault of the emulator.
 
     PYTHONPATH=tests python -m campaign.doctor --out docs/doctor-confusion.md
 
-Each patient has one trouble, drawn into a recording of the whole line in virtual time; half
-of them stand and are listened to, half drive a plan. What the doctor says is counted: a right
-finding, a finding that goes with it, a wrong one, or nothing. With ``--keep FILE`` a campaign
-that was broken off goes on where it was.
+Each patient has one fault, injected into a recording of the whole link in virtual time. Half of the
+patients stand still, half drive a plan. The campaign counts the findings: correct, a consequence of
+the fault, wrong, or none. With ``--keep FILE`` an interrupted campaign continues.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Patient:
-    """A visit, what is to be found, and what may be found beside it."""
+    """A visit, its correct findings, and the findings that may accompany them."""
 
     visit: Visit
     right: frozenset[str]
@@ -41,7 +40,7 @@ class Patient:
 
     @property
     def name(self) -> str:
-        """Of the visit."""
+        """Name of the visit."""
         return self.visit.name
 
 
@@ -147,7 +146,7 @@ PATIENTS: tuple[Patient, ...] = (
 
 @dataclass
 class Result:
-    """What one patient was told."""
+    """Findings for one patient and seed."""
 
     patient: Patient
     seed: int
@@ -155,18 +154,18 @@ class Result:
 
     @property
     def hit(self) -> bool:
-        """Whether what is wrong was found; of who is well: whether nothing was."""
+        """Whether a correct finding is there; without a fault: whether there is no finding."""
         right = self.patient.right
         return bool(right & set(self.found)) if right else not self.found
 
     @property
     def wrong(self) -> list[str]:
-        """Findings that do not belong."""
+        """Wrong findings."""
         return sorted(set(self.found) - self.patient.right - self.patient.beside)
 
 
 def visit(patient: Patient, seed: int) -> Result:
-    """Let the doctor see one patient."""
+    """Examine one patient."""
     findings = examine(patient.visit, seed).conclude()
     return Result(patient, seed, [finding.kind for finding in findings])
 
@@ -176,28 +175,34 @@ def _visit(job: tuple[int, int]) -> list[str]:
 
 
 def uncovered() -> set[str]:
-    """Faults of the emulator that no patient has."""
+    """Faults of the emulator that no patient covers."""
     had = {text.partition("@")[0] for patient in PATIENTS for text in patient.visit.faults}
     return set(KINDS) - had
 
 
 def report(results: Iterable[Result]) -> tuple[str, bool]:
-    """The confusion table, and whether all were told rightly."""
+    """The page, and whether every finding is correct."""
     by_name: dict[str, list[Result]] = {}
     for result in results:
         by_name.setdefault(result.patient.name, []).append(result)
     kinds = sorted({kind for found in by_name.values() for r in found for kind in r.found})
     lines = [
-        "# Who is told what",
+        "# Findings of the doctor by fault",
         "",
         "<!-- Written by `python -m campaign.doctor` in tests/. -->",
         "",
-        "Each row is a trouble injected into the virtual sweeper or its line, several seeds each;",
-        "each column a finding of `sweepctl doctor`. **Bold** is what is right, plain what goes",
-        "with it, and ~~struck~~ what is wrong. Rows without *driving* stand and are",
-        "listened to; *driving* marks a whole run with a planner.",
+        "This page shows which findings [`sweepctl doctor`](doctor.md) reports for which fault.",
         "",
-        f"| trouble | visits | {' | '.join(kinds)} | nothing |",
+        "Each row is a fault of the virtual sweeper or its serial link, with several seeds. Each",
+        "column is a finding. A number counts the runs with that finding:",
+        "",
+        "- **bold**: correct",
+        "- plain: a consequence of the fault",
+        "- ~~struck~~: wrong",
+        "",
+        "*Driving* marks a run with a planner. In the other rows the robot stands still.",
+        "",
+        f"| fault | runs | {' | '.join(kinds)} | nothing |",
         f"|---|---|{'---|' * len(kinds)}---|",
     ]
     hits = wrong = total = 0
@@ -214,7 +219,7 @@ def report(results: Iterable[Result]) -> tuple[str, bool]:
         lines.append(f"| {how} | {len(found)} | {' | '.join(cells)} | {none} |")
     lines += [
         "",
-        f"{total} visits: {hits} told rightly, {wrong} told something wrong beside or instead.",
+        f"{total} runs: {hits} with the correct finding, {wrong} with a wrong one.",
         "",
     ]
     return "\n".join(lines), hits == total and wrong == 0
@@ -229,14 +234,14 @@ def _cell(count: int, kind: str, patient: Patient) -> str:
 
 
 def _kept_at(path: Path | None) -> Kept:
-    """What is kept of visits to the doctor, and of patients, as they are now."""
+    """Results kept for the present rules, doctor and patients."""
     sources = [*(ROOT / "bridge" / "doctor").glob("*.py")]
     sources += (ROOT / "bridge" / "supervise").glob("*.py")
     return Kept(path, [*sources, Path(__file__), ROOT / "tests" / "support" / "clinic.py"])
 
 
 def results_of(jobs: list[tuple[int, int]], kept: Kept, processes: int) -> Iterator[Result]:
-    """Every visit's result, in their order; what is kept is not visited again."""
+    """Every visit's result in order; kept results are not computed again."""
     names = {job: f"{PATIENTS[job[0]].name}, seed {job[1]}" for job in jobs}
     waiting = [job for job in jobs if kept.of(names[job]) is None]
     with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
@@ -251,12 +256,14 @@ def results_of(jobs: list[tuple[int, int]], kept: Kept, processes: int) -> Itera
 
 
 def main() -> int:
-    """Let the doctor see all patients and write the table."""
+    """Examine all patients and write the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first-seed", type=int, default=21)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--keep", type=Path, help="results; what stands there is not visited again")
+    parser.add_argument(
+        "--keep", type=Path, help="results file; its results are not computed again"
+    )
     parser.add_argument("--out", type=Path, help="write the page")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.seeds)

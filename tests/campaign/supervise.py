@@ -1,13 +1,13 @@
-r"""Supervision held against the truth: every hazard injected, and hours of runs without any.
+r"""Supervision compared with the truth: every hazard injected, and hours of runs without one.
 
     PYTHONPATH=tests python -m campaign.supervise --out docs/supervise-campaign.md
 
-Every run is the whole stack in virtual time, the rules wired as in a user's run, but all
-reactions lowered to *tell*, so that a run goes on after its first alarm. A hazard counts as
-caught where a rule that it is meant for speaks while it lasts or within its time of grace, or
-where device or session stopped the run because of it, which is told apart. In a run without hazard
-an alarm is a false one, unless the truth bears it out. With ``--keep FILE`` a campaign that was
-broken off goes on where it was, as long as the rules and hazards are the same.
+Every run is the whole stack in virtual time. The rules are wired as in a user's run, but every
+reaction is lowered to *report*, so that a run continues after its first alarm. A hazard counts as
+caught if a rule that is meant for it raises an alarm while it lasts or within the grace time
+after it. A run that the device or the session ended because of the hazard is counted separately.
+Without a hazard every alarm is false, unless the truth confirms it. With ``--keep FILE`` an
+interrupted campaign continues, as long as rules and hazards are the same.
 """
 
 from __future__ import annotations
@@ -129,13 +129,13 @@ def clean_jobs(seeds: Iterable[int], max_s: float) -> list[Job]:
 
 
 def kept_at(path: Path | None) -> Kept:
-    """What is kept of runs with the rules and the hazards as they are now."""
+    """Outcomes kept for the present rules and hazards."""
     rules = (ROOT / "bridge" / "supervise").glob("*.py")
     return Kept(path, [*rules, Path(__file__).with_name("hazards.py")])
 
 
 def recalled(job: Job, kept: Kept) -> Outcome | None:
-    """What came of a job, if it has been run."""
+    """The outcome of a job, if it is kept."""
     told = kept.of(job.name)
     if told is None:
         return None
@@ -143,14 +143,14 @@ def recalled(job: Job, kept: Kept) -> Outcome | None:
 
 
 def keep(outcome: Outcome, kept: Kept) -> None:
-    """Note what came of a job."""
+    """Append the outcome of a job."""
     told = asdict(outcome)
     del told["job"]
     kept.add(outcome.job.name, told)
 
 
 def outcomes_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[Outcome]:
-    """Every job's outcome, in their order; what is kept is not run again."""
+    """Every job's outcome in order; kept outcomes are not run again."""
     waiting = [job for job in jobs if kept.of(job.name) is None]
     with ProcessPoolExecutor(processes, initializer=os.nice, initargs=(10,)) as pool:
         found = pool.map(run, waiting)
@@ -164,7 +164,7 @@ def outcomes_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[Outcome
 
 
 def told(outcome: Outcome) -> str:
-    """An outcome in a line, for whoever looks into it."""
+    """An outcome in one line."""
     job = outcome.job
     alarms = "; ".join(
         f"{a.at_s:.1f} s {a.rule}{' (true)' if a.true else ''}: {a.text}"
@@ -180,14 +180,16 @@ def told(outcome: Outcome) -> str:
 
 
 def main() -> int:
-    """Run the campaign and write its tables."""
+    """Run the campaign and write the page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--seeds", type=int, default=3, help="of each hazard")
-    parser.add_argument("--clean-seeds", type=int, default=2, help="of each room and planner")
-    parser.add_argument("--first-seed", type=int, default=201, help="of both")
-    parser.add_argument("--clean-s", type=float, default=300.0, help="longest clean run")
+    parser.add_argument("--seeds", type=int, default=3, help="seeds of each hazard")
+    parser.add_argument("--clean-seeds", type=int, default=2, help="seeds of each room and planner")
+    parser.add_argument("--first-seed", type=int, default=201, help="first seed of both")
+    parser.add_argument(
+        "--clean-s", type=float, default=300.0, help="limit of a run without a hazard, s"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes")
-    parser.add_argument("--keep", type=Path, help="outcomes; what stands there is not run again")
+    parser.add_argument("--keep", type=Path, help="outcomes file; its outcomes are not run again")
     parser.add_argument("--out", type=Path, help="write the page")
     options = parser.parse_args()
     first = options.first_seed

@@ -15,35 +15,45 @@ if TYPE_CHECKING:
 
 MOST_PER_HOUR = 1.0
 _HEAD = """\
-# Supervision held against the truth
+# Supervision compared with the truth
 
 <!-- Written by `python -m campaign.supervise` with tests/ on the path. -->
 
-Every run is the whole stack in virtual time at noise `typical`: the device's planner, or the
-host's, in the rooms that ship; the rules at their defaults, every reaction lowered to *tell* so
-that a run goes on after an alarm. Seeds are other ones than the rules were made with.
+This page measures how many hazards the [rules of supervision](supervise.md) catch, and how many
+false alarms they raise.
+
+Every run is the whole stack in virtual time at noise `typical`, in the rooms that ship, with a
+planner on the device or on the host. The rules have their defaults, but every reaction is lowered
+to *report*, so that a run continues after an alarm. The seeds differ from those with which the
+rules were tuned.
 
 """
 _TRUTH = """
-*Borne out*: nothing was injected, and yet it is so. The device's planner told a D that is more than
-3 cm off the way that its body truly made, as the simulation knows it: an estimate that a wall, seen
-wrongly, has corrected within the lane. To find that is what the rule is for.
+*True* alarms report a real error although no hazard was injected. The device's planner reported a
+lane length D that differs by more than 3 cm from the true distance. A wrong wall measurement had
+corrected the device's estimate within the lane. The rule exists to find this.
 """
 _HAZARDS = """
 ## Hazards
 
-*Ended*: before a rule of the host spoke, the device had stopped by itself (cause `hardware`), or
-the session had found that it was lost and is back, booted anew, and had ended the run. Time is
-from the hazard's beginning to the first alarm of a rule that is meant for it; where a hazard can
-only show later (a lane must end, a wall must be ahead), it is long. *Recall* is of all runs.
+- *Caught*: a rule that is meant for the hazard raised an alarm.
+- *Ended*: the run ended before that. Either the device stopped by itself (cause `hardware`), or the
+  session found that the device had rebooted.
+- *Recall*: share of the runs that were caught or ended.
+- *Time*: from the beginning of the hazard to the first alarm of a rule that is meant for it. It is
+  long for a hazard that shows only at the end of a lane or before a wall.
 
 """
 _RULES = """
 ## Rules
 
-Over all runs. *Right*: of a rule that the hazard is meant for, while it lasted or within
-{grace:g} s of it, or borne out by the truth. *With it*: of another rule meanwhile, as where a wheel
-that sticks slips. *False*: all others. *Precision*: those that are not false, of all.
+Alarms of all runs:
+
+- *Right*: the rule is meant for the hazard, and the hazard lasts or ended at most {grace:g} s
+  before; or the alarm is true.
+- *Consequence*: another rule during the same hazard. A stuck wheel also slips, for example.
+- *False*: all other alarms.
+- *Precision*: share of the alarms that are not false.
 
 """
 
@@ -57,16 +67,16 @@ def page(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
     per_hour = false.total() / hours if hours else 0.0
     told = (
         f"{len(clean)} runs, {hours:.1f} simulated hours of driving: **{false.total()} false "
-        f"alarms, {per_hour:.2f} per hour** (at most {MOST_PER_HOUR:g} is allowed), and "
-        f"{true.total()} that are borne out by the truth.\n"
+        f"alarms, {per_hour:.2f} per hour** (limit: {MOST_PER_HOUR:g} per hour), and "
+        f"{true.total()} true alarms.\n"
     )
-    parts = [_HEAD, "## Without any hazard\n\n", told]
+    parts = [_HEAD, "## Without a hazard\n\n", told]
     if false or true:
         rows = [
             (rule, false[rule], true[rule], f"{false[rule] / hours:.2f}")
             for rule in sorted(false | true)
         ]
-        parts += ["\n", _table("rule", "false", "borne out", "false per hour", rows=rows)]
+        parts += ["\n", _table("rule", "false", "true", "false per hour", rows=rows)]
     parts.append(_TRUTH)
     table, missed = _hazards(outcomes)
     parts += [_HAZARDS, table, _RULES.format(grace=GRACE_S), _rules(outcomes)]
@@ -115,7 +125,7 @@ def _rules(outcomes: Iterable[Outcome]) -> str:
     sums = right.total(), beside.total(), false.total()
     precision = f"{1.0 - sums[2] / sum(sums):.3f}" if sum(sums) else ""
     rows.append(("*together*", sum(sums), *sums, precision))
-    return _table("rule", "alarms", "right", "with it", "false", "precision", rows=rows)
+    return _table("rule", "alarms", "right", "consequence", "false", "precision", rows=rows)
 
 
 def _table(*heads: str, rows: Iterable[tuple[object, ...]]) -> str:

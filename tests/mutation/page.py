@@ -16,19 +16,22 @@ _HEAD = """\
 
 <!-- Written by `python -m mutation.run --out docs/mutation.md` with tests/ on the path. -->
 
-Every comparison, sum, condition, constant, choice and statement of the code that stops the robot
-is changed, one at a time, and the fast tests of that code must notice: a change that no test
-notices is behaviour that nobody has checked. `PYTHONPATH=tests python -m mutation.run` does it
-again, whole; CI tries a share.
+This page shows that the tests of the safety code notice every small change to it.
 
-| code | mutants | killed | equivalent | survived |
+A *mutant* is the code with one change: a comparison, a sum, a condition, a constant, a choice or a
+statement. The fast tests of the module run against each mutant. If a test fails, the mutant is
+*killed*. If all tests pass, it has *survived*, and the tests miss that behaviour.
+
+`PYTHONPATH=tests python -m mutation.run` repeats the whole run. CI runs a share of it.
+
+| module | mutants | killed | equivalent | survived |
 |---|---|---|---|---|
 """
 _LIST = """
-An *equivalent* mutant changes nothing that anybody could notice. Each has its proof:
+## Equivalent mutants
 
-| code | mutant | why nothing changes |
-|---|---|---|
+An *equivalent* mutant does not change what the module does, so no test can kill it. The proof for
+each:
 """
 
 
@@ -40,9 +43,7 @@ def page(tallies: Sequence[Tally]) -> str:
         cells = (f"`{target.module}`", tally.killed + same + alive, tally.killed, same, alive)
         rows.append(_row(cells))
         listed = equivalents().get(target.name, {})
-        for mutant in tally.equivalent:
-            name = mutant.name.replace("|", "\\|")
-            proofs.append(_row((target.name, f"`{name}`", listed[mutant.name])))
+        proofs += _proofs(target.module, [(m.name, listed[m.name]) for m in tally.equivalent])
     killed, same, alive = (
         sum(counts)
         for counts in zip(
@@ -51,6 +52,20 @@ def page(tallies: Sequence[Tally]) -> str:
     )
     rows.append(_row(("*together*", killed + same + alive, killed, same, alive)))
     return _HEAD + "".join(rows) + _LIST + "".join(proofs)
+
+
+def _proofs(module: str, proofs: Sequence[tuple[str, str]]) -> list[str]:
+    """A module's equivalent mutants as a list, those of one proof together."""
+    if not proofs:
+        return []
+    by_proof: dict[str, list[str]] = {}
+    for name, proof in proofs:
+        by_proof.setdefault(proof, []).append(name)
+    lines = [f"\n### `{module}`\n\n"]
+    for proof, names in by_proof.items():
+        mutants = [f"- `{name}`\n" for name in names]
+        lines += [proof, "\n\n", *mutants, "\n"]
+    return lines[:-1]
 
 
 def _row(cells: tuple[object, ...]) -> str:

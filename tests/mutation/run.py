@@ -1,17 +1,15 @@
-"""Mutation run over the code that keeps the robot safe.
-
-Is every small change to it noticed by a test?
+"""Mutation run over the safety code: whether a test notices every small change to it.
 
     PYTHONPATH=tests python -m mutation.run                 # all of it
     PYTHONPATH=tests python -m mutation.run --target latch --share 10
     PYTHONPATH=tests python -m mutation.run --keep runs/mutants.jsonl --out docs/mutation.md
 
-Nothing on disk is changed: a mutant lives in the memory of one forked process, which runs the
-tests that reach it until one fails (the mutant is killed) or all pass (it has survived).
-Survivors that are known to be equivalent stand in ``equivalent.toml``, each with the proof; any
-other fails the run, but for as many as ``targets.py`` grants a module that is not examined yet.
-With ``--keep`` a run that was broken off goes on where it was, and what has not changed since is
-not tried again.
+Nothing on disk changes. A mutant lives in the memory of one forked process, which runs the tests
+that reach it. If a test fails, the mutant is killed; if all pass, it has survived. Equivalent
+mutants are listed in ``equivalent.toml``, each with its proof. Any other survivor fails the run,
+except for the number that ``targets.py`` allows a module that is not examined yet. With
+``--keep`` an interrupted run continues, and mutants whose module and tests are unchanged are not
+tried again.
 """
 
 from __future__ import annotations
@@ -35,31 +33,31 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 _UNTOUCHED = ("protocol.messages", "protocol.link", "bridge.motion.robot_model")
-"""Of ours, what imports no target."""
+"""Modules of the product that import no target."""
 
 
 @dataclass
 class Tally:
-    """What became of a target's mutants."""
+    """Results of a target's mutants."""
 
     target: Target
     killed: int = 0
     equivalent: list[Mutant] = field(default_factory=list)
     survived: list[Mutant] = field(default_factory=list)
     stale: list[str] = field(default_factory=list)
-    """Listed as equivalent, and killed or no mutant any more."""
+    """Listed as equivalent, but killed or no longer a mutant."""
 
     def passes(self, *, whole: bool) -> bool:
-        """No survivor but those of a whole run that nobody has examined yet."""
+        """Whether no mutant survived, apart from those allowed in a module not examined yet."""
         allowed = self.target.unexamined
         return not self.stale and (len(self.survived) <= allowed or (allowed > 0 and not whole))
 
 
 class Kept:
-    """Results of earlier runs, in a file to which each new one is added at once."""
+    """Results of earlier runs, in a file to which each new result is appended at once."""
 
     def __init__(self, path: Path | None) -> None:
-        """Read what is there."""
+        """Read the file, if it exists."""
         self._path = path
         self._known: dict[tuple[str, str, str], bool] = {}
         if path is not None and path.exists():
@@ -68,28 +66,28 @@ class Kept:
                 self._known[target, digest, name] = killed
 
     def of(self, target: Target, digest: str) -> dict[str, bool]:
-        """By name, whether a mutant was killed; of the module and the tests of this digest."""
+        """Whether each mutant was killed, by name, for this digest of module and tests."""
         here = target.name, digest
         return {key[2]: killed for key, killed in self._known.items() if key[:2] == here}
 
     def add(self, target: Target, digest: str, name: str, *, killed: bool) -> None:
-        """Note one."""
+        """Append one result."""
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps([target.name, digest, name, killed]) + "\n")
 
 
 def preload() -> None:
-    """Import what all tests need and no mutant is of, once for all children."""
+    """Import what all tests need and no mutant changes, once for all children."""
     for name in ("hypothesis", "numpy", "pytest", *_UNTOUCHED):
         importlib.import_module(name)
 
 
 def examine(target: Target, kept: Kept, *, share: int = 1, offset: int = 0) -> Tally:
-    """Try every ``share``-th mutant of a target, from ``offset`` on.
+    """Try every ``share``-th mutant of a target, starting at ``offset``.
 
     Raises:
-        UnfitError: its tests fail without any change.
+        UnfitError: the tests fail without any change.
 
     """
     digest = target.digest
@@ -114,7 +112,7 @@ def examine(target: Target, kept: Kept, *, share: int = 1, offset: int = 0) -> T
 
 
 def _tried(target: Target, tried: list[Mutant]) -> Iterator[tuple[str, bool]]:
-    """Try mutants in a process that can be thrown away; name, and whether it was killed."""
+    """Try mutants in a separate process; yields each name and whether the mutant was killed."""
     if not tried:
         return
     reading, writing = os.pipe()
@@ -130,7 +128,7 @@ def _tried(target: Target, tried: list[Mutant]) -> Iterator[tuple[str, bool]]:
                 raise UnfitError(f"{target.name}: {told}")
             yield told
     if os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) != 0:
-        raise UnfitError(f"{target.name}: its process broke off")
+        raise UnfitError(f"{target.name}: its process crashed")
 
 
 def _serve(target: Target, tried: list[Mutant], writing: int) -> None:
@@ -152,17 +150,17 @@ def _serve(target: Target, tried: list[Mutant], writing: int) -> None:
 
 
 def main(arguments: Iterable[str] | None = None) -> int:
-    """Try the mutants of all targets, or of those named."""
+    """Try the mutants of all targets, or of the named ones."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--target", action="append", choices=[t.name for t in TARGETS])
-    parser.add_argument("--share", type=int, default=1, help="try every so many-th mutant only")
-    parser.add_argument("--offset", type=int, default=0, help="of a share: where to begin")
-    parser.add_argument("--keep", type=Path, help="results; what stands there is not tried again")
-    parser.add_argument("--out", type=Path, help="write the table, of all mutants of all targets")
+    parser.add_argument("--share", type=int, default=1, help="try only every N-th mutant")
+    parser.add_argument("--offset", type=int, default=0, help="first mutant of a share")
+    parser.add_argument("--keep", type=Path, help="results file; its results are not tried again")
+    parser.add_argument("--out", type=Path, help="write the page; needs a whole run")
     options = parser.parse_args(None if arguments is None else list(arguments))
     whole = options.share == 1 and not options.target
     if options.out and not whole:
-        parser.error("--out is of the whole run: no --target, no --share")
+        parser.error("--out needs a whole run, without --target and --share")
     sys.path.insert(0, str(ROOT))
     preload()
     kept = Kept(options.keep)
@@ -182,7 +180,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
         for mutant in tally.survived:
             print(f"{target.path.relative_to(ROOT)}:{mutant.line}: {mutant.name}")
         for name in tally.stale:
-            print(f"  not equivalent, take it off the list: {name}")
+            print(f"  not equivalent, remove it from the list: {name}")
         print(
             f"{target.name:<11}{tally.killed:>5} killed {len(tally.equivalent):>4} equivalent "
             f"{len(tally.survived):>4} survived  {sum(os.times()[:4]) - begun_s:.0f} s of CPU",

@@ -134,29 +134,31 @@ def _succeeds(*command: str) -> bool:
 TOOLS = (
     Tool(
         "gcc",
-        "compiles the generated C and the firmware; `zig cc` from the lock does it as well",
+        "compiles the generated C and the firmware (`zig cc` from the lock also works)",
         (("gcc",),),
-        (Package("gcc", "one of the compilers of the generated C"),),
+        (Package("gcc", "compiles the generated C"),),
     ),
     Tool(
         "g++",
         "includes the generated header in a C++ program",
         (("g++",),),
-        (Package("g++", "a C++ program must be able to include its header"),),
+        (Package("g++", "compiles a C++ program that includes the generated header"),),
     ),
     Tool(
         "clang",
         "compiles the generated C, with sanitizers and with the fuzzer",
         (("clang",),),
         (
-            Package("clang", "the other compiler of the generated C"),
-            Package("libclang-rt-dev", "clang's sanitizers and its fuzzer", "libclang-rt-18-dev"),
+            Package("clang", "compiles the generated C, with sanitizers and a fuzzer"),
+            Package(
+                "libclang-rt-dev", "runtime of clang's sanitizers and fuzzer", "libclang-rt-18-dev"
+            ),
         ),
         _clang_has_runtimes,
     ),
     Tool(
         "arm-none-eabi-gcc",
-        "builds the firmware for its chips; its size and its stack",
+        "builds the firmware for its chips, and measures its size and stack",
         (
             ("arm-none-eabi-gcc",),
             ("arm-none-eabi-size",),
@@ -164,10 +166,8 @@ TOOLS = (
             ("arm-none-eabi-objdump",),
         ),
         (
-            Package(
-                "gcc-arm-none-eabi", "size and stack of C on a Cortex-M4 (binutils come with it)"
-            ),
-            Package("libnewlib-arm-none-eabi", "the C library that the firmware is linked with"),
+            Package("gcc-arm-none-eabi", "C compiler for the Cortex-M4, with binutils"),
+            Package("libnewlib-arm-none-eabi", "C library of the firmware"),
         ),
         _arm_has_libc,
     ),
@@ -175,13 +175,13 @@ TOOLS = (
         "qemu-system-arm",
         "runs the firmware on an emulated chip",
         (("qemu-system-arm",),),
-        (Package("qemu-system-arm", "emulates the chip on which the firmware runs"),),
+        (Package("qemu-system-arm", "emulates the chip of the firmware"),),
     ),
     Tool(
         "tshark",
         "reads captures with the generated dissector",
         (("tshark",),),
-        (Package("tshark", "runs what `generate lua` writes, on captures that the tests make"),),
+        (Package("tshark", "runs the generated dissector on captures of the tests"),),
     ),
     Tool(
         "chromium",
@@ -191,7 +191,7 @@ TOOLS = (
             Package(
                 # Ubuntu's chromium is a snap, which sees neither /tmp nor a debugging pipe.
                 "chromium",
-                "the browser that opens the web viewer",
+                "browser for the web viewer",
                 "google-chrome-stable",
             ),
         ),
@@ -202,9 +202,10 @@ TOOLS = (
         (),
         (
             Package(
-                "mesa-vulkan-drivers", "the viewer draws its screenshot in software without a GPU"
+                "mesa-vulkan-drivers",
+                "software rendering of the viewer's screenshot, without a GPU",
             ),
-            Package("libvulkan1", "how it finds that driver"),
+            Package("libvulkan1", "loader of that driver"),
         ),
         _has_vulkan,
     ),
@@ -255,7 +256,7 @@ def install_command(tools: Iterable[Tool], system: str) -> str:
 # ---- what is written from it ----------------------------------------------------------------
 
 
-HEADERS = Package("python3-dev", "headers of the system's own Python, to compile the kernels")
+HEADERS = Package("python3-dev", "headers of the system's Python, to compile the kernels")
 
 
 def packages_text(system: str) -> str:
