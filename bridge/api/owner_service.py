@@ -38,7 +38,7 @@ class OwnerService:
         """What is known of the robot now."""
         return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
-    def answer(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
+    def answer(self, request: dict[str, Any], requester: str) -> dict[str, Any]:
         """Do what a request asks for.
 
         Raises:
@@ -48,7 +48,7 @@ class OwnerService:
         what, ours = request.get("do"), self._client
         match what:
             case "stop":
-                return self._stop(asker)
+                return self._stop(requester)
             case "resume":
                 self._resume()
             case "save":
@@ -92,8 +92,8 @@ class OwnerService:
             raise BridgeError("set needs a value, a number or a text")
         return self._client.set_parameter(_name(request), value)
 
-    def _stop(self, asker: str) -> dict[str, Any]:
-        reason = f"stopped from another shell ({asker})"
+    def _stop(self, requester: str) -> dict[str, Any]:
+        reason = f"stopped from another shell ({requester})"
         ending = Ending("stopped", reason, 5, StopCause.OPERATOR)
         self._pump.request_end(ending)
         result = self._pump.wait_over(CONFIRM_S)

@@ -105,7 +105,7 @@ class Pump:
         self._calls.append((action, answer))
         self._wake()
         if self._over.is_set():
-            self._refuse_calls()
+            self._reject_calls()
         return answer
 
     def wait_over(self, timeout_s: float) -> Result | None:
@@ -148,7 +148,7 @@ class Pump:
         self.snapshot = self._last_snapshot(ending)
         self.result = Result(ending, mission.confirmed)
         self._over.set()
-        self._refuse_calls()
+        self._reject_calls()
         with suppress(Exception):  # whoever still waits for an answer learns that none comes
             self.host.commands.lost()
 
@@ -224,7 +224,7 @@ class Pump:
         trace = traced(failure)
         self.host.event(now_ns, Severity.ERROR, "request", EventKind.FAILED, text, traceback=trace)
 
-    def _refuse_calls(self) -> None:
+    def _reject_calls(self) -> None:
         with suppress(IndexError):
             while True:
                 _, answer = self._calls.popleft()

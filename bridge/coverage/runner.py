@@ -153,7 +153,9 @@ class PlanRunner:
         if self._rest.holds(obs) and not was_held:
             uncertainty_deg_s = round(math.degrees(obs.gyro_bias_sigma_rad_s), 4)
             reason = "the gyro's bias is in doubt: standing still measures it"
-            self._rests.append(PlannerEvent("rest", reason, {"doubt_deg_s": uncertainty_deg_s}))
+            self._rests.append(
+                PlannerEvent("rest", reason, {"uncertainty_deg_s": uncertainty_deg_s})
+            )
         return self._rest.held
 
     def _decide(self, obs: Observation) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.supervise import Level, Supervisor, Watched, settings_from
+from bridge.supervise import Level, RuleInputs, Supervisor, settings_from
 from protocol.clock import DeviceUs, extend_us
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 
@@ -113,7 +113,7 @@ class BodyView:
     def _supervise(self, now_us: int) -> None:
         estimator, newest, now_s = self._estimator, self._newest, now_us * 1e-6
         reactions = self._supervisor.step(
-            Watched(
+            RuleInputs(
                 now_s,
                 estimator.pose,
                 estimator.v_m_s,

@@ -68,7 +68,7 @@ _numbers = itertools.count()
 class Service(Protocol):
     """What answers; asked from the socket's own threads."""
 
-    def answer(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
+    def answer(self, request: dict[str, Any], requester: str) -> dict[str, Any]:
         """Do what a request asks for.
 
         Raises:
@@ -343,12 +343,12 @@ class OwnerSocket:
         """Begin to answer a request."""
         client.in_order = True
         if request is None:
-            self._refuse(client, "a request is a line with one JSON object")
+            self._reject(client, "a request is a line with one JSON object")
         elif request.get("do") == "watch":
             self._watch(client, request)
         elif not self._count_in():
             text = f"{MAX_ANSWERS} requests are being answered already; ask again"
-            self._refuse(client, text)
+            self._reject(client, text)
         else:
             self._begin(client, _Work.ANSWER, lambda: self._answer_counted(client, request))
 
@@ -356,14 +356,14 @@ class OwnerSocket:
         """Begin to show the status."""
         hz = request.get("hz", 4.0)
         if isinstance(hz, bool) or not isinstance(hz, int | float) or not MIN_HZ <= hz <= MAX_HZ:
-            self._refuse(client, f"hz is not in {MIN_HZ:g} to {MAX_HZ:g}")
+            self._reject(client, f"hz is not in {MIN_HZ:g} to {MAX_HZ:g}")
         elif self._viewers >= MAX_VIEWERS:
-            self._refuse(client, f"{MAX_VIEWERS} viewers are connected already")
+            self._reject(client, f"{MAX_VIEWERS} viewers are connected already")
         else:
             self._viewers += 1
             self._begin(client, _Work.VIEW, lambda: self._stream(client, 1.0 / hz))
 
-    def _refuse(self, client: _Client, text: str) -> None:
+    def _reject(self, client: _Client, text: str) -> None:
         answer = {"ok": False, "error": text}
         self._begin(client, _Work.REFUSE, lambda: self._send_answer(client, answer, SEND_S))
 

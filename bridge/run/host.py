@@ -49,7 +49,7 @@ from bridge.session.states import (
     StateChanged,
 )
 from bridge.session.timesync import TimeSync
-from bridge.supervise import Watched
+from bridge.supervise import RuleInputs
 from protocol.clock import DeviceUs, HostNs
 from protocol.link import Medium, Rejected
 from protocol.messages import (
@@ -482,7 +482,7 @@ class Host:
         if mission.phase is not Phase.DRIVING:
             supervision.rest(now_ns)
         else:
-            inputs = Watched(
+            inputs = RuleInputs(
                 now_ns / 1e9,
                 estimator.pose,
                 estimator.v_m_s,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
     from bridge.run.commands import Dialogue
     from bridge.session.parameters import Parameter
-    from bridge.supervise import Reaction, Supervisor, Watched
+    from bridge.supervise import Reaction, RuleInputs, Supervisor
     from protocol.clock import HostNs
     from protocol.values import OnboardPlanner
 
@@ -126,7 +126,7 @@ class Supervision:
             self._give_back(self._confirmed, now_ns)
 
     def step(
-        self, inputs: Watched, command: VelocityCommand | None, now_ns: HostNs, *, ended: bool
+        self, inputs: RuleInputs, command: VelocityCommand | None, now_ns: HostNs, *, ended: bool
     ) -> VelocityCommand | None:
         """Judge a control step of the drive; the velocity to send, scaled or withheld.
 

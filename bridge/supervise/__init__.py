@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from bridge.supervise.inputs import Reaction, Watched
+from bridge.supervise.inputs import Reaction, RuleInputs
 from bridge.supervise.settings import Level, SuperviseSettings, parse_rule, settings_from
 from bridge.supervise.supervisor import Supervisor
 
 __all__ = [
     "Level",
     "Reaction",
+    "RuleInputs",
     "SuperviseSettings",
     "Supervisor",
-    "Watched",
     "parse_rule",
     "settings_from",
 ]

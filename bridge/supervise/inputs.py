@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Scalar = float | str | bool
 
 
-class Watched(NamedTuple):
+class RuleInputs(NamedTuple):
     """One control step of a robot that moves; the messages are the newest, None: not yet come."""
 
     time_s: float

@@ -13,7 +13,7 @@ from bridge.motion.kinematics import encoder_delta
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
-    from bridge.supervise.inputs import Watched
+    from bridge.supervise.inputs import RuleInputs
     from protocol.messages import Encoders, Range
 
 GAP_S = 0.3
@@ -66,27 +66,27 @@ class Measured:
         self._slow_yaw_rad_s = 0.0
         """Yaw rate by the gyro, smoothed alike."""
 
-    def step(self, watched: Watched) -> None:
+    def step(self, inputs: RuleInputs) -> None:
         """Take a control step."""
-        now_s = watched.time_s
+        now_s = inputs.time_s
         before_s, self._time_s = self._time_s, now_s
         dt = math.inf if before_s is None else now_s - before_s
         whole = 0.0 < dt <= GAP_S
         self.step_s = dt if whole else 0.0
-        self.new_range = watched.range is not self._range
-        self._range = watched.range
-        self._roll(watched.encoders, now_s, watched.wheel_scale)
-        turn = watched.yaw_rate_rad_s * self.step_s
+        self.new_range = inputs.range is not self._range
+        self._range = inputs.range
+        self._roll(inputs.encoders, now_s, inputs.wheel_scale)
+        turn = inputs.yaw_rate_rad_s * self.step_s
         self.turn_rad += turn
         if not whole:
             self.slip_m_s = self._excess_m_s = 0.0
-            self._slow_yaw_rad_s = watched.yaw_rate_rad_s
+            self._slow_yaw_rad_s = inputs.yaw_rate_rad_s
             return
         excess_m_s = (self.right_m - self.left_m - turn * self._base_m) / dt
         share = dt / SMOOTH_S
         self._excess_m_s += share * (excess_m_s - self._excess_m_s)
-        self._slow_yaw_rad_s += share * (watched.yaw_rate_rad_s - self._slow_yaw_rad_s)
-        self.slip_m_s = self._beyond_lateness(watched.yaw_rate_rad_s)
+        self._slow_yaw_rad_s += share * (inputs.yaw_rate_rad_s - self._slow_yaw_rad_s)
+        self.slip_m_s = self._beyond_lateness(inputs.yaw_rate_rad_s)
 
     def _beyond_lateness(self, yaw_rate_rad_s: float) -> float:
         """What of the wheels' lead no lateness of their samples explains.

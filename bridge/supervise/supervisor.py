@@ -15,7 +15,7 @@ from bridge.supervise.settings import Level, SuperviseSettings
 
 if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
-    from bridge.supervise.inputs import Watched
+    from bridge.supervise.inputs import RuleInputs
     from bridge.supervise.rules.conditions import Condition
     from bridge.supervise.settings import Rule
 
@@ -121,17 +121,17 @@ class Supervisor:
         self._now_s = now_s
         self.restart()
 
-    def step(self, watched: Watched) -> list[Reaction]:
+    def step(self, inputs: RuleInputs) -> list[Reaction]:
         """Take a control step; what is to be done now, gravest last, nearly always nothing."""
-        now_s = watched.time_s
+        now_s = inputs.time_s
         if now_s - self._now_s > GAP_S:
             self._measured.restart()
         self._now_s = now_s
         measured = self._measured
-        measured.step(watched)
+        measured.step(inputs)
         reactions: list[Reaction] = []
         for graded in self._graded:
-            holds = graded.condition.holds(watched, measured)
+            holds = graded.condition.holds(inputs, measured)
             if not holds and not graded.active:
                 continue  # nearly always
             level = graded.due(now_s, holds=holds)

@@ -158,7 +158,7 @@ class Firmware:
                 message, frame, spec = event
                 if addresses(frame, spec, node):
                     if self.link.key is not None and self.keyring.refuses(frame):
-                        self._refuse(message, frame, now_us)  # nor does it keep a session alive
+                        self._reject(message, frame, now_us)  # nor does it keep a session alive
                         continue
                     self._heard_us = now_us
                     self._handle(as_ours(message, spec), frame, now_us)
@@ -167,7 +167,7 @@ class Firmware:
         """Bytes for the port."""
         return self.link.data_to_send()
 
-    def _refuse(self, message: Message, frame: Frame, now_us: int) -> None:
+    def _reject(self, message: Message, frame: Frame, now_us: int) -> None:
         """A frame without the tag that a key asks for: nothing is done."""
         command_id = getattr(message, "command_id", None)
         if command_id is None:

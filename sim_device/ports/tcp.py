@@ -231,7 +231,7 @@ class TcpPort(DevicePort):
                 self._welcome(client)
                 continue
             if len(self._waiting) >= WAITING_MAX:
-                self._refuse(min(self._waiting, key=lambda c: c.stopped_s or 0.0))
+                self._reject(min(self._waiting, key=lambda c: c.stopped_s or 0.0))
             self._waiting.append(client)
 
     def _hear(self, client: _Client) -> bytes:
@@ -261,7 +261,7 @@ class TcpPort(DevicePort):
         host = self._client
         if host is not None:
             if time.monotonic() - host.heard_s < SILENT_S:
-                self._refuse(client)
+                self._reject(client)
                 return
             host.dismiss(
                 f"ended: this sweeper had no frame from here for {SILENT_S:g} s, "
@@ -279,7 +279,7 @@ class TcpPort(DevicePort):
         client.heard_s = time.monotonic()
         self._notify(f"{client.who} is connected")
 
-    def _refuse(self, client: _Client) -> None:
+    def _reject(self, client: _Client) -> None:
         """Hang up; say it, but not each time: a client may knock again four times a second."""
         host = "" if self._client is None else self._client.who
         client.dismiss(f"refused: this sweeper has a host already, {host}; end it first")

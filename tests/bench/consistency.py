@@ -16,27 +16,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from support.told_errors import anees, share_inside, told_errors, yaw_anees
+from support.estimate_errors import anees, estimate_errors, share_inside, yaw_anees
 from tools.experiment.trials import room_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from support.told_errors import Told
+    from support.estimate_errors import Reported
 
 ROOMS = ("case-1", "case-2", "generated:columns:3")
 LEVELS = ("typical", "harsh")
 
 
-def row(room: str, noise: str, runs: Sequence[Sequence[Told]]) -> str:
+def row(room: str, noise: str, runs: Sequence[Sequence[Reported]]) -> str:
     """One line of the table."""
-    told = [sample for run in runs for sample in run]
-    error = np.sqrt(np.mean([t.error**2 for t in told], axis=0))
-    sigma = np.sqrt(np.mean([np.diag(t.covariance) for t in told], axis=0))
+    reported = [sample for run in runs for sample in run]
+    error = np.sqrt(np.mean([t.error**2 for t in reported], axis=0))
+    sigma = np.sqrt(np.mean([np.diag(t.covariance) for t in reported], axis=0))
     place = f"{1000 * math.hypot(*error[:2]):.0f} of {1000 * math.hypot(*sigma[:2]):.0f} mm"
     yaw = f"{math.degrees(error[2]):.2f} of {math.degrees(sigma[2]):.2f}°"
     return (
-        f"| {room} | {noise} | {len(runs)}, {len(told)} | {anees(runs)} | {yaw_anees(runs)} | "
+        f"| {room} | {noise} | {len(runs)}, {len(reported)} | {anees(runs)} | {yaw_anees(runs)} | "
         f"{100 * share_inside(runs):.0f} % | {place} | {yaw} |"
     )
 
@@ -58,7 +58,7 @@ def main() -> None:
     for room, noise in itertools.product(given.rooms.split(","), given.noise.split(",")):
         plan = room_of(room)
         runs = [
-            told_errors(plan, noise, seed, planner=given.planner) for seed in range(given.seeds)
+            estimate_errors(plan, noise, seed, planner=given.planner) for seed in range(given.seeds)
         ]
         print(row(room, noise, runs), flush=True)
 

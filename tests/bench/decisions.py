@@ -76,8 +76,8 @@ def flat() -> FloorPlan:
         column(9.3, 3.2, 0.15),
     ]
     obstacles += [turned(x, y, 0.04, 0.04, 0.1) for x in (1.9, 2.9) for y in (1.3, 2.0)]
-    outline = rectangle(0.0, 0.0, 10.0, 6.0)
-    return FloorPlan("flat-60", outline, tuple(obstacles), Pose2(5.5, 3.2, 0.3))
+    perimeter = rectangle(0.0, 0.0, 10.0, 6.0)
+    return FloorPlan("flat-60", perimeter, tuple(obstacles), Pose2(5.5, 3.2, 0.3))
 
 
 @dataclass(slots=True)

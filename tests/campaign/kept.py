@@ -22,16 +22,16 @@ class Kept:
         self._known: dict[str, Any] = {}
         if path is not None and path.exists():
             for line in path.read_text(encoding="utf-8").splitlines():
-                digest, name, told = json.loads(line)
+                digest, name, reported = json.loads(line)
                 if digest == self._digest:
-                    self._known[name] = told
+                    self._known[name] = reported
 
     def of(self, name: str) -> Any:  # noqa: ANN401 - whatever was kept
         """What came of a run; None: it has not been run."""
         return self._known.get(name)
 
-    def add(self, name: str, told: object) -> None:
+    def add(self, name: str, reported: object) -> None:
         """Note one."""
         if self._path is not None:
             with self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps([self._digest, name, told]) + "\n")
+                file.write(json.dumps([self._digest, name, reported]) + "\n")

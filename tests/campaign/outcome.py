@@ -56,7 +56,7 @@ class Outcome:
     """What came of it."""
 
     job: Job
-    watched_s: float = 0.0
+    supervised_s: float = 0.0
     at_s: float = 0.0
     """When the hazard began."""
     alarms: list[Alarm] = field(default_factory=list)

@@ -89,7 +89,7 @@ def run(job: Job) -> Outcome:
     ended = finished.host.mission
     outcome.alarms = sink.found
     if ended.drive_started_s is not None and ended.drive_ended_s is not None:
-        outcome.watched_s = ended.drive_ended_s - ended.drive_started_s
+        outcome.supervised_s = ended.drive_ended_s - ended.drive_started_s
     outcome.ending = "" if ended.ending is None else ended.ending.reason
     status = finished.host.state.status
     outcome.by_device = status is not None and status.stop_cause == StopCause.HARDWARE
@@ -136,17 +136,17 @@ def kept_at(path: Path | None) -> Kept:
 
 def recalled(job: Job, kept: Kept) -> Outcome | None:
     """The outcome of a job, if it is kept."""
-    told = kept.of(job.name)
-    if told is None:
+    reported = kept.of(job.name)
+    if reported is None:
         return None
-    return Outcome(job, **{**told, "alarms": [Alarm(**alarm) for alarm in told["alarms"]]})
+    return Outcome(job, **{**reported, "alarms": [Alarm(**alarm) for alarm in reported["alarms"]]})
 
 
 def keep(outcome: Outcome, kept: Kept) -> None:
     """Append the outcome of a job."""
-    told = asdict(outcome)
-    del told["job"]
-    kept.add(outcome.job.name, told)
+    reported = asdict(outcome)
+    del reported["job"]
+    kept.add(outcome.job.name, reported)
 
 
 def outcomes_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[Outcome]:
@@ -159,11 +159,11 @@ def outcomes_of(jobs: list[Job], kept: Kept, processes: int) -> Iterator[Outcome
             if outcome is None:
                 outcome = next(found)
                 keep(outcome, kept)
-                print(f"{number} of {len(jobs)}: {told(outcome)}", file=sys.stderr, flush=True)
+                print(f"{number} of {len(jobs)}: {reported(outcome)}", file=sys.stderr, flush=True)
             yield outcome
 
 
-def told(outcome: Outcome) -> str:
+def reported(outcome: Outcome) -> str:
     """An outcome in one line."""
     job = outcome.job
     alarms = "; ".join(
@@ -171,7 +171,7 @@ def told(outcome: Outcome) -> str:
         for a in outcome.alarms[:4]
     )
     if job.hazard is None:
-        return f"{job.name}, {outcome.watched_s:.0f} s: {alarms or 'no alarm'}"
+        return f"{job.name}, {outcome.supervised_s:.0f} s: {alarms or 'no alarm'}"
     caught_s = outcome.caught_s
     how = f"caught after {caught_s:.1f} s" if caught_s is not None else "MISSED"
     if caught_s is None and outcome.ended_it:

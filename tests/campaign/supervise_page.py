@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from campaign.outcome import Outcome
 
-MOST_PER_HOUR = 1.0
+MAX_PER_HOUR = 1.0
 _HEAD = """\
 # Supervision compared with the truth
 
@@ -61,16 +61,16 @@ Alarms of all runs:
 def page(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
     """The tables, and whether what is demanded holds."""
     clean = [o for o in outcomes if o.job.hazard is None]
-    hours = sum(o.watched_s for o in clean) / 3600.0
+    hours = sum(o.supervised_s for o in clean) / 3600.0
     false = Counter(a.rule for o in clean for a in o.alarms if not a.true)
     true = Counter(a.rule for o in clean for a in o.alarms if a.true)
     per_hour = false.total() / hours if hours else 0.0
-    told = (
+    reported = (
         f"{len(clean)} runs, {hours:.1f} simulated hours of driving: **{false.total()} false "
-        f"alarms, {per_hour:.2f} per hour** (limit: {MOST_PER_HOUR:g} per hour), and "
+        f"alarms, {per_hour:.2f} per hour** (limit: {MAX_PER_HOUR:g} per hour), and "
         f"{true.total()} true alarms.\n"
     )
-    parts = [_HEAD, "## Without a hazard\n\n", told]
+    parts = [_HEAD, "## Without a hazard\n\n", reported]
     if false or true:
         rows = [
             (rule, false[rule], true[rule], f"{false[rule] / hours:.2f}")
@@ -80,7 +80,7 @@ def page(outcomes: Sequence[Outcome]) -> tuple[str, bool]:
     parts.append(_TRUTH)
     table, missed = _hazards(outcomes)
     parts += [_HAZARDS, table, _RULES.format(grace=GRACE_S), _rules(outcomes)]
-    return "".join(parts), missed == 0 and per_hour <= MOST_PER_HOUR
+    return "".join(parts), missed == 0 and per_hour <= MAX_PER_HOUR
 
 
 def _hazards(outcomes: Iterable[Outcome]) -> tuple[str, int]:

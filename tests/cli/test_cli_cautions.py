@@ -31,11 +31,11 @@ def test_a_simulation_warns_and_logs_the_warning(tmp_path: Path) -> None:
     assert len(lines) == 2
     assert lines[0].startswith("warning: robot: infrared_left: a wall that touches the robot is 12")
     assert lines[1].startswith('warning: room: "obstacle"')
-    told = [v.text for _, v in decoded(log, "/events") if v.kind == "caution"]
-    assert [f"warning: robot: {told[0]}", f"warning: room: {told[1]}"] == lines
+    reported = [v.text for _, v in decoded(log, "/events") if v.kind == "caution"]
+    assert [f"warning: robot: {reported[0]}", f"warning: room: {reported[1]}"] == lines
 
 
-def test_a_start_against_a_wall_is_refused_before_a_port_is_opened(tmp_path: Path) -> None:
+def test_a_start_against_a_wall_is_rejected_before_a_port_is_opened(tmp_path: Path) -> None:
     room = _room(tmp_path / "room.json", start=[0.1, 0.5, 0.0])
     for command in (
         ("simulate", room),

@@ -56,7 +56,7 @@ def test_the_same_for_people(noisy: Path) -> None:
     assert "\x1b" not in done.out
 
 
-def test_a_log_cut_short_is_read_and_said(noisy: Path, folder: Path) -> None:
+def test_a_log_cut_short_is_read_and_reported(noisy: Path, folder: Path) -> None:
     cut = folder / "cut.mcap"
     cut.write_bytes(noisy.read_bytes()[: noisy.stat().st_size * 3 // 4])
     kinds = [finding["kind"] for finding in sweepctl("doctor", cut, "--json").json["findings"]]
@@ -77,9 +77,9 @@ def test_a_log_of_another_program(folder: Path) -> None:
             writer.add_message(channel, at_ns, b"{}", at_ns)
         writer.finish()  # type: ignore[no-untyped-call]  # mcap's own
     report = sweepctl("doctor", log, "--json").json
-    told = {finding["kind"]: finding for finding in report["findings"]}
-    assert set(told) == {"not_recorded", "topic_gap"}
-    assert told["topic_gap"]["data"] == {
+    reported = {finding["kind"]: finding for finding in report["findings"]}
+    assert set(reported) == {"not_recorded", "topic_gap"}
+    assert reported["topic_gap"]["data"] == {
         "topic": "/scan",
         "pauses": 1,
         "longest_s": pytest.approx(5.1),
@@ -90,12 +90,12 @@ def test_a_log_of_another_program(folder: Path) -> None:
 def test_a_note_alone_is_no_trouble(folder: Path) -> None:
     link = Link(Direction.DEVICE)
     capture = folder / "hellos.bin"
-    said = b""
+    printed = b""
     for second in range(5):
         hello = Hello(CATALOGUE.hash, bytes(12), 1, 5, ResetCause.POWER_ON, 0, 1, 2, 3, "hand")
         link.send(hello, second * 1_000_000, node=1)
-        said += link.data_to_send()
-    capture.write_bytes(said)
+        printed += link.data_to_send()
+    capture.write_bytes(printed)
     done = sweepctl("doctor", capture)
     assert done.status == 0
     assert "info    waiting: only hellos came" in done.out
@@ -116,7 +116,7 @@ def test_what_is_no_log(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "option", "told"),
+    ("target", "option", "reported"),
     [
         ("can:virtual:x", "--find-baud", "for can:virtual:x give --bitrate"),
         ("socket://127.0.0.1:9", "--find-baud", "socket://127.0.0.1:9 has no baud rate"),
@@ -124,11 +124,11 @@ def test_what_is_no_log(folder: Path) -> None:
         (__file__, "--listen", "is a file"),
     ],
 )
-def test_what_does_not_go_together(target: str, option: str, told: str) -> None:
+def test_what_does_not_go_together(target: str, option: str, reported: str) -> None:
     done = sweepctl("doctor", target, option)
     assert done.status == 2
     assert option in done.line
-    assert told in done.line
+    assert reported in done.line
 
 
 def test_a_port_that_is_well_and_one_that_is_silent(folder: Path) -> None:

@@ -116,20 +116,22 @@ def test_two_at_once_end_it_too(tmp_path: Path, first_s: float, between_s: float
     time.sleep(between_s)
     done = end(process, signal.SIGINT)
     kept = len(rows(tmp_path)) if (tmp_path / LINES).exists() else 0
-    said = done.err.splitlines()
-    if said[-1] == "the same command goes on from there":
-        assert said[-2] == f"interrupted before the report: the runs done are kept in {tmp_path}"
+    printed = done.err.splitlines()
+    if printed[-1] == "the same command goes on from there":
+        assert printed[-2] == f"interrupted before the report: the runs done are kept in {tmp_path}"
         assert done.status == 1
         assert kept, "there was something to report"
     else:
-        told = f"{kept} of 200 runs done, kept in {tmp_path}; the same command goes on from there"
-        assert said[-1] == told
+        reported = (
+            f"{kept} of 200 runs done, kept in {tmp_path}; the same command goes on from there"
+        )
+        assert printed[-1] == reported
         # the workers take longer to end than two signals to come
         assert done.status in ({0} if between_s == 0.0 else {0, -signal.SIGINT})
 
 
 @pytest.mark.realtime
-def test_interrupted_before_the_report_it_says_where_the_runs_are(two_jobs: Path) -> None:
+def test_interrupted_before_the_report_it_reports_where_the_runs_are(two_jobs: Path) -> None:
     """A report that takes for ever, in a process whose runs are done."""
     script = """
         import sys, time

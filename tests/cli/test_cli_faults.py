@@ -48,7 +48,7 @@ ROWS = re.findall(
 """Of the page's table: kind, meaning, duration, arguments, example."""
 
 
-def refused(text: str) -> bool:
+def rejected(text: str) -> bool:
     try:
         parse_fault(text)
     except FaultSpecError:
@@ -59,16 +59,16 @@ def refused(text: str) -> bool:
 def test_the_page_has_every_kind_that_the_command_takes_and_no_other() -> None:
     listed = sweepctl("emulate", "--list-faults", "--json").json["faults"]
     assert [row[0] for row in ROWS] == [item["kind"] for item in listed]
-    assert refused("no-such-kind@1")
+    assert rejected("no-such-kind@1")
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row[0] for row in ROWS])
-def test_what_the_page_says_of_a_kind_is_so(row: tuple[str, ...]) -> None:
+def test_the_pages_statements_on_a_kind_hold(row: tuple[str, ...]) -> None:
     """Its example, defaults, ranges, words and duration, by what the parser takes and refuses."""
     kind, _, duration, arguments, example = row
     assert parse_fault(example).kind.name == kind
     given = parse_fault(f"{kind}@1").values
-    assert refused(f"{kind}@1:2") is (duration == "at once")
+    assert rejected(f"{kind}@1:2") is (duration == "at once")
     stated = re.findall(r"`(\w+)` = ([^:]+): [^<]+? \(([^()]+)\)(?:<br>|$)", arguments)
     assert [name for name, _, _ in stated] == list(given)
     for name, default, allowed in stated:
@@ -77,13 +77,13 @@ def test_what_the_page_says_of_a_kind_is_so(row: tuple[str, ...]) -> None:
         if isinstance(value, str):
             for word in allowed.split(", "):
                 assert parse_fault(f"{kind}@1:{name}={word}").values[name] == word
-            assert refused(f"{kind}@1:{name}=nothing")
+            assert rejected(f"{kind}@1:{name}=nothing")
             continue
         low, high = (float(x) for x in re.findall(r"-?[\d.]+(?:e[+-]?\d+)?", allowed)[:2])
         step = 1e-6 * max(abs(low), abs(high))
         for end, beyond in ((low, low - step), (high, high + step)):
             assert parse_fault(f"{kind}@1:{name}={end!r}").values[name] == end
-            assert refused(f"{kind}@1:{name}={beyond!r}")
+            assert rejected(f"{kind}@1:{name}={beyond!r}")
 
 
 @pytest.mark.parametrize("command", ["emulate", "simulate"])
@@ -173,7 +173,7 @@ def test_switched_while_it_runs(device: Path) -> None:
         ((), "nothing to do"),
     ],
 )
-def test_what_the_control_refuses(device: Path, arguments: tuple[str, ...], says: str) -> None:
+def test_what_the_control_rejects(device: Path, arguments: tuple[str, ...], says: str) -> None:
     done = sweepctl("fault", device, *arguments)
     assert (done.status, done.out) == (2, "")
     assert says in done.line
@@ -187,7 +187,7 @@ def test_one_that_cannot_be_leaves_the_others_unbegun(device: Path, wrong: tuple
     assert "active: none" in done.out
 
 
-def test_nobody_there_and_somebody_else(device: Path, tmp_path: Path) -> None:
+def test_no_owner_and_another_owner(device: Path, tmp_path: Path) -> None:
     done = sweepctl("fault", tmp_path / "none", "silence", "--json")
     assert done.status == 3
     assert "was it started with --control" in done.line

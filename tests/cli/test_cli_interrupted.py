@@ -34,8 +34,8 @@ def test_a_stop_that_ctrl_c_cuts_off_is_not_done(
 
     monkeypatch.setattr("bridge.io.stopping.stop_device", stop_device)
     assert run(["stop", str(tmp_path / "port")]) == 3
-    said = capsys.readouterr().err.strip()
-    assert said == "sweepctl: interrupted: no stop is confirmed; see that the robot stands"
+    printed = capsys.readouterr().err.strip()
+    assert printed == "sweepctl: interrupted: no stop is confirmed; see that the robot stands"
 
 
 class Robot:
@@ -57,9 +57,9 @@ def test_a_key_that_is_set_is_reported_before_the_port_is_closed(
     monkeypatch.setattr("bridge.open", lambda *_, **__: Robot())
     new = tmp_path / "robot.key"
     assert run(["key", str(tmp_path / "port"), "--set", str(new)]) == 0
-    said = capsys.readouterr().err
-    assert f"the key is set; keep {new}" in said
-    assert "interrupted" in said
+    printed = capsys.readouterr().err
+    assert f"the key is set; keep {new}" in printed
+    assert "interrupted" in printed
     assert new.exists()
 
 
@@ -105,18 +105,18 @@ def test_what_ctrl_c_cuts_off_is_not_done(
     assert capsys.readouterr().err.strip() == f"sweepctl: interrupted: {known}"
 
 
-def test_a_boot_that_is_awaited_is_said_to_be_under_way(
+def test_an_awaited_boot_is_reported_as_under_way(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("bridge.api.remote.reach", lambda *_, **__: Asked(""))
     monkeypatch.setattr("bridge.io.clock.pause", interrupt)
     assert run(["reboot", "/nowhere", "--json"]) == 1
-    said = capsys.readouterr()
-    assert "the device took the command and was not back yet" in said.err
-    assert json.loads(said.out)["exit_status"] == 1
+    printed = capsys.readouterr()
+    assert "the device took the command and was not back yet" in printed.err
+    assert json.loads(printed.out)["exit_status"] == 1
 
 
-def test_what_a_device_may_have_done_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_device_may_have_done_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     class Host:
         """A session whose device does not answer before Ctrl-C."""
 
@@ -126,8 +126,8 @@ def test_what_a_device_may_have_done_is_said(monkeypatch: pytest.MonkeyPatch) ->
     client = DeviceClient(LoopExchange(Host(), call))  # type: ignore[arg-type]  # it is not looked at
     with pytest.raises(KeyboardInterrupt) as caught:
         client.save_parameters()
-    said = ["the device may have carried out save parameters: no answer has come"]
-    assert caught.value.__notes__ == said
+    printed = ["the device may have carried out save parameters: no answer has come"]
+    assert caught.value.__notes__ == printed
     monkeypatch.setattr("bridge.api.remote.ask", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:
         RemoteRobot("/nowhere").save_parameters()

@@ -31,11 +31,11 @@ def truncated(log: Path, tmp_path: Path) -> Path:
 def test_info_counts_what_is_there(log: Path) -> None:
     done = sweepctl("info", log, "--json")
     assert (done.status, done.err) == (0, "")
-    told = {topic["topic"]: topic["count"] for topic in done.json["topics"]}
+    reported = {topic["topic"]: topic["count"] for topic in done.json["topics"]}
     counted: dict[str, int] = {}
     for message in plain_messages(log):
         counted[message.topic] = counted.get(message.topic, 0) + 1
-    assert told == counted
+    assert reported == counted
     assert done.json["whole"] is True
     assert done.json["outcome"] == "complete"
     assert done.json["metadata"]["seed"] == "1"

@@ -68,7 +68,7 @@ def others(command: click.Command, tested: click.Parameter) -> list[str]:
 
 
 @pytest.mark.parametrize("words", list(COMMANDS), ids=" ".join)
-def test_any_long_value_is_told_in_one_short_line(
+def test_any_long_value_is_reported_in_one_short_line(
     words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

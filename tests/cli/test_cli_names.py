@@ -29,10 +29,10 @@ def write_foreign(path: Path) -> Path:
 
 def test_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
     log = write_foreign(tmp_path / "run[bold].mcap")
-    told = sweepctl("info", log)
-    assert (told.status, told.err) == (0, "")
+    reported = sweepctl("info", log)
+    assert (reported.status, reported.err) == (0, "")
     for name in ("run[bold].mcap", "/[/a]", "/[red]b", ":smile:", "my[red]Schema"):
-        assert name in "".join(told.out.split()), name
+        assert name in "".join(reported.out.split()), name
     both = sweepctl("diff", log, log)
     assert both.status == 0
     assert "run[bold].mcap" in both.out
@@ -59,7 +59,7 @@ def test_a_log_whose_name_is_no_utf8_is_read_like_any(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "library"), [(("view", "--save"), "Rerun"), (("export", "--out"), "Parquet")]
 )
-def test_where_a_library_wants_utf8_it_is_said(
+def test_a_library_that_needs_utf8_is_named(
     tmp_path: Path, command: tuple[str, str], library: str
 ) -> None:
     log = write_foreign(tmp_path / "log.mcap")

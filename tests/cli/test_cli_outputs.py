@@ -20,7 +20,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("option", ["--png", "--save", "--screenshot"])
-def test_view_replaces_nothing_unless_it_is_told_to(log: Path, tmp_path: Path, option: str) -> None:
+def test_view_replaces_nothing_unless_asked(log: Path, tmp_path: Path, option: str) -> None:
     target = tmp_path / "kept"
     target.write_text("another's")
     done = sweepctl("view", log, option, target)
@@ -30,7 +30,7 @@ def test_view_replaces_nothing_unless_it_is_told_to(log: Path, tmp_path: Path, o
     assert target.read_text() == "another's"
 
 
-def test_view_replaces_only_where_it_is_told_to(log: Path, tmp_path: Path) -> None:
+def test_view_replaces_only_where_asked(log: Path, tmp_path: Path) -> None:
     target, empty = tmp_path / "old.png", tmp_path / "made-by-mktemp.png"
     target.write_text("another's")
     empty.touch()
@@ -72,7 +72,7 @@ def test_the_log_itself_is_never_written_over(
     assert copy.read_bytes() == log.read_bytes()
 
 
-def test_two_outputs_of_one_name_are_told(log: Path, tmp_path: Path) -> None:
+def test_two_outputs_of_one_name_are_rejected(log: Path, tmp_path: Path) -> None:
     page = tmp_path / "page"
     assert sweepctl("report", log, "--out", page, "--png", page).status == 2
     assert sweepctl("view", log, "--save", page, "--png", page).status == 2
@@ -94,7 +94,7 @@ def test_a_screenshot_that_cannot_be_written_is_one_line(
         screenshot._when_at_rest(Still(), tmp_path / "shot.png", Path("/proc/none/x.png"))  # type: ignore[arg-type]  # noqa: SLF001 - all of a client that it uses
 
 
-def test_an_export_that_is_interrupted_says_what_it_left(
+def test_an_export_that_is_interrupted_reports_what_it_left(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def interrupted(*_: object, **__: object) -> None:
@@ -102,9 +102,9 @@ def test_an_export_that_is_interrupted_says_what_it_left(
 
     monkeypatch.setattr("bridge.convert.export.export", interrupted)
     assert run(["export", str(log), "--out", str(tmp_path / "tables")]) == 1
-    said = capsys.readouterr().err
-    assert "interrupted: the tables in" in said
-    assert said.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert "interrupted: the tables in" in printed
+    assert printed.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_an_export_that_is_interrupted_says_what_it_left(
         (("recover", "--out"), "foo.html", ".mcap"),
     ],
 )
-def test_a_name_of_another_format_is_refused(
+def test_a_name_of_another_format_is_rejected(
     log: Path, tmp_path: Path, command: tuple[str, str], name: str, wanted: str
 ) -> None:
     done = sweepctl(command[0], log, command[1], tmp_path / name)
@@ -127,7 +127,7 @@ def test_a_name_of_another_format_is_refused(
     assert not (tmp_path / name).exists()
 
 
-def test_diff_writes_a_page_or_a_picture_and_says_so(log: Path, tmp_path: Path) -> None:
+def test_diff_writes_a_page_or_a_picture_and_reports_so(log: Path, tmp_path: Path) -> None:
     done = sweepctl("diff", log, log, "--out", tmp_path / "foo.pdf")
     assert done.status == 2
     assert "it writes .html or .htm or .png, not .pdf" in done.line

@@ -71,8 +71,8 @@ def options_on_page(path: tuple[str, ...]) -> dict[str, str]:
 
 def offered(path: tuple[str, ...]) -> set[str]:
     """Names of the options that the command itself lists."""
-    said = sweepctl(*path, "--help").out.partition("\nOptions:\n")[2]
-    heads = re.findall(r"^  (-.+?)(?:  |$)", said, re.MULTILINE)
+    printed = sweepctl(*path, "--help").out.partition("\nOptions:\n")[2]
+    heads = re.findall(r"^  (-.+?)(?:  |$)", printed, re.MULTILINE)
     names = {name for head in heads for name in re.findall(r"(?<![\w-])--?[a-z][\w-]*", head)}
     return names - {"-h", "--help"}
 
@@ -82,9 +82,9 @@ def test_the_page_has_every_command_that_help_names() -> None:
     groups: list[tuple[str, ...]] = [()]
     while groups:
         path = groups.pop()
-        said = sweepctl(*path, "--help").out
+        printed = sweepctl(*path, "--help").out
         for block in re.findall(
-            r"^(?:Commands|[A-Z][\w ,]+):\n((?:  .*\n|\n)+)", said, re.MULTILINE
+            r"^(?:Commands|[A-Z][\w ,]+):\n((?:  .*\n|\n)+)", printed, re.MULTILINE
         ):
             for word in re.findall(r"^  ([a-z][\w-]*)(?:  |$)", block, re.MULTILINE):
                 inner = (*path, word)

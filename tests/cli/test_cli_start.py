@@ -82,7 +82,7 @@ def test_ctrl_c_while_it_starts_ends_it_quietly(module: str, tmp_path: Path) -> 
     [("info", "run.mcap"), ("simulate", "case-1"), ("report", "run.mcap"), ("doctor", "x.mcap")],
     ids=" ".join,
 )
-def test_a_working_directory_that_is_gone_is_told_in_one_line(
+def test_a_working_directory_that_is_gone_is_reported_in_one_line(
     arguments: Sequence[str], tmp_path: Path
 ) -> None:
     gone = tmp_path / "gone"
@@ -135,7 +135,7 @@ sys.exit(tools.cli.main.run(["generate", "c", "--out", "wire"]))
 """
 
 
-def test_a_folder_that_may_not_be_entered_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_may_not_be_entered_is_reported(tmp_path: Path) -> None:
     closed = tmp_path / "closed"
     closed.mkdir()
     try:

@@ -55,22 +55,22 @@ def run(
 
 
 def test_a_terminal_of_few_letters_gets_marks_in_their_place(log: Path) -> None:
-    told = run("info", log, env=ASCII)
-    assert (told.returncode, told.stderr) == (0, "")
-    assert "/gr??e" in told.stdout.replace("\n", "")
+    reported = run("info", log, env=ASCII)
+    assert (reported.returncode, reported.stderr) == (0, "")
+    assert "/gr??e" in reported.stdout.replace("\n", "")
 
 
 @pytest.mark.parametrize("options", [(), ("--json",)])
-def test_a_full_disk_is_told_in_one_line(log: Path, options: tuple[str, ...]) -> None:
-    told = run("info", log, *options, led=">/dev/full")
-    assert told.returncode == 1
-    assert told.stderr == "sweepctl: cannot write the output: No space left on device\n"
+def test_a_full_disk_is_reported_in_one_line(log: Path, options: tuple[str, ...]) -> None:
+    reported = run("info", log, *options, led=">/dev/full")
+    assert reported.returncode == 1
+    assert reported.stderr == "sweepctl: cannot write the output: No space left on device\n"
 
 
 def test_without_a_stdout_it_does_its_work(log: Path, tmp_path: Path) -> None:
     target = tmp_path / "whole.mcap"
-    told = run("recover", log, "--out", target, "--json", led=">&-")
-    assert (told.returncode, told.stderr) == (0, "")
+    reported = run("recover", log, "--out", target, "--json", led=">&-")
+    assert (reported.returncode, reported.stderr) == (0, "")
     whole = run("info", target, "--json")
     assert json.loads(whole.stdout)["messages"] == 1
     assert target.read_bytes().startswith(b"\x89MCAP"), "nothing was said into it"
@@ -108,7 +108,7 @@ def test_info_shortens_long_values_and_names_what_is_unknown(
         writer.add_attachment(1, 1, "summary.json", "application/json", summary)
         writer.finish()  # type: ignore[no-untyped-call]  # mcap leaves it unannotated
     assert main(["info", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert "[... 4880 characters ...]" in said
-    assert "unknown lost" in said
-    assert "None" not in said
+    printed = capsys.readouterr().out
+    assert "[... 4880 characters ...]" in printed
+    assert "unknown lost" in printed
+    assert "None" not in printed

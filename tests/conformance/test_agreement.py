@@ -64,7 +64,7 @@ def test_hello_once_a_second_until_a_host_agrees(device: Probe) -> None:
     assert all(900_000 <= gap <= 1_100_000 for gap in gaps), f"hellos {gaps} us apart"
 
 
-def test_hello_says_who_it_is(device: Probe) -> None:
+def test_hello_identifies_the_device(device: Probe) -> None:
     hello, again = device.greet(), device.greet()
     assert 1 <= (device.node or 0) <= 15
     assert len(hello.uid) == 12
@@ -84,7 +84,7 @@ def test_hello_says_who_it_is(device: Probe) -> None:
 def test_hello_is_answered_at_once_and_names_the_session(device: Probe) -> None:
     device.greet()
     mark = len(device.heard)
-    device.say_hello()
+    device.send_hello()
     found = device.wait_for(Hello, AT_ONCE_S, mark=mark, alive=False)
     assert found is not None, f"no answer within {AT_ONCE_S} s"
     assert isinstance(found.message, Hello)
@@ -95,8 +95,8 @@ def test_nothing_is_streamed_before_agreement(device: Probe) -> None:
     device.greet()
     device.ping()  # what was still under way is here by now
     heard = device.listen(0.5)
-    told = {type(h.message).__name__ for h in heard} - {"Hello", "TimeReply"}
-    assert not told, f"sent without agreement: {sorted(told)}"
+    reported = {type(h.message).__name__ for h in heard} - {"Hello", "TimeReply"}
+    assert not reported, f"sent without agreement: {sorted(reported)}"
 
 
 def test_session_zero_opens_nothing(device: Probe) -> None:

@@ -59,7 +59,7 @@ def test_one_command_has_one_answer(device: Probe) -> None:
     assert len(device.replies(command_id, 0x06, mark)) == 1
 
 
-def test_before_agreement_everything_but_stop_is_refused(device: Probe) -> None:
+def test_before_agreement_everything_but_stop_is_rejected(device: Probe) -> None:
     device.agree()
     device.stop()
     device.greet()
@@ -118,10 +118,10 @@ def test_a_repeated_refusal_stays_a_refusal(device: Probe) -> None:
     device.stop()
     command_id = device.next_id()
     wanted = SetMode(command_id, Mode.VELOCITY)
-    refused = Nack(command_id, type_of(wanted), NackReason.STOP_LATCHED)
-    assert device.reply_to(wanted) == refused
+    rejected = Nack(command_id, type_of(wanted), NackReason.STOP_LATCHED)
+    assert device.reply_to(wanted) == rejected
     device.free()
-    assert again(device, wanted, command_id) == [refused]
+    assert again(device, wanted, command_id) == [rejected]
     assert device.status().mode == Mode.IDLE, "a command was carried out after its refusal"
     device.stop()
 
@@ -159,7 +159,7 @@ def test_the_same_id_in_another_session_is_another(device: Probe) -> None:
     assert device.status().stop_cause == StopCause.NONE
 
 
-def test_a_value_that_cannot_be_is_refused(device: Probe) -> None:
+def test_a_value_that_cannot_be_is_rejected(device: Probe) -> None:
     device.agree()
     device.free()
     reason = device.refusal(lambda i: SetMode(i, 77))

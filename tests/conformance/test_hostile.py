@@ -267,7 +267,7 @@ def test_a_transfer_with_a_wrong_check_is_not_obeyed(device: Probe) -> None:
 
 
 @pytest.mark.link("can")
-def test_a_doubled_frame_is_one(device: Probe) -> None:
+def test_a_duplicate_frame_counts_once(device: Probe) -> None:
     quiet(device)
     mark = len(device.heard)
     for one in bus_frames(device, TimeRequest(0x61), 9):

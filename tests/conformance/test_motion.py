@@ -120,7 +120,7 @@ def test_an_expired_setpoint_ramps_to_rest_and_does_not_latch(device: Probe) -> 
     assert abs(travel(device, mark)[0]) > MOVED, "fresh setpoints of the session do not go on"
 
 
-def test_a_setpoint_lives_as_long_as_it_says(device: Probe) -> None:
+def test_a_setpoint_lives_for_its_time_to_live(device: Probe) -> None:
     ready(device)
     assert device.status().setpoint_left == 0
     device.setpoint(0.0, 0.0, ttl_ms=240)
@@ -231,8 +231,8 @@ def test_a_silent_host_ends_it_and_latches(device: Probe) -> None:
 
 def host_of_rest(device: Probe) -> int:
     """When it came to rest, on our clock, without asking: by the quickest frame heard."""
-    least = min(since(h.frame.t_us, h.at_us & 0xFFFF_FFFF) for h in device.heard)
-    return rested_us(device) + least
+    lowest = min(since(h.frame.t_us, h.at_us & 0xFFFF_FFFF) for h in device.heard)
+    return rested_us(device) + lowest
 
 
 @pytest.mark.slow

@@ -92,7 +92,7 @@ def test_a_repeated_set_does_not_undo_a_later_one(device: Probe) -> None:
     assert get(device, number).value == parameter.value, "it was carried out twice"
 
 
-def test_what_is_out_of_range_is_refused(device: Probe) -> None:
+def test_what_is_out_of_range_is_rejected(device: Probe) -> None:
     device.agree()
     for p in writable(every(device)):
         wrong: list[int] = []
@@ -111,7 +111,7 @@ def test_what_is_out_of_range_is_refused(device: Probe) -> None:
         assert not math.isnan(value_of(p.kind, p.value))
 
 
-def test_another_kind_is_refused(device: Probe) -> None:
+def test_another_kind_is_rejected(device: Probe) -> None:
     device.agree()
     p = one_to_set(device)
     for kind in set(ParameterKind) - {p.kind}:
@@ -119,7 +119,7 @@ def test_another_kind_is_refused(device: Probe) -> None:
         assert reason is NackReason.BAD_VALUE, f"{p.name} as {kind.name}: {reason}"
 
 
-def test_what_is_not_there_is_refused(device: Probe) -> None:
+def test_what_is_not_there_is_rejected(device: Probe) -> None:
     device.agree()
     count = every(device)[0].parameter_count
     for number in {count, 255}:
@@ -202,11 +202,11 @@ def needs_reboot(parameter: ParameterValue) -> bool:
 def restore(device: Probe, found: list[ParameterValue]) -> None:
     """Put the device's own values back, store them, and boot it with them."""
     device.agree()
-    refused = [p for p in found if put(device, p, p.value) is not None]
+    rejected = [p for p in found if put(device, p, p.value) is not None]
     saved = device.refusal(SaveParameters) is None
     lines = "\n".join(f"  {p.name.partition(' ')[0]} = {value_of(p.kind, p.value)}" for p in found)
     assert saved, f"could not be saved again; the device had\n{lines}"
-    assert not refused, f"could not be put back; the device had\n{lines}"
+    assert not rejected, f"could not be put back; the device had\n{lines}"
     if any(needs_reboot(p) for p in found):
         reboot(device, RebootKind.NORMAL)
     assert [p.value for p in writable(every(device))] == [p.value for p in found]

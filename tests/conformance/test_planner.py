@@ -64,7 +64,7 @@ def moves(device: Probe, seconds: float) -> bool:
     return max(abs(after[-1][i] - after[0][i]) for i in (1, 2)) > STILL
 
 
-def test_its_hello_tells_whether_it_has_a_planner(device: Probe) -> None:
+def test_its_hello_shows_whether_it_has_a_planner(device: Probe) -> None:
     has = bool(device.agree().capabilities & Capability.ONBOARD_PLANNER)
     device.stop()
     reason = command(device, PlannerAction.START)
@@ -73,7 +73,7 @@ def test_its_hello_tells_whether_it_has_a_planner(device: Probe) -> None:
     assert has or not device.of(PlannerState), "it tells of a planner that it has not"
 
 
-def test_its_state_is_told(device: Probe) -> None:
+def test_its_state_is_reported(device: Probe) -> None:
     ready(device)
     found = device.wait_for(PlannerState)
     assert found is not None, "no planner_state"

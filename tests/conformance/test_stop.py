@@ -141,8 +141,8 @@ def test_a_silent_host_is_a_lost_link(device: Probe) -> None:
     silent_us = now_us()
     heard = device.listen(1.4, alive=False)
     late = [h for h in heard if h.at_us - silent_us > 1_200_000]
-    told = {type(h.message).__name__ for h in late} - {"Hello"}
-    assert not told, f"1.2 s after the host fell silent it still sends {sorted(told)}"
+    reported = {type(h.message).__name__ for h in late} - {"Hello"}
+    assert not reported, f"1.2 s after the host fell silent it still sends {sorted(reported)}"
     device.agree()
     assert device.status().stop_cause == StopCause.LINK
 

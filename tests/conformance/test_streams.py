@@ -80,7 +80,7 @@ def test_every_stream_flows_at_its_default_rate(device: Probe) -> None:
 
 
 @pytest.mark.slow
-def test_a_rate_is_set_and_forgotten_with_the_session(device: Probe) -> None:
+def test_a_rate_ends_with_the_session_that_set_it(device: Probe) -> None:
     device.agree(quick_status=False)
     for kind, tenths in ((Imu, 200), (Encoders, 1000), (Range, 0)):
         if device.has(kind):
@@ -111,7 +111,7 @@ def test_a_rate_is_set_and_forgotten_with_the_session(device: Probe) -> None:
         (0x10, 39, "sync below 4 Hz: stamps on CAN could not be extended"),
     ],
 )
-def test_a_rate_that_cannot_be_is_refused(
+def test_a_rate_that_cannot_be_is_rejected(
     device: Probe, stream: int, tenths: int, why: str
 ) -> None:
     device.agree()

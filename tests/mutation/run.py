@@ -123,10 +123,10 @@ def _tried(target: Target, tried: list[Mutant]) -> Iterator[tuple[str, bool]]:
     os.close(writing)
     with os.fdopen(reading, encoding="utf-8") as pipe:
         for line in pipe:
-            told = json.loads(line)
-            if isinstance(told, str):
-                raise UnfitError(f"{target.name}: {told}")
-            yield told
+            reported = json.loads(line)
+            if isinstance(reported, str):
+                raise UnfitError(f"{target.name}: {reported}")
+            yield reported
     if os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) != 0:
         raise UnfitError(f"{target.name}: its process crashed")
 
@@ -136,15 +136,15 @@ def _serve(target: Target, tried: list[Mutant], writing: int) -> None:
     for standard in (1, 2):
         os.dup2(quiet, standard)
 
-    def tell(told: object) -> None:
-        os.write(writing, (json.dumps(told) + "\n").encode())
+    def report(reported: object) -> None:
+        os.write(writing, (json.dumps(reported) + "\n").encode())
 
     status = 1
     try:
-        try_all(target, tried, lambda mutant, killed: tell([mutant.name, killed]))
+        try_all(target, tried, lambda mutant, killed: report([mutant.name, killed]))
         status = 0
     except UnfitError as error:
-        tell(str(error))
+        report(str(error))
     finally:
         os._exit(status)
 

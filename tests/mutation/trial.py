@@ -93,7 +93,7 @@ class _Loop:
         tell: Callable[[Mutant, bool], None],
         early: set[int],
     ) -> None:
-        self._target, self._module, self._tried, self._tell = target, module, tried, tell
+        self._target, self._module, self._tried, self._report = target, module, tried, tell
         self._early = early
         """Lines that have run before any test does."""
         self.collected: Callable[[], None]
@@ -131,7 +131,7 @@ class _Loop:
             items.sort(key=lambda item: reached.cpu_s[item.nodeid])
             share_s = sum(reached.cpu_s[item.nodeid] for item in items)
             trial = partial(self._notice, function, mutant, items)
-            self._tell(mutant, bool(items) and _killed(trial, share_s))
+            self._report(mutant, bool(items) and _killed(trial, share_s))
         return True
 
     def _notice(self, function: FunctionType, mutant: Mutant, items: list[pytest.Item]) -> bool:
@@ -149,9 +149,9 @@ class _Loop:
             os._exit(0)
         os.close(writing)
         with os.fdopen(reading, "rb") as pipe:
-            told = pipe.read()
+            reported = pipe.read()
         os.waitpid(pid, 0)
-        return pickle.loads(told) if told else None  # noqa: S301 - of our own child
+        return pickle.loads(reported) if reported else None  # noqa: S301 - of our own child
 
     def _run_all(self, session: pytest.Session) -> _Reached:
         reached = _Reached()

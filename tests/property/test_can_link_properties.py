@@ -85,7 +85,7 @@ def test_every_message_there_and_back(spec: MessageSpec, data: st.DataObject) ->
         assert frame.flags == flags
 
 
-def test_the_flag_that_can_needs_is_refused() -> None:
+def test_the_flag_that_can_needs_is_rejected() -> None:
     with pytest.raises(FieldRangeError):
         CanLink(HOST).send(Stop(1, 1), 0, node=1, flags=8)
 
@@ -241,7 +241,7 @@ def test_the_same_events_however_the_bytes_are_cut(seed: int, sizes: list[int]) 
         max_size=60,
     ),
 )
-def test_a_stamp_is_right_or_refused(
+def test_a_stamp_is_right_or_rejected(
     start: int, ahead: int, steps: list[tuple[int, int, bool]]
 ) -> None:
     extender = StampExtender()
@@ -298,7 +298,7 @@ def test_halves_without_their_partner_are_dropped_and_counted() -> None:
     assert receiver.statistics.incomplete == 2
 
 
-def test_losses_are_told_by_sync() -> None:
+def test_losses_are_shown_by_sync() -> None:
     sender, receiver = CanLink(DEVICE), CanLink(HOST)
     lost = 0
     for i in range(40):

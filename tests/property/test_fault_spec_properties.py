@@ -25,7 +25,7 @@ def specs(draw: st.DrawFn) -> FaultSpec:
     return FaultSpec(kind, draw(TIMES), for_s, values)
 
 
-def read_or_refused(text: str, *, timed: bool = True) -> FaultSpec | None:
+def read_or_rejected(text: str, *, timed: bool = True) -> FaultSpec | None:
     """The fault; None where it was refused, in one line that keeps the text."""
     refusals: list[FaultSpecError] = []
     try:
@@ -43,8 +43,8 @@ def test_what_is_written_is_read(spec: FaultSpec) -> None:
 
 
 @given(st.text(max_size=60))
-def test_any_text_is_read_or_refused_in_one_line(text: str) -> None:
-    read = read_or_refused(text, timed=False)
+def test_any_text_is_read_or_rejected_in_one_line(text: str) -> None:
+    read = read_or_rejected(text, timed=False)
     assert read is None or read.kind in KINDS.values()
 
 
@@ -53,7 +53,7 @@ def test_a_damaged_text_too(spec: FaultSpec, place: int, char: str) -> None:
     text = spec.text
     place %= len(text)
     damaged = text[:place] + char + text[place + 1 :]
-    read = read_or_refused(damaged)
+    read = read_or_rejected(damaged)
     if read is None:
         return
     for argument in read.kind.arguments:
@@ -124,7 +124,7 @@ def test_now_and_from_now() -> None:
         ("imu-biased@1:2:gyro=300", "gyro '300' is not in -250 to 250 °/s"),
     ],
 )
-def test_refused(text: str, says: str) -> None:
+def test_rejected(text: str, says: str) -> None:
     with pytest.raises(FaultSpecError) as caught:
         parse_fault(text)
     assert says in str(caught.value)

@@ -95,7 +95,7 @@ def test_any_payload_decodes_or_raises_payload_error(spec: MessageSpec, payload:
     data=st.data(),
     wrong=st.sampled_from(["above", "below", "float", "text", "none"]),
 )
-def test_encode_refuses_what_does_not_fit_and_names_it(data: st.DataObject, wrong: str) -> None:
+def test_encode_rejects_what_does_not_fit_and_names_it(data: st.DataObject, wrong: str) -> None:
     type_id, values = data.draw(wire.typed_values)
     name, kind = data.draw(st.sampled_from([row[:2] for row in ref.LAYOUTS[type_id][2]]))
     if kind in RANGES:
@@ -124,7 +124,7 @@ def test_encode_refuses_what_does_not_fit_and_names_it(data: st.DataObject, wron
     flags=st.integers(-1, 17),
     size=st.one_of(st.integers(0, 300), st.sampled_from([MAX_PAYLOAD, MAX_PAYLOAD + 1])),
 )
-def test_a_header_carries_what_fits_and_refuses_the_rest(
+def test_a_header_carries_what_fits_and_rejects_the_rest(
     node: int, type_id: int, flags: int, size: int
 ) -> None:
     values = {"node": (node, 15), "type_id": (type_id, 0x7E), "flags": (flags, 15)}

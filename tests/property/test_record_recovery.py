@@ -61,9 +61,9 @@ def test_several_damages_together(name: str, wanted: list[tuple[str, float, int]
     log = named(name)
     data, touched = bytearray(log.data), list[tuple[int, int]]()
     limit = len(data)
-    for kind, share, most in sorted(wanted, key=lambda item: -item[1]):  # places before stay
+    for kind, share, maximum in sorted(wanted, key=lambda item: -item[1]):  # places before stay
         at = len(MAGIC) + int(share * (len(log.data) - len(MAGIC)))
-        size, limit = min(most, limit - at), min(limit, at)
+        size, limit = min(maximum, limit - at), min(limit, at)
         if not size:
             continue
         match kind:

@@ -50,10 +50,10 @@ def driven(memory: EvidenceMap, start: Pose2, end: Pose2, range_m: float, *, see
         memory.update(seen_there._replace(infrared_right_m=right_m))
 
 
-def remembered(told: list[tuple[str, tuple[float, float, float], float, bool]]) -> EvidenceMap:
+def remembered(reported: list[tuple[str, tuple[float, float, float], float, bool]]) -> EvidenceMap:
     at = Pose2(0.1, 0.37, 0.0)  # the cells' corners are no round numbers
     memory = EvidenceMap(MODEL, OPTIONS, at)
-    for act, spot, size_m, flag in told:
+    for act, spot, size_m, flag in reported:
         pose = Pose2(*spot)
         if act == "drive":
             driven(memory, at, pose, size_m, seen=flag)
@@ -87,17 +87,17 @@ def around(there: NDArray[Any]) -> NDArray[Any]:
     """Where things forbid the axle."""
     reach = (MODEL.radius_m - OPTIONS.body_margin_m) / OPTIONS.cell_m
     rows, columns = np.indices(there.shape)
-    barred = np.zeros(there.shape, dtype=bool)
+    blocked = np.zeros(there.shape, dtype=bool)
     for row, column in np.argwhere(there).tolist():
-        barred |= np.hypot(rows - row, columns - column) <= reach
-    return barred
+        blocked |= np.hypot(rows - row, columns - column) <= reach
+    return blocked
 
 
 @given(acts)
 def test_packing_what_was_unpacked_gives_the_same_bytes(
-    told: list[tuple[str, tuple[float, float, float], float, bool]],
+    reported: list[tuple[str, tuple[float, float, float], float, bool]],
 ) -> None:
-    memory = remembered(told)
+    memory = remembered(reported)
     before = memory.packed()
     memory.unpack(before)
     assert memory.packed() == before
@@ -107,10 +107,10 @@ def test_packing_what_was_unpacked_gives_the_same_bytes(
 
 
 @given(acts)
-def test_what_the_planner_sees_survives_as_the_module_says(
-    told: list[tuple[str, tuple[float, float, float], float, bool]],
+def test_observations_survive_as_documented(
+    reported: list[tuple[str, tuple[float, float, float], float, bool]],
 ) -> None:
-    memory = remembered(told)
+    memory = remembered(reported)
     part = box_of(memory)
     before = {name: getattr(memory, name).copy()[part] for name in LAYERS}
     open_before, done_before = seen_by_the_planner(memory)
@@ -130,10 +130,10 @@ def test_what_the_planner_sees_survives_as_the_module_says(
     assert not (done_after & ~done_before & ~been[1:-1, 1:-1]).any()
     # nothing that was open is shut; what bars the axle now is what is still known to stand there
     assert (open_after | ~open_before).all()
-    barred = around(there & ~been)
-    assert (open_after == (been | ~barred)[1:-1, 1:-1]).all()
+    blocked = around(there & ~been)
+    assert (open_after == (been | ~blocked)[1:-1, 1:-1]).all()
     # and no more was lost than by a bump, by a thing outside the box or by one where the axle was
-    if not (before["lens"] > 0).any() and ((before["near"] > 0) == barred).all():
+    if not (before["lens"] > 0).any() and ((before["near"] > 0) == blocked).all():
         assert (open_after == open_before).all()
 
 

@@ -48,7 +48,7 @@ def test_equal_seeds_give_equal_runs() -> None:
     assert first.events == second.events
 
 
-def test_every_decision_is_told_with_its_reason() -> None:
+def test_every_decision_is_reported_with_its_reason() -> None:
     done, _ = run(3, "turned", "none")
     kinds = {event.kind for _, event in done.events}
     assert {"start", "outline-begin", "outline-end", "lane", "obstacle", "finish"} <= kinds

@@ -26,7 +26,7 @@ def bringup(monkeypatch: pytest.MonkeyPatch, answers: str, *arguments: str | Pat
     return sweepctl("bringup", *arguments)
 
 
-def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
+def test_it_asks_before_it_turns_a_wheel_and_reports_what_it_saw(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     with Served() as served:
@@ -42,8 +42,8 @@ def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
         wrong = "y\ny\nrf\ny\nrf\n"  # "the RIGHT wheel turned" for both outputs
         found = bringup(monkeypatch, wrong, served.port, "--step", "motors", "--json")
         assert found.status == 1
-        said = {f["step"]: f["text"] for f in found.json["findings"] if f["ok"] is False}
-        assert said["motors"] == "left and right are swapped"
+        printed = {f["step"]: f["text"] for f in found.json["findings"] if f["ok"] is False}
+        assert printed["motors"] == "left and right are swapped"
         assert plant.wheel_angles_rad[0] > 1.0
 
         plot = tmp_path / "step.png"
@@ -57,9 +57,9 @@ def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
         stood = plant.wheel_angles_rad
         for name, status in (("step.png", 1), ("step.txt", 2)):
             kept = ("--step", "control", "--plot", tmp_path / name)
-            refused = bringup(monkeypatch, "y\n", served.port, *kept)
-            assert refused.status == status
-            assert str(tmp_path / name) in refused.line
+            rejected = bringup(monkeypatch, "y\n", served.port, *kept)
+            assert rejected.status == status
+            assert str(tmp_path / name) in rejected.line
         assert plant.wheel_angles_rad == stood, "told before a wheel turns"
 
         recorded = compare(log)
@@ -67,9 +67,11 @@ def test_it_asks_before_it_turns_a_wheel_and_tells_what_it_saw(
         assert recorded.recorded > 200
         reader = LogReader(log)
         assert reader.run["command"] == "bringup"
-        told = [m.decoded.text for m in reader.messages({"/events"}) if m.decoded.kind == "printed"]
-        assert told
-        assert all(text in stepped.err for text in told)
+        reported = [
+            m.decoded.text for m in reader.messages({"/events"}) if m.decoded.kind == "printed"
+        ]
+        assert reported
+        assert all(text in stepped.err for text in reported)
         again = bringup(monkeypatch, "", served.port, "--step", "rest", "--log", log)
         assert again.status == 1
         assert "exists; give another name, or --force" in again.line

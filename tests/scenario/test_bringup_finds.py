@@ -57,7 +57,7 @@ def brought_up(stand: Stand, *steps: str) -> list[Finding]:
     with desk:
         bench = BringUp(desk, person, RobotModel())
         found = bench.run(steps) if steps else bench.run()
-    assert [f.line for f in found] == [t for t in person.told if ": " in t]
+    assert [f.line for f in found] == [t for t in person.reported if ": " in t]
     return found
 
 
@@ -158,7 +158,7 @@ def test_axes_are_left_out_while_the_robot_is_moved() -> None:
     assert finding.ok is None
     assert "does not stand still" in finding.line
     assert person.asked == [], "no motion is asked for"
-    assert sum("the robot was moved: z strays" in text for text in person.told) > 1
+    assert sum("the robot was moved: z strays" in text for text in person.reported) > 1
 
 
 def test_a_knock_is_not_taken_for_a_tilt() -> None:
@@ -249,7 +249,7 @@ def test_a_bus_does_as_well_as_a_line() -> None:
     assert wire.closed
 
 
-def test_a_person_who_has_enough_leaves_a_robot_that_stands() -> None:
+def test_a_person_who_quits_leaves_a_robot_that_stands() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     desk, wire = desk_on(device)
     with desk:
@@ -293,7 +293,7 @@ def test_a_device_that_stops_by_itself_ends_the_procedure() -> None:
             desk.enable(Mode.VELOCITY)
 
 
-def test_a_device_with_a_key_is_moved_by_whoever_has_it() -> None:
+def test_a_device_with_a_key_is_moved_by_each_holder_of_the_key() -> None:
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     key = bytes(range(1, 17))
     desk, _ = desk_on(device)

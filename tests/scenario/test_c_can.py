@@ -63,10 +63,10 @@ def spoken(rng: random.Random, count: int) -> list[tuple[Message, int]]:
 
 def test_c_sends_the_frames_that_python_sends(adapter: Adapter) -> None:
     rng = random.Random(1)
-    said = spoken(rng, MESSAGES)
+    printed = spoken(rng, MESSAGES)
     link = CanLink(Direction.DEVICE)
     questions, wanted = [], []
-    for message, t_us in said:
+    for message, t_us in printed:
         flags = rng.randrange(4)
         link.send(message, t_us, node=NODE, flags=flags)
         frames = frames_of(link.data_to_send())
@@ -139,13 +139,13 @@ def host_traffic(rng: random.Random) -> list[tuple[int, CanFrame]]:
     return arrivals
 
 
-def said_by_c(adapter: Adapter, arrivals: list[tuple[int, CanFrame]]) -> list[tuple[str, str]]:
+def sent_by_c(adapter: Adapter, arrivals: list[tuple[int, CanFrame]]) -> list[tuple[str, str]]:
     questions = [f"{t & 0xFFFF_FFFF} {f.can_id} {f.data.hex() or '-'}" for t, f in arrivals]
     answers = [a.split(" | ") for a in adapter.ask("can-hear", questions)]
     return [(event, counts) for event, counts in answers]
 
 
-def as_c_says(event: LinkEvent) -> str:
+def as_c_sends(event: LinkEvent) -> str:
     """The event in the adapter's words, up to the payload; "-": nothing that C tells."""
     if isinstance(event, DamagedFrame):
         return "damaged"
@@ -158,23 +158,23 @@ def as_c_says(event: LinkEvent) -> str:
     )
 
 
-def test_c_hears_what_python_hears(adapter: Adapter) -> None:
+def test_c_receives_what_python_receives(adapter: Adapter) -> None:
     arrivals = host_traffic(random.Random(2))
     link = CanLink(Direction.DEVICE)
     complete = 0
     for (now_us, frame), (event, counts) in zip(
-        arrivals, said_by_c(adapter, arrivals), strict=True
+        arrivals, sent_by_c(adapter, arrivals), strict=True
     ):
         record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
         events = link.receive(record, now_us)
-        wanted = as_c_says(events[0]) if events else "-"
+        wanted = as_c_sends(events[0]) if events else "-"
         if events and isinstance(events[0], Rejected) and event == "-":
             # Too short to have a stamp: C passes it over, Python names it.
             assert events[0].reason in {"payload", "direction", "type"}
         else:
-            said = event.split()
-            assert " ".join(said[:7]) == wanted
-            complete += len(said) > 1
+            printed = event.split()
+            assert " ".join(printed[:7]) == wanted
+            complete += len(printed) > 1
         s = link.statistics
         assert counts == f"{s.damaged} {s.doubled} {s.stale} {s.given_up}"
     assert complete > MESSAGES // 2
@@ -182,7 +182,7 @@ def test_c_hears_what_python_hears(adapter: Adapter) -> None:
     assert min(s.damaged, s.doubled, s.stale, s.given_up) > 10  # all of it was tried
 
 
-def test_lost_and_doubled_segments_never_give_a_wrong_message(small_adapter: Adapter) -> None:
+def test_lost_and_duplicate_segments_never_give_a_wrong_message(small_adapter: Adapter) -> None:
     """With the small bounds of a chip more may be lost, but nothing is made up."""
     rng = random.Random(3)
     link = CanLink(Direction.HOST)
@@ -197,10 +197,10 @@ def test_lost_and_doubled_segments_never_give_a_wrong_message(small_adapter: Ada
         for frame in frames_of(link.data_to_send()):
             arrivals += [(i * 1_000, frame)] * rng.choice((0, 1, 1, 1, 1, 1, 1, 1, 1, 2))
     heard = 0
-    for event, _ in said_by_c(small_adapter, arrivals):
-        said = event.split()
-        if len(said) > 1:
-            assert said[0] == str(PROTOCOL_VERSION)
-            assert f"{said[3]} {said[6]}" in sent
+    for event, _ in sent_by_c(small_adapter, arrivals):
+        printed = event.split()
+        if len(printed) > 1:
+            assert printed[0] == str(PROTOCOL_VERSION)
+            assert f"{printed[3]} {printed[6]}" in sent
             heard += 1
     assert heard > MESSAGES // 2

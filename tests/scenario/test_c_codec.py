@@ -87,10 +87,10 @@ def test_c_reads_every_intact_vector(each_adapter: Adapter) -> None:
     lines = each_adapter.ask("decode", [v["hex"] for v in intact])
     assert lines[1::2] == [". 1 0"] * len(intact)
     for vector, line in zip(intact, lines[::2], strict=True):
-        event, _, *said = line.split()
-        assert (event, said[:6]) == ("frame", head(vector)), vector["name"]
-        assert said[6] == (vector["payload"] or "-"), vector["name"]
-        values = dict(word.split("=") for word in said[7:])
+        event, _, *printed = line.split()
+        assert (event, printed[:6]) == ("frame", head(vector)), vector["name"]
+        assert printed[6] == (vector["payload"] or "-"), vector["name"]
+        values = dict(word.split("=") for word in printed[7:])
         expected = raw_words(vector)
         if vector.get("decode_only"):  # the text is shown as it is: broken
             text = CATALOGUE.by_name[vector["message"]].text_field
@@ -133,21 +133,21 @@ def test_c_gives_the_vectors_si_values(adapter: Adapter) -> None:
             assert int(back) == min(max(raw, fields[name].low), fields[name].high), name
 
 
-def test_c_refuses_every_damaged_vector(each_adapter: Adapter) -> None:
+def test_c_rejects_every_damaged_vector(each_adapter: Adapter) -> None:
     for vector in vectors("damaged"):
         (line, *_) = each_adapter.ask("decode", [vector["hex"]])
         if "damage" in vector:
             end = vector["offset"] + vector["length"] + 1  # its delimiter
             assert line == f"{vector['damage']} {end}", vector["name"]
             continue
-        event, _, *said = line.split()
-        assert (event, said[:6]) == ("frame", head(vector)), vector["name"]
+        event, _, *printed = line.split()
+        assert (event, printed[:6]) == ("frame", head(vector)), vector["name"]
         if vector["rejected"] == "direction":
             sent_by_device = vector["sent_by"] == "device"
             spec = CATALOGUE.by_type[vector["header"]["type"]]
             assert (spec.direction is Direction.DEVICE) is not sent_by_device
         else:
-            assert said[-1] == vector["rejected"], vector["name"]
+            assert printed[-1] == vector["rejected"], vector["name"]
 
 
 @pytest.mark.parametrize("block", [1, 2, 7, 1000])
@@ -158,8 +158,8 @@ def test_c_gives_the_events_of_the_stream_vectors(each_adapter: Adapter, block: 
         lines = each_adapter.ask("decode", [f"{cuts} {vector['hex']}"])
         found = []
         for line in lines[:-1]:
-            event, _, *said = line.split()
-            found.append(("frame", int(said[3]), int(said[4])) if event == "frame" else event)
+            event, _, *printed = line.split()
+            found.append(("frame", int(printed[3]), int(printed[4])) if event == "frame" else event)
         wanted = [
             ("frame", e["frame"]["type"], e["frame"]["seq"]) if "frame" in e else e["damage"]
             for e in vector["events"]
@@ -292,14 +292,14 @@ def test_c_finds_what_the_python_parser_finds(each_adapter: Adapter) -> None:
     for stream in streams:
         parser = UartParser()
         for item in parser.feed(stream):
-            said = next(lines).split()
+            printed = next(lines).split()
             if isinstance(item, DamagedFrame):
-                assert said == [item.damage.value, str(item.offset + item.length + 1)]
+                assert printed == [item.damage.value, str(item.offset + item.length + 1)]
             else:
                 numbers = (item.version, item.flags, item.node, item.type_id, item.seq, item.t_us)
-                assert said[0] == "frame"
-                assert said[2:8] == [str(n) for n in numbers]
-                assert said[8] == (item.payload.hex() or "-")
+                assert printed[0] == "frame"
+                assert printed[2:8] == [str(n) for n in numbers]
+                assert printed[8] == (item.payload.hex() or "-")
         damages += parser.damaged
         assert next(lines) == f". {parser.frames} {parser.damaged}"
     assert next(lines, None) is None
@@ -331,7 +331,7 @@ def test_c_describes_every_message(adapter: Adapter) -> None:
         assert answer == " ".join(map(str, (*reply, direction)))
 
 
-def test_a_minimal_build_says_what_it_lacks(tmp_path: Path) -> None:
+def test_a_minimal_build_reports_what_it_lacks(tmp_path: Path) -> None:
     kept = Catalogue(s.cls for s in SPECS if s.bootstrap or s.name in MINIMAL)
     assert kept.hash != CATALOGUE.hash
     adapter = generate(tmp_path, built=kept).adapter(flags=("-DSP_MINIMAL",))
@@ -386,4 +386,4 @@ def test_a_frame_costs_about_as_much_as_its_check_bit_by_bit(generated: Generate
         rates = {name: float(rate) for name, rate in (line.split() for line in lines)}
         rounds.append({name: rates[name] / rates["bits"] for name in PER_CHECK})
     medians = {name: statistics.median(r[name] for r in rounds) for name in PER_CHECK}
-    assert all(medians[name] > least for name, least in PER_CHECK.items()), rounds
+    assert all(medians[name] > lowest for name, lowest in PER_CHECK.items()), rounds

@@ -205,7 +205,7 @@ def device(program: Path, launch: Callable[[Path], Device]) -> Device:
     return launch(program)
 
 
-def test_it_says_hello_once_a_second_until_a_host_agrees(device: Device) -> None:
+def test_it_sends_hello_once_a_second_until_a_host_agrees(device: Device) -> None:
     bench = Bench(device)
     parser = UartParser()
     wire = b"".join(device.turn(t * STEP_US, b"") for t in range(3_500))
@@ -375,7 +375,7 @@ def test_a_repeated_command_is_answered_and_not_carried_out_again(device: Device
         bench.run(0.1)
 
 
-def test_what_it_does_not_do_is_refused(device: Device) -> None:
+def test_what_it_does_not_do_is_rejected(device: Device) -> None:
     bench = Bench(device)
     bench.open()
     session = bench.session

@@ -91,7 +91,7 @@ def test_a_range_sensor_against_a_tape(
     assert "left out" in skipped.err
 
 
-def test_a_calibrated_device_tells_corrected_ranges() -> None:
+def test_a_calibrated_device_sends_corrected_ranges() -> None:
     """In virtual time, over a boot: 2.88 m is told as 0.9 times that and 5 cm."""
     device = VirtualSweeper(PLAN, noise="none", seed=1)
     desk, _ = desk_on(device)
@@ -103,8 +103,8 @@ def test_a_calibrated_device_tells_corrected_ranges() -> None:
         device.reset(ResetCause.SOFTWARE)
     desk, _ = desk_on(device)
     with desk:
-        told = desk.await_newest(Range).ultrasonic_m
-        assert told == pytest.approx(0.9 * 2.88 + 0.05, abs=0.002)
+        reported = desk.await_newest(Range).ultrasonic_m
+        assert reported == pytest.approx(0.9 * 2.88 + 0.05, abs=0.002)
 
 
 def test_no_square_is_driven_without_a_yes(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:

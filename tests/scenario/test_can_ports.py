@@ -116,7 +116,7 @@ def test_a_drive_over_the_virtual_bus() -> None:
         drive_a_little("can:virtual:drive")
 
 
-def test_a_port_reads_writes_wakes_and_tells_bad_names() -> None:
+def test_a_port_reads_writes_wakes_and_reports_bad_names() -> None:
     with CanPort("can:virtual:pair") as one, CanPort("can:virtual:pair") as two:
         assert one.write(FRAME * 3 + FRAME[:5]) == 3 * RECORD.size
         assert two.wait(1.0) == FRAME * 3
@@ -195,9 +195,9 @@ def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) ->
         assert several.err.count("several devices answer") == 1
         assert not (tmp_path / "several.mcap").exists()
         with Command("bringup", one.port, cwd=tmp_path) as bench:
-            refused = bench.end()
-        assert refused.status == several.status
-        assert refused.complaint.endswith("; choose one with --node N")
+            rejected = bench.end()
+        assert rejected.status == several.status
+        assert rejected.complaint.endswith("; choose one with --node N")
         arguments = ("--node", "2", "--plan", "paper", "--json")
         with Command("connect", one.port, *arguments, "--out", "two.mcap", cwd=tmp_path) as host:
             host.says("run is driving")
@@ -395,6 +395,6 @@ def test_a_drive_over_socketcan(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked == [wanted, wanted]
 
 
-def test_socketcan_that_is_not_there_is_told() -> None:
+def test_socketcan_that_is_not_there_is_reported() -> None:
     with pytest.raises(PortError, match="cannot open can:socketcan:nosuchcan"):
         open_port("can:socketcan:nosuchcan")

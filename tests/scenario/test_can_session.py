@@ -166,7 +166,7 @@ def test_several_robots_are_listed_and_one_is_chosen() -> None:
     assert devices[0].firmware.link.statistics.rejected == 0, "neighbours are no errors"
 
 
-def test_two_robots_with_one_node_are_told() -> None:
+def test_two_robots_with_one_node_are_reported() -> None:
     devices = [sweeper(seed=n, node=3, link=CanLink) for n in (1, 2)]
     host = session_end(link=CanLink)
     ends = BusEnds(host, *devices)
@@ -176,7 +176,7 @@ def test_two_robots_with_one_node_are_told() -> None:
     assert "two of them may not share a node" in failed.text
 
 
-def test_a_second_host_is_refused_and_disturbs_nothing() -> None:
+def test_a_second_host_is_rejected_and_changes_nothing() -> None:
     first, device = session_end(link=CanLink), sweeper(link=CanLink)
     ends = BusEnds(first, device)
     assert ends.run(3.0, lambda: first.session.state is State.READY)
@@ -238,11 +238,11 @@ def test_every_frame_is_on_record_and_stamps_are_the_devices() -> None:
     ends.run(3.0)
     frames = sink.of(RawCan)
     heard = [f for f in frames if not f.outgoing]
-    said = [f for f in frames if f.outgoing]
+    printed = [f for f in frames if f.outgoing]
     on_bus = [(f.can_id, f.data) for _, who, f in ends.bus.log if who == "device 0"]
     assert [(f.can_id, f.data) for f in heard] == on_bus[: len(heard)]
     assert len(on_bus) - len(heard) <= 5, "what came after the last turn"
-    assert [(f.can_id, f.data) for f in said][:1] == [
+    assert [(f.can_id, f.data) for f in printed][:1] == [
         (f.can_id, f.data) for _, who, f in ends.bus.log if who == "host"
     ][:1]
     imu = [m for m in sink.of(DeviceMessage) if isinstance(m.message, Imu)]

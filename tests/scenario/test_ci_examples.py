@@ -149,9 +149,11 @@ def test_the_workflow_names_what_there_is() -> None:
     assert all(("uses" in step) != ("run" in step) for step in steps)
     assert all(re.fullmatch(r"[\w-]+/[\w-]+@v\d+", s["uses"]) for s in steps if "uses" in s)
     runs = [step["run"] for step in steps if "run" in step]
-    told = [words for run in runs for words in commands(run, "sweepctl")]
-    assert [words[1] for words in told if words[0] == "sweepctl" and len(words) > 2] == ["simulate"]
-    for words in told:
+    reported = [words for run in runs for words in commands(run, "sweepctl")]
+    assert [words[1] for words in reported if words[0] == "sweepctl" and len(words) > 2] == [
+        "simulate"
+    ]
+    for words in reported:
         if len(words) > 2:
             check_command(words)
     for run in runs:
@@ -183,9 +185,9 @@ def test_the_workflows_figure_holds() -> None:
 
 def test_the_script_names_what_there_is() -> None:
     found = commands((EXAMPLES / "emulated-run.sh").read_text(), "sweepctl")
-    told = [words for words in found if len(words) > 2]
-    assert [words[1] for words in told] == ["emulate", "connect"]
-    for words in told:
+    reported = [words for words in found if len(words) > 2]
+    assert [words[1] for words in reported] == ["emulate", "connect"]
+    for words in reported:
         check_command([w for w in words if w != ")"])
     assert "sleep " not in (EXAMPLES / "emulated-run.sh").read_text().replace("no sleep,", "")
 

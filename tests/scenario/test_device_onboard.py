@@ -74,8 +74,8 @@ def test_a_whole_clean_of_the_papers_first_room() -> None:
     assert (host.status.mode, host.status.stop_cause) == (Mode.IDLE, StopCause.NONE)
     assert CoverageMeter(plan, model).measure(track).coverage.body_free >= 0.9
     # Told at 5 Hz all the while, the paper's variables with it.
-    told = [at for at, _, m in host.heard if isinstance(m, PlannerState) and at <= ended_us]
-    assert len(told) == pytest.approx(5 * ended_us / 1e6, rel=0.02)
+    reported = [at for at, _, m in host.heard if isinstance(m, PlannerState) and at <= ended_us]
+    assert len(reported) == pytest.approx(5 * ended_us / 1e6, rel=0.02)
     # Along the first lane D is the free way ahead less what the bow and the stop range take.
     lanes = {m.lane_distance_m for m in host.of(PlannerState)} - {0.0}
     assert max(lanes) == pytest.approx(2.06 - 2 * model.radius_m, abs=0.06)
@@ -217,7 +217,7 @@ def test_every_planner_of_the_registry_and_no_other() -> None:
     assert host.plan(PlannerAction(0), 9) is NackReason.UNSUPPORTED
 
 
-def test_what_is_asked_out_of_place_is_refused() -> None:
+def test_what_is_asked_out_of_place_is_rejected() -> None:
     host = WireHost(sweeper())
     assert host.plan(START) is NackReason.NO_SESSION
     host.join()
@@ -243,7 +243,7 @@ def test_the_same_seed_drives_the_same_way() -> None:
     assert end(3) != end(4)
 
 
-def test_the_plan_is_told_what_the_estimate_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_planner_receives_the_uncertain_floor(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Observation] = []
     step = PlanRunner.step
 

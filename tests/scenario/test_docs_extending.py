@@ -84,14 +84,14 @@ def run(line: str, tree: Path) -> str:
 
 
 def test_the_page_can_be_followed(tree: Path) -> None:
-    said = []
+    printed = []
     for step in steps(PAGE.read_text(encoding="utf-8")):
         if isinstance(step, Edit):
             step.make(tree)
         else:
-            said.append(run(step, tree))
-    assert said[0].strip() == "[]", "the catalogue's lint has nothing to say"
-    assert "/device/dust" in said[2], "it is in the log"
+            printed.append(run(step, tree))
+    assert printed[0].strip() == "[]", "the catalogue's lint has nothing to say"
+    assert "/device/dust" in printed[2], "it is in the log"
     messages = plain_messages(tree / "dust.mcap", "/device/dust")
     # 2 Hz over the drive's 4 s and the 2.5 s of rest before it
     assert len(messages) == pytest.approx(2 * 6.5, abs=2)
@@ -103,7 +103,7 @@ def test_the_page_can_be_followed(tree: Path) -> None:
     assert "`dust`" in (tree / "docs" / "protocol" / "PROTOCOL.md").read_text()
 
 
-def test_the_page_says_what_it_shows() -> None:
+def test_the_page_explains_what_it_shows() -> None:
     found = steps(PAGE.read_text(encoding="utf-8"))
     assert sum(isinstance(step, Edit) for step in found) == 5
     assert sum(isinstance(step, str) for step in found) == 7

@@ -68,9 +68,9 @@ def test_a_tap_drives_a_little_and_space_stops(served: Served, tmp_path: Path) -
     messages = list(LogReader(tmp_path / "d.mcap").messages(["/events"]))
     assert any("mark 1 at" in str(message.decoded) for message in messages)
 
-    refused = sweepctl("drive", served.port)
-    assert refused.status == 2, "no terminal, no drive"
-    assert "terminal" in refused.line
+    rejected = sweepctl("drive", served.port)
+    assert rejected.status == 2, "no terminal, no drive"
+    assert "terminal" in rejected.line
     with OnTerminal("drive", served.port, cwd=tmp_path) as again:
         assert again.end() == 5
         assert b"add --clear-stop" in again.drawn
@@ -112,7 +112,7 @@ def test_a_held_key_or_stick_drives_until_it_is_let_go(served: Served, tmp_path:
     assert latched(served) == StopCause.SESSION_END
 
 
-def test_connect_shows_and_starts_only_when_told_twice(served: Served, tmp_path: Path) -> None:
+def test_connect_shows_and_starts_only_when_asked_twice(served: Served, tmp_path: Path) -> None:
     file = tmp_path / "robot.toml"
     file.write_text("wheel_base_m = 0.25\n")
     with OnTerminal("connect", served.port, "--robot", file, cwd=tmp_path) as terminal:

@@ -78,16 +78,16 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
         with socket.create_connection(address) as first:
             device.says(f"127.0.0.1:{first.getsockname()[1]} is connected")
             with socket.create_connection(address) as second:
-                said = read_all(second).decode()
-            assert said.count("\n") == 1
-            assert "refused: this sweeper has a host already, 127.0.0.1:" in said
+                printed = read_all(second).decode()
+            assert printed.count("\n") == 1
+            assert "refused: this sweeper has a host already, 127.0.0.1:" in printed
             device.says("was refused")
             with talking(first):
                 ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
             assert ended.status == 3
             assert "the other end says: refused: this sweeper has a host already" in ended.complaint
-            told = [line for line in ended.err.splitlines() if "session: opened" not in line]
-            assert told == [ended.complaint], "one line, and no tries to open it again"
+            reported = [line for line in ended.err.splitlines() if "session: opened" not in line]
+            assert reported == [ended.complaint], "one line, and no tries to open it again"
             assert first.recv(100), "the first hears the device all the same"
         device.says("has left")
         how = ("--json", "--out", "run.mcap", "--adapter-delay", "500,500")
@@ -138,9 +138,9 @@ def tcp_with_a_shared_key(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--link", "tcp", "--key-file", key) as device:
         plan = ("--plan", "paper", "--json")
         for number, extra in enumerate([(), ("--key-file", other)]):
-            refused = connect(tmp_path, device.port, *plan, *extra, "--out", f"r{number}.mcap")
-            assert refused.status == 4, refused.err
-            assert "key" in refused.complaint
+            rejected = connect(tmp_path, device.port, *plan, *extra, "--out", f"r{number}.mcap")
+            assert rejected.status == 4, rejected.err
+            assert "key" in rejected.complaint
         mine = ("--key-file", key, "--duration", "0.1", "--out", "run.mcap")
         ended = connect(tmp_path, device.port, *plan, *mine)
         assert ended.status == 0, ended.err
@@ -185,16 +185,18 @@ def a_port_pulled_and_put_back(tmp_path: Path) -> None:
     assert not os.path.lexists(link)
 
 
-def a_line_that_is_too_slow_is_told(tmp_path: Path) -> None:
+def a_line_that_is_too_slow_is_reported(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--baud", "19200", "--stats") as device:
         ended = connect(tmp_path, device.port, "--duration", "3", "--json", "--out", "r.mcap")
         assert ended.status == 0, ended.err
-        told = device.stop().err
+        reported = device.stop().err
     # 1920 B/s whatever the streams want, and for as long as the emulator says that it ran.
-    found = re.search(r"ran ([\d.]+) s: (\d+) turns.* ([\d.]+) ms late.* (\d+) B to the host", told)
-    assert found, told
+    found = re.search(
+        r"ran ([\d.]+) s: (\d+) turns.* ([\d.]+) ms late.* (\d+) B to the host", reported
+    )
+    assert found, reported
     assert int(found[4]) <= 1920 * float(found[1])
-    assert re.search(r"\d+ B were lost by the device, which had more to say", told)
+    assert re.search(r"\d+ B were lost by the device, which had more to say", reported)
 
 
 def an_adapter_as_python_can_expects_it(tmp_path: Path) -> None:
@@ -249,7 +251,7 @@ SCENARIOS = (
     tcp_with_a_shared_key,
     two_that_want_one_link,
     a_port_pulled_and_put_back,
-    a_line_that_is_too_slow_is_told,
+    a_line_that_is_too_slow_is_reported,
     an_adapter_as_python_can_expects_it,
     nothing_is_left_however_it_ends,
 )

@@ -211,8 +211,8 @@ def test_both_directions_of_a_line_are_kept_apart(tshark: Tshark, tmp_path: Path
     ]
     write_pcapng(tmp_path / "two.pcapng", USER1, halves)
     seen = tshark.dissect(tmp_path / "two.pcapng")
-    told = [(s.packet, s.number("seq"), s.get("begun")) for s in seen]
-    assert told == [(1, 0, None), (4, 1, "2"), (5, 2, "3")]
+    reported = [(s.packet, s.number("seq"), s.get("begun")) for s in seen]
+    assert reported == [(1, 0, None), (4, 1, "2"), (5, 2, "3")]
     assert seen == tshark.dissect(tmp_path / "two.pcapng", "-2")  # a window shows the same
 
 

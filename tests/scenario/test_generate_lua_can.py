@@ -151,7 +151,7 @@ def hello_segments(node: int = 1) -> list[CanFrame]:
     return sent_over_can(message, Direction.DEVICE, node, 123)
 
 
-def test_a_doubled_segment_does_no_harm(dissect: Dissect) -> None:
+def test_a_duplicate_segment_does_no_harm(dissect: Dissect) -> None:
     frames = hello_segments()
     frames.insert(2, frames[1])
     seen = dissect(SOCKETCAN, can_packets(frames))
@@ -161,7 +161,7 @@ def test_a_doubled_segment_does_no_harm(dissect: Dissect) -> None:
 
 
 @pytest.mark.parametrize("gone", [0, 1, 2, 4])
-def test_a_lost_segment_is_told_and_gives_no_message(gone: int, dissect: Dissect) -> None:
+def test_a_lost_segment_is_reported_and_gives_no_message(gone: int, dissect: Dissect) -> None:
     frames = hello_segments()
     del frames[gone]
     seen = dissect(SOCKETCAN, can_packets(frames))

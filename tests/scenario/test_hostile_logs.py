@@ -43,9 +43,9 @@ def test_no_log_fills_the_memory_or_ends_in_a_traceback(
     )
     assert ended.returncode == 0, ended.stderr[-2000:]
     done = json.loads(ended.stdout)
-    for what, told in done.items():
-        assert told["status"] in DOCUMENTED, f"{what}: {told}"
-        assert "Traceback" not in told["said"], f"{what}: {told}"
+    for what, reported in done.items():
+        assert reported["status"] in DOCUMENTED, f"{what}: {reported}"
+        assert "Traceback" not in reported["said"], f"{what}: {reported}"
     recovered = sorted(tmp_path.glob("*-recover.mcap"))
     assert len(recovered) == sum(what.endswith(": recover") for what in done)
     assert len(recovered) == files if files == SAMPLE else len(recovered) > 2
@@ -53,9 +53,9 @@ def test_no_log_fills_the_memory_or_ends_in_a_traceback(
         with out.open("rb") as file:
             messages = make_reader(file, validate_crcs=True).iter_messages(["/good"])
             assert next(messages)[2].data == GOOD, out.name
-    for what, told in done.items():
+    for what, reported in done.items():
         if what.endswith((": info", ": recover")):
-            assert told["status"] == 0, f"{what}: {told}"
+            assert reported["status"] == 0, f"{what}: {reported}"
 
 
 def test_a_large_attachment_is_named_and_not_held(tmp_path: Path) -> None:

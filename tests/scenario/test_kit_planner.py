@@ -69,13 +69,13 @@ def start(robot: KitRobot) -> None:
     for message in LEAVE:
         robot.inform(message)
         robot.live(STEP_S)
-    assert robot.told.state == RUNNING
+    assert robot.reported.state == RUNNING
 
 
 def drive(robot: KitRobot, seconds: float) -> None:
     """Let it go on, a host being there, for as long as it plans."""
     end_us = robot.now_us + round(seconds * 1e6)
-    while robot.now_us < end_us and robot.told.state == RUNNING:
+    while robot.now_us < end_us and robot.reported.state == RUNNING:
         robot.inform(TimeRequest(0))
         robot.live(0.5)
 
@@ -99,8 +99,8 @@ def decisions(heard: list[Message]) -> list[str]:
         "finish",
     }
     lines = [m.line for m in heard if isinstance(m, LogText)]
-    told = [line for line in lines if line.split(":")[0] in kinds]
-    return ["lane: D is about Prev-D" if line in ALIKE else line for line in told]
+    reported = [line for line in lines if line.split(":")[0] in kinds]
+    return ["lane: D is about Prev-D" if line in ALIKE else line for line in reported]
 
 
 def distances_m(heard: list[Message]) -> list[float]:
@@ -124,8 +124,8 @@ def python_twin(plan: FloorPlan) -> list[Message]:
         link.send(message, now_us, node=1)
         events = link.receive(device.step(link.data_to_send(), now_us))
         heard += [e.message for e in events if isinstance(e, Received)]
-        told = [m for m in heard[-20:] if isinstance(m, PlannerState)]
-        if any(m.phase == PlannerPhase.FINISHED for m in told):
+        reported = [m for m in heard[-20:] if isinstance(m, PlannerState)]
+        if any(m.phase == PlannerPhase.FINISHED for m in reported):
             end_us = min(end_us, now_us + 1_000_000)  # its reason may be a line later
     return heard
 
@@ -134,7 +134,7 @@ def test_it_plans_as_the_python_firmware_does(robot: KitRobot, plan: FloorPlan) 
     """The same decisions in the same order, and lanes as long: an obstacle, its shadow, the end."""
     start(robot)
     track = CoverageMeter(plan, RobotModel(), 0.01).track()
-    while robot.told.state == RUNNING and robot.now_us < 300_000_000:
+    while robot.reported.state == RUNNING and robot.now_us < 300_000_000:
         robot.inform(TimeRequest(0))
         robot.live(STEP_S)
         track.add(robot.now_us * 1e-6, *robot.plant.pose)
@@ -164,12 +164,12 @@ def test_a_pause_keeps_the_leg_and_a_stop_ends_the_plan(robot: KitRobot) -> None
     robot.inform(Stop(6, StopCause.OPERATOR))
     robot.live(0.6)
     assert robot.plant.truth.v_m_s == 0.0
-    assert robot.told.stop_cause == StopCause.OPERATOR
+    assert robot.reported.stop_cause == StopCause.OPERATOR
 
 
 def test_without_a_host_the_plan_ends(robot: KitRobot) -> None:
     start(robot)
     drive(robot, 4.0)
     robot.live(1.6)
-    assert robot.told.stop_cause == StopCause.LINK
+    assert robot.reported.stop_cause == StopCause.LINK
     assert robot.plant.truth.v_m_s == 0.0

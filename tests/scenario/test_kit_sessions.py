@@ -101,9 +101,9 @@ def test_every_command_in_every_state(state: int) -> None:
         reached.append(len(writer.acts))
         writer.command(command)
         writer.wait(20_000)
-    told = compare(writer.acts)
+    reported = compare(writer.acts)
     steps = {len([a for a in writer.acts[:i] if not isinstance(a, Readings)]) for i in reached}
-    assert {told[i - 1].state for i in steps} == {state}
+    assert {reported[i - 1].state for i in steps} == {state}
 
 
 def test_the_graver_of_two_stops_that_coincide_is_latched() -> None:
@@ -116,11 +116,11 @@ def test_the_graver_of_two_stops_that_coincide_is_latched() -> None:
             writer.command(Stop(0, first))
             writer.command(Stop(0, second))
             expected.append((len(writer.acts), first, second))
-    told = compare(writer.acts)
+    reported = compare(writer.acts)
     steps = [n for n, act in enumerate(writer.acts, 1) if isinstance(act, Step)]
     for acts, first, second in expected:
         named = [c if 0 < c <= max(StopCause) else StopCause.OPERATOR for c in (first, second)]
-        assert told[steps.index(acts)].stop_cause == max(named), (first, second)
+        assert reported[steps.index(acts)].stop_cause == max(named), (first, second)
 
 
 def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
@@ -132,8 +132,12 @@ def test_a_strangers_stop_makes_no_setpoint_stale() -> None:
         writer.inform(Stop(1, StopCause.OPERATOR), age_us=age_us)
         writer.inform(ClearStop(first_id, StopCause.OPERATOR), SetMode(first_id + 1, Mode.VELOCITY))
         writer.drive(900, 0, 3)
-    told = compare(writer.acts)
-    assert (told[-1].state, told[-1].stale, told[-1].setpoint.first) == (VELOCITY, 0, 900)
+    reported = compare(writer.acts)
+    assert (reported[-1].state, reported[-1].stale, reported[-1].setpoint.first) == (
+        VELOCITY,
+        0,
+        900,
+    )
 
 
 @pytest.mark.parametrize("state", sorted(WAYS))
@@ -150,13 +154,13 @@ def test_every_command_for_all_devices_is_passed_over_in_every_state(state: int)
         if i < len(commands):
             writer.inform(replaced(commands[i], 500 + i), node=0)
         writer.inform(TimeRequest(i), node=0)  # the one of these that keeps the session
-    told = compare(writer.acts)[reached - 1 :]
-    assert {(t.state, t.parameters[SPEED], t.reboots) for t in told} == {
-        (state, told[0].parameters[SPEED], 0)
+    reported = compare(writer.acts)[reached - 1 :]
+    assert {(t.state, t.parameters[SPEED], t.reboots) for t in reported} == {
+        (state, reported[0].parameters[SPEED], 0)
     }
-    assert not any(t.setpoint.first or t.duty.first for t in told)
+    assert not any(t.setpoint.first or t.duty.first for t in reported)
     parser = UartParser()
-    wrote = [f for t in told for f in parser.feed(t.wrote) if isinstance(f, Frame)]
+    wrote = [f for t in reported for f in parser.feed(t.wrote) if isinstance(f, Frame)]
     answered = {CATALOGUE.by_type[f.type_id].cls for f in wrote}
     assert TimeReply in answered
     assert not answered & {Ack, Nack, ParameterValue}
@@ -175,10 +179,10 @@ def test_every_command_as_it_is_lifted(state: int) -> None:
         writer.command(command)
         writer.command(SetMode(0, Mode.VELOCITY))
         writer.wait(20_000)
-    told = compare(writer.acts)
-    assert any(t.faults & Fault.LIFTED for t in told)
+    reported = compare(writer.acts)
+    assert any(t.faults & Fault.LIFTED for t in reported)
     guarded = state not in {BRINGUP, IDLE}
-    assert any(t.stop_cause == StopCause.HARDWARE for t in told) == guarded
+    assert any(t.stop_cause == StopCause.HARDWARE for t in reported) == guarded
 
 
 @pytest.mark.parametrize(("current_ma", "fault"), [(1_500, "MOTOR_STALL"), (87, "ENCODER_LEFT")])
@@ -191,9 +195,9 @@ def test_a_wheel_that_does_not_turn(current_ma: int, fault: str) -> None:
         count += 30
         writer.read(Readings(encoders=(0, count), motors_ma=(current_ma, 63)))
         writer.inform(VelocitySetpoint(2000, 0, 200, i & 0xFF), after_us=20_000)
-    told = compare(writer.acts)
-    assert any(t.faults & Fault[fault] for t in told)
-    assert told[-1].stop_cause == StopCause.HARDWARE
+    reported = compare(writer.acts)
+    assert any(t.faults & Fault[fault] for t in reported)
+    assert reported[-1].stop_cause == StopCause.HARDWARE
 
 
 @pytest.mark.parametrize(
@@ -214,9 +218,9 @@ def test_a_gyro_that_cannot_be_believed(imu: tuple[int, int, int, int, int, int,
     writer.go(RUNNING)
     writer.read(Readings(imu=imu))
     writer.wait(900_000)
-    told = compare(writer.acts)
-    assert told[-1].faults & Fault.IMU
-    assert (told[-1].state, told[-1].stop_cause) == (STOPPED, StopCause.HARDWARE)
+    reported = compare(writer.acts)
+    assert reported[-1].faults & Fault.IMU
+    assert (reported[-1].state, reported[-1].stop_cause) == (STOPPED, StopCause.HARDWARE)
 
 
 def test_a_battery_that_runs_empty() -> None:
@@ -227,9 +231,9 @@ def test_a_battery_that_runs_empty() -> None:
         for _ in range(3):
             writer.wait(400_000)
             writer.inform(Describe(1, 1))
-    told = compare(writer.acts)
-    assert any(t.faults & Fault.BATTERY_LOW for t in told)
-    assert told[-1].stop_cause == StopCause.HARDWARE
+    reported = compare(writer.acts)
+    assert any(t.faults & Fault.BATTERY_LOW for t in reported)
+    assert reported[-1].stop_cause == StopCause.HARDWARE
 
 
 def test_rangers_that_lie() -> None:
@@ -246,8 +250,8 @@ def test_rangers_that_lie() -> None:
         )
         writer.inform(VelocitySetpoint(1500, 0, 200, i & 0xFF), after_us=20_000)
     faults = 0
-    for told in compare(writer.acts):
-        faults |= told.faults
+    for reported in compare(writer.acts):
+        faults |= reported.faults
     assert faults & Fault.ULTRASONIC
     assert faults & Fault.INFRARED
 
@@ -300,8 +304,8 @@ def _saved(periods: int, *, again: bool) -> tuple[int, int]:
     writer.acts.append(LoseSupply(periods))
     writer.inform(SetParameter(4, SPEED, 2, NEW), SaveParameters(5))
     writer.wait(500_000)
-    told = the_kit().run(writer.acts)
-    return told[-1].parameters[SPEED], told[-1].reboots
+    reported = the_kit().run(writer.acts)
+    return reported[-1].parameters[SPEED], reported[-1].reboots
 
 
 @pytest.mark.parametrize("again", [False, True])
@@ -326,17 +330,17 @@ def test_what_is_saved_is_there_after_a_reboot_and_gone_after_a_factory_reset() 
     writer.inform(SetMode(1, Mode.IDLE), GetParameter(2, SPEED), GetParameter(3, 8))
     writer.inform(Reboot(4, RebootKind.FACTORY_RESET))
     writer.wait(50_000)
-    told = compare(writer.acts)
-    after = told[kept - 2].parameters
+    reported = compare(writer.acts)
+    after = reported[kept - 2].parameters
     assert (after[SPEED], after[8]) == (NEW, f32(13.0))
-    assert told[-1].parameters == told[0].parameters
-    assert told[-1].reboots == 2
+    assert reported[-1].parameters == reported[0].parameters
+    assert reported[-1].reboots == 2
 
 
 VELOCITY_SETPOINT, STOP, FLAG_AUTHENTICATED = 0x02, 0x00, 1
 
 
-def test_what_claims_a_tag_is_refused_without_a_key_but_for_a_stop() -> None:
+def test_what_claims_a_tag_is_rejected_without_a_key_but_for_a_stop() -> None:
     writer = Numbered()
     writer.go(VELOCITY)
     for counter in range(1, 5):
@@ -347,9 +351,9 @@ def test_what_claims_a_tag_is_refused_without_a_key_but_for_a_stop() -> None:
     driven = len([act for act in writer.acts if isinstance(act, Step)])
     writer.frame(1, STOP, struct.pack("<HB", 900, StopCause.HARDWARE), FLAG_AUTHENTICATED)
     writer.wait(30_000)
-    told = compare(writer.acts)
-    assert {step.motors for step in told[:driven]} == {(0, 0)}
-    assert told[-1].stop_cause == StopCause.HARDWARE
+    reported = compare(writer.acts)
+    assert {step.motors for step in reported[:driven]} == {(0, 0)}
+    assert reported[-1].stop_cause == StopCause.HARDWARE
 
 
 @pytest.mark.parametrize("can", [False, True], ids=["uart", "can"])
@@ -358,6 +362,6 @@ def test_nobody_can_lock_hosts_out_by_asking_about_their_hello(*, can: bool) -> 
         writer = Writer(can=can)
         writer.inform(Describe(0x04, fields))
         writer.begin()
-        told = compare(writer.acts, can=can)
-        assert told[-1].agreed
-        assert told[-1].session_id == 7
+        reported = compare(writer.acts, can=can)
+        assert reported[-1].agreed
+        assert reported[-1].session_id == 7

@@ -113,7 +113,7 @@ def once_driving(emulated: Emulated, then: Callable[[], None]) -> threading.Thre
 def test_what_another_shell_asks_wrongly_does_not_end_a_run(
     emulated: Emulated, tmp_path: Path
 ) -> None:
-    refused: list[str] = []
+    rejected: list[str] = []
 
     def ask_wrongly() -> None:
         for request in (
@@ -128,15 +128,15 @@ def test_what_another_shell_asks_wrongly_does_not_end_a_run(
             try:
                 ask(emulated.port, request)
             except BridgeError as error:
-                refused.append(str(error))
+                rejected.append(str(error))
         assert ask(emulated.port, {"do": "status"})["status"]["run"] == "driving"
         os.kill(os.getpid(), signal.SIGINT)
 
     asking = once_driving(emulated, ask_wrongly)
     done = sweepctl("connect", emulated.port, "--plan", "paper", "--out", tmp_path / "run.mcap")
     asking.join()
-    assert len(refused) == 7
-    assert all(len(text) < 120 and "internal" not in text for text in refused), refused
+    assert len(rejected) == 7
+    assert all(len(text) < 120 and "internal" not in text for text in rejected), rejected
     assert done.status == 0, done.err
 
 
@@ -145,23 +145,23 @@ def test_what_another_shell_asks_wrongly_does_not_end_a_run(
 def test_a_stop_beside_ctrl_c_is_latched_where_it_is_called_confirmed(
     emulated: Emulated, tmp_path: Path, apart_s: float
 ) -> None:
-    told: list[bool] = []
+    reported: list[bool] = []
 
     def both() -> None:
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(apart_s)
         try:
-            told.append(ask(emulated.port, {"do": "stop"})["confirmed"] is True)
+            reported.append(ask(emulated.port, {"do": "stop"})["confirmed"] is True)
         except BridgeError:
-            told.append(False)  # the run was over: nobody is told that it was stopped
+            reported.append(False)  # the run was over: nobody is told that it was stopped
 
     asking = once_driving(emulated, both)
     done = sweepctl("connect", emulated.port, "--plan", "paper", "--out", tmp_path / "run.mcap")
     asking.join()
-    latched = StopCause.OPERATOR if told[0] else StopCause.SESSION_END
+    latched = StopCause.OPERATOR if reported[0] else StopCause.SESSION_END
     assert emulated.holds(latched)
-    assert done.status == (5 if told[0] else 0)
-    if told[0]:
+    assert done.status == (5 if reported[0] else 0)
+    if reported[0]:
         again = sweepctl("connect", emulated.port, "--plan", "paper", "--out", tmp_path / "2.mcap")
         assert again.status == 5
         assert "cause: operator" in again.err

@@ -73,7 +73,7 @@ def line() -> Iterator[Line]:
     line.close()
 
 
-def test_it_tells_everything_and_sends_nothing(line: Line, tmp_path: Path) -> None:
+def test_it_reports_everything_and_sends_nothing(line: Line, tmp_path: Path) -> None:
     process = start("monitor", line.port, "--jsonl", "--raw", cwd=tmp_path)
     assert process.stdout is not None
     lines = [process.stdout.readline() for _ in range(60)]
@@ -128,14 +128,14 @@ def test_on_a_port_with_an_owner_its_knowledge_is_shown() -> None:
         while robot.power.latest is None or robot.range.latest is None:
             time.sleep(0.02)
         done = sweepctl("monitor", served.port, "--duration", "0.3")
-        told = sweepctl("monitor", served.port, "--duration", "0.3", "--json")
+        reported = sweepctl("monitor", served.port, "--duration", "0.3", "--json")
         for asked in (("imu",), ("--raw",), ("--node", "3")):
-            refused = sweepctl("monitor", served.port, *asked)
-            assert refused.status == 2
-            assert f"{asked[0]}" in refused.err
-            assert "cannot be followed" in refused.err
-    assert done.status == told.status == 0
+            rejected = sweepctl("monitor", served.port, *asked)
+            assert rejected.status == 2
+            assert f"{asked[0]}" in rejected.err
+            assert "cannot be followed" in rejected.err
+    assert done.status == reported.status == 0
     assert "another sweepctl's" in done.err
     assert "ready/waiting mode=idle stop=session_end" in done.out
     assert "range=2.8" in done.out
-    assert told.json["owner"]["session"] == "ready"
+    assert reported.json["owner"]["session"] == "ready"

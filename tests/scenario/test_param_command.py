@@ -69,7 +69,7 @@ def test_list_get_set_save(port: str, served: Served) -> None:
     assert "cruise_speed: 0.15 -> 0.2 m/s" in done.err
 
 
-def test_what_is_refused_says_why(port: str, served: Served) -> None:
+def test_what_is_rejected_reports_why(port: str, served: Served) -> None:
     before = served.device.firmware.parameters.value("max_speed")
     too_fast = param("set", port, "max_yaw_rate", "1.5", "max_speed", "50")
     assert too_fast.status == 2
@@ -111,7 +111,7 @@ def test_a_table_for_people(port: str) -> None:
     assert "  at once" in next(line for line in lines if " max_speed " in line)
 
 
-def test_a_value_that_a_reboot_would_undo_says_what_it_needs(port: str) -> None:
+def test_a_value_that_a_reboot_would_undo_reports_what_it_needs(port: str) -> None:
     present = param("get", port, "infrared_left_scale").out.strip()
     value = "1.03" if present == "1.02" else "1.02"
 
@@ -119,8 +119,8 @@ def test_a_value_that_a_reboot_would_undo_says_what_it_needs(port: str) -> None:
         lines = param("list", port).out.splitlines()
         return next(line for line in lines if f" {name} " in line)
 
-    told = param("set", port, "infrared_left_scale", value)
-    assert "so save and reboot it" in told.err
+    reported = param("set", port, "infrared_left_scale", value)
+    assert "so save and reboot it" in reported.err
     assert row("infrared_left_scale").endswith("after reboot  needs save and reboot")
     assert "needs" not in row("infrared_right_scale")
     assert "infrared_left_scale: counts from the device's next boot on, so reboot it" in (

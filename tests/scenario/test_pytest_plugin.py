@@ -189,8 +189,8 @@ def test_what_is_wrong_is_one_line(
     out = result.stdout.str()
     assert "Traceback" not in out
     for name, (_, expected) in WRONG.items():
-        said = [line for line in out.splitlines() if f"::test_{name} - " in line]
-        assert said, name
+        printed = [line for line in out.splitlines() if f"::test_{name} - " in line]
+        assert printed, name
         block = "\n".join(_setups(out, f"test_{name}"))
         assert expected in block, f"{name}: {block}"
 

@@ -78,12 +78,12 @@ def test_nothing_is_found_in_the_boards_sources(tmp_path: Path) -> None:
 
 @CROSS
 def test_it_is_kept_by_what_it_is_made_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
-    elf = firmware_elf(tmp_path, told.append)
+    reported: list[str] = []
+    elf = firmware_elf(tmp_path, reported.append)
     assert elf.read_bytes().startswith(b"\x7fELF")
-    assert len(told) == 1
-    assert firmware_elf(tmp_path, told.append) == elf
-    assert len(told) == 1, "what is there is not built again"
+    assert len(reported) == 1
+    assert firmware_elf(tmp_path, reported.append) == elf
+    assert len(reported) == 1, "what is there is not built again"
     assert [p.name for p in elf.parent.iterdir()] == [elf.name]
     monkeypatch.setenv("PATH", "/nonexistent")
     with pytest.raises(FirmwareBuildError, match="apt install gcc-arm-none-eabi"):
@@ -117,7 +117,7 @@ def test_a_program_for_another_chip(tmp_path: Path) -> None:
         (["--fault", "clock-drift@3"], "keeps its own time"),
     ],
 )
-def test_what_it_cannot_do_is_refused(built: Path, arguments: list[str], why: str) -> None:
+def test_what_it_cannot_do_is_rejected(built: Path, arguments: list[str], why: str) -> None:
     program = built / "board_f405_qemu.elf"
     done = sweepctl("emulate", "--target", "qemu", "--firmware", program, *arguments)
     assert (done.status, done.out) == (2, "")
@@ -148,15 +148,15 @@ def test_conformance(device: Emulated, tmp_path: Path) -> None:
 
 
 @CHIP
-def test_its_stack_is_as_small_as_the_bound_says(built: Path, tmp_path: Path) -> None:
+def test_its_stack_is_within_the_bound(built: Path, tmp_path: Path) -> None:
     """What a running chip has used at most, against the sum over its call graph."""
     took = taken(built, "board_f405_qemu")
     with emulated(built / "board_f405_qemu.elf", tmp_path, "empty", "--stats") as made:
         host = start("connect", made.port, "--duration", "2", cwd=tmp_path)
         assert end(host).status == 0
         done = finish(made.process)
-    said = next(line for line in done.err.splitlines() if "stack" in line)
-    used = took.reserve - int(said.split()[0])
+    printed = next(line for line in done.err.splitlines() if "stack" in line)
+    used = took.reserve - int(printed.split()[0])
     assert 100 < used <= took.stack
 
 
@@ -239,7 +239,7 @@ def test_a_stop_holds_until_it_is_cleared(device: Emulated) -> None:
         ("brown-out:off=0.3", ResetCause.BROWN_OUT),
     ],
 )
-def test_a_reset_is_told_and_latched(device: Emulated, fault: str, cause: ResetCause) -> None:
+def test_a_reset_is_reported_and_latched(device: Emulated, fault: str, cause: ResetCause) -> None:
     """A reset from outside, and the chip's own watchdog on a program that hangs."""
     host = probe(device)
     try:
@@ -305,7 +305,7 @@ def _gone(pid: int) -> bool:
 
 
 @CHIP
-def test_an_emulator_whose_qemu_dies_says_so(built: Path, tmp_path: Path) -> None:
+def test_an_emulator_whose_qemu_dies_reports_so(built: Path, tmp_path: Path) -> None:
     with emulated(built / "board_f405_qemu.elf", tmp_path, "empty") as made:
         os.kill(made.qemu_pid(), signal.SIGKILL)
         done = end(made.process)

@@ -27,7 +27,7 @@ def test_a_device_boots_anew_and_is_back(tmp_path: Path) -> None:
     assert boots[0] != boots[1]
 
 
-def test_beside_an_owner_it_is_asked_and_refuses_while_the_robot_may_move(tmp_path: Path) -> None:
+def test_an_owner_is_asked_and_rejects_while_the_robot_may_move(tmp_path: Path) -> None:
     with Emulator(tmp_path) as device:
         with Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner:
             owner.says("both ends agree")
@@ -39,10 +39,10 @@ def test_beside_an_owner_it_is_asked_and_refuses_while_the_robot_may_move(tmp_pa
         moving = ("--plan", "paper", "--out", "moving.mcap")
         with Command("connect", device.port, *moving, cwd=tmp_path) as owner:
             owner.says("run is driving")
-            refused = sweepctl("reboot", device.port)
-            assert refused.status == 4
-            assert "the robot may move (run: " in refused.line
-            assert "sweepctl stop" in refused.line
+            rejected = sweepctl("reboot", device.port)
+            assert rejected.status == 4
+            assert "the robot may move (run: " in rejected.line
+            assert "sweepctl stop" in rejected.line
             owner.send(signal.SIGINT)
             assert owner.end().status == 0
 

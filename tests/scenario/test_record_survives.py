@@ -72,20 +72,20 @@ def test_a_kill_loses_half_a_second_at_most(tmp_path: Path) -> None:
         [sys.executable, "-c", script(_KILLED), str(path)], stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
-        said: list[list[int]] = []
+        printed: list[list[int]] = []
         for shown in process.stdout:
-            said.append([int(part) for part in shown.split()])
-            if said[-1][1] - said[0][1] > 1_600_000_000:
+            printed.append([int(part) for part in shown.split()])
+            if printed[-1][1] - printed[0][1] > 1_600_000_000:
                 process.kill()
                 break
-        written, killed_ns, held_ns = said[-1]
+        written, killed_ns, held_ns = printed[-1]
     reader = LogReader(path)
     lines = list(reader.messages(["/log"]))
     assert reader.truncated
     assert reader.problems == []
     assert [m.decoded.message for m in lines] == [str(i) for i in range(len(lines))]
     assert len(lines) <= written + 1 + 1000
-    held_ns -= said[len(lines) - 1][2]
+    held_ns -= printed[len(lines) - 1][2]
     assert killed_ns - lines[-1].log_ns <= 2 * CHUNK_NS + held_ns, f"held up for {held_ns} ns"
     assert "robot.toml" in reader.attachments
     assert reader.run["port"] == "memory"
@@ -101,10 +101,10 @@ def test_a_full_disk_keeps_what_was_recorded(tmp_path: Path) -> None:
         check=True,
         timeout=60,
     )
-    kind, reached, told = done.stdout.split(" ", 2)
+    kind, reached, reported = done.stdout.split(" ", 2)
     assert kind == "LogWriteError"
-    assert str(path) in told
-    assert len(told.splitlines()) == 1
+    assert str(path) in reported
+    assert len(reported.splitlines()) == 1
     reader = LogReader(path)
     kept = sum(1 for _ in reader.messages(["/raw/uart/rx"]))
     assert reader.problems == []

@@ -43,11 +43,11 @@ class Decisions:
     """Keeps the moments at which a run set out for a wall."""
 
     def __init__(self) -> None:
-        self.sights_s: list[float] = []
+        self.measurements_s: list[float] = []
 
     def write(self, record: Record) -> None:
         if isinstance(record, EventRecord) and record.kind == "sight":
-            self.sights_s.append((record.log_ns - EPOCH_NS) / 1e9)
+            self.measurements_s.append((record.log_ns - EPOCH_NS) / 1e9)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
         del summary
@@ -63,8 +63,8 @@ SEEDS = (
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall(seed: int) -> None:
-    told = Decisions()
+def test_in_open_floor_gyro_vibration_sends_the_robot_to_a_known_wall(seed: int) -> None:
+    reported = Decisions()
     sigmas: list[tuple[float, float]] = []
 
     def look(t_s: float, host: Host) -> None:
@@ -72,13 +72,13 @@ def test_in_the_middle_of_a_room_a_shaken_gyro_sends_the_robot_to_a_known_wall(s
 
     plan = load_room("empty")
     run_virtual(
-        plan, MODEL, "recovery", told, seed=seed, noise="harsh", max_time_s=290.0, progress=look
+        plan, MODEL, "recovery", reported, seed=seed, noise="harsh", max_time_s=290.0, progress=look
     )
     last_s = sigmas[-1][0]
-    whole = [begun_s for begun_s in told.sights_s if begun_s < last_s - 25.0]
+    whole = [begun_s for begun_s in reported.measurements_s if begun_s < last_s - 25.0]
     assert whole, "the gyro's walk at harsh takes the heading beyond its limit in 290 s"
-    assert len(told.sights_s) < 8, "not again and again"
-    for begun_s in told.sights_s:
+    assert len(reported.measurements_s) < 8, "not again and again"
+    for begun_s in reported.measurements_s:
         assert max(sigma for t_s, sigma in sigmas if begun_s - 1.5 < t_s <= begun_s) > 0.75
     for begun_s in whole:
         assert min(sigma for t_s, sigma in sigmas if begun_s < t_s < begun_s + 25.0) < 0.6

@@ -59,7 +59,7 @@ def test_a_live_run(tmp_path: Path, link: str) -> None:
     assert (result.equal, result.differing) == (result.recorded, {}), result.first
 
 
-def test_a_difference_is_told(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_a_difference_is_reported(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     """One bit of one recorded message, changed where no CRC of the wire guards it."""
     from mcap.writer import Writer  # noqa: PLC0415 - used here only
 

@@ -81,7 +81,7 @@ def messages(events: list[LinkEvent]) -> list[Message]:
     return [event.message for event in events if isinstance(event, Received)]
 
 
-def test_it_says_hello_and_waits_for_a_host_that_agrees(log: Path) -> None:
+def test_it_sends_hello_and_waits_for_a_host_that_agrees(log: Path) -> None:
     peer = Peer(replay_device(LogReader(log)))
     before = messages(peer.wait(3.0))
     assert {type(message) for message in before} == {Hello}
@@ -110,14 +110,14 @@ def test_every_message_comes_again_as_it_was(log: Path) -> None:
     peer = Peer(replay_device(LogReader(log)))
     events = peer.send(HostHello(0, 5, 1, "me")) + peer.wait(recording.duration_s)
     played = [e for e in events if isinstance(e, Received)]
-    told = [e for e in played if not isinstance(e.message, Hello)]
-    assert len(told) == len(recording.played) > 2000
-    for event, original in zip(told, recording.played, strict=True):
+    reported = [e for e in played if not isinstance(e.message, Hello)]
+    assert len(reported) == len(recording.played) > 2000
+    for event, original in zip(reported, recording.played, strict=True):
         assert event.frame.payload == original.payload
         assert event.frame.t_us == original.t_us % (1 << 32)
         assert event.spec.type_id == original.type_id
     for name in ("imu", "encoders", "range", "status", "power"):
-        count = sum(e.spec.name == name for e in told)
+        count = sum(e.spec.name == name for e in reported)
         assert count == len(plain_messages(log, f"/device/{name}"))
 
 
@@ -240,9 +240,9 @@ def test_what_cannot_be_replayed(tmp_path: Path, log: Path) -> None:
     assert "no messages of a robot" in checked.line
 
 
-@pytest.mark.parametrize(("least_ms", "most_ms"), [(1.0, 5.0), (10.0, 10.0)])
+@pytest.mark.parametrize(("min_ms", "max_ms"), [(1.0, 5.0), (10.0, 10.0)])
 def test_its_clock_does_not_jump_as_the_playing_begins(
-    log: Path, least_ms: float, most_ms: float
+    log: Path, min_ms: float, max_ms: float
 ) -> None:
     """Its first hello is stamped before anybody knows when a host will have agreed."""
     rng = random.Random(1)
@@ -253,7 +253,7 @@ def test_its_clock_does_not_jump_as_the_playing_begins(
 
     def sent(way: str, queue: deque[tuple[int, bytes]], data: bytes, now_ns: int) -> None:
         if data:
-            last_ns[way] = max(last_ns[way], now_ns + round(rng.uniform(least_ms, most_ms) * 1e6))
+            last_ns[way] = max(last_ns[way], now_ns + round(rng.uniform(min_ms, max_ms) * 1e6))
             queue.append((last_ns[way], data))
 
     opened_ns = 5_000_000_000
@@ -281,4 +281,4 @@ def test_its_clock_does_not_jump_as_the_playing_begins(
     assert sync.steps == 0
     assert sync.samples > 25
     assert sync.fit is not None
-    assert sync.fit.bound_ns > least_ms * 1e6 - 5_000, "nothing tells how a round trip divides"
+    assert sync.fit.bound_ns > min_ms * 1e6 - 5_000, "nothing tells how a round trip divides"

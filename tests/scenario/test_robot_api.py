@@ -93,7 +93,7 @@ def test_data_comes_by_itself_and_nothing_moves(emulated: Emulated) -> None:
         until(lambda: again.status.latest is not None)
 
 
-def test_it_drives_as_long_as_it_is_told_to(emulated: Emulated) -> None:
+def test_it_drives_for_the_given_time(emulated: Emulated) -> None:
     start = emulated.pose
     with bridge.open(emulated.port) as robot:
         robot.enable()
@@ -203,9 +203,9 @@ def test_a_velocity_that_is_repeated_goes_on() -> None:
     for i in range(200):
         command = VelocityCommand(0.001 * i, 0.0)
         if i % 20 == 0:
-            told = command
-            drive.drive(told)
-        assert drive.step(observed(0.02 * i)) == drive.target == told
+            reported = command
+            drive.drive(reported)
+        assert drive.step(observed(0.02 * i)) == drive.target == reported
 
 
 # ---- everything else that a device can be asked for --------------------------------------
@@ -241,7 +241,7 @@ def test_parameters_by_name(emulated: Emulated) -> None:
         assert robot.get_parameter("max_speed").number == speed.number, "the session goes on"
 
 
-def test_a_reboot_is_found_again_and_told(emulated: Emulated) -> None:
+def test_a_reboot_is_found_again_and_reported(emulated: Emulated) -> None:
     with bridge.open(emulated.port) as robot:
         until(lambda: robot.status.latest is not None)
         before = emulated.device.firmware.identity.boot_id
@@ -367,7 +367,7 @@ def test_a_stop_that_the_device_does_not_confirm_is_raised() -> None:
     with Emulated() as emulated:
         robot = bridge.open(emulated.port)
         robot.enable()
-        emulated.mute()
+        emulated.receive_only()
         with pytest.raises(NoDeviceError, match="nobody confirmed the stop"):
             robot.stop()
         with pytest.raises(NoDeviceError, match="nobody confirmed the stop"):

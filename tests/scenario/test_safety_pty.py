@@ -57,8 +57,8 @@ def under_way(device: Emulator, path_m: float) -> None:
     """Wait until it has made so much of a way, and moves: a busy machine takes its time."""
 
     def moving() -> bool:
-        told = ask(device.port, {"do": "status"})["status"]
-        return bool(told["path_m"] > path_m and told["v_m_s"] > MOVING_M_S)
+        reported = ask(device.port, {"do": "status"})["status"]
+        return bool(reported["path_m"] > path_m and reported["v_m_s"] > MOVING_M_S)
 
     until(moving)
 
@@ -94,12 +94,12 @@ def a_killed_host(tmp_path: Path) -> None:
             assert host.end().status == -signal.SIGKILL
             killed_s = time.time()
         time.sleep(1.3)
-        refused = connect(tmp_path, device.port, "--plan", "paper", "--json", "--out", "r.mcap")
+        rejected = connect(tmp_path, device.port, "--plan", "paper", "--json", "--out", "r.mcap")
         again_s = time.time()
-        assert refused.status == 5
-        assert "cause: link" in refused.complaint
-        assert "--clear-stop" in refused.complaint
-        assert refused.json["outcome"] == "stopped"
+        assert rejected.status == 5
+        assert "cause: link" in rejected.complaint
+        assert "--clear-stop" in rejected.complaint
+        assert rejected.json["outcome"] == "stopped"
         with drive(device, tmp_path, "--clear-stop", "--json", "--out", "f.mcap") as host:
             under_way(device, 0.12)
             host.send(signal.SIGINT)
@@ -245,9 +245,9 @@ def a_stop_from_another_shell(tmp_path: Path) -> None:
         again = run(tmp_path, "stop", device.port, "--json")
         assert again.status == 0
         assert again.json == {"port": device.port, "by": "wire", "confirmed": True, "node": 1}
-        refused = connect(tmp_path, device.port, "--plan", "paper", "--out", "refused.mcap")
-        assert refused.status == 5
-        assert "cause: operator" in refused.complaint
+        rejected = connect(tmp_path, device.port, "--plan", "paper", "--out", "refused.mcap")
+        assert rejected.status == 5
+        assert "cause: operator" in rejected.complaint
         assert device.stop().status == 0
         silent = run(tmp_path, "stop", device.port)
         assert silent.status == 3

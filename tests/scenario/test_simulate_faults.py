@@ -89,12 +89,12 @@ def test_a_fault_after_the_end_changes_nothing(tmp_path: Path) -> None:
 def test_the_truth_is_kept_whatever_the_devices_clock_does(tmp_path: Path, fault: str) -> None:
     """True poses are logged, and held against the estimate, by true time."""
     log = tmp_path / "run.mcap"
-    told = simulate(log, "--fault", fault, max_time_s=8.0).json
+    reported = simulate(log, "--fault", fault, max_time_s=8.0).json
     stamps = [plain.log_ns - EPOCH_NS for plain, _ in decoded(log, "/truth/pose")]
     gaps_ms = {(later - earlier) // 1_000_000 for earlier, later in pairwise(stamps)}
     # every 40 ms, found within a control period of 10 ms: never less than 20 a second
     assert gaps_ms <= set(range(30, 51))
     # No distance is lost, and nothing was held against the pose of another moment, which is off
     # by 10 mm at 0.2 m/s for 50 ms: the drive is straight, its scale known to half a percent.
-    assert told["path_m"] > 0.4
-    assert told["pose_error_m"]["max"] < 0.01
+    assert reported["path_m"] > 0.4
+    assert reported["pose_error_m"]["max"] < 0.01

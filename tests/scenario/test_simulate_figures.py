@@ -48,7 +48,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 
 @pytest.fixture(scope="module")
-def told(recorded: Recorded) -> dict[str, Any]:
+def reported(recorded: Recorded) -> dict[str, Any]:
     return recorded.done.json
 
 
@@ -139,13 +139,13 @@ def _passed_s(
 
 
 @pytest.mark.parametrize("key", ["body_free", "body_reachable", "mouth_free", "mouth_sweepable"])
-def test_coverage(figures: Figures, told: dict[str, Any], key: str) -> None:
-    assert told["coverage"][key] == pytest.approx(getattr(figures, key), abs=HALF_A_POINT)
+def test_coverage(figures: Figures, reported: dict[str, Any], key: str) -> None:
+    assert reported["coverage"][key] == pytest.approx(getattr(figures, key), abs=HALF_A_POINT)
 
 
-def test_path(figures: Figures, told: dict[str, Any]) -> None:
+def test_path(figures: Figures, reported: dict[str, Any]) -> None:
     # the log goes on while the robot rolls out
-    assert told["path_m"] == pytest.approx(figures.path_m, abs=0.02)
+    assert reported["path_m"] == pytest.approx(figures.path_m, abs=0.02)
 
 
 def test_time_to_nine_tenths(tmp_path: Path) -> None:
@@ -159,12 +159,12 @@ def test_time_to_nine_tenths(tmp_path: Path) -> None:
     assert done.json["t90_s"] == pytest.approx(passed_s - begin_s, abs=10.0)
 
 
-def test_repeat_ratio(figures: Figures, told: dict[str, Any]) -> None:
+def test_repeat_ratio(figures: Figures, reported: dict[str, Any]) -> None:
     repeated = figures.path_m * 2 * HALF_MOUTH_M / figures.mouth_m2 - 1.0
-    assert told["repeat_ratio"] == pytest.approx(repeated, abs=0.01)
+    assert reported["repeat_ratio"] == pytest.approx(repeated, abs=0.01)
 
 
-def test_equation_8(recorded: Recorded, figures: Figures, told: dict[str, Any]) -> None:
+def test_equation_8(recorded: Recorded, figures: Figures, reported: dict[str, Any]) -> None:
     """Lanes as the planner tells of them, by its own odometry."""
     lanes = [
         json.loads(value.data_json)["distance_m"]
@@ -172,21 +172,21 @@ def test_equation_8(recorded: Recorded, figures: Figures, told: dict[str, Any]) 
         if value.source == "planner" and value.kind in {"lane", "recovery-lane"}
     ]
     share = sum(lanes) * 2 * HALF_MOUTH_M / figures.free_m2
-    assert told["coverage"]["eq8"] == pytest.approx(share, abs=HALF_A_POINT)
+    assert reported["coverage"]["eq8"] == pytest.approx(share, abs=HALF_A_POINT)
 
 
-def test_duration(recorded: Recorded, told: dict[str, Any]) -> None:
+def test_duration(recorded: Recorded, reported: dict[str, Any]) -> None:
     phases = {
         value.text: plain.log_ns / 1e9
         for plain, value in decoded(recorded.log, "/events")
         if value.kind == "phase"
     }
-    assert told["duration_s"] == pytest.approx(
+    assert reported["duration_s"] == pytest.approx(
         phases["run is ending"] - phases["run is driving"], abs=0.03
     )
 
 
-def test_pose_error(recorded: Recorded, poses: list[Pose], told: dict[str, Any]) -> None:
+def test_pose_error(recorded: Recorded, poses: list[Pose], reported: dict[str, Any]) -> None:
     """The estimate against the truth of the same moment, as far as the log's stamps tell it."""
     truth = {round(t * 50): (x, y) for t, x, y, _ in poses}
     errors = []
@@ -197,26 +197,26 @@ def test_pose_error(recorded: Recorded, poses: list[Pose], told: dict[str, Any])
             errors.append(math.dist(truth[moment], (position.x, position.y)))
     # two control periods at cruise speed are 8 mm
     assert len(errors) > 5000
-    assert max(errors) == pytest.approx(told["pose_error_m"]["max"], abs=0.01)
-    assert errors[-1] == pytest.approx(told["pose_error_m"]["end"], abs=0.01)
+    assert max(errors) == pytest.approx(reported["pose_error_m"]["max"], abs=0.01)
+    assert errors[-1] == pytest.approx(reported["pose_error_m"]["end"], abs=0.01)
 
 
-def test_wire(recorded: Recorded, told: dict[str, Any]) -> None:
+def test_wire(recorded: Recorded, reported: dict[str, Any]) -> None:
     bytes_by = {"rx": 0, "tx": 0}
     for plain, value in decoded(recorded.log, "/raw/uart/rx", "/raw/uart/tx"):
         bytes_by[plain.topic[-2:]] += len(value.data)
-    assert told["wire"]["bytes"] == bytes_by
+    assert reported["wire"]["bytes"] == bytes_by
 
 
-def test_the_papers_case(told: dict[str, Any]) -> None:
-    assert told["outcome"] == "complete"
-    assert 0.90 <= told["coverage"]["body_free"] <= 0.97
-    assert told["pose_error_m"]["max"] < 0.08
+def test_the_papers_case(reported: dict[str, Any]) -> None:
+    assert reported["outcome"] == "complete"
+    assert 0.90 <= reported["coverage"]["body_free"] <= 0.97
+    assert reported["pose_error_m"]["max"] < 0.08
 
 
 @pytest.mark.nightly
-def test_the_papers_case_by_three_seeds(told: dict[str, Any]) -> None:
-    runs = [told, *(summary("case-1", "paper", seed) for seed in (2, 3))]
+def test_the_papers_case_by_three_seeds(reported: dict[str, Any]) -> None:
+    runs = [reported, *(summary("case-1", "paper", seed) for seed in (2, 3))]
     assert [run["outcome"] for run in runs] == ["complete"] * 3
     for run in runs:
         assert 0.90 <= run["coverage"]["body_free"] <= 0.97

@@ -54,8 +54,8 @@ def test_equal_seeds_give_equal_runs(runs: tuple[Recorded, Recorded, Recorded]) 
     first, again, _ = (plain_messages(run.log) for run in runs)
     assert len(first) > 5000
     assert first == again
-    told = [{**run.done.json, "log": None} for run in runs]
-    assert told[0] == told[1]
+    reported = [{**run.done.json, "log": None} for run in runs]
+    assert reported[0] == reported[1]
 
 
 def test_another_seed_gives_another_run(runs: tuple[Recorded, Recorded, Recorded]) -> None:
@@ -81,7 +81,7 @@ def wire(run: Recorded, direction: str) -> list[RefFrame]:
     return [frame for frame in frames if isinstance(frame, RefFrame)]
 
 
-def test_device_messages_are_what_the_bytes_say(recorded: Recorded) -> None:
+def test_device_messages_match_their_bytes(recorded: Recorded) -> None:
     """Hello and the answers to questions belong to the session, which does not pass them on."""
     topics = {f"/device/{name}" for name, _, _ in LAYOUTS.values()}
     in_log = list(decoded(recorded.log, *topics))
@@ -113,7 +113,7 @@ def test_sequence_numbers_miss_nothing(recorded: Recorded) -> None:
         assert recorded.done.json["wire"]["frames"][direction] == len(frames)
 
 
-def test_commands_are_what_the_bytes_say(recorded: Recorded) -> None:
+def test_commands_match_their_bytes(recorded: Recorded) -> None:
     """A velocity in /cmd is the setpoint on the wire, to the wire's own step."""
     commands = [value for _, value in decoded(recorded.log, "/cmd")]
     sent = [f for f in wire(recorded, "tx") if LAYOUTS[f.type_id][0] == "velocity_setpoint"]
@@ -191,7 +191,7 @@ def test_decisions_have_reasons(recorded: Recorded) -> None:
     assert {"lane", "step"} <= {state.state for state in states}
 
 
-def test_a_run_is_told_from_its_first_step_to_its_stop(recorded: Recorded) -> None:
+def test_a_run_is_reported_from_its_first_step_to_its_stop(recorded: Recorded) -> None:
     events = [(v.source, v.kind, v.text) for _, v in decoded(recorded.log, "/events")]
     phases = [text.removeprefix("run is ") for _, kind, text in events if kind == "phase"]
     assert phases[-2:] == ["driving", "ending"] or phases[-3:] == ["driving", "ending", "done"]
@@ -225,18 +225,18 @@ def records(run: Recorded) -> list[McapRecord]:
         return list(StreamReader(file, emit_chunks=True).records)
 
 
-def test_first_in_the_file_is_what_it_says_of_itself(recorded: Recorded) -> None:
+def test_first_in_the_file_is_its_own_description(recorded: Recorded) -> None:
     kinds: list[type[Any]] = [type(record) for record in records(recorded)]
     assert kinds[:5] == [Header, Attachment, Attachment, Attachment, Metadata]
     found = records(recorded)
     names = [record.name for record in found if isinstance(record, Attachment)]
     assert names == ["robot.toml", "room.json", "catalogue.json", "summary.json"]
-    told = next(record.metadata for record in found if isinstance(record, Metadata))
-    assert told["seed"] == "4"
-    assert told["planner"] == "paper"
-    assert told["port"] == "virtual"
-    assert told["noise"] == "typical"
-    assert {"version", "python", "protocol_version", "catalogue_hash"} <= set(told)
+    reported = next(record.metadata for record in found if isinstance(record, Metadata))
+    assert reported["seed"] == "4"
+    assert reported["planner"] == "paper"
+    assert reported["port"] == "virtual"
+    assert reported["noise"] == "typical"
+    assert {"version", "python", "protocol_version", "catalogue_hash"} <= set(reported)
 
 
 def test_last_in_the_file_is_the_summary(recorded: Recorded) -> None:

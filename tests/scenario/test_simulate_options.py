@@ -32,24 +32,24 @@ def test_it_changes_the_run_and_is_on_record(tmp_path: Path) -> None:
 def metadata(log: Path) -> dict[str, str]:
     """What the log says of its run."""
     with log.open("rb") as file:
-        told = next(make_reader(file).iter_metadata())
-    return told.metadata
+        reported = next(make_reader(file).iter_metadata())
+    return reported.metadata
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (("--planner-option", "side=up"), "paper: 'side=up': not one of left, right"),
         (("--planner-option", "colour=red"), "paper: no option 'colour'; there are: side, end"),
         (("--planner-option", "side=left", "--supervise"), "not with --supervise"),
     ],
 )
-def test_what_cannot_be_is_refused_before_a_log_is_made(
-    tmp_path: Path, arguments: tuple[str, ...], told: str
+def test_what_cannot_be_is_rejected_before_a_log_is_made(
+    tmp_path: Path, arguments: tuple[str, ...], reported: str
 ) -> None:
     log = tmp_path / "run.mcap"
     done = simulate(log, *arguments)
     assert done.status == 2
-    assert told in done.err
+    assert reported in done.err
     assert "Traceback" not in done.err
     assert not log.exists()

@@ -34,7 +34,7 @@ def test_an_injected_hazard_is_caught(hazard: object) -> None:
 
 def test_a_run_without_any_raises_no_alarm() -> None:
     outcome = run(Job("case-1", "recovery", 5, max_s=40.0))
-    assert outcome.watched_s > 35.0
+    assert outcome.supervised_s > 35.0
     assert outcome.alarms == []
 
 
@@ -46,7 +46,7 @@ def test_the_page_counts_what_was_missed_and_what_was_false() -> None:
     late = Outcome(Job("case-1", "paper", 2, hazard=hazard), at_s=10.0)
     late.alarms = [Alarm(10.0 + hazard.lasts_s + 2.1, "stall", "")]
     assert late.caught_s is None
-    clean = Outcome(Job("case-1", "paper", 3), watched_s=3600.0)
+    clean = Outcome(Job("case-1", "paper", 3), supervised_s=3600.0)
     clean.alarms = [Alarm(5.0, "slip", ""), Alarm(7.0, "disagreement", "", true=True)]
     text, good = page([caught, clean])
     assert good
@@ -61,14 +61,14 @@ def test_the_page_counts_what_was_missed_and_what_was_false() -> None:
     assert not page([caught, clean])[1]
 
 
-@pytest.mark.parametrize(("told_m", "true"), [(1.02, False), (0.98, False), (1.04, True)])
-def test_an_alarm_over_d_is_held_against_the_true_lane(told_m: float, *, true: bool) -> None:
+@pytest.mark.parametrize(("reported_m", "true"), [(1.02, False), (0.98, False), (1.04, True)])
+def test_an_alarm_over_d_is_held_against_the_true_lane(reported_m: float, *, true: bool) -> None:
     """A metre ahead within 5 s, and 2 cm back; the turn before it is not of the lane."""
     sink = Alarms()
     ways = [(1.0, -3.0), (2.0, 0.0), (3.0, 0.4), (6.0, 1.0), (6.5, 0.98)]
     for at_s, x in ways:
         sink.write(TruthRecord(EPOCH_NS + round(at_s * 1e9), Pose2(x, 5.0, 0.0)))
-    data = {"D_m": told_m, "odometry_m": 1.0, "for_s": 5.0}
+    data = {"D_m": reported_m, "odometry_m": 1.0, "for_s": 5.0}
     at_ns = EPOCH_NS + 7_000_000_000
     sink.write(EventRecord(at_ns, Severity.INFO, "supervise", "disagreement", "", data))
     sink.write(EventRecord(at_ns, Severity.INFO, "supervise", "bump", "", {"count": 18}))

@@ -141,7 +141,7 @@ class Alarm:
         self.holding = False
         self.factor = 1.0
 
-    def step(self, _watched: object) -> list[Reaction]:
+    def step(self, _supervised: object) -> list[Reaction]:
         reactions, self.reactions = self.reactions, []
         return reactions
 
@@ -161,7 +161,7 @@ def alarmed(host: Host, level: str) -> Alarm:
     return alarm
 
 
-def told(sink: Collector) -> list[EventRecord]:
+def reported(sink: Collector) -> list[EventRecord]:
     return [e for e in sink.of(EventRecord) if e.source == "supervise"]
 
 
@@ -170,7 +170,7 @@ def test_reporting_changes_nothing() -> None:
     alarmed(host, "REPORT")
     ends.run(2.0)
     assert host.mission.phase is Phase.DRIVING
-    (event,) = told(sink)
+    (event,) = reported(sink)
     assert (event.kind, event.text, event.data) == (
         *("tilt", "it leans"),
         {"angle": 0.4, "level": "report"},
@@ -184,10 +184,10 @@ def test_stopping_latches_with_its_cause() -> None:
     assert ends.device.firmware.latch.cause is StopCause.SUPERVISE
     assert ending(host).exit_status == 5
     assert "it leans" in ending(host).reason
-    assert told(sink)[0].data["level"] == "stop"
+    assert reported(sink)[0].data["level"] == "stop"
 
 
-def test_pausing_holds_the_devices_plan_until_somebody_looked() -> None:
+def test_pausing_holds_the_devices_plan_until_a_person_looked() -> None:
     ends, host, _ = moving()
     alarmed(host, "PAUSE").holding = True
     ends.run(1.5)
@@ -233,7 +233,7 @@ def slowed() -> tuple[Ends, Host, Collector]:
     return ends, host, sink
 
 
-def test_full_speed_comes_back_only_once_the_device_has_said_that_it_stands() -> None:
+def test_full_speed_comes_back_only_once_the_device_reported_that_it_stands() -> None:
     """Here its word is lost again and again: until it is heard, the top speed stays low."""
     ends, host, _ = slowed()
     parameters = ends.device.firmware.parameters
@@ -252,7 +252,7 @@ def test_full_speed_comes_back_only_once_the_device_has_said_that_it_stands() ->
 
 
 @pytest.mark.parametrize("how", ["refused", "lost"])
-def test_a_top_speed_that_could_not_be_given_back_is_told(
+def test_a_top_speed_that_could_not_be_given_back_is_reported(
     how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends, host, sink = slowed()
@@ -266,8 +266,8 @@ def test_a_top_speed_that_could_not_be_given_back_is_told(
     assert ends.run(1.2, lambda: host.mission.done)
     assert host.mission.stop_confirmed
     assert ending(host).reason == "enough"
-    assert [e.kind for e in told(sink)][-1] == "slow_left"
-    assert "until a reboot" in told(sink)[-1].text
+    assert [e.kind for e in reported(sink)][-1] == "slow_left"
+    assert "until a reboot" in reported(sink)[-1].text
 
 
 def test_a_device_that_cannot_be_slowed_is_stopped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -143,7 +143,7 @@ def test_the_web_viewer_is_served_on_this_machine_only(tmp_path: Path) -> None:
         viewer.kill()
 
 
-def test_without_a_display_it_is_told_before_the_robot_is_spoken_to(
+def test_a_missing_display_is_reported_before_the_robot_is_opened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -158,7 +158,7 @@ def test_without_a_display_it_is_told_before_the_robot_is_spoken_to(
     assert list(tmp_path.rglob("*.mcap")) == [], "no log was begun"
 
 
-def test_the_viewer_tells_its_makers_nothing() -> None:
+def test_the_viewer_sends_no_analytics() -> None:
     environment = viewer_environment("error")
     assert environment["CI"] == "1"
     assert "FORCE_RERUN_ANALYTICS" not in environment
@@ -199,11 +199,11 @@ def test_a_replay_keeps_the_times_of_the_log(tmp_path: Path) -> None:
         now_ns += round(duration_s * 1e9)
 
     messages = LogReader(log).messages({"/pose"})
-    told = []
+    reported = []
     for batch in paced(messages, 2.0, start_s=1.0, end_s=4.0, moment=lambda: now_ns, pause=pause):
-        told += [((now_ns - 1_000_000_000) / 1e9, (m.log_ns - EPOCH_NS) / 1e9) for m in batch]
-    assert told[0] == (0.0, 0.0)
-    assert told[-1][1] == pytest.approx(4.0, abs=0.03)
-    for at_s, log_s in told:
+        reported += [((now_ns - 1_000_000_000) / 1e9, (m.log_ns - EPOCH_NS) / 1e9) for m in batch]
+    assert reported[0] == (0.0, 0.0)
+    assert reported[-1][1] == pytest.approx(4.0, abs=0.03)
+    for at_s, log_s in reported:
         due_s = max(0.0, (log_s - 1.0) / 2.0)
         assert due_s - 0.1 - 1e-6 <= at_s <= due_s + 0.1 + 1e-6

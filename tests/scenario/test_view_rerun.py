@@ -133,14 +133,16 @@ def test_the_viewer_listens_on_this_machine_only(tmp_path: Path) -> None:
         assert ("--serve-web" in command) == serve_web
 
 
-def test_a_viewer_that_fails_says_why(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_viewer_that_fails_reports_why(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     program = [sys.executable, "-c", "import sys; sys.exit('Error: no graphics adapter')"]
     monkeypatch.setattr("bridge.view.rerun.launch.viewer_command", lambda *_, **__: program)
     with pytest.raises(ViewerFailedError, match="status 1: Error: no graphics adapter"):
         open_viewer(log, serve_web=True)
 
 
-def test_without_rerun_it_says_what_to_install(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_rerun_it_reports_what_to_install(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(ViewerMissingError, match=r"pip install 'sweepctl\[view\]'"):
         open_viewer(log)

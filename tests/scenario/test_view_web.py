@@ -64,5 +64,5 @@ def test_a_browser_shows_room_and_swept_floor(tmp_path: Path) -> None:
         assert len(colours) > 100, "the plots beside it are blank"
     finally:
         served.send_signal(signal.SIGINT)
-        _, said = served.communicate(timeout=20)
-    assert served.returncode == 0, said
+        _, printed = served.communicate(timeout=20)
+    assert served.returncode == 0, printed

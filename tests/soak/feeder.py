@@ -22,7 +22,7 @@ from protocol.schema.message import Direction
 from protocol.uart.link import Link
 
 PERIOD_S = 0.002
-MOST_AT_ONCE = 200
+MAX_AT_ONCE = 200
 """Frames made between two looks at what the host says: five times what the line carries.
 
 Without a bound a feeder that gets less of a core than the rate needs has more to make up for at
@@ -69,7 +69,7 @@ class Feeder:
             if begun_s is not None:
                 due = self._bytes_s * (now_s - begun_s) - self.sent - len(self._pending)
                 # Of what a held-up host did not take, not all is made up for at once.
-                for _ in range(min(int(due / _FRAME), MOST_AT_ONCE)):
+                for _ in range(min(int(due / _FRAME), MAX_AT_ONCE)):
                     self._sample(now_s)
             self._write()
             time.sleep(PERIOD_S)

@@ -52,8 +52,8 @@ def main() -> int:
         log = Path(folder) / "line.mcap"
         bad = _fill(log, options.minutes * 60.0, options.baud, noise=options.noise)
     after = threading.active_count(), open_files(), children()
-    told = zip(("threads", "files", "processes"), before, after, strict=True)
-    print(", ".join(f"{what} {was} -> {now}" for what, was, now in told))
+    reported = zip(("threads", "files", "processes"), before, after, strict=True)
+    print(", ".join(f"{what} {was} -> {now}" for what, was, now in reported))
     if after != before:
         bad.append("threads, files or processes were left")
     for what in bad:
@@ -122,10 +122,10 @@ def _record(feeder: subprocess.Popen[str], log: Path, seconds: float, *, noise: 
     if statistics.lost or (statistics.damaged and not noise):
         bad.append(f"{statistics.lost} frames lost, {statistics.damaged} damaged")
     found = [m.decoded for m in LogReader(log).messages({"/events"})]
-    told = [frames_of(e.data_json) for e in found if e.kind == "damaged"]
-    print(f"{statistics.damaged} damaged frames in {len(told)} records")
-    if sum(told) != statistics.damaged:
-        bad.append(f"{sum(told)} of {statistics.damaged} damaged frames are on record")
+    reported = [frames_of(e.data_json) for e in found if e.kind == "damaged"]
+    print(f"{statistics.damaged} damaged frames in {len(reported)} records")
+    if sum(reported) != statistics.damaged:
+        bad.append(f"{sum(reported)} of {statistics.damaged} damaged frames are on record")
     return bad + _compare(log, int(sent), int(checksum))
 
 

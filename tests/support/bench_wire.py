@@ -54,9 +54,9 @@ class RigWire:
             arrived = b""
             while self._down and self._down[0][0] <= self.now_us:
                 arrived += self._down.popleft()[1]
-            said = self.rig.step(arrived, self.now_us)
-            if said:
-                self._up.append((self.now_us + self.latency_us, said))
+            printed = self.rig.step(arrived, self.now_us)
+            if printed:
+                self._up.append((self.now_us + self.latency_us, printed))
             heard = b""
             while self._up and self._up[0][0] <= self.now_us:
                 heard += self._up.popleft()[1]
@@ -84,15 +84,15 @@ class Scripted:
         choose: Callable[[str], str] = lambda _text: "n",
         number: Callable[[str], float] = lambda _text: 0.0,
     ) -> None:
-        self.told: list[str] = []
+        self.reported: list[str] = []
         self.asked: list[str] = []
         self._confirm, self._choose, self._number = confirm, choose, number
 
     def show(self, text: str) -> None:
-        self.told.append(text)
+        self.reported.append(text)
 
     def report(self, finding: Finding) -> None:
-        self.told.append(finding.line)
+        self.reported.append(finding.line)
 
     def confirm(self, text: str) -> bool:
         self.asked.append(text)
@@ -100,9 +100,9 @@ class Scripted:
 
     def choose(self, text: str, answers: Mapping[str, str]) -> str:
         self.asked.append(text)
-        said = self._choose(text)
-        assert said in answers
-        return said
+        printed = self._choose(text)
+        assert printed in answers
+        return printed
 
     def number(self, text: str) -> float:
         self.asked.append(text)

@@ -166,20 +166,20 @@ class Eager(Sound):
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
-        self._told: dict[int, int] = {}
+        self._reported: dict[int, int] = {}
 
     def host_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
         if isinstance(message, ClearStop):
             own = self.own_id()
-            self._told[own] = message.command_id
+            self._reported[own] = message.command_id
             return [self.saying(frame, message, command_id=own)]
         return [frame]
 
     def device_frame(self, frame: Frame) -> list[Frame]:
         message = self.message(frame)
-        if isinstance(message, Ack | Nack) and message.command_id in self._told:
-            return [self.saying(frame, message, command_id=self._told[message.command_id])]
+        if isinstance(message, Ack | Nack) and message.command_id in self._reported:
+            return [self.saying(frame, message, command_id=self._reported[message.command_id])]
         return [frame]
 
 
@@ -247,7 +247,7 @@ class Persistent(Sound):
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
         self._last: tuple[int, Frame, VelocitySetpoint] | None = None
-        self._said_us = 0
+        self._reply_us = 0
         self._counter = 0
 
     def host_frame(self, frame: Frame) -> list[Frame]:
@@ -258,12 +258,12 @@ class Persistent(Sound):
         return [frame]
 
     def injected(self) -> bytes:
-        if self._last is None or self.now_us - self._said_us < 20_000:
+        if self._last is None or self.now_us - self._reply_us < 20_000:
             return b""
         heard_us, frame, message = self._last
         if self.now_us - heard_us > 2_500_000:
             return b""
-        self._said_us = self.now_us
+        self._reply_us = self.now_us
         self._counter = (self._counter + 1) & 0xFF
         stamp_us = (frame.t_us + self.now_us - heard_us) & 0xFFFF_FFFF
         again = self.saying(frame, message, counter=self._counter)
@@ -285,17 +285,17 @@ class Trusting(Sound):
         return out
 
 
-class Deaf(Sound):
+class TransmitOnly(Sound):
     """A silent host is nothing to it."""
 
     def __init__(self, seed: int) -> None:
         super().__init__(seed)
-        self._said_us = 0
+        self._reply_us = 0
 
     def injected(self) -> bytes:
-        if self.now_us - self._said_us < 300_000:
+        if self.now_us - self._reply_us < 300_000:
             return b""
-        self._said_us = self.now_us
+        self._reply_us = self.now_us
         type_id, payload = self.codec.encode(TimeRequest(0))
         return _bytes(Frame(0x10, 1, type_id, 0, self.now_us, payload))
 
@@ -362,7 +362,7 @@ DEFECTS = {
         Lossy,
         Persistent,
         Trusting,
-        Deaf,
+        TransmitOnly,
         Careless,
         Obliging,
         Newest,

@@ -141,12 +141,12 @@ def read_whole(data: bytes) -> Counter[Message]:
     messages = _messages(NonSeekingReader(io.BytesIO(data), validate_crcs=True))
     seeking = make_reader(io.BytesIO(data), validate_crcs=True)
     assert _messages(seeking) == messages
-    told = seeking.get_summary()
-    assert told is not None
-    assert told.statistics is not None
-    assert told.statistics.message_count == messages.total()
-    assert told.statistics.attachment_count == len(list(seeking.iter_attachments()))
-    assert told.statistics.metadata_count == len(list(seeking.iter_metadata()))
+    reported = seeking.get_summary()
+    assert reported is not None
+    assert reported.statistics is not None
+    assert reported.statistics.message_count == messages.total()
+    assert reported.statistics.attachment_count == len(list(seeking.iter_attachments()))
+    assert reported.statistics.metadata_count == len(list(seeking.iter_metadata()))
     seeking.get_header()
     return messages
 

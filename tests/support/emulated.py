@@ -42,13 +42,13 @@ class Emulated:
         """Whether the device itself has latched this."""
         return self.device.firmware.latch.cause is cause
 
-    def mute(self) -> None:
+    def receive_only(self) -> None:
         """The device goes, its port stays: whoever writes to it gets no answer."""
         self._stopper.stop()
         self._thread.join()
 
     def end(self) -> None:
-        self.mute()
+        self.receive_only()
         self._pty.close()
 
     def __enter__(self) -> Self:

@@ -21,7 +21,7 @@ from support.root import ROOT
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from support.kit_script import Act, Told
+    from support.kit_script import Act, Reported
 
 KIT = ROOT / "sim_device" / "firmware"
 CORE = sorted(p for p in (KIT / "core").glob("*.c") if p.name != "main.c")
@@ -59,7 +59,7 @@ class Kit:
 
     program: Path
 
-    def run(self, acts: Iterable[Act]) -> list[Told]:
+    def run(self, acts: Iterable[Act]) -> list[Reported]:
         """Live through a script; what was so after each step."""
         return read(self.raw(script(acts)))
 

@@ -11,10 +11,10 @@ from support.kit_script import frames
 from support.kit_twin import Twin
 
 if TYPE_CHECKING:
-    from support.kit_script import Act, Told
+    from support.kit_script import Act, Reported
 
 
-def compare(acts: list[Act], *, can: bool = False) -> list[Told]:
+def compare(acts: list[Act], *, can: bool = False) -> list[Reported]:
     """Run both and hold them against each other after each step: what they were, what they wrote.
 
     Gives what the C firmware told.

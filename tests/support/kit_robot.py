@@ -16,7 +16,7 @@ from sim_device.body.plant import Plant
 from sim_device.noise import noise_level
 from sim_device.sensors.sensors import SensorSuite
 from sim_device.world.world import World
-from support.kit_script import NO_RANGE, TOLD, Readings, Step, Told, read
+from support.kit_script import NO_RANGE, REPORTED, Readings, Reported, Step, read
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,7 @@ class KitRobot:
         self._ticks = 0
         self.link = Link(Direction.HOST)
         self.heard: list[Message] = []
-        self.told: Told
+        self.reported: Reported
 
     @property
     def now_us(self) -> int:
@@ -67,11 +67,11 @@ class KitRobot:
     def _period(self) -> None:
         self._sense()
         step = Step(PERIOD_US if self._ticks else 0, self.link.data_to_send())
-        self.told = self._ask(self._readings.record() + step.record())
+        self.reported = self._ask(self._readings.record() + step.record())
         self.heard += [
-            e.message for e in self.link.receive(self.told.wrote) if isinstance(e, Received)
+            e.message for e in self.link.receive(self.reported.wrote) if isinstance(e, Received)
         ]
-        left, right = self.told.motors
+        left, right = self.reported.motors
         self.plant.set_duty(left / _DUTY_ONE, right / _DUTY_ONE)
         self.plant.advance_ms(PERIOD_US // 1000)
         self._ticks += 1
@@ -106,16 +106,16 @@ class KitRobot:
             motors_ma,
         )
 
-    def _ask(self, records: bytes) -> Told:
+    def _ask(self, records: bytes) -> Reported:
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         process.stdin.write(records)
         process.stdin.flush()
-        head = process.stdout.read(TOLD.size)
-        assert len(head) == TOLD.size, "the firmware has ended"
-        (told,) = read(head + process.stdout.read(TOLD.unpack(head)[-1]))
-        return told
+        head = process.stdout.read(REPORTED.size)
+        assert len(head) == REPORTED.size, "the firmware has ended"
+        (reported,) = read(head + process.stdout.read(REPORTED.unpack(head)[-1]))
+        return reported
 
     def close(self) -> None:
         """End it; it must end well."""

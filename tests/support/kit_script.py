@@ -23,7 +23,7 @@ _BOOT = struct.Struct("<cIBB")
 _READINGS = struct.Struct("<c2H7h3HB4H")
 _STEP = struct.Struct("<cIH")
 _SUPPLY = struct.Struct("<cH")
-TOLD = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2hI")
+REPORTED = struct.Struct(f"<qI3B2HB2hHq2hHq{PARAMETERS}I2hI")
 _STATUS, _TIME_REPLY = 0x11, 0x18
 _LOAD = 5
 _STAMP, _HEADER, _CRC = 4, 8, 4
@@ -108,7 +108,7 @@ class Held(NamedTuple):
     until_us: int
 
 
-class Told(NamedTuple):
+class Reported(NamedTuple):
     """What the firmware was and did as a step had ended."""
 
     now_us: int
@@ -127,17 +127,17 @@ class Told(NamedTuple):
     wrote: bytes
 
 
-def read(data: bytes) -> list[Told]:
+def read(data: bytes) -> list[Reported]:
     """Take apart what the program wrote."""
-    told: list[Told] = []
+    reported: list[Reported] = []
     at = 0
     while at < len(data):
-        values = TOLD.unpack_from(data, at)
-        at += TOLD.size
+        values = REPORTED.unpack_from(data, at)
+        at += REPORTED.size
         now_us, session_id, agreed, state, stop_cause, faults, stale, reboots = values[:8]
         left, right, length = values[-3:]
-        told.append(
-            Told(
+        reported.append(
+            Reported(
                 now_us,
                 session_id,
                 bool(agreed),
@@ -154,7 +154,7 @@ def read(data: bytes) -> list[Told]:
             )
         )
         at += length
-    return told
+    return reported
 
 
 def frames(wrote: bytes, *, can: bool = False) -> Sequence[bytes]:

@@ -58,7 +58,7 @@ class Writer:
         self.now_us = 0
         self._link = (CanLink if can else Link)(Direction.HOST)
         self._can = can
-        self._said: list[bytes] = []
+        self._printed: list[bytes] = []
         self.counter = 0
 
     def wait(self, for_us: int) -> None:
@@ -77,7 +77,7 @@ class Writer:
         for message in messages:
             self._link.send(message, self.now_us + after_us + HOST_AHEAD_US - age_us, node=node)
         data = self._link.data_to_send()
-        self._said.append(data)
+        self._printed.append(data)
         self.raw(data, after_us=after_us)
 
     def raw(self, data: bytes, after_us: int = 1000) -> None:
@@ -87,20 +87,20 @@ class Writer:
 
     def replay(self, back: int) -> None:
         """Send again what was sent so many sayings ago."""
-        if self._said:
-            self.raw(self._said[-1 - back % len(self._said)])
+        if self._printed:
+            self.raw(self._printed[-1 - back % len(self._printed)])
 
     def damage(self, bit: int) -> None:
         """Send the last saying again with a bit flipped."""
-        if self._said and self._said[-1]:
-            data = bytearray(self._said[-1])
+        if self._printed and self._printed[-1]:
+            data = bytearray(self._printed[-1])
             data[bit // 8 % len(data)] ^= 1 << bit % 8
             self.raw(bytes(data))
 
     def cut(self, kept: int) -> None:
         """Send the last saying again without its tail."""
-        if self._said and self._said[-1]:
-            self.raw(self._said[-1][: kept % len(self._said[-1])])
+        if self._printed and self._printed[-1]:
+            self.raw(self._printed[-1][: kept % len(self._printed[-1])])
 
     def frame(self, node: int, type_id: int, payload: bytes, flags: int = 0) -> None:
         """Send any payload in a whole frame."""

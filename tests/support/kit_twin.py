@@ -18,7 +18,7 @@ from sim_device.device.virtual_firmware import TICK_US, Firmware
 from sim_device.sensors.contacts import Bumpers
 from sim_device.sensors.imu import ImuCounts
 from sim_device.sensors.rangers import Ranges
-from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Step, Told
+from support.kit_script import NO_RANGE, Boot, Held, LoseSupply, Readings, Reported, Step
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -86,9 +86,9 @@ class Twin:
         self._boot_id, self._cause, self._can = 1, ResetCause.POWER_ON, False
         self._boot()
 
-    def run(self, acts: Iterable[Act]) -> list[Told]:
+    def run(self, acts: Iterable[Act]) -> list[Reported]:
         """All of it; what was so after each step."""
-        told: list[Told] = []
+        reported: list[Reported] = []
         for act in acts:
             match act:
                 case Boot():
@@ -101,10 +101,10 @@ class Twin:
                 case Readings():
                     self.sensors.now = act
                 case Step():
-                    told.append(self._step(act))
+                    reported.append(self._step(act))
                 case LoseSupply():
                     raise NotImplementedError("pages of flash differ")
-        return told
+        return reported
 
     def _boot(self) -> None:
         self._booted_us = self._due_us = self._now_us
@@ -117,7 +117,7 @@ class Twin:
             link=CanLink if self._can else Link,
         )
 
-    def _step(self, step: Step) -> Told:
+    def _step(self, step: Step) -> Reported:
         until_us = self._now_us + step.for_us
         while self._due_us <= until_us:
             self._duties = self.firmware.tick(self._due_us - self._booted_us)
@@ -125,7 +125,7 @@ class Twin:
         self._now_us = until_us
         for piece in self._pieces(step.data):
             self.firmware.receive(piece, until_us - self._booted_us)
-        told = self._tell(self.firmware.data_to_send())
+        reported = self._report(self.firmware.data_to_send())
         if self.firmware.reboot_wanted is not None:
             if self.firmware.reboot_wanted is RebootKind.FACTORY_RESET:
                 self._flash.erase()
@@ -133,7 +133,7 @@ class Twin:
             self._boot_id += 1
             self._cause = ResetCause.SOFTWARE
             self._boot()
-        return told
+        return reported
 
     def _pieces(self, data: bytes) -> list[bytes]:
         """One frame at a time: what a describe changes holds for the frames behind it."""
@@ -143,12 +143,12 @@ class Twin:
             return [data[i : i + size] for i in range(0, whole, size)]
         return re.findall(rb"[^\0]*\0|[^\0]+", data)
 
-    def _tell(self, wrote: bytes) -> Told:
+    def _report(self, wrote: bytes) -> Reported:
         firmware, control = self.firmware, self.firmware.control
         stale = firmware._telemetry.stale  # noqa: SLF001 - told on the wire once a second only
         present = firmware.parameters._present  # noqa: SLF001 - each is told when it is asked for
         left, right = self._duties
-        return Told(
+        return Reported(
             self._now_us - self._booted_us,
             firmware.session_id,
             firmware.agreed,

@@ -20,11 +20,11 @@ def let_lie(device: VirtualSweeper, what: str, at_s: float) -> None:
     """Let the device's planner tell a lie of this kind from a moment on."""
     control, lie = device.firmware.control, LIES[what]
     true_state = control.planner_state
-    told: dict[str, int] = {}
+    reported: dict[str, int] = {}
 
     def planner_state() -> PlannerState:
         true = true_state()
-        return true if device.plant.tick_ms < 1000.0 * at_s else lie(true, told)
+        return true if device.plant.tick_ms < 1000.0 * at_s else lie(true, reported)
 
     control.planner_state = planner_state  # type: ignore[method-assign]  # a liar
 
@@ -54,8 +54,8 @@ def _previous(true: PlannerState, _: dict[str, int]) -> PlannerState:
     return changed(true, previous_lane_distance=far) if true.lane_distance else true
 
 
-def _turns(true: PlannerState, told: dict[str, int]) -> PlannerState:
-    more = true.turn_count > told.setdefault("first", true.turn_count)
+def _turns(true: PlannerState, reported: dict[str, int]) -> PlannerState:
+    more = true.turn_count > reported.setdefault("first", true.turn_count)
     return changed(true, turn_count=(true.turn_count + 2 * more) & 0xFF)
 
 

@@ -51,25 +51,25 @@ def main() -> None:
                 continue
             out = folder / f"{file.stem}-{command}"
             arguments = [str(file) if w == "FILE" else w.replace("OUT", str(out)) for w in words]
-            said = folder / "said"
+            printed = folder / "said"
             child = os.fork()
             if not child:
-                _run(arguments, said)
+                _run(arguments, printed)
             _, status, used = os.wait4(child, 0)
             done[f"{name}: {command}"] = {
                 "status": os.waitstatus_to_exitcode(status),
                 "cpu_s": round(used.ru_utime + used.ru_stime, 1),
                 "memory_mib": used.ru_maxrss >> 10,
-                "said": said.read_text(errors="replace")[-1500:],
+                "said": printed.read_text(errors="replace")[-1500:],
             }
     json.dump(done, sys.stdout)
 
 
-def _run(arguments: list[str], said: Path) -> None:
+def _run(arguments: list[str], printed: Path) -> None:
     """In the child: the command, its words into a file."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
-    number = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    number = os.open(printed, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(number, 1)
     os.dup2(number, 2)
     status = 99

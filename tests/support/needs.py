@@ -130,7 +130,7 @@ class _Needs:
         for name in item.fixturenames:
             for fixture in item._fixtureinfo.name2fixturedefs.get(name, ()):  # noqa: SLF001 - pytest has no public way from an item to its fixtures
                 if unmarked := self._started_by.get(fixture, set()) - marked:
-                    _refuse(f"its fixture {name} starts {', '.join(unmarked)}", unmarked)
+                    _reject(f"its fixture {name} starts {', '.join(unmarked)}", unmarked)
 
     def _audit(self, event: str, arguments: tuple[Any, ...]) -> None:
         if event in _STARTS and self._item is not None:
@@ -186,11 +186,11 @@ def check_start(program: str, marked: Iterable[str]) -> Tool | None:
     if tool is None:
         pytest.fail(f"starts {name}, which tests/support/tools.py does not have", pytrace=False)
     if tool.name not in marked:
-        _refuse(f"starts {name}", {tool.name})
+        _reject(f"starts {name}", {tool.name})
     return tool
 
 
-def _refuse(what: str, names: set[str]) -> None:
+def _reject(what: str, names: set[str]) -> None:
     marks = ", ".join(f'"{name}"' for name in sorted(names))
     pytest.fail(f"{what} without the mark needs({marks})", pytrace=False)
 

@@ -53,7 +53,7 @@ class Probe(WireProbe):
 
     # ---- session --------------------------------------------------------------------------
 
-    def say_hello(self, *, agreed: int = 0, session_id: int | None = None) -> int:
+    def send_hello(self, *, agreed: int = 0, session_id: int | None = None) -> int:
         """Say hello in our session, or in another."""
         session = self.session_id if session_id is None else session_id
         return self.send(HostHello(CATALOGUE.hash, session, agreed, "conformance"))
@@ -63,7 +63,7 @@ class Probe(WireProbe):
         self.session_id = secrets.randbelow(0xFFFF_FFFE) + 1
         mark = len(self.heard)
         for _ in range(5):
-            self.say_hello()
+            self.send_hello()
             found = self.wait_for(
                 Hello,
                 TRY_S,
@@ -83,7 +83,7 @@ class Probe(WireProbe):
         self._compare(hello)
         mark = len(self.heard)
         for _ in range(5):
-            self.say_hello(agreed=1)
+            self.send_hello(agreed=1)
             if self.until(lambda: self._streams_since(mark), TRY_S, alive=False):
                 break
         else:
@@ -273,11 +273,11 @@ class Probe(WireProbe):
     def keep_saying(self, inform: Callable[[], int], duration_s: float) -> int:
         """Repeat at the rate of a host's control loop; our clock as it was said last."""
         end_us = now_us() + round(duration_s * 1e6)
-        said_us = inform()
+        reply_us = inform()
         while now_us() < end_us:
             self.until(lambda: False, SETPOINT_S, alive=False)
-            said_us = inform()
-        return said_us
+            reply_us = inform()
+        return reply_us
 
     def counts(self) -> list[tuple[int, int, int]]:
         """Stamps and both wheels' travel since the first that is kept, in counts, unwrapped."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PATIENCE_S = 60.0
 ASKED = b"\x1b[?u"
-KITTY_SAYS, XTERM_SAYS = b"\x1b[?0u\x1b[?62;c", b"\x1b[?64;1;2c"
+KITTY_REPLY, XTERM_REPLY = b"\x1b[?0u\x1b[?62;c", b"\x1b[?64;1;2c"
 
 
 class OnTerminal:
@@ -62,7 +62,7 @@ class OnTerminal:
                 self._news.notify_all()
             if not answered and ASKED in self.drawn:
                 answered = True
-                os.write(self._master, KITTY_SAYS if self._kitty else XTERM_SAYS)
+                os.write(self._master, KITTY_REPLY if self._kitty else XTERM_REPLY)
 
     def shows(self, text: str) -> None:
         """Wait until this was drawn."""

@@ -46,21 +46,21 @@ class Command:
             text=True,
         )
         self._lines: list[str] = []
-        self._said = threading.Condition()
+        self._printed = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
         assert self.process.stderr is not None
         for line in self.process.stderr:
-            with self._said:
+            with self._printed:
                 self._lines.append(line)
-                self._said.notify_all()
+                self._printed.notify_all()
 
     def says(self, text: str) -> None:
         """Wait until a line on stderr holds ``text``."""
-        with self._said:
-            found = self._said.wait_for(
+        with self._printed:
+            found = self._printed.wait_for(
                 lambda: (
                     any(text in line for line in self._lines) or self.process.poll() is not None
                 ),

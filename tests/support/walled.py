@@ -8,7 +8,7 @@ import numpy as np
 
 from bridge.motion.estimation.pose_filter import PoseFilter
 from bridge.motion.estimation.wall_map import WallMap
-from bridge.motion.estimation.wall_measurements import LineSight
+from bridge.motion.estimation.wall_measurements import LineMeasurement
 from bridge.motion.geometry import Pose2
 
 ORIGIN = Pose2(0.0, 0.0, 0.0)
@@ -16,9 +16,9 @@ DEGREE = math.radians(1.0)
 SURE = 0.05 * DEGREE
 
 
-def line(normal_rad: float, distance_m: float, span_m: float = 0.3) -> LineSight:
+def line(normal_rad: float, distance_m: float, span_m: float = 0.3) -> LineMeasurement:
     half = 0.5 * span_m
-    return LineSight(normal_rad, distance_m, SURE**2, 0.0, 0.001**2, -half, half)
+    return LineMeasurement(normal_rad, distance_m, SURE**2, 0.0, 0.001**2, -half, half)
 
 
 class Room:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
-from bridge.supervise.inputs import Watched
+from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 
@@ -90,10 +90,10 @@ class Walk:
             "heard_s": self.time_s,
             "encoders": counts,
         }
-        watched = Watched(time_s=self.time_s, **{**defaults, **values})
-        self.measured.step(watched)
+        inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})
+        self.measured.step(inputs)
         for index, condition in enumerate(self.conditions):
-            held = condition.holds(watched, self.measured)
+            held = condition.holds(inputs, self.measured)
             if index == 0:
                 if held is not self.held:
                     self.changes.append((round(self.time_s - 100.0, 3), held))

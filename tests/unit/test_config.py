@@ -87,7 +87,7 @@ def test_what_is_wrong_is_named(text: str, key: str) -> None:
     ["wheel_base_m =", "= 3", "[", f"counts_per_turn = {'1' * 5000}", "x = " + "[" * 20_000],
     ids=["no value", "no key", "open table", "5000 digits", "deep"],
 )
-def test_what_is_no_toml_is_said_so(text: str) -> None:
+def test_invalid_toml_is_reported(text: str) -> None:
     with pytest.raises(ConfigError, match="not valid TOML"):
         parse_robot(text)
 
@@ -122,7 +122,7 @@ def test_a_file_names_everything_that_is_wrong_in_one_line() -> None:
         parse_robot(text)
     line = str(caught.value)
     assert "\n" not in line
-    for said in (
+    for printed in (
         "whel_base_m: no such key; did you mean wheel_base_m?",
         "wheel_diameter_m: 7 is out of range",
         "ultrasonic.x_m, ultrasonic.y_m: the sensor at (1, 0)",
@@ -130,11 +130,11 @@ def test_a_file_names_everything_that_is_wrong_in_one_line() -> None:
         "supervise.stal: no such key; did you mean supervise.stall?",
         "supervise.slip.reaction: 'scream'",
     ):
-        assert said in line
+        assert printed in line
     assert len(caught.value.problems) == 6
 
 
-def test_a_file_of_thousands_of_wrong_keys_is_still_told_in_a_short_line() -> None:
+def test_a_file_of_thousands_of_wrong_keys_is_still_reported_in_a_short_line() -> None:
     with pytest.raises(ConfigError) as caught:
         parse_robot("\n".join(f"wheel_{number} = 1" for number in range(3000)))
     assert len(caught.value.problems) == 3000
@@ -154,7 +154,7 @@ def test_a_file_of_thousands_of_wrong_keys_is_still_told_in_a_short_line() -> No
         ("battery_v = 4.0\ndriver_drop_v = 4.5", "driver_drop_v"),
     ],
 )
-def test_a_robot_that_cannot_work_is_refused_by_name(text: str, key: str) -> None:
+def test_a_robot_that_cannot_work_is_rejected_by_name(text: str, key: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_robot(text)
     assert key in str(caught.value)
@@ -162,7 +162,7 @@ def test_a_robot_that_cannot_work_is_refused_by_name(text: str, key: str) -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "printed"),
     [
         # sqrt(0.16² − 0.05²) − 0.14 = 12 mm
         ("[infrared_left]\ny_m = 0.14", "infrared_left: a wall that touches the robot is 12 mm"),
@@ -180,12 +180,14 @@ def test_a_robot_that_cannot_work_is_refused_by_name(text: str, key: str) -> Non
         ("", None),
     ],
 )
-def test_what_will_not_work_well_is_a_caution_with_its_number(text: str, said: str | None) -> None:
+def test_what_will_not_work_well_is_a_caution_with_its_number(
+    text: str, printed: str | None
+) -> None:
     found = robot_cautions(parse_robot(text))
-    if said is None:
+    if printed is None:
         assert found == []
     else:
-        assert any(said in caution for caution in found)
+        assert any(printed in caution for caution in found)
 
 
 @pytest.mark.parametrize("diameter_m", [0.20, 0.22, 0.32, 0.35, 0.42, 0.50])

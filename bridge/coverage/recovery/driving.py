@@ -111,7 +111,7 @@ class DrivingPlanner(WatchfulPlanner):
             "the heading is in doubt: along a wall that is known",
             x_m=round(start.x_m, 3),
             y_m=round(start.y_m, 3),
-            doubt_deg=round(math.degrees(obs.heading_sigma_rad), 2),
+            uncertainty_deg=round(math.degrees(obs.heading_sigma_rad), 2),
         )
         there_rad = yield from self._sight(start, way)
         left_rad = self._seen.heading_sigma_rad

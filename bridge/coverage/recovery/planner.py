@@ -60,13 +60,13 @@ class RecoveryPlanner(DrivingPlanner):
         self._stand("approach")
         self.decide("start", "looking for a wall to follow")
         yield from self._first_wall(obs)
-        futile = cleared = cleared_at = 0
+        fruitless = cleared = cleared_at = 0
         for _ in range(self.options.max_decisions):
             choice = yield from self._think()
             if choice is None and self._think_again():
-                futile = 0
+                fruitless = 0
                 continue
-            stuck = futile >= _FUTILE or self._chooser.shut_in
+            stuck = fruitless >= _FUTILE or self._chooser.shut_in
             if stuck or self._refusals > _MAX_BLOCKED:
                 radius_m = _CLEAR_RADIUS_M if stuck else _BLOCKED_M
                 at, self._refusals = self._uncertain_place(), 0
@@ -81,7 +81,7 @@ class RecoveryPlanner(DrivingPlanner):
                         x_m=round(at.x_m, 3),
                         y_m=round(at.y_m, 3),
                     )
-                    futile, cleared, cleared_at = 0, cleared + 1, memory.new_cells
+                    fruitless, cleared, cleared_at = 0, cleared + 1, memory.new_cells
                     continue
                 if stuck:
                     return self._end("shut in: nothing that was tried led anywhere")
@@ -96,8 +96,8 @@ class RecoveryPlanner(DrivingPlanner):
             arrived = yield from part(choice)
             gained = memory.new_cells - before
             self._come_back(choice, gained, arrived=arrived)
-            self._judge(choice, gained, futile, arrived=arrived)
-            futile = futile + 1 if gained < self.options.min_cells else 0
+            self._judge(choice, gained, fruitless, arrived=arrived)
+            fruitless = fruitless + 1 if gained < self.options.min_cells else 0
         return self._end(f"{self.options.max_decisions} decisions, the limit")
 
     def _uncertain_place(self) -> Pose2:
@@ -147,7 +147,7 @@ class RecoveryPlanner(DrivingPlanner):
         new_m2 = new_cells * self.options.cell_m**2
         self.emit(planner_events.recovery_ended(occlusion, new_m2, arrived=arrived, closed=closed))
 
-    def _judge(self, choice: Choice, new_cells: int, futile: int, *, arrived: bool) -> None:
+    def _judge(self, choice: Choice, new_cells: int, fruitless: int, *, arrived: bool) -> None:
         """Set a place aside that gave next to nothing, after so many decisions that gave nothing.
 
         What refused the robot far from there is a passage, and is shut in time (``_on_blocked``):
@@ -161,7 +161,7 @@ class RecoveryPlanner(DrivingPlanner):
         x, y = choice.way[-1]
         at = self._sought_from or self._pose
         far = math.dist(at[:2], (x, y)) > _FAR_M
-        if far and not arrived and futile < _SPARED:
+        if far and not arrived and fruitless < _SPARED:
             return
         c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
         done_m = 0.0

@@ -168,7 +168,7 @@ class WatchfulPlanner(ScriptedPlanner):
             self.decide(
                 "re-zero",
                 "the walls told the heading",
-                doubt_deg=round(math.degrees(sigma_rad), 2),
+                uncertainty_deg=round(math.degrees(sigma_rad), 2),
                 before_deg=round(math.degrees(max_rad), 2),
             )
 

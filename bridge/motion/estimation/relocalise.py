@@ -12,10 +12,10 @@ from bridge.motion.estimation.wall_measurements import (
     MAX_SPAN_M,
     MOVING_M_S,
     STEADY_RAD_S,
-    FrontSight,
-    FrontSights,
-    LineSight,
-    SideSight,
+    FrontMeasurement,
+    FrontMeasurements,
+    LineMeasurement,
+    SideMeasurement,
 )
 from bridge.motion.geometry import Pose2
 
@@ -55,8 +55,8 @@ class Relocaliser:
         self._radius_m = model.radius_m
         self._near = (_Nearness(), _Nearness())
         self._grazed_m = math.inf
-        self._sides = (SideSight(model.infrared_left), SideSight(model.infrared_right))
-        self._front = FrontSights(model.ultrasonic)
+        self._sides = (SideMeasurement(model.infrared_left), SideMeasurement(model.infrared_right))
+        self._front = FrontMeasurements(model.ultrasonic)
         self.walls = WallMap(estimator)
         self._echo_m: float | None = None
         self._contact = ContactUncertainty(estimator)
@@ -106,7 +106,7 @@ class Relocaliser:
         front = self._front.add(seen_from, ultrasonic_m, steady=steady and fresh)
         if front is not None:
             off_m = ECHO_AGE_SIGMA_S * estimator.v_m_s
-            front = FrontSight(
+            front = FrontMeasurement(
                 front.range_m - _ahead_m(seen_from, estimator.odometry),
                 front.variance + off_m * off_m,
             )
@@ -144,7 +144,7 @@ class _Nearness:
         return sorted(self._last)[len(self._last) // 2]
 
 
-def _mean_m(line: LineSight) -> float:
+def _mean_m(line: LineMeasurement) -> float:
     """Distance to a wall from half-way along the stretch: the sight tells that from its end."""
     return line.distance_m + 0.5 * line.span_m * math.cos(line.normal_rad)
 

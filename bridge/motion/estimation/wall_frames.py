@@ -42,7 +42,7 @@ class Wall:
     """What was seen of it, along (-sin α, cos α) from the anchor."""
     high_m: float
     seen_m: float = 0.0
-    sights: int = 0
+    measurements: int = 0
     frame: int = -1
     """Walls of one number have been found to be square to each other; -1 is none."""
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.motion.estimation.pose_filter import PoseFilter
-    from bridge.motion.estimation.wall_measurements import FrontSight, LineSight
+    from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RangerMount
 
@@ -105,17 +105,21 @@ class WallMap:
 
     # -- sights ----------------------------------------------------------------------------
 
-    def see_line(self, sight: LineSight) -> bool:
+    def see_line(self, measurement: LineMeasurement) -> bool:
         """Take a stretch of wall seen from the present pose; True: it was known."""
         self._check()
         estimator, pose = self._estimator, self._estimator.pose
         noise = np.array(
-            [[sight.var_normal, sight.covar], [sight.covar, sight.var_distance]], dtype=np.float64
+            [
+                [measurement.var_normal, measurement.covar],
+                [measurement.covar, measurement.var_distance],
+            ],
+            dtype=np.float64,
         )
-        best = self._match(sight, pose, noise)
-        same = best is not None and self._hides(best.wall, sight, pose, best.innovation)
+        best = self._match(measurement, pose, noise)
+        same = best is not None and self._hides(best.wall, measurement, pose, best.innovation)
         if best is None or (best.chi2 > OTHER_CHI2 and not same):
-            self._add_line(sight, pose, noise)
+            self._add_line(measurement, pose, noise)
             return False
         off_rad, off_m = best.innovation.tolist()
         gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best.expected[1, 1]))
@@ -130,11 +134,11 @@ class WallMap:
             # Nothing else can stand there: it is the estimate that was too sure of itself.
             estimator.inflate(abs(off_m), abs(off_rad))
         estimator.correct(self._index(best.wall), best.rows, best.innovation, noise)
-        self._extend(best.wall, sight, estimator.pose)
+        self._extend(best.wall, measurement, estimator.pose)
         self._square(best.wall)
         return True
 
-    def see_front(self, sight: FrontSight, mount: RangerMount) -> bool:
+    def see_front(self, measurement: FrontMeasurement, mount: RangerMount) -> bool:
         """Take a distance straight to a surface ahead; True: it was known."""
         self._check()
         estimator = self._estimator
@@ -153,16 +157,16 @@ class WallMap:
             if not wall.low_m - FRONT_MARGIN_M < along < wall.high_m + FRONT_MARGIN_M:
                 continue
             rows, predicted_m, by_skew = self._front_rows(i, pose, mount, sensor)
-            innovation = np.array([sight.range_m - predicted_m])
+            innovation = np.array([measurement.range_m - predicted_m])
             _, s = estimator.joint_covariance.project(self._index(i), rows)
-            noise = np.array([[sight.variance + by_skew]])
+            noise = np.array([[measurement.variance + by_skew]])
             s += noise
             chi2 = float(innovation[0] ** 2) / float(s[0, 0])
             found.append(_Match(i, chi2, math.inf, rows, innovation, s, noise))
         best = self._choose(found, SAME_CHI1)
         if best is None or best.chi2 > OTHER_CHI1:
             if straight_on:
-                self._add_front(sight, pose, mount)
+                self._add_front(measurement, pose, mount)
             return False
         gate_m = max(GATE_M, GATE_SIGMAS * math.sqrt(best.expected[0, 0]))
         if (
@@ -178,7 +182,7 @@ class WallMap:
         estimator.correct(self._index(best.wall), best.rows, best.innovation, best.noise, held)
         along = _along(wall, self.normal_rad(best.wall), sensor)
         wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
-        wall.sights += 1
+        wall.measurements += 1
         self._square(best.wall)
         return True
 
@@ -191,16 +195,18 @@ class WallMap:
             self.walls.clear()
             self._frames.count()
 
-    def _match(self, sight: LineSight, pose: Pose2, noise: Floats) -> _Match | None:
+    def _match(self, measurement: LineMeasurement, pose: Pose2, noise: Floats) -> _Match | None:
         """The wall that a sight surprises least, and how much it would the next other one."""
         found: list[_Match] = []
         for i, wall in enumerate(self.walls):
-            off = math.remainder(pose.theta_rad + sight.normal_rad - self.normal_rad(i), math.tau)
+            off = math.remainder(
+                pose.theta_rad + measurement.normal_rad - self.normal_rad(i), math.tau
+            )
             if abs(off) > 3.0 * GATE_RAD:
                 continue
             rows, predicted_m = self._line_rows(i, pose)
-            innovation = np.array([off, sight.distance_m - predicted_m])
-            if abs(innovation[1]) > 3.0 * GATE_M or not self._beside(wall, i, sight, pose):
+            innovation = np.array([off, measurement.distance_m - predicted_m])
+            if abs(innovation[1]) > 3.0 * GATE_M or not self._beside(wall, i, measurement, pose):
                 continue
             _, s = self._estimator.joint_covariance.project(self._index(i), rows)
             s += noise
@@ -300,56 +306,62 @@ class WallMap:
         sigma_m = math.hypot(STEP_M, math.sqrt(max(float(variance[0, 0]), 0.0)))
         return abs(step_m) < min(2.0 * sigma_m, SAME_M)
 
-    def _beside(self, wall: Wall, i: int, sight: LineSight, pose: Pose2) -> bool:
+    def _beside(self, wall: Wall, i: int, measurement: LineMeasurement, pose: Pose2) -> bool:
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
-        apart = APART_M if sight.span_m >= NEW_SPAN_M else APART_SHORT_M
-        return at + sight.low_m < wall.high_m + apart and at + sight.high_m > wall.low_m - apart
+        apart = APART_M if measurement.span_m >= NEW_SPAN_M else APART_SHORT_M
+        return (
+            at + measurement.low_m < wall.high_m + apart
+            and at + measurement.high_m > wall.low_m - apart
+        )
 
-    def _hides(self, i: int, sight: LineSight, pose: Pose2, innovation: Floats) -> bool:
+    def _hides(self, i: int, measurement: LineMeasurement, pose: Pose2, innovation: Floats) -> bool:
         """Whether this can only be the wall itself: no other is seen where that one stood."""
         if abs(innovation[0]) > SAME_RAD or abs(innovation[1]) > SAME_M:
             return False
         wall = self.walls[i]
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
-        both = min(at + sight.high_m, wall.high_m) - max(at + sight.low_m, wall.low_m)
-        return both > SAME_SHARE * sight.span_m
+        both = min(at + measurement.high_m, wall.high_m) - max(at + measurement.low_m, wall.low_m)
+        return both > SAME_SHARE * measurement.span_m
 
-    def _extend(self, i: int, sight: LineSight, pose: Pose2) -> None:
+    def _extend(self, i: int, measurement: LineMeasurement, pose: Pose2) -> None:
         wall = self.walls[i]
         at = _along(wall, self.normal_rad(i), (pose.x_m, pose.y_m))
-        wall.low_m = min(wall.low_m, at + sight.low_m)
-        wall.high_m = max(wall.high_m, at + sight.high_m)
-        wall.seen_m += sight.span_m
-        wall.sights += 1
+        wall.low_m = min(wall.low_m, at + measurement.low_m)
+        wall.high_m = max(wall.high_m, at + measurement.high_m)
+        wall.seen_m += measurement.span_m
+        wall.measurements += 1
         self._frames.count()
 
-    def _add_line(self, sight: LineSight, pose: Pose2, noise: Floats) -> None:
-        if sight.span_m < NEW_SPAN_M or sight.var_normal > NEW_SIGMA_RAD**2:
+    def _add_line(self, measurement: LineMeasurement, pose: Pose2, noise: Floats) -> None:
+        if measurement.span_m < NEW_SPAN_M or measurement.var_normal > NEW_SIGMA_RAD**2:
             return
-        alpha = pose.theta_rad + sight.normal_rad
+        alpha = pose.theta_rad + measurement.normal_rad
         c, s = math.cos(alpha), math.sin(alpha)
-        middle = 0.5 * (sight.low_m + sight.high_m)
-        to_x, to_y = sight.distance_m * c - middle * s, sight.distance_m * s + middle * c
-        half = 0.5 * sight.span_m
-        wall = Wall(pose.x_m + to_x, pose.y_m + to_y, -half, half, sight.span_m, 1)
+        middle = 0.5 * (measurement.low_m + measurement.high_m)
+        to_x, to_y = (
+            measurement.distance_m * c - middle * s,
+            measurement.distance_m * s + middle * c,
+        )
+        half = 0.5 * measurement.span_m
+        wall = Wall(pose.x_m + to_x, pose.y_m + to_y, -half, half, measurement.span_m, 1)
         # α = θ + β and ρ = δ + (p - a)·n(α), where t·(p - a) = -middle
         rows = np.array([[0.0, 0.0, 1.0], [c, s, -middle]])
         mix = np.array([[1.0, 0.0], [-middle, 1.0]])
         self._append(wall, alpha, rows, mix @ noise @ mix.T)
 
-    def _add_front(self, sight: FrontSight, pose: Pose2, mount: RangerMount) -> None:
-        if sight.range_m > FRONT_NEW_M:
+    def _add_front(self, measurement: FrontMeasurement, pose: Pose2, mount: RangerMount) -> None:
+        if measurement.range_m > FRONT_NEW_M:
             return
         alpha = pose.theta_rad + mount.yaw_rad
         c, s = math.cos(alpha), math.sin(alpha)
         sensor = pose.transform(mount.x_m, mount.y_m)
-        ahead = sight.range_m
+        ahead = measurement.range_m
         wall = Wall(sensor[0] + ahead * c, sensor[1] + ahead * s, -0.05, 0.05, 0.0, 1)
         # The unknown direction turns about the place that was hit: ρ there does not feel it.
         lever_x, lever_y = sensor[0] - pose.x_m, sensor[1] - pose.y_m
         by_theta = lever_x * s - lever_y * c  # of the range alone: 0 for a sensor on the axis
         rows = np.array([[0.0, 0.0, 1.0], [c, s, by_theta]])
-        noise = np.array([[FRONT_NEW_RAD**2, 0.0], [0.0, sight.variance]])
+        noise = np.array([[FRONT_NEW_RAD**2, 0.0], [0.0, measurement.variance]])
         self._append(wall, alpha, rows, noise)
 
     def _append(self, wall: Wall, alpha: float, rows: Floats, noise: Floats) -> None:
@@ -362,7 +374,9 @@ class WallMap:
 
     def _drop(self) -> None:
         """Forget the wall that has been of least use."""
-        i = min(range(len(self.walls)), key=lambda k: (self.walls[k].sights, self.walls[k].seen_m))
+        i = min(
+            range(len(self.walls)), key=lambda k: (self.walls[k].measurements, self.walls[k].seen_m)
+        )
         del self.walls[i]
         del self._estimator.walls[2 * i : 2 * i + 2]
         self._estimator.joint_covariance.remove(STATES + 2 * i, 2)

@@ -49,7 +49,7 @@ FRONT_STEP_M = 0.03
 """From one sight to the next the robot must move: standing, its errors repeat."""
 
 
-class LineSight(NamedTuple):
+class LineMeasurement(NamedTuple):
     """A straight stretch of wall, in the body's frame."""
 
     normal_rad: float
@@ -69,7 +69,7 @@ class LineSight(NamedTuple):
         """Length of the stretch."""
         return self.high_m - self.low_m
 
-    def with_sigma(self, sigma_rad: float) -> LineSight:
+    def with_sigma(self, sigma_rad: float) -> LineMeasurement:
         """The same, its direction less sure; the middle of the stretch stays as sure as it was."""
         more = sigma_rad * sigma_rad
         ahead = 0.5 * (self.low_m + self.high_m)
@@ -80,7 +80,7 @@ class LineSight(NamedTuple):
         )
 
 
-class FrontSight(NamedTuple):
+class FrontMeasurement(NamedTuple):
     """Something flat ahead of the ultrasonic."""
 
     range_m: float
@@ -94,7 +94,7 @@ class _Hit(NamedTuple):
     weight: float
 
 
-class SideSight:
+class SideMeasurement:
     """One infrared's hits: collects a stretch, fits it when it ends."""
 
     def __init__(self, mount: RangerMount) -> None:
@@ -113,7 +113,7 @@ class SideSight:
         moving: bool,
         steady: bool,
         wander_m_sqrt_m: float = 0.0,
-    ) -> LineSight | None:
+    ) -> LineMeasurement | None:
         """Take one reading; give the sight that it ends, if any.
 
         What is read in a quick turn is left out and does not end the stretch, if that was short:
@@ -126,14 +126,14 @@ class SideSight:
         if not steady:
             return None
         sigma = infrared_sigma_m(range_m)
-        sight = None
+        measurement = None
         last = self._last
         if self._hits and (
             abs(range_m - self._last_m) > JUMP_M + 3.0 * sigma
             or odometry.distance_m(last) > GAP_M
             or abs(math.remainder(odometry.theta_rad - last.theta_rad, math.tau)) > GAP_RAD
         ):
-            sight = self._end(odometry, wander_m_sqrt_m)
+            measurement = self._end(odometry, wander_m_sqrt_m)
         mount = self._mount
         reach = max(mount.min_range_m, range_m)
         x, y = odometry.transform(
@@ -145,14 +145,14 @@ class SideSight:
         first = self._hits[0]
         if math.hypot(x - first.x_m, y - first.y_m) >= MAX_SPAN_M:
             return self._end(odometry, wander_m_sqrt_m)
-        return sight
+        return measurement
 
-    def _end(self, odometry: Pose2, wander_m_sqrt_m: float) -> LineSight | None:
+    def _end(self, odometry: Pose2, wander_m_sqrt_m: float) -> LineMeasurement | None:
         hits, self._hits = self._hits, []
         return fit_line(hits, odometry, wander_m_sqrt_m) if len(hits) >= MIN_HITS else None
 
 
-def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineSight | None:
+def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineMeasurement | None:
     """Weighted total least squares; None where the hits are no flat wall."""
     total = sum(h.weight for h in hits)
     mean_x = sum(h.weight * h.x_m for h in hits) / total
@@ -180,7 +180,7 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineS
     # What lies along the wall, as a turn about the hits' mean moves the normal's foot.
     ahead = to_x * c + to_y * s
     var_angle = max(chi2, 1.0) / moment + FLAT_RAD**2
-    return LineSight(
+    return LineMeasurement(
         math.remainder(angle + 0.5 * math.pi - odometry.theta_rad, math.tau),
         to_y * c - to_x * s,
         var_angle,
@@ -204,7 +204,7 @@ def _bow(hits: list[_Hit], along: list[float], across: list[float]) -> tuple[flo
     return share * quarter, quarter / math.sqrt(power)
 
 
-class FrontSights:
+class FrontMeasurements:
     """The ultrasonic's readings: several that agree with the way driven make one sight."""
 
     def __init__(self, mount: RangerMount) -> None:
@@ -214,7 +214,9 @@ class FrontSights:
         self._from = Pose2(0.0, 0.0, 0.0)
         self._last: Pose2 | None = None
 
-    def add(self, odometry: Pose2, range_m: float | None, *, steady: bool) -> FrontSight | None:
+    def add(
+        self, odometry: Pose2, range_m: float | None, *, steady: bool
+    ) -> FrontMeasurement | None:
         """Take one reading at this place; give the sight that it completes, if any."""
         if range_m is None or not steady or not self._mount.min_range_m < range_m < FRONT_MAX_M:
             self._places.clear()
@@ -239,4 +241,4 @@ class FrontSights:
         variance = noise**2 / len(places) + FLAT_M**2 + (CONE_SHARE * mean) ** 2
         places.clear()
         self._last = odometry
-        return FrontSight(mean, variance)
+        return FrontMeasurement(mean, variance)

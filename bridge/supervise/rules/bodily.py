@@ -10,7 +10,7 @@ from protocol.values import Contact, Fault
 
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
-    from bridge.supervise.inputs import Scalar, Watched
+    from bridge.supervise.inputs import RuleInputs, Scalar
     from bridge.supervise.measured import Measured
     from bridge.supervise.rules.conditions import Evidence
     from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
@@ -46,9 +46,9 @@ class Tilt:
         self._mean: tuple[float, float, float] | None = None
         self._cos = 1.0
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Smooth the accelerometer and compare it with the body's own upright axis."""
-        imu = watched.imu
+        imu = inputs.imu
         if imu is None or imu is self._imu:
             return self._cos < self._min_cos
         self._imu = imu
@@ -81,15 +81,15 @@ class Lifted:
         self._jolt_s = -math.inf
         self._up = False
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """See the fault bit; and the cliff sensor against jolts."""
         del measured
-        imu, reading, status = watched.imu, watched.range, watched.status
+        imu, reading, status = inputs.imu, inputs.range, inputs.status
         if imu is not None and abs(imu.accel_z_m_s2 - _G_M_S2) > JOLT_M_S2:
-            self._jolt_s = watched.time_s
+            self._jolt_s = inputs.time_s
         if reading is None or not reading.contacts & _CLIFF:
             self._up = False
-        elif watched.time_s - self._jolt_s < JOLT_S:
+        elif inputs.time_s - self._jolt_s < JOLT_S:
             self._up = True
         self._reported = status is not None and status.faults & _LIFTED != 0
         return self._reported or self._up
@@ -119,9 +119,9 @@ class Bump:
         self._pressed = 0
         self._since_s = [math.inf, math.inf]
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Count onsets of contact; and how long each half has been pressed."""
-        reading, now_s = watched.range, watched.time_s
+        reading, now_s = inputs.range, inputs.time_s
         if reading is not None:
             pressed = reading.contacts & _BUMPERS
             if pressed and not self._pressed:
@@ -175,9 +175,9 @@ class Cliff:
         self._ahead_m = 0.0
         self.grave = False
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """See the cliff bit, and how far it goes ahead with it."""
-        reading = watched.range
+        reading = inputs.range
         if reading is None or not reading.contacts & _CLIFF:
             self.restart()
             return False
@@ -210,18 +210,18 @@ class Progress:
         """Begin a square where it is."""
         self._since_s: float | None = None
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Let a square grow around it; begin anew once it is larger than allowed."""
         del measured
-        x, y, _ = watched.pose
+        x, y, _ = inputs.pose
         if self._since_s is None:
-            self._since_s, self._box = watched.time_s, (x, y, x, y)
+            self._since_s, self._box = inputs.time_s, (x, y, x, y)
         left, low, right, high = self._box
         left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
         self._box = left, low, right, high
         if max(right - left, high - low) > self._rule.min_side_m:
-            self._since_s, self._box = watched.time_s, (x, y, x, y)
-        self._for_s = watched.time_s - self._since_s
+            self._since_s, self._box = inputs.time_s, (x, y, x, y)
+        self._for_s = inputs.time_s - self._since_s
         return self._for_s > self._rule.window_s
 
     def evidence(self) -> Evidence:
@@ -246,11 +246,11 @@ class Fence:
     def restart(self) -> None:
         """The fence stands where it stood."""
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Compare the estimate with the fence."""
         del measured
         rule = self._rule
-        pose = self._pose = watched.pose
+        pose = self._pose = inputs.pose
         if self._start is None:
             self._start = pose
         if 0.0 < rule.radius_m < self._start.distance_m(pose):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from bridge.supervise.inputs import Scalar, Watched
+    from bridge.supervise.inputs import RuleInputs, Scalar
     from bridge.supervise.measured import Measured
 
 Evidence = tuple[str, "dict[str, Scalar]"]
@@ -22,7 +22,7 @@ class Condition(Protocol):
     grave: bool
     """Whether what is found now asks for the graver reaction at once."""
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Take a step; whether it holds now."""
 
     def evidence(self) -> Evidence:

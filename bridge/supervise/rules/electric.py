@@ -9,7 +9,7 @@ from protocol.messages import Encoders, Imu, PlannerState, Power, Range, Status
 from protocol.values import Fault, flag_labels
 
 if TYPE_CHECKING:
-    from bridge.supervise.inputs import Scalar, Watched
+    from bridge.supervise.inputs import RuleInputs, Scalar
     from bridge.supervise.measured import Measured
     from bridge.supervise.rules.conditions import Evidence
     from bridge.supervise.settings import BatteryRule, SilenceRule, StallRule
@@ -45,12 +45,12 @@ class Stall:
         self._way_m = [0.0, 0.0]
         self._stands: list[tuple[str, float]] = []
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """See each wheel's way since the last power reading, and its motor's current."""
         way = self._way_m
         way[0] += abs(measured.left_m)
         way[1] += abs(measured.right_m)
-        power = watched.power
+        power = inputs.power
         if power is not None and power is not self._power:
             whole = self._power is not None
             self._power = power
@@ -63,7 +63,7 @@ class Stall:
                 if whole and moved_m < STANDS_M and current_a >= self._rule.current_a
             ]
             way[:] = (0.0, 0.0)
-        status = watched.status
+        status = inputs.status
         self._reported = status is not None and status.faults & _STALL != 0
         return self._reported or bool(self._stands)
 
@@ -95,22 +95,22 @@ class Battery:
         self._battery_v: float | None = None
         self.grave = False
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Smooth the voltage and compare."""
         del measured
-        power = watched.power
+        power = inputs.power
         if power is not None and power is not self._power:
             self._power = power
             volts = power.battery_v
             if self._battery_v is None:
                 self._battery_v = volts
             else:
-                share = min((watched.time_s - self._at_s) / BATTERY_SMOOTH_S, 1.0)
+                share = min((inputs.time_s - self._at_s) / BATTERY_SMOOTH_S, 1.0)
                 self._battery_v += share * (volts - self._battery_v)
-            self._at_s = watched.time_s
+            self._at_s = inputs.time_s
         volts = math.inf if self._battery_v is None else self._battery_v
         self.grave = volts < self._rule.empty_v
-        status = watched.status
+        status = inputs.status
         reported = status is not None and status.faults & _LOW != 0
         return volts < self._rule.low_v or reported
 
@@ -139,14 +139,14 @@ class Silence:
     def restart(self) -> None:
         """Ages are told anew with each step."""
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Compare the ages of all there is."""
         del measured
-        now_s, rule = watched.time_s, self._rule
-        self._stream, self._for_s = "", now_s - watched.heard_s
+        now_s, rule = inputs.time_s, self._rule
+        self._stream, self._for_s = "", now_s - inputs.heard_s
         if self._for_s > rule.silent_s:
             return True
-        oldest_s, arrived_s = now_s - rule.stream_s, watched.arrived_s
+        oldest_s, arrived_s = now_s - rule.stream_s, inputs.arrived_s
         for kind in STREAMS:
             at_s = arrived_s.get(kind)
             if at_s is not None and at_s < oldest_s:
@@ -175,9 +175,9 @@ class Sensor:
         self._registers: tuple[int, ...] | None = None
         self._frozen_s = 0.0
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """See the bits; compare the sensor's registers."""
-        status, imu = watched.status, watched.imu
+        status, imu = inputs.status, inputs.imu
         self._bits = 0 if status is None else status.faults & _SENSORS
         if imu is not None:
             registers = tuple(imu)
@@ -210,10 +210,10 @@ class Reset:
     def restart(self) -> None:
         """The boot that was known is still the one to be watched."""
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Compare the boot id."""
         del measured
-        self._now = watched.boot_id
+        self._now = inputs.boot_id
         if self._first is None:
             self._first = self._now
         return self._now != self._first

@@ -17,7 +17,7 @@ from protocol.values import Contact, PlannerPhase, label
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RobotModel
-    from bridge.supervise.inputs import Scalar, Watched
+    from bridge.supervise.inputs import RuleInputs, Scalar
     from bridge.supervise.measured import Measured
     from bridge.supervise.rules.conditions import Evidence
     from bridge.supervise.settings import DisagreementRule
@@ -94,16 +94,16 @@ class PlannerCheck:
 
     # ---- each step ------------------------------------------------------------------------
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Take a step; whether a disagreement was found of late."""
-        reported, now_s = watched.planner, watched.time_s
-        if reported is None or not watched.onboard:
+        reported, now_s = inputs.planner, inputs.time_s
+        if reported is None or not inputs.onboard:
             return False
         if self._lane is not None:
-            _go_on(self._lane, watched, measured)
+            _go_on(self._lane, inputs, measured)
         if reported is not self._state:
-            self._hear(reported, watched, measured)
-        self._test_claim(reported, watched, measured)
+            self._hear(reported, inputs, measured)
+        self._test_claim(reported, inputs, measured)
         if self._found is not None and now_s - self._found_s > KEEP_S:
             self._found = None
         return self._found is not None
@@ -117,22 +117,22 @@ class PlannerCheck:
 
     # ---- a decision -----------------------------------------------------------------------
 
-    def _hear(self, reported: PlannerState, watched: Watched, measured: Measured) -> None:
-        before, now_s = self._state, watched.time_s
+    def _hear(self, reported: PlannerState, inputs: RuleInputs, measured: Measured) -> None:
+        before, now_s = self._state, inputs.time_s
         whole = before is not None and now_s - self._state_s <= GAP_S
         self._state, self._state_s = reported, now_s
         if before is None or reported.phase != before.phase:
             self._claim_s = now_s
             self._mark_m, self._mark_rad = measured.travel_m, measured.turn_rad
-        if watched.onboard in _LANES and before is not None and whole:
+        if inputs.onboard in _LANES and before is not None and whole:
             if before.phase == _LANE and reported.phase != _LANE and reported.phase not in _STILL:
-                self._judge(before, reported, now_s, paper=watched.onboard == "paper")
+                self._judge(before, reported, now_s, paper=inputs.onboard == "paper")
             elif reported.turn_count > before.turn_count + 1:
                 text = f"T went from {before.turn_count} to {reported.turn_count} in one step"
                 self._note(now_s, text, T=reported.turn_count, T_before=before.turn_count)
         if reported.phase != _LANE:
             # A turn in place makes no way: the lane begins where the turn before it ended.
-            self._lane = _Lane(now_s, measured.way_m, measured.way_m, watched.pose)
+            self._lane = _Lane(now_s, measured.way_m, measured.way_m, inputs.pose)
         elif not whole:
             self._lane = None
 
@@ -200,9 +200,9 @@ class PlannerCheck:
 
     # ---- what it says that it does --------------------------------------------------------
 
-    def _test_claim(self, reported: PlannerState, watched: Watched, measured: Measured) -> None:
+    def _test_claim(self, reported: PlannerState, inputs: RuleInputs, measured: Measured) -> None:
         """Once the claim is old enough: what was measured since the last test."""
-        now_s, rule = watched.time_s, self._rule
+        now_s, rule = inputs.time_s, self._rule
         for_s = now_s - self._claim_s
         if for_s < rule.motion_s:
             return
@@ -215,7 +215,7 @@ class PlannerCheck:
         if phase in _STILL:
             if way_m > STANDS_M_S * for_s or abs(turn_rad) > STANDS_RAD_S * for_s:
                 wrong = "moves"
-        elif watched.onboard in _LANES and phase in _STRAIGHT:
+        elif inputs.onboard in _LANES and phase in _STRAIGHT:
             if abs(turn_rad) > BEND_RAD * for_s:
                 wrong = "turns"
         elif phase == _TURN and way_m > TURN_M * for_s:
@@ -233,13 +233,13 @@ class PlannerCheck:
             )
 
 
-def _go_on(lane: _Lane, watched: Watched, measured: Measured) -> None:
+def _go_on(lane: _Lane, inputs: RuleInputs, measured: Measured) -> None:
     """A step further along a lane."""
     lane.far_m = max(lane.far_m, measured.way_m)
-    lane.made_m = max(lane.made_m, _along(lane.start, watched.pose))
+    lane.made_m = max(lane.made_m, _along(lane.start, inputs.pose))
     if abs(measured.slip_m_s) > SLIPS_M_S:
         lane.uncertain_m += abs(measured.slip_m_s) * measured.step_s
-    reading = watched.range
+    reading = inputs.range
     if reading is not None and reading.contacts & _BUMPERS:
         lane.uncertain_m += 0.5 * abs(measured.left_m + measured.right_m)
 

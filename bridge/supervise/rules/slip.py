@@ -12,7 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from bridge.supervise.inputs import Watched
+    from bridge.supervise.inputs import RuleInputs
     from bridge.supervise.measured import Measured
     from bridge.supervise.rules.conditions import Evidence
     from bridge.supervise.settings import SlipRule
@@ -49,16 +49,16 @@ class Slip:
         """Nothing is known."""
         self._forget()
 
-    def holds(self, watched: Watched, measured: Measured) -> bool:
+    def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Take a step; whether either pair disagrees."""
         self._slip_m_s = measured.slip_m_s
         if measured.new_range:
-            self._see(watched, measured)
+            self._see(inputs, measured)
         rule = self._rule
         return abs(self._slip_m_s) > rule.difference_m_s or self._lost > rule.share
 
-    def _see(self, watched: Watched, measured: Measured) -> None:
-        range_m = None if watched.range is None else watched.range.ultrasonic_m
+    def _see(self, inputs: RuleInputs, measured: Measured) -> None:
+        range_m = None if inputs.range is None else inputs.range.ultrasonic_m
         if range_m is None or range_m > FAR_M:
             self._forget()
             return

@@ -64,7 +64,7 @@ def test_a_class_in_place_of_a_planner_is_named() -> None:
         ({"speed_limit_m_s": 0.2}, r"lacks watch\(\)"),
     ],
 )
-def test_half_a_watcher_is_not_ignored(members: dict[str, object], lacks: str) -> None:
+def test_a_half_supervised_planner_is_rejected(members: dict[str, object], lacks: str) -> None:
     planner = type("Half", (Whole,), members)()
     with pytest.raises(PlannerError, match=lacks):
         PlanRunner(planner, MODEL)

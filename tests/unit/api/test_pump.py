@@ -394,7 +394,7 @@ def test_a_command_that_cannot_be_encoded_leaves_nothing_in_the_loop(
         scene.host.commands.ask(GetParameter, (number,), clock.now(), outcomes.append)
 
     def fetch() -> None:
-        scene.host.commands.fetch(number, clock.now(), lambda *said: outcomes.append(said))
+        scene.host.commands.fetch(number, clock.now(), lambda *printed: outcomes.append(printed))
 
     answers: list[Future[None]] = []
     scene.at(4.0, lambda: answers.extend([scene.pump.call(ask), scene.pump.call(fetch)]))

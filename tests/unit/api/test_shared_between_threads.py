@@ -128,12 +128,12 @@ def test_the_map_is_copied_whole_while_it_grows() -> None:
         over.set()
 
     def draw() -> None:
-        most = 0
+        maximum = 0
         while not over.is_set():
             grid = swept.to_occupancy()
             marked = int((grid.cells == 0).sum())
-            assert marked >= most, "what was swept stays swept"
-            most = marked
+            assert marked >= maximum, "what was swept stays swept"
+            maximum = marked
 
     assert together(drive, draw, draw) == []
 
@@ -196,8 +196,8 @@ def test_the_snapshot_is_read_while_the_loop_makes_it() -> None:
         picture = LivePicture(lambda: newest[0], Teller(NullSink(), plain=False))
         console = Console(file=io.StringIO(), width=140, height=42)
         while not over.is_set():
-            told = snapshot(newest[0], 20.0)
-            assert (told["imu"] is None) == ("imu" not in told["age_s"])
+            reported = snapshot(newest[0], 20.0)
+            assert (reported["imu"] is None) == ("imu" not in reported["age_s"])
             console.print(picture)
 
     assert together(loop, look, look) == []

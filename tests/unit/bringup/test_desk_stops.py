@@ -52,10 +52,10 @@ def test_a_stop_that_is_not_confirmed_is_an_error(
     desk, wire = moving
     turn = wire.turn
 
-    def deaf(_data: bytes, until_ns: HostNs) -> bytes:
+    def transmit_only(_data: bytes, until_ns: HostNs) -> bytes:
         return turn(b"", until_ns)
 
-    monkeypatch.setattr(wire, "turn", deaf)
+    monkeypatch.setattr(wire, "turn", transmit_only)
     before_s = desk.now_s
     with pytest.raises(DeviceLostError, match="did not confirm the stop"):
         desk.stop()

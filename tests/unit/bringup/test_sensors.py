@@ -42,9 +42,9 @@ def test_a_robot_that_is_touched_is_not_measured() -> None:
 
 
 def test_a_bias_beyond_the_data_sheet_is_no_bias() -> None:
-    said = complaint(AxisBias("z", math.radians(25.0), 0.0, 0.0))
-    assert said is not None
-    assert "+25.0 °/s" in said
+    printed = complaint(AxisBias("z", math.radians(25.0), 0.0, 0.0))
+    assert printed is not None
+    assert "+25.0 °/s" in printed
 
 
 def test_two_distances_give_scale_and_offset() -> None:
@@ -73,7 +73,7 @@ def test_one_distance_gives_an_offset_alone() -> None:
     assert found.offset_m == pytest.approx(-0.007)
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_what_cannot_be_is_rejected() -> None:
     with pytest.raises(BridgeError, match="own face"):
         fit([Point(0.1, 0.2, 0.0, 40), Point(0.2, 0.5, 0.0, 40)])
     with pytest.raises(BridgeError, match="the same at every distance"):
@@ -125,7 +125,7 @@ def test_a_wheel_that_falls_short_or_runs_away_is_named() -> None:
     assert "runs away" in judge_step(backwards).text
 
 
-def test_speeds_know_that_counters_wrap() -> None:
+def test_speeds_unwrap_counters() -> None:
     samples = [(0.01 * i, (65500 + 10 * i) & 0xFFFF, (100 - 10 * i) & 0xFFFF) for i in range(20)]
     for _, left, right in wheel_speeds(samples, 0.001):
         assert left == pytest.approx(1.0)

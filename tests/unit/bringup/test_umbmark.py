@@ -119,8 +119,8 @@ def test_a_measuring_error_of_millimetres_costs_hundredths_of_a_per_cent() -> No
 
 
 def test_a_correction_is_on_top_of_the_one_before() -> None:
-    told = replace(MODEL, wheel_ratio=1.002, wheel_base_m=0.231)
-    after = Correction(1.001, 1.01, 0.0, 0.0).applied_to(told)
+    reported = replace(MODEL, wheel_ratio=1.002, wheel_base_m=0.231)
+    after = Correction(1.001, 1.01, 0.0, 0.0).applied_to(reported)
     assert after.wheel_ratio == pytest.approx(1.002 * 1.001)
     assert after.wheel_base_m == pytest.approx(0.231 * 1.01)
     # the mean diameter stays
@@ -135,8 +135,8 @@ def test_one_direction_is_not_enough() -> None:
 
 def test_the_scale_of_a_straight_way() -> None:
     counts = [(1560, 1560)] * 10  # ten turns of the wheel
-    told_m = 10.0 * math.pi * MODEL.wheel_diameter_m
-    assert straight_scale(MODEL, counts, 1.01 * told_m) == pytest.approx(1.01)
+    reported_m = 10.0 * math.pi * MODEL.wheel_diameter_m
+    assert straight_scale(MODEL, counts, 1.01 * reported_m) == pytest.approx(1.01)
     with pytest.raises(ValueError, match="did not move"):
         straight_scale(MODEL, [(0, 0)], 1.0)
 
@@ -146,7 +146,7 @@ def missing(worst_mm: float) -> Benchmark:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "verified", "scatter", "said"),
+    ("before", "after", "verified", "scatter", "printed"),
     [
         (300.0, 39.9, 122.8, 0.0, "misses by 122.8 mm, where 39.9 mm were predicted"),
         (300.0, 39.9, 84.0, 0.0, None),
@@ -159,11 +159,11 @@ def missing(worst_mm: float) -> Benchmark:
     ],
 )
 def test_a_result_is_refuted_by_squares_that_miss_by_more_than_scatter(
-    before: float, after: float, verified: float, scatter: float, said: str | None
+    before: float, after: float, verified: float, scatter: float, printed: str | None
 ) -> None:
     found = refutation(missing(before), missing(after), missing(verified), 0.001 * scatter)
-    assert (found is None) is (said is None)
-    assert said is None or said in (found or "")
+    assert (found is None) is (printed is None)
+    assert printed is None or printed in (found or "")
 
 
 def test_the_scatter_is_that_about_the_centre_of_each_direction() -> None:

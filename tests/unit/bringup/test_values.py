@@ -39,7 +39,7 @@ def test_equal_values_do_not_differ_for_their_rounding() -> None:
     assert differences(device(), MODEL) == []
 
 
-def test_what_differs_is_told_with_both_values() -> None:
+def test_what_differs_is_reported_with_both_values() -> None:
     found = differences(device(wheel_base_m=0.2345, counts_per_turn=1440), MODEL)
     rounded = struct.unpack("<f", struct.pack("<f", 0.2345))[0]
     assert found == [
@@ -78,7 +78,7 @@ def test_an_empty_file_takes_values_too() -> None:
     assert edited("", {"wheel_base_m": 0.2}) == "wheel_base_m = 0.2\n"
 
 
-def test_a_file_that_would_be_none_is_refused() -> None:
+def test_a_path_that_cannot_be_a_file_is_rejected() -> None:
     with pytest.raises(ConfigError, match="wheel_base_m"):
         edited(FILE, {"wheel_base_m": 7.0})
 

@@ -96,11 +96,11 @@ def test_info_of_captures(tmp_path: Path, tmp_path_factory: pytest.TempPathFacto
     raw = b"".join(m.decoded.data for m in LogReader(log).messages({"/raw/uart/rx"}))
     capture = tmp_path / "capture.bin"
     capture.write_bytes(raw)
-    told = sweepctl("info", capture, "--json")
-    assert told.status == 0
-    assert (told.json["format"], told.json["path"]) == ("raw", str(capture))
-    assert told.json["file_bytes"] == len(raw)
-    counts = {t["topic"]: t["count"] for t in told.json["topics"]}
+    reported = sweepctl("info", capture, "--json")
+    assert reported.status == 0
+    assert (reported.json["format"], reported.json["path"]) == ("raw", str(capture))
+    assert reported.json["file_bytes"] == len(raw)
+    counts = {t["topic"]: t["count"] for t in reported.json["topics"]}
     assert counts["/device/imu"] == len(plain_messages(log, "/device/imu"))
     people = sweepctl("info", capture)
     assert "a raw capture" in people.out
@@ -139,10 +139,10 @@ def test_hostile_captures_take_no_more_memory_than_they_have_bytes(
     try:
         with pytest.raises(LogReadError):
             describe_any(path)
-        _, most = tracemalloc.get_traced_memory()
+        _, maximum = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert most < 3 * path.stat().st_size + 2_000_000
+    assert maximum < 3 * path.stat().st_size + 2_000_000
 
 
 def test_a_moment_that_no_clock_can_have_is_passed_over(tmp_path: Path) -> None:

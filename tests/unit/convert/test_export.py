@@ -98,7 +98,7 @@ def test_columns_have_the_types_of_their_fields(log: Path, tmp_path: Path) -> No
     assert joints.field("position").type == pa.list_(pa.float64())
 
 
-def test_csv_says_the_same(log: Path, tmp_path: Path) -> None:
+def test_csv_has_the_same_values(log: Path, tmp_path: Path) -> None:
     topics = ["/device/range", "/ros/joint_states", "/raw/uart/tx", "/events"]
     parquet = export(log, tmp_path / "p", topics=topics)
     result = export(log, tmp_path / "c", topics=topics, file_format="csv")
@@ -175,7 +175,7 @@ def test_the_command(log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["parquet", "csv"])
-def test_a_full_disk_is_told_with_what_is_written(log: Path, tmp_path: Path, name: str) -> None:
+def test_a_full_disk_is_reported_with_what_is_written(log: Path, tmp_path: Path, name: str) -> None:
     out = tmp_path / "tables"
     out.mkdir()
     (out / f"pose.{name}").symlink_to("/dev/full")

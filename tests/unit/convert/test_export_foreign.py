@@ -185,7 +185,7 @@ def test_ros_of_other_programs(tmp_path: Path) -> None:
         assert len(json.loads(row["inners"])) == i % 3
 
 
-def test_encodings_that_are_not_known(tmp_path: Path) -> None:
+def test_unknown_encodings(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with path.open("wb") as file:
         writer = Writer(file)

@@ -64,7 +64,7 @@ def test_names_are_short_safe_and_unique(topics: list[str]) -> None:
         assert not name.startswith((".", "-"))
 
 
-def test_a_table_that_is_there_is_told_before_any_is_written(tmp_path: Path) -> None:
+def test_a_table_that_exists_is_reported_before_any_is_written(tmp_path: Path) -> None:
     log = log_of(tmp_path / "three.mcap", ["/a", "/b", "/c"])
     out = tmp_path / "tables"
     out.mkdir()

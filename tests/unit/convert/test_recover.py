@@ -57,10 +57,10 @@ def read_all(path: Path) -> list[Message]:
             (channel.topic, message.log_time, message.data)
             for _, channel, message in reader.iter_messages()
         ]
-        told = reader.get_summary()
-        assert told is not None
-        assert told.statistics is not None
-        assert told.statistics.message_count == len(found)
+        reported = reader.get_summary()
+        assert reported is not None
+        assert reported.statistics is not None
+        assert reported.statistics.message_count == len(found)
         return found
 
 
@@ -77,13 +77,13 @@ def chunks(data: bytes | bytearray) -> list[tuple[int, int]]:
 
 def messages_in(data: bytes, offset: int, length: int) -> list[Message]:
     """What one chunk of a whole file holds, by the library."""
-    told = make_reader(io.BytesIO(data)).get_summary()
-    assert told is not None
+    reported = make_reader(io.BytesIO(data)).get_summary()
+    assert reported is not None
     one = io.BytesIO(data[:8] + data[offset : offset + length])
     chunk = next(StreamReader(one, emit_chunks=True).records)
     assert isinstance(chunk, Chunk)
     return [
-        (told.channels[record.channel_id].topic, record.log_time, record.data)
+        (reported.channels[record.channel_id].topic, record.log_time, record.data)
         for record in breakup_chunk(chunk)
         if isinstance(record, Record)
     ]
@@ -108,7 +108,7 @@ def test_a_whole_file_stays_as_it_is(log: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
-def test_a_chunk_damaged_in_its_content_is_left_out_and_told(
+def test_a_chunk_damaged_in_its_content_is_left_out_and_reported(
     log: Path, tmp_path: Path, place: float
 ) -> None:
     data = bytearray(log.read_bytes())
@@ -325,7 +325,7 @@ def test_the_command(log: Path, tmp_path: Path) -> None:
     assert sweepctl("recover", broken).status == 2
 
 
-def test_a_full_disk_is_told_with_the_file_that_is_written(log: Path, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_with_the_file_that_is_written(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "full.mcap"
     out.symlink_to("/dev/full")
     done = sweepctl("recover", log, "--out", out, "--force")

@@ -70,7 +70,7 @@ def test_a_planner_that_keeps_all_is_the_planner() -> None:
     assert not forgetful.memory.tried.any()
 
 
-def test_a_block_remembers_what_half_of_its_cells_say() -> None:
+def test_a_block_remembers_what_half_of_its_cells_hold() -> None:
     layer = np.zeros((8, 6), dtype=np.uint8)
     layer[:4, :2] = 1
     layer[4:, 0] = layer[4:7, 1] = 1

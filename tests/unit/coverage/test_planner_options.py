@@ -23,7 +23,7 @@ from bridge.motion.robot_model import RobotModel
 MODEL = RobotModel()
 
 
-def test_what_is_not_said_stays_as_it_is() -> None:
+def test_what_is_not_given_stays_as_it_is() -> None:
     assert parse_options(PaperOptions, ()) == PaperOptions()
     assert parse_options(PaperOptions, ["equal_tolerance_m=0.01"]) == PaperOptions(
         equal_tolerance_m=0.01
@@ -31,8 +31,8 @@ def test_what_is_not_said_stays_as_it_is() -> None:
 
 
 def test_numbers_words_and_yes_or_no() -> None:
-    said = ["side=right", "max_lanes=12", "clear_after_recovery=False", "count_turns=on_equal"]
-    assert parse_options(PaperOptions, said) == PaperOptions(
+    printed = ["side=right", "max_lanes=12", "clear_after_recovery=False", "count_turns=on_equal"]
+    assert parse_options(PaperOptions, printed) == PaperOptions(
         side="right", max_lanes=12, clear_after_recovery=False, count_turns="on_equal"
     )
 
@@ -44,14 +44,14 @@ def test_every_ambiguity_of_the_paper_can_be_set() -> None:
 
 
 @given(st.text() | st.sampled_from(option_names(LaneOptions)), st.text())
-def test_any_text_is_taken_or_told_in_one_line(name: str, value: str) -> None:
-    told = ""
+def test_any_text_is_taken_or_reported_in_one_line(name: str, value: str) -> None:
+    reported = ""
     try:
         parse_options(LaneOptions, [f"{name}={value}"])
     except PlannerOptionError as error:
-        told = str(error)
-    assert "\n" not in told
-    assert told or name in option_names(LaneOptions)
+        reported = str(error)
+    assert "\n" not in reported
+    assert reported or name in option_names(LaneOptions)
 
 
 @given(st.sampled_from(["stop_range_m", "rest_s"]), st.floats(0.0, 1e6))
@@ -60,7 +60,7 @@ def test_a_number_comes_back_to_the_digit(name: str, value: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("printed", "reported"),
     [
         (["end"], "'end' is not NAME=VALUE"),
         (["fin=never"], "no option 'fin'; there are: side, end, stop_range_m"),
@@ -72,10 +72,10 @@ def test_a_number_comes_back_to_the_digit(name: str, value: float) -> None:
         (["side=left", "side=right"], "side is given twice"),
     ],
 )
-def test_what_cannot_be(said: list[str], told: str) -> None:
+def test_what_cannot_be(printed: list[str], reported: str) -> None:
     with pytest.raises(PlannerOptionError) as error:
-        parse_options(LaneOptions, said)
-    assert told in str(error.value)
+        parse_options(LaneOptions, printed)
+    assert reported in str(error.value)
 
 
 def test_the_planners_take_theirs() -> None:

@@ -141,7 +141,7 @@ def test_case_3_goes_back_by_w_times_t_sweeps_up_and_returns() -> None:
     assert planner.state.turn_count == 2
 
 
-def test_after_an_odd_number_of_lanes_in_the_shadow_it_drives_back_along_the_lane() -> None:
+def test_after_an_odd_number_of_occluded_lanes_it_drives_back_along_the_lane() -> None:
     lanes = [2.0, 2.0, 0.5, 0.5, 0.5, 2.0]
     run = Corridor(paper(), [*lanes, 0.7, 0.7, 0.7, 2.0], {})
     goto = [e for e in run.log if e[0] == "goto"]
@@ -181,7 +181,7 @@ def test_what_lies_between_the_cases_is_an_option(options: PaperOptions, turns: 
     assert planner.state.turn_count == turns
 
 
-def test_one_slot_no_stack_when_the_shadow_is_observed() -> None:
+def test_one_slot_no_stack_when_the_occluded_region_is_observed() -> None:
     lanes = [2.0, 2.0, 0.5, 0.5, 2.0, 1.0, 0.3]
     kept = paper()
     overwritten = paper(PaperOptions(recovery_lanes="observed", clear_after_recovery=False))

@@ -45,7 +45,7 @@ def at(memory: EvidenceMap, x_m: float, y_m: float) -> tuple[int, int]:
     return int(row), int(column)
 
 
-def test_half_a_bumper_alone_forbids_places_and_something_is_guessed_until_it_is_doubted() -> None:
+def test_one_bumper_switch_alone_blocks_cells_until_its_guess_is_cleared() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=False)
     assert memory.lens[at(memory, 0.05, 0.02)]  # whatever stands on the left half
@@ -59,7 +59,7 @@ def test_half_a_bumper_alone_forbids_places_and_something_is_guessed_until_it_is
     assert not memory.near.any()
 
 
-def test_a_second_bump_there_does_not_make_a_guess_known() -> None:
+def test_a_second_bump_there_does_not_confirm_a_guess() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=False)
     memory.add_bump(Pose2(0.002, 0.0, 0.0), left=True, right=False)
@@ -68,7 +68,7 @@ def test_a_second_bump_there_does_not_make_a_guess_known() -> None:
     assert not memory.wall.any()
 
 
-def test_both_halves_tell_that_it_stands_ahead() -> None:
+def test_both_bumper_switches_show_that_it_stands_ahead() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=True)
     assert np.argwhere(memory.wall).tolist() == [list(at(memory, 0.165, 0.0))]
@@ -77,7 +77,7 @@ def test_both_halves_tell_that_it_stands_ahead() -> None:
 
 
 @pytest.mark.parametrize("bearing_deg", [-5.0, 20.0, 40.0, 80.0])
-def test_what_is_known_at_the_rim_is_taken_to_be_touched(bearing_deg: float) -> None:
+def test_evidence_at_the_rim_counts_as_contact(bearing_deg: float) -> None:
     memory = empty()
     standing(memory, bearing_deg)
     before = int(memory.wall.max())
@@ -88,7 +88,7 @@ def test_what_is_known_at_the_rim_is_taken_to_be_touched(bearing_deg: float) -> 
     assert found == pytest.approx(bearing_deg, abs=5.0)
 
 
-def test_what_is_known_on_the_other_half_is_not() -> None:
+def test_evidence_on_the_other_side_does_not_count() -> None:
     memory = empty()
     standing(memory, -40.0)
     assert memory.contact_rad(HERE, left=True, right=False) == pytest.approx(math.radians(38.5))
@@ -167,7 +167,7 @@ class Following(RecoveryPlanner):
         return turns
 
 
-def test_who_followed_briskly_turns_until_what_he_met_is_abeam() -> None:
+def test_after_fast_following_the_robot_turns_until_the_contact_is_abeam() -> None:
     assert Following(-45.0, brisk=True).turns_deg(0.3, 1) == pytest.approx([45.0], abs=5.0)
 
 
@@ -212,19 +212,19 @@ def test_a_straight_wall_is_followed_a_little_faster_than_the_robot_cruises() ->
     leg = next(Following(-45.0)._follow_perimeter(left=True))  # noqa: SLF001 - the part itself
     assert isinstance(leg, FollowWall)
     assert leg.speed_m_s == pytest.approx(0.24)
-    careful = Following(-45.0)
-    careful.model = replace(MODEL, cruise_speed_m_s=0.1)
-    leg = next(careful._follow_perimeter(left=True))  # noqa: SLF001 - the part itself
+    conservative = Following(-45.0)
+    conservative.model = replace(MODEL, cruise_speed_m_s=0.1)
+    leg = next(conservative._follow_perimeter(left=True))  # noqa: SLF001 - the part itself
     assert isinstance(leg, FollowWall)
     assert leg.speed_m_s == pytest.approx(0.12)
 
 
-def test_who_went_slowly_may_have_grazed_a_corner_abeam_but_not_twice() -> None:
+def test_a_slow_robot_may_have_grazed_a_corner_abeam_but_not_twice() -> None:
     assert Following(-45.0).turns_deg(0.3, 2) == pytest.approx([15.0, 15.0], abs=5.0)
     assert Following(-45.0).turns_deg(0.03, 2) == pytest.approx([15.0, 45.0], abs=5.0)
 
 
-def test_whoever_meets_it_again_at_once_turns_farther_each_time() -> None:
+def test_repeated_contact_turns_farther_each_time() -> None:
     turns = Following(-57.0, brisk=True).turns_deg(0.03, 5)
     assert turns[0] == pytest.approx(33.0, abs=5.0)
     assert turns[3:] == pytest.approx([48.0, 60.0])
@@ -260,7 +260,7 @@ class Ending(RecoveryPlanner):
         return again
 
 
-def test_before_the_end_bumps_are_doubted_once_and_again_after_new_floor() -> None:
+def test_before_the_end_bumps_are_cleared_once_and_again_after_new_floor() -> None:
     planner = Ending()
     assert not planner.goes_on()  # no bump, nothing to doubt
     planner = Ending()

@@ -94,7 +94,7 @@ def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -
         assert len(edges.marks) == left
 
 
-def test_what_is_forgotten_is_gone() -> None:
+def test_what_is_abandoned_is_gone() -> None:
     edges = Edges(MODEL.radius_m)
     edges.add(ORIGIN, nowhere)
     edges.add(Pose2(1.0, 0.0, 0.0), nowhere)
@@ -107,7 +107,7 @@ def test_what_is_forgotten_is_gone() -> None:
 
 
 @pytest.mark.parametrize(("away_m", "slow"), [(0.3, True), (0.45, True), (0.55, False)])
-def test_near_a_known_edge_the_robot_goes_slowly(away_m: float, *, slow: bool) -> None:
+def test_near_a_known_cliff_the_robot_drives_slowly(away_m: float, *, slow: bool) -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     memory.add_cliff(ORIGIN)
     pace = memory.pace(Pose2(away_m, 0.0, 0.0), 0, BRAKE)
@@ -159,7 +159,7 @@ def test_floor_beyond_opens_what_was_shut() -> None:
     assert open_at(memory, AHEAD_M, beside_m)
 
 
-def test_who_stands_where_an_edge_forbids_it_is_not_shut_in() -> None:
+def test_a_robot_within_a_cliffs_margin_is_not_walled_in() -> None:
     """A place where it was, and may be no more, is no sign that the evidence is wrong."""
     memory = driven(way_m=3.0)
     memory.tried[:] = 9  # nothing is left to sweep
@@ -170,7 +170,7 @@ def test_who_stands_where_an_edge_forbids_it_is_not_shut_in() -> None:
     assert not chooser.shut_in
 
 
-def test_beside_an_edge_a_lane_is_chosen_and_no_outline() -> None:
+def test_beside_a_cliff_a_lane_is_chosen_and_no_perimeter_pass() -> None:
     memory = driven(way_m=0.5)
     kinds = []
     for edge in (False, True):
@@ -185,7 +185,7 @@ def test_beside_an_edge_a_lane_is_chosen_and_no_outline() -> None:
     assert kinds == ["outline", "lane"]
 
 
-def test_no_outline_is_begun_beside_an_edge() -> None:
+def test_no_perimeter_pass_is_begun_beside_a_cliff() -> None:
     memory = EvidenceMap(MODEL, RecoveryOptions(), ORIGIN)
     rows, cols = memory.shape
     window = Window(memory, (0, rows, 0, cols), 2, Buffers())
@@ -277,7 +277,7 @@ def test_backing_off_ends_where_no_floor_comes() -> None:
     assert count == 5
 
 
-def test_an_edge_is_not_followed() -> None:
+def test_a_cliff_is_not_followed() -> None:
     planner = begun()
     result = LegResult(Drive(0.0, 2.0), StopReason.CLIFF, 0.5, 3.0, Pose2(0.5, 0.0, 0.0))
     with pytest.raises(StopIteration) as ended:

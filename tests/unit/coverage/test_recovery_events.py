@@ -37,18 +37,18 @@ def driven() -> FastRun:
     return run_fast(PLAN, planner, MODEL, seed=5, noise=LEVELS["none"], max_time_s=4000.0)
 
 
-def test_every_lane_that_is_chosen_is_told_to_have_ended(driven: FastRun) -> None:
+def test_every_chosen_lane_is_reported_as_ended(driven: FastRun) -> None:
     kinds = [event.kind for _, event in driven.events]
     chosen = [k for k, kind in enumerate(kinds) if kind in {"lane", "outline"}]
     assert kinds.count("lane") > 10
     for begin, following in zip(chosen, [*chosen[1:], len(kinds)], strict=True):
-        told = kinds[begin + 1 : following]
+        reported = kinds[begin + 1 : following]
         end = "lane-end" if kinds[begin] == "lane" else "outline-end"
-        assert ("barred" in told) != (end in told) or kinds[begin] == "outline", told
-        assert {"barred", end} & set(told), told
+        assert ("blocked" in reported) != (end in reported) or kinds[begin] == "outline", reported
+        assert {"blocked", end} & set(reported), reported
 
 
-def test_lanes_tell_what_they_swept_and_the_end_what_is_swept_and_left(driven: FastRun) -> None:
+def test_lanes_report_what_they_swept_and_the_end_what_is_left(driven: FastRun) -> None:
     swept_cm2 = sum(
         float(event.data["new_cm2"]) for _, event in driven.events if event.kind == "lane-end"
     )
@@ -65,16 +65,16 @@ def test_lanes_tell_what_they_swept_and_the_end_what_is_swept_and_left(driven: F
     assert finish.data["shadows_open"] == found - closed
 
 
-def test_a_second_plan_does_not_tell_the_end_of_the_first() -> None:
+def test_a_second_plan_does_not_report_the_end_of_the_first() -> None:
     planner = RecoveryPlanner(MODEL)
     planner.end_figures = {"swept_m2": 1.0}
     planner.start(observed(0.0))
     assert planner.end_figures == {}
 
 
-def observed(doubt_deg: float, time_s: float = 0.0) -> Observation:
+def observed(uncertainty_deg: float, time_s: float = 0.0) -> Observation:
     """Nothing in reach, the heading in doubt."""
-    return AT_REST._replace(time_s=time_s, heading_sigma_rad=math.radians(doubt_deg))
+    return AT_REST._replace(time_s=time_s, heading_sigma_rad=math.radians(uncertainty_deg))
 
 
 class Watching(RecoveryPlanner):
@@ -84,27 +84,27 @@ class Watching(RecoveryPlanner):
         super().__init__(MODEL)
         self._memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
 
-    def sees(self, *doubts_deg: float) -> list[tuple[float, float]]:
+    def sees(self, *uncertainties_deg: float) -> list[tuple[float, float]]:
         """Doubts before and after, as told."""
-        for k, doubt_deg in enumerate(doubts_deg):
-            self.watch(observed(doubt_deg, 0.02 * k))
-        told = [event for event in self.drain_events() if event.kind == "re-zero"]
-        return [(float(e.data["before_deg"]), float(e.data["doubt_deg"])) for e in told]
+        for k, uncertainty_deg in enumerate(uncertainties_deg):
+            self.watch(observed(uncertainty_deg, 0.02 * k))
+        reported = [event for event in self.drain_events() if event.kind == "re-zero"]
+        return [(float(e.data["before_deg"]), float(e.data["uncertainty_deg"])) for e in reported]
 
 
-def test_a_wall_that_tells_the_heading_is_told_once() -> None:
+def test_a_wall_that_gives_the_heading_is_reported_once() -> None:
     planner = Watching()
     assert planner.sees(0.2, 0.4, 0.8, 0.39, 0.38, 0.3) == [(0.8, 0.39)]
     assert planner.sees(0.5, 0.2) == [(0.5, 0.2)], "and again, once it has grown again"
 
 
-def test_a_heading_that_was_hardly_in_doubt_or_hardly_helped_is_not_told() -> None:
+def test_a_heading_that_was_hardly_uncertain_or_hardly_helped_is_not_reported() -> None:
     assert Watching().sees(0.29, 0.05) == []
     assert Watching().sees(0.8, 0.41) == []
 
 
 @pytest.mark.parametrize("reason", [StopReason.RANGE, StopReason.BUMPER, StopReason.CLIFF])
-def test_what_ended_a_lane_early_is_told_once_as_an_obstacle_there(reason: StopReason) -> None:
+def test_what_ended_a_lane_early_is_reported_once_as_an_obstacle_there(reason: StopReason) -> None:
     planner, leg = Watching(), Drive(0.0, 1.0, purpose="lane")
     planner.watch(observed(0.0))
     part = planner._drive(leg)  # noqa: SLF001 - one leg of a plan
@@ -112,11 +112,14 @@ def test_what_ended_a_lane_early_is_told_once_as_an_obstacle_there(reason: StopR
     step = Step(LegResult(leg, reason, 0.5, 2.0, Pose2(0.5, 0.25, 0.0)), observed(0.0))
     with suppress(StopIteration):
         part.send(step)
-    told = [(event.kind, event.reason) for event in planner.drain_events()]
-    assert told == [("lane-end", f"ended early: {reason}"), ("obstacle", f"lane ended: {reason}")]
+    reported = [(event.kind, event.reason) for event in planner.drain_events()]
+    assert reported == [
+        ("lane-end", f"ended early: {reason}"),
+        ("obstacle", f"lane ended: {reason}"),
+    ]
 
 
-def test_what_ends_a_leg_is_told_with_its_place() -> None:
+def test_what_ends_a_leg_is_reported_with_its_place() -> None:
     leg = Drive(0.0, 1.0, purpose="lane")
     result = LegResult(leg, StopReason.RANGE, 0.5, 2.0, Pose2(0.5, 0.25, 0.0))
     ended = planner_events.lane_ended(result, 0.0123)
@@ -137,6 +140,6 @@ def test_what_ends_a_leg_is_told_with_its_place() -> None:
 )
 def test_what_going_back_gave(reason: str, *, arrived: bool, closed: bool) -> None:
     occlusion = OccludedRegion(4, 0.0, 0.0, 0.0, 1.0, -0.1)
-    told = planner_events.recovery_ended(occlusion, 0.02, arrived=arrived, closed=closed)
-    assert (told.kind, told.reason) == ("recovery-end", reason)
-    assert told.data == {"shadow": 4, "left_m": 0.0, "new_cm2": 200}
+    reported = planner_events.recovery_ended(occlusion, 0.02, arrived=arrived, closed=closed)
+    assert (reported.kind, reported.reason) == ("recovery-end", reason)
+    assert reported.data == {"shadow": 4, "left_m": 0.0, "new_cm2": 200}

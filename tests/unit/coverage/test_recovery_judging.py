@@ -36,20 +36,18 @@ class Judge(RecoveryPlanner):
         self._memory = EvidenceMap(MODEL, RecoveryOptions(), pose)
         self._obs = AT_REST._replace(pose=pose)
 
-    def blames(self, *, arrived: bool, futile: int = 0, new_cells: int = 0) -> bool:
+    def blames(self, *, arrived: bool, fruitless: int = 0, new_cells: int = 0) -> bool:
         """Whether the place that was gone for has one try less."""
         choice = Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
-        self._judge(choice, new_cells, futile, arrived=arrived)
+        self._judge(choice, new_cells, fruitless, arrived=arrived)
         column, row = self.memory.to_cells(*PLACE)
-        told = [event.kind for event in self.drain_events()] == ["set-aside"]
-        assert told == bool(self.memory.tried[int(row), int(column)])
-        return told
+        reported = [event.kind for event in self.drain_events()] == ["set-aside"]
+        assert reported == bool(self.memory.tried[int(row), int(column)])
+        return reported
 
 
 @pytest.mark.parametrize(("x_m", "blamed"), [(0.0, False), (1.0, False), (1.2, True), (1.5, True)])
-def test_what_refused_the_robot_far_off_is_no_fault_of_the_place(
-    x_m: float, *, blamed: bool
-) -> None:
+def test_a_block_far_off_does_not_count_against_the_target(x_m: float, *, blamed: bool) -> None:
     assert Judge(x_m).blames(arrived=False) is blamed
 
 
@@ -59,7 +57,7 @@ def test_a_place_that_gave_nothing_is_blamed_wherever_the_robot_ended() -> None:
 
 
 def test_it_is_spared_eight_times_in_a_row_so_that_the_plan_comes_to_an_end() -> None:
-    assert [Judge(0.0).blames(arrived=False, futile=n) for n in (0, 7, 8, 19)] == [
+    assert [Judge(0.0).blames(arrived=False, fruitless=n) for n in (0, 7, 8, 19)] == [
         False,
         False,
         True,
@@ -67,7 +65,7 @@ def test_it_is_spared_eight_times_in_a_row_so_that_the_plan_comes_to_an_end() ->
     ]
 
 
-class Refused(RecoveryPlanner):
+class Blocked(RecoveryPlanner):
     """Goes for a far place again and again, and is bumped at one place on the way each time."""
 
     def __init__(self, floor: int = 0) -> None:
@@ -75,7 +73,7 @@ class Refused(RecoveryPlanner):
         super().__init__(MODEL)
         self.floor = floor
         self.tries = 0
-        self.doubted_m: set[Scalar | None] = set()
+        self.uncertain_m: set[Scalar | None] = set()
         """Where evidence was doubted."""
         self.why: set[str] = set()
         """... and why, before the colon."""
@@ -95,10 +93,10 @@ class Refused(RecoveryPlanner):
         self._on_blocked(LegResult(leg, StopReason.BUMPER, 0.1, 1.0, Pose2(0.1, 0.0, 0.0)), 0.0)
         return False
 
-    def run(self, most: int) -> tuple[str | None, Counter[str]]:
+    def run(self, maximum: int) -> tuple[str | None, Counter[str]]:
         """Why it ended, if it did in so many attempts; and what was decided how often."""
         here = AT_REST
-        self.options = RecoveryOptions(max_decisions=most)
+        self.options = RecoveryOptions(max_decisions=maximum)
         end: str | None = None
         script = self.script(here)
         try:
@@ -106,40 +104,40 @@ class Refused(RecoveryPlanner):
         except StopIteration as stop:
             end = stop.value
         events = self.drain_events()
-        self.doubted_m = {e.data.get("x_m") for e in events if e.kind == "forget"}
+        self.uncertain_m = {e.data.get("x_m") for e in events if e.kind == "forget"}
         self.why = {e.reason.split(":")[0] for e in events if e.kind == "forget"}
         return end, Counter(event.kind for event in events)
 
 
-def test_what_refuses_the_robot_seven_times_is_doubted_before_the_far_place_is_blamed() -> None:
-    planner = Refused()
-    _, told = planner.run(21)
-    assert told["forget"] == 2
-    assert planner.doubted_m == {0.1}  # where it was refused
-    assert told["set-aside"] == 0
-    planner = Refused()
-    _, told = planner.run(24)
+def test_a_place_that_blocks_seven_times_is_cleared_before_the_target_is_abandoned() -> None:
+    planner = Blocked()
+    _, reported = planner.run(21)
+    assert reported["forget"] == 2
+    assert planner.uncertain_m == {0.1}  # where it was refused
+    assert reported["set-aside"] == 0
+    planner = Blocked()
+    _, reported = planner.run(24)
     assert planner.tries == 3 * 7
-    assert told["forget"] == 3
+    assert reported["forget"] == 3
 
 
 def test_when_nothing_is_left_to_forget_the_far_place_is_blamed_and_then_it_ends() -> None:
-    planner = Refused()
-    end, told = planner.run(100)
+    planner = Blocked()
+    end, reported = planner.run(100)
     assert end == "shut in: nothing that was tried led anywhere"
-    assert told["forget"] == 3
+    assert reported["forget"] == 3
     assert planner.tries == 3 * 7 + 20
-    assert told["set-aside"] == 20 - 8
+    assert reported["set-aside"] == 20 - 8
 
 
-def test_what_was_forgotten_does_not_count_after_new_floor() -> None:
-    end, told = Refused(floor=100).run(100)
+def test_abandoned_targets_do_not_count_after_new_floor() -> None:
+    end, reported = Blocked(floor=100).run(100)
     assert end is not None
     assert end.startswith("100 decisions")
-    assert told["forget"] > 3
+    assert reported["forget"] > 3
 
 
-class AmongLegs(Refused):
+class AmongLegs(Blocked):
     """A leg is known beside where it is refused, and another farther off."""
 
     LEGS = ((0.1, 0.25), (0.1, 0.55))
@@ -158,7 +156,7 @@ class AmongLegs(Refused):
         return bool(self.memory.lens.any())
 
 
-class Futile(AmongLegs):
+class Fruitless(AmongLegs):
     """Nothing refuses it, and nothing comes of anything."""
 
     def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:  # noqa: ARG002 - any
@@ -166,20 +164,20 @@ class Futile(AmongLegs):
         return False
 
 
-def test_where_one_place_refused_it_only_what_is_near_there_is_doubted() -> None:
+def test_after_one_block_only_evidence_near_it_is_cleared() -> None:
     planner = AmongLegs()
-    _, told = planner.run(7)
-    assert (told["forget"], planner.known(), planner.shut()) == (0, [1, 1], True)
-    _, told = planner.run(8)
-    assert (told["forget"], planner.known(), planner.shut()) == (1, [0, 1], False)
+    _, reported = planner.run(7)
+    assert (reported["forget"], planner.known(), planner.shut()) == (0, [1, 1], True)
+    _, reported = planner.run(8)
+    assert (reported["forget"], planner.known(), planner.shut()) == (1, [0, 1], False)
     assert planner.why == {"it refuses the robot"}
-    shut_in = Futile()
-    _, told = shut_in.run(21)
-    assert (told["forget"], shut_in.known()) == (1, [0, 0])
+    shut_in = Fruitless()
+    _, reported = shut_in.run(21)
+    assert (reported["forget"], shut_in.known()) == (1, [0, 0])
     assert shut_in.why == {"nothing leads anywhere"}
 
 
-class Wavering(Refused):
+class Wavering(Blocked):
     """Nothing comes of twenty lanes; then nothing is worth it, then something is."""
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
@@ -197,8 +195,8 @@ class Wavering(Refused):
         return False
 
 
-def test_what_is_found_after_bumps_were_doubted_is_tried() -> None:
+def test_what_is_found_after_bumps_were_cleared_is_tried() -> None:
     planner = Wavering()
-    _, told = planner.run(23)
-    assert told["forget"] == 1
+    _, reported = planner.run(23)
+    assert reported["forget"] == 1
     assert planner.tries == 22

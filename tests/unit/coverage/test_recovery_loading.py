@@ -30,7 +30,7 @@ def test_a_run_loads_nothing_more() -> None:
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    told = json.loads(done.stdout)
+    reported = json.loads(done.stdout)
     # the run did what needs the kernels: lanes, outlines, bumps
-    assert {"lane", "outline-begin", "obstacle"} <= set(told["kinds"])
-    assert told["loaded"] == []
+    assert {"lane", "outline-begin", "obstacle"} <= set(reported["kinds"])
+    assert reported["loaded"] == []

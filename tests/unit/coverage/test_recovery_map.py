@@ -121,7 +121,7 @@ def test_the_share_not_swept_ahead() -> None:
     assert fresh_ahead(swept, 20.0, 20.0, math.pi, 2.0, 10.0, 0.5, 3.0) == 1.0
 
 
-def test_the_pace_meets_known_things_softly() -> None:
+def test_the_speed_limit_makes_contact_with_known_obstacles_soft() -> None:
     (wall,) = layers(81, 81, 1)
     wall[40, 60] = 2  # its centre is 20 cells, 0.4 m, ahead of the axle at (40.5, 40.5)
     given = (0.02, 0.17, 0.17, 0.17, 0.026, 0.3, 0.0, 0.3)

@@ -81,7 +81,7 @@ class AtDoor(RecoveryPlanner):
     def follows(self, min_m: float) -> float:
         """How far it follows a swept wall on its right, in steps of 1 cm."""
         next(self._follow_perimeter(left=False, min_m=min_m))
-        return self.watched()
+        return self.inputs()
 
     def goes_on(self, followed_m: float) -> bool:
         """Whether it does after a bump so far along a swept wall."""
@@ -96,7 +96,7 @@ class AtDoor(RecoveryPlanner):
                 return False
         return True
 
-    def watched(self) -> float:
+    def inputs(self) -> float:
         """How far it follows from here on."""
         for k in range(200):
             if self.watch(seen(Pose2(0.01 * k, 0.0, 0.0), 0.1)):
@@ -105,15 +105,13 @@ class AtDoor(RecoveryPlanner):
 
 
 @pytest.mark.parametrize("left", [True, False])
-def test_what_refuses_the_robot_twice_is_followed_on_the_side_that_was_touched(
-    *, left: bool
-) -> None:
+def test_what_blocks_the_robot_twice_is_followed_on_the_side_of_contact(*, left: bool) -> None:
     planner = AtDoor()
-    legs, told = planner.goes(left=left, right=not left)
+    legs, reported = planner.goes(left=left, right=not left)
     assert not any(isinstance(leg, FollowWall) for leg in legs)
-    assert "passage-sought" not in told
-    legs, told = planner.goes(left=left, right=not left)
-    assert told[-2:] == ["passage-sought", "outline-begin"]
+    assert "passage-sought" not in reported
+    legs, reported = planner.goes(left=left, right=not left)
+    assert reported[-2:] == ["passage-sought", "outline-begin"]
     turn, follow = legs[-2:]
     assert isinstance(turn, Turn)
     away = MIDDLE_DEG - 90.0
@@ -167,7 +165,7 @@ def test_what_may_lead_to_a_passage_is_followed_farther_though_it_is_swept() -> 
     planner = AtDoor()
     planner.goes(left=False, right=True)
     planner.goes(left=False, right=True)
-    assert planner.watched() == pytest.approx(0.45, abs=0.03)
+    assert planner.inputs() == pytest.approx(0.45, abs=0.03)
     assert planner.follows(0.25) == pytest.approx(0.3, abs=0.03)  # the next outline is any other
 
 
@@ -210,7 +208,7 @@ def test_a_trail_that_a_wall_seen_since_runs_along_does_not_count() -> None:
         assert not chooser.shut_in
 
 
-def test_what_parted_it_once_is_not_told_of_the_next_search() -> None:
+def test_a_past_separation_is_not_reported_for_the_next_search() -> None:
     chooser = Chooser(OPTIONS)
     chooser.choose(parted(60), HERE, 0.0)
     assert chooser.parted_at is not None
@@ -245,17 +243,17 @@ class ShutIn(RecoveryPlanner):
         return end.value.value, self.drain_events()
 
 
-def test_what_only_bumps_tell_is_doubted_first() -> None:
-    why, told = ShutIn("lens").run()
-    assert [event.kind for event in told] == ["start", "forget"]
+def test_evidence_of_bumps_alone_is_cleared_first() -> None:
+    why, reported = ShutIn("lens").run()
+    assert [event.kind for event in reported] == ["start", "forget"]
     assert why == "no reachable unswept piece is worth its time"
 
 
-def test_what_was_seen_is_doubted_where_it_parts_the_robot_from_where_it_was() -> None:
-    why, told = ShutIn("wall").run()
-    assert [event.kind for event in told] == ["start", "forget"]
-    assert told[1].data["x_m"] == pytest.approx(-0.81, abs=0.03)
-    assert told[1].data["y_m"] == pytest.approx(0.0, abs=0.03)
+def test_evidence_that_separates_the_robot_from_its_past_place_is_cleared() -> None:
+    why, reported = ShutIn("wall").run()
+    assert [event.kind for event in reported] == ["start", "forget"]
+    assert reported[1].data["x_m"] == pytest.approx(-0.81, abs=0.03)
+    assert reported[1].data["y_m"] == pytest.approx(0.0, abs=0.03)
     assert why == "no reachable unswept piece is worth its time"
 
 
@@ -278,11 +276,11 @@ def test_a_place_is_followed_once_on_a_side_until_there_is_new_floor() -> None:
     assert sought(left=True)
 
 
-def test_a_place_is_judged_from_where_the_way_to_it_was_refused_not_where_a_walk_ended() -> None:
+def test_a_place_is_judged_from_where_the_path_to_it_was_blocked() -> None:
     choice = Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=0.06)
-    for refused_m, walked_m, blamed in ((0.0, 0.95, False), (0.9, 0.05, True)):
+    for blocked_m, walked_m, blamed in ((0.0, 0.95, False), (0.9, 0.05, True)):
         planner = AtDoor()
-        planner.stand(Pose2(refused_m, 0.0, 0.0))
+        planner.stand(Pose2(blocked_m, 0.0, 0.0))
         for _ in range(2):
             planner.goes(left=True)
         planner.stand(Pose2(walked_m, 0.0, 0.0))

@@ -44,7 +44,7 @@ def floor(rows: int, cols: int) -> np.ndarray:
 
 
 def reach(
-    open_: np.ndarray, row: int, col: int, most: int = FAR, budget: int = 1 << 30
+    open_: np.ndarray, row: int, col: int, maximum: int = FAR, budget: int = 1 << 30
 ) -> np.ndarray:
     dist = np.full(open_.shape, -1, dtype=np.int32)
     counts = np.zeros(RING, dtype=np.int32)
@@ -53,9 +53,9 @@ def reach(
     search = Search()
     search.waiting = counts[0] = 1
     cells = (open_.ravel(), open_.shape[1])
-    while not travel(*cells, most, budget, dist.ravel(), QUEUE, counts, search)[1]:
+    while not travel(*cells, maximum, budget, dist.ravel(), QUEUE, counts, search)[1]:
         pass
-    dist[dist > most] = -1
+    dist[dist > maximum] = -1
     return dist
 
 
@@ -119,7 +119,7 @@ def test_beside_a_wall_is_dear_and_the_wall_shut() -> None:
     assert open_[4, 4] == 2  # the robot was there, whatever the evidence says
 
 
-def test_what_is_done_is_known_by_its_reason() -> None:
+def test_the_reason_identifies_what_was_done() -> None:
     _, done = window(swept=at(2, 2), tried=at(3, 3, 2), wall=at(4, 4, 2))
     assert (done[2, 2], done[3, 3], done[4, 4]) == (SWEPT, GIVEN_UP, OCCUPIED)
     _, done = window(tried=at(3, 3), wall=at(4, 4))
@@ -142,7 +142,7 @@ def test_targets_are_what_the_mouth_reaches_from_where_the_axle_can_be() -> None
     assert (ways[12, 12], ways[10, 10], ways[9, 9]) == (-1, 50, -1)
 
 
-def test_the_outline_begins_beside_the_wall_that_is_not_swept() -> None:
+def test_the_perimeter_pass_begins_beside_the_unswept_wall() -> None:
     open_ = floor(40, 40)
     open_[:8] = 0
     open_[8, 1:-1] = 1

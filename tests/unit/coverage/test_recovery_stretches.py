@@ -69,7 +69,7 @@ def test_the_longest_are_kept() -> None:
     )
 
 
-def test_what_gave_nothing_twice_is_forgotten_from_both_ends() -> None:
+def test_a_target_that_failed_twice_is_abandoned_from_both_ends() -> None:
     stretches = Stretches()
     for y in (0.0, 1.0):
         follow(stretches, LEFT, (0.0, y, 0.0))

@@ -36,7 +36,7 @@ def test_only_a_slight_bend_is_gone_through(bend_deg: float, *, fast: bool) -> N
     assert abs(bend) < BEND_RAD - math.radians(3.0) or not fast
 
 
-def test_before_an_outline_it_is_slow_whichever_way_the_wall_runs() -> None:
+def test_before_a_perimeter_pass_it_is_slow_whatever_the_wall_direction() -> None:
     for heading_deg in (0.0, 180.0):
         assert end_speed(choice("outline", heading_deg, (1.0, 0.0)), 0, 0.0) < 0.06
 

@@ -21,27 +21,27 @@ if TYPE_CHECKING:
     from bridge.coverage.planner import PlannerEvent
     from bridge.motion.legs import Leg, LegResult
 
-DOUBTFUL, SURE = math.radians(0.02), math.radians(0.004)
+UNCERTAIN, SURE = math.radians(0.02), math.radians(0.004)
 
 
-def seen(time_s: float, doubt: float, x: float = 0.0) -> Observation:
+def seen(time_s: float, uncertainty: float, x: float = 0.0) -> Observation:
     pose = Pose2(x, 0.0, 0.0)
-    return AT_REST._replace(time_s=time_s, pose=pose, gyro_bias_sigma_rad_s=doubt)
+    return AT_REST._replace(time_s=time_s, pose=pose, gyro_bias_sigma_rad_s=uncertainty)
 
 
 def test_a_rest_lasts_until_the_bias_is_sure() -> None:
     rest = GyroRest()
     assert not rest.holds(seen(0.0, SURE))
-    assert rest.holds(seen(1.0, DOUBTFUL))
+    assert rest.holds(seen(1.0, UNCERTAIN))
     assert rest.held
-    assert rest.holds(seen(2.0, DOUBTFUL))
+    assert rest.holds(seen(2.0, UNCERTAIN))
     assert not rest.holds(seen(2.1, SURE))
     assert not rest.held
 
 
 def test_a_rest_that_helps_nothing_ends_and_is_not_begun_again_at_once() -> None:
     rest = GyroRest()
-    times = [0.1 * k for k in range(400) if rest.holds(seen(0.1 * k, DOUBTFUL))]
+    times = [0.1 * k for k in range(400) if rest.holds(seen(0.1 * k, UNCERTAIN))]
     assert 2.0 < sum(t < 20.0 for t in times) * 0.1 < 3.0
     assert not any(3.0 < t < 20.0 for t in times)
     assert any(t > 20.0 for t in times), "but once more, later"
@@ -84,8 +84,8 @@ def test_only_a_planner_that_watches_is_held_and_only_between_its_legs() -> None
         x, moved = 0.0, []
         for k in range(300):
             now_s = 0.02 * k
-            doubt = DOUBTFUL if 0.5 < now_s < 3.0 else SURE
-            command = runner.step(seen(now_s, doubt, x))
+            uncertainty = UNCERTAIN if 0.5 < now_s < 3.0 else SURE
+            command = runner.step(seen(now_s, uncertainty, x))
             x += 0.02 * command.v_m_s
             if command != HALT:
                 moved.append(now_s)
@@ -108,14 +108,14 @@ class Flowing(Watching):
         return Drive(0.0, 0.5, end_m_s=0.12)
 
 
-@pytest.mark.parametrize("doubt", [SURE, DOUBTFUL])
-def test_a_plan_that_ends_or_rests_in_motion_brakes_within_the_limit(doubt: float) -> None:
+@pytest.mark.parametrize("uncertainty", [SURE, UNCERTAIN])
+def test_a_plan_that_ends_or_rests_in_motion_brakes_within_the_limit(uncertainty: float) -> None:
     planner = Flowing()
     runner = PlanRunner(planner, RobotModel())  # type: ignore[arg-type]  # no state to tell
     x = v = 0.0
     sent = []
     for k in range(500):
-        obs = seen(0.02 * k, doubt if x > 0.3 else SURE, x)._replace(v_m_s=v)
+        obs = seen(0.02 * k, uncertainty if x > 0.3 else SURE, x)._replace(v_m_s=v)
         v = runner.step(obs).v_m_s
         sent.append(v)
         x += 0.02 * v

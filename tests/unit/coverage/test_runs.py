@@ -127,7 +127,7 @@ def test_the_estimate_stays_near_the_truth() -> None:
     assert run(CASE_1, "paper", 0, TYPICAL).worst_pose_error_m < 0.08
 
 
-def test_every_decision_is_told_with_its_reason() -> None:
+def test_every_decision_is_reported_with_its_reason() -> None:
     done = run(CASE_1, "paper", 0, TYPICAL)
     kinds = [e.kind for e in done.events]
     assert kinds[0] == "start"

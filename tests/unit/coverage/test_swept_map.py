@@ -61,7 +61,7 @@ def test_it_grows_in_every_direction_and_keeps_its_marks() -> None:
     assert (grid.cells == SWEPT).sum() <= 5 * 9
 
 
-def test_export_is_a_copy_and_revision_tells_of_changes() -> None:
+def test_export_is_a_copy_and_its_revision_shows_changes() -> None:
     swept = SweptMap(MODEL)
     assert swept.to_occupancy().cells.size == 0
     swept.update(Pose2(0.0, 0.0, 0.0))

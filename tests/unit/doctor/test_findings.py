@@ -82,7 +82,7 @@ def frame(line: Line) -> bytes:
         (lambda f: f[:9] + f[10:], "overrun", Damaged(short=5)),
     ],
 )
-def test_damage_is_told_apart_by_length(harm: object, kind: str, what: Damaged) -> None:
+def test_damage_is_distinguished_by_length(harm: object, kind: str, what: Damaged) -> None:
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, count=50)
@@ -196,7 +196,7 @@ def test_a_boot_and_its_cause(cause: ResetCause, kind: str) -> None:
     assert line.kinds == ([] if kind == "reset" else [kind]), "of before: a note"
 
 
-def test_what_the_device_counts_and_says() -> None:
+def test_what_the_device_counts_and_reports() -> None:
     line = Line()
     line.inform(hello())
     line.inform(COUNTS, count=60)
@@ -235,7 +235,7 @@ def test_a_device_that_waits_for_a_host() -> None:
     assert line.kinds == []
 
 
-def test_everything_that_may_be_said_has_advice() -> None:
+def test_every_finding_has_advice() -> None:
     for text in ADVICE.values():
         assert len(text) > 20
         assert not text.endswith(".")

@@ -64,7 +64,7 @@ def test_a_key_that_stands_twice_is_a_caution() -> None:
 
 
 @pytest.mark.parametrize("heading", [90, -90.0, 180, 270, 360, 6.5])
-def test_a_heading_in_degrees_is_refused_with_its_radians(heading: float) -> None:
+def test_a_heading_in_degrees_is_rejected_with_its_radians(heading: float) -> None:
     with pytest.raises(FloorPlanError, match="start: a heading of") as caught:
         parse_floorplan(room(start=[0.3, 0.3, heading]))
     assert f"{math.radians(heading):.5g} rad" in str(caught.value)
@@ -76,7 +76,7 @@ def test_a_heading_up_to_a_full_turn_is_accepted(heading: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("start", "said"),
+    ("start", "printed"),
     [
         ([4.0, 1.0, 0.0], "outside the walls"),
         ([1.5, 1.2, 0.0], "in obstacles[0]"),
@@ -84,10 +84,10 @@ def test_a_heading_up_to_a_full_turn_is_accepted(heading: float) -> None:
         ([0.9, 1.2, 0.0], "overlaps a wall or an obstacle by 60.0 mm"),
     ],
 )
-def test_a_start_that_contradicts_the_walls_is_refused(start: list[float], said: str) -> None:
+def test_a_start_that_contradicts_the_walls_is_rejected(start: list[float], printed: str) -> None:
     with pytest.raises(FloorPlanError) as caught:
         parse_floorplan(room(obstacles=[TABLE], start=start), radius_m=RADIUS_M)
-    assert said in str(caught.value)
+    assert printed in str(caught.value)
     assert len(caught.value.problems) == 1
 
 
@@ -102,14 +102,14 @@ def test_a_room_names_everything_that_is_wrong_in_one_line() -> None:
         parse_floorplan(text, radius_m=RADIUS_M)
     line = str(caught.value)
     assert "\n" not in line
-    for said in (
+    for printed in (
         "obstacles[0]: must be a list",
         "carpets[0].slip: 3 must be from 0 to 0.5",
         'did you mean "carpets[0].polygon"?',
         "heading of 90 rad",
         "overlaps a wall or an obstacle by 60.0 mm",
     ):
-        assert said in line
+        assert printed in line
 
 
 def test_a_missing_key_names_the_one_that_was_written_for_it() -> None:
@@ -136,7 +136,7 @@ def test_a_missing_inner_key_is_missing_and_not_a_wrong_value(
     assert str(caught.value) == line
 
 
-def test_thousands_of_problems_are_told_in_a_short_line() -> None:
+def test_thousands_of_problems_are_reported_in_a_short_line() -> None:
     with pytest.raises(FloorPlanError) as caught:
         parse_floorplan(room(obstacles=[[] for _ in range(5000)]))
     assert "and 4988 more" in str(caught.value)

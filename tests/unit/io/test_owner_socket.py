@@ -58,7 +58,7 @@ class Robot:
         self.waiting = Waiting()
         self.released = threading.Event()
 
-    def answer(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
+    def answer(self, request: dict[str, Any], requester: str) -> dict[str, Any]:
         match request.get("do"):
             case "stop":
                 return {"confirmed": True}
@@ -70,14 +70,14 @@ class Robot:
             case "flood":
                 return {"flood": "x" * 1_000_000}
             case _:
-                return self._other(request, asker)
+                return self._other(request, requester)
 
-    def _other(self, request: dict[str, Any], asker: str) -> dict[str, Any]:
+    def _other(self, request: dict[str, Any], requester: str) -> dict[str, Any]:
         if request.get("do") == "refuse":
             raise OwnerRejectedError("not now", 5)
         if request.get("do") != "echo":
             raise BridgeError("no such request")
-        return {"request": request, "asker": asker}
+        return {"request": request, "asker": requester}
 
     def snapshot(self) -> dict[str, Any]:
         self.shown += 1
@@ -123,9 +123,9 @@ def test_only_this_user_may_enter(owner: OwnerSocket, runtime: Path) -> None:
 
 
 def test_a_refusal_keeps_its_reason_and_status(owner: OwnerSocket, port: str) -> None:
-    with pytest.raises(OwnerRejectedError, match="not now") as refused:
+    with pytest.raises(OwnerRejectedError, match="not now") as rejected:
         ask(port, {"do": "refuse"})
-    assert refused.value.exit_status == 5
+    assert rejected.value.exit_status == 5
     with pytest.raises(OwnerRejectedError, match="no such request"):
         ask(port, {"do": "dance"})
     assert owner.path.exists()
@@ -185,7 +185,7 @@ def _raw(owner: OwnerSocket) -> socket.socket:
 
 
 @pytest.mark.parametrize("line", [b"hello\n", b"[1]\n", b"\xff\xfe\n", b"[" * 2000 + b"\n"])
-def test_what_is_no_request_is_told_so(owner: OwnerSocket, line: bytes) -> None:
+def test_what_is_no_request_is_rejected(owner: OwnerSocket, line: bytes) -> None:
     with _raw(owner) as client, client.makefile("rb") as answers:
         client.sendall(line)
         answer = json.loads(answers.readline())
@@ -201,13 +201,13 @@ def test_a_line_without_an_end_is_hung_up_on(owner: OwnerSocket) -> None:
 
 
 @pytest.mark.parametrize("hz", ["1e-300", "0", "-1", "50.1", "NaN", "Infinity", "true", "9" * 3000])
-def test_a_rate_that_there_is_not_is_told_so(owner: OwnerSocket, hz: str) -> None:
+def test_an_unknown_rate_is_rejected_by_name(owner: OwnerSocket, hz: str) -> None:
     with _raw(owner) as client, client.makefile("rb") as answers:
         client.sendall(b'{"do": "watch", "hz": %s}\n' % hz.encode())
         assert json.loads(answers.readline()) == {"ok": False, "error": "hz is not in 0.01 to 50"}
 
 
-def test_a_defect_of_ours_is_told_and_ends_nothing(owner: OwnerSocket) -> None:
+def test_a_defect_of_ours_is_reported_and_ends_nothing(owner: OwnerSocket) -> None:
     with _raw(owner) as client, client.makefile("rb") as answers:
         client.sendall(b'{"do": "break"}\n{"do": "echo"}\n')
         broken = json.loads(answers.readline())
@@ -226,7 +226,7 @@ def test_many_requests_on_one_line_are_answered_in_their_order(owner: OwnerSocke
         sending.join()
 
 
-def test_lines_that_are_no_requests_are_refused_by_the_thousand(owner: OwnerSocket) -> None:
+def test_lines_that_are_no_requests_are_rejected_by_the_thousand(owner: OwnerSocket) -> None:
     with _raw(owner) as client, client.makefile("rb") as answers:
         for _ in range(10):
             client.sendall(b"\n" * 500)
@@ -286,23 +286,25 @@ def test_a_stop_passes_requests_that_wait_for_the_device(port: str) -> None:
             client.close()
 
 
-def test_eight_who_ask_again_and_again_are_never_too_many(owner: OwnerSocket, port: str) -> None:
+def test_eight_clients_that_ask_again_and_again_are_never_too_many(
+    owner: OwnerSocket, port: str
+) -> None:
     """Each on a connection of its own for each request: it is counted out before its answer."""
-    refused: list[str] = []
+    rejected: list[str] = []
 
     def ask_often() -> None:
         try:
             for _ in range(50):
                 ask(port, {"do": "echo"})
         except BridgeError as error:
-            refused.append(str(error))
+            rejected.append(str(error))
 
     threads = [threading.Thread(target=ask_often) for _ in range(MAX_ANSWERS)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert refused == []
+    assert rejected == []
     assert owner.path.exists()
 
 
@@ -321,7 +323,7 @@ def test_a_stop_passes_slow_senders(owner: OwnerSocket, port: str) -> None:
         client.close()
 
 
-def test_a_stop_passes_those_who_do_not_read(owner: OwnerSocket, port: str) -> None:
+def test_a_stop_passes_clients_that_do_not_read(owner: OwnerSocket, port: str) -> None:
     clients = crowd(owner, MAX_VIEWERS, b'{"do": "flood"}\n' * 10)
     stop(port)
     stop(port)

@@ -74,7 +74,7 @@ def test_a_listener_takes_everything_with_its_time_and_sends_nothing(port: Port)
     assert listener.data_to_send(HostNs(0)) == b""
 
 
-def test_without_an_end_it_runs_until_it_is_told(port: Port) -> None:
+def test_without_an_end_it_runs_until_it_is_stopped(port: Port) -> None:
     taken: list[bytes] = []
     listener = Listening(lambda data, _now_ns: taken.append(data))
     serve(port, listener, None, lambda: len(taken) == 3)

@@ -9,7 +9,7 @@ from bridge.io.port_names import FORMS, misspelt, tcp_mistake
 from bridge.io.ports import open_port
 
 
-def told(name: str) -> str:
+def reported(name: str) -> str:
     with pytest.raises(PortError) as caught:
         open_port(name).close()
     assert "\n" not in str(caught.value)
@@ -39,8 +39,8 @@ def told(name: str) -> str:
         ("http://robot/", f"write {FORMS}"),
     ],
 )
-def test_a_misspelt_name_is_told_its_form(name: str, meant: str) -> None:
-    assert told(name) == f"{name} is not a port: {meant}"
+def test_a_misspelt_name_is_answered_with_its_form(name: str, meant: str) -> None:
+    assert reported(name) == f"{name} is not a port: {meant}"
 
 
 @pytest.mark.parametrize(
@@ -50,9 +50,9 @@ def test_a_misspelt_name_is_told_its_form(name: str, meant: str) -> None:
         *("socket://127.0.0.1:0", "socket://127.0.0.1:99999", "rfc2217://robot"),
     ],
 )
-def test_an_address_without_a_host_or_a_port_is_told_before_it_is_opened(name: str) -> None:
+def test_an_address_without_a_host_or_a_port_is_reported_before_it_is_opened(name: str) -> None:
     scheme = name.partition(":")[0]
-    assert told(name) == (
+    assert reported(name) == (
         f"{name} is not a port: after {scheme}:// come a host and its TCP port, 1 to 65535, like "
         f"{scheme}://127.0.0.1:5000"
     )
@@ -70,8 +70,8 @@ def test_an_address_without_a_host_or_a_port_is_told_before_it_is_opened(name: s
         ("can:foo:bar", "there is no CAN interface 'foo'; it is slcan, socketcan"),
     ],
 )
-def test_a_name_of_the_right_form_is_told_what_is_missing(name: str, text: str) -> None:
-    assert text in told(name)
+def test_a_name_of_the_right_form_is_answered_with_what_is_missing(name: str, text: str) -> None:
+    assert text in reported(name)
 
 
 @pytest.mark.parametrize(
@@ -98,5 +98,5 @@ def test_a_path_is_no_misspelling(name: str) -> None:
         ("can:socketcand:x", "cannot open can:socketcand:x: "),
     ],
 )
-def test_whatever_a_library_raises_for_a_name_is_told_in_a_line(name: str, text: str) -> None:
-    assert text in told(name)
+def test_whatever_a_library_raises_for_a_name_is_reported_in_a_line(name: str, text: str) -> None:
+    assert text in reported(name)

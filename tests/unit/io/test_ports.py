@@ -50,7 +50,7 @@ def test_bytes_pass_both_ways(wire: Pty) -> None:
         assert port.wait(0.0) == b""
 
 
-def test_a_full_port_says_so_and_does_not_spin(wire: Pty) -> None:
+def test_a_full_port_reports_so_and_does_not_spin(wire: Pty) -> None:
     """Pyserial's own non-blocking write loops until the port takes something."""
     with SerialPort(wire.path) as port:
         taken = 0
@@ -72,7 +72,7 @@ def test_a_wait_can_be_ended(wire: Pty) -> None:
         assert port.wait(0.0) == b"", "one wake ends one wait"
 
 
-def test_a_vanished_port_is_told_by_name(wire: Pty) -> None:
+def test_a_vanished_port_is_reported_by_name(wire: Pty) -> None:
     with SerialPort(wire.path) as port:
         wire.hang_up()
         with pytest.raises(PortError, match=f"{wire.path} is gone"):

@@ -37,8 +37,8 @@ PATIENCE_S = 60.0
 
 
 def info(device: str, vid: int | None, pid: int | None, **more: Any) -> SimpleNamespace:  # noqa: ANN401 - as pyserial's
-    told = {"serial_number": None, "manufacturer": None, "product": None, "description": "n/a"}
-    return SimpleNamespace(device=device, vid=vid, pid=pid, **{**told, **more})
+    reported = {"serial_number": None, "manufacturer": None, "product": None, "description": "n/a"}
+    return SimpleNamespace(device=device, vid=vid, pid=pid, **{**reported, **more})
 
 
 @pytest.fixture(name="by_id")
@@ -140,14 +140,14 @@ def hello(link: Link) -> bytes:
 
 
 @contextmanager
-def repeating(line: Pty, said: Callable[[], bytes]) -> Iterator[None]:
+def repeating(line: Pty, printed: Callable[[], bytes]) -> Iterator[None]:
     """Somebody says a thing again and again: what the opening of the port drops comes anew."""
     end = threading.Event()
 
     def speak() -> None:
         while not end.wait(0.01):
             with suppress(BlockingIOError):
-                os.write(line.master, said())
+                os.write(line.master, printed())
 
     thread = threading.Thread(target=speak)
     thread.start()
@@ -203,7 +203,7 @@ def test_a_line_that_is_no_sweeper_s(line: Pty, monkeypatch: pytest.MonkeyPatch)
     assert re.match(r"[1-9]\d* bytes came, none of them", talking.note)
 
 
-def test_what_somebody_has_open_is_left_alone(line: Pty) -> None:
+def test_an_open_file_is_left_alone(line: Pty) -> None:
     taken = Candidate(line.name, line.name, "as given", owner=4321)
     (left,) = probe([taken])
     assert left.note == "process 4321 has it open"
@@ -221,7 +221,7 @@ def test_a_port_that_is_not_there(tmp_path: Path) -> None:
 # ---- access -----------------------------------------------------------------------------
 
 
-def test_denied_access_says_what_to_do(line: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_denied_access_reports_what_to_do(line: Pty, monkeypatch: pytest.MonkeyPatch) -> None:
     def denied(*_: object, **__: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 

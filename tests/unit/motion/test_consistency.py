@@ -135,7 +135,7 @@ def test_through_the_virtual_body_at_typical(seed: int) -> None:
     assert drive.estimator.disturbances == (), "no false alarm"
 
 
-def test_walls_tell_wheel_scale_and_the_bias_of_motion() -> None:
+def test_walls_estimate_wheel_scale_and_the_bias_of_motion() -> None:
     """From the second round on: in the first no wall's direction is known that it drives up to."""
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
     drive.rest(2.0)
@@ -206,7 +206,7 @@ def slip(monitor: SlipMonitor, along_m_sqrt_m: float) -> None:
         monitor.update(way_m - stray_m, way_m + stray_m, 0.0)
 
 
-def test_who_slips_is_doubted_the_more_the_more_he_slips() -> None:
+def test_more_slip_inflates_more() -> None:
     """As much as was measured below 1.7 mm/√m; of more, more is common to both wheels."""
     expected = {0.0004: (0.5, 0.4), 0.001: (1.0, 1.0), 0.0034: (6.8, 3.0), 0.01: (22.0, 3.0)}
     for along_m, (slippery, of_the_mean) in expected.items():
@@ -216,7 +216,7 @@ def test_who_slips_is_doubted_the_more_the_more_he_slips() -> None:
         assert monitor.mean_slippery == pytest.approx(of_the_mean, rel=0.03)
 
 
-def test_wheels_that_slip_and_a_chip_that_shakes_leave_their_scale_in_doubt() -> None:
+def test_slip_and_vibration_leave_the_scales_uncertain() -> None:
     estimator = PoseEstimator(MODEL, ORIGIN)
     states = [WHEEL_SCALE, GYRO_SCALE, MOTION_BIAS]
     wheels, gyro, bias = DRIFT.wheel_scale, DRIFT.gyro_scale, DRIFT.motion_bias_rad_s

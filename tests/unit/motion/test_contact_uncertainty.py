@@ -66,7 +66,7 @@ def test_backing_off_and_both_halves_take_nothing_back(
     assert pushed.estimator.pose == pytest.approx((START.x_m + 10 * way, START.y_m, 0.0))
 
 
-def test_what_inertia_tells_after_a_bump_is_not_taken_back() -> None:
+def test_inertial_evidence_after_a_bump_is_kept() -> None:
     drive = SimDrive(room((1.0, 1.0, 0.0)), "typical", 1, walls=False)
     drive.rest(1.0)
     for _ in range(50):
@@ -92,16 +92,16 @@ def test_what_the_bumper_felt_and_let_go_holds_the_body_no_more(
         for _ in range(5):
             drive.step(speed_m_s, 0.0)
     assert not drive.estimator.bridging
-    told, true = drive.estimator.pose, drive.body.pose
+    reported, true = drive.estimator.pose, drive.body.pose
     sigma_m = math.sqrt(drive.estimator.covariance[0][0])
     # while pressed it was held, for all that is known; readings come every 50 ms
     held_m = 0.05 * (pressed - 1) * speed_m_s
     low_m = 0.002 if held_m else -0.004
-    assert low_m < true.x_m - told.x_m < held_m + 0.004
+    assert low_m < true.x_m - reported.x_m < held_m + 0.004
     assert sigma_m < 0.02
 
 
-def test_of_what_the_bumper_never_felt_its_freedom_tells_nothing() -> None:
+def test_a_free_bumper_does_not_clear_what_it_never_felt() -> None:
     drive, contact = struck(0.06)
     for _ in range(8):
         contact.update(left=False, right=False, grazing=False)
@@ -170,7 +170,7 @@ def test_two_touches_are_two_errors() -> None:
     assert apart.sigma_m[1] == pytest.approx(math.sqrt(2.0) * one.sigma_m[1], rel=0.02)
 
 
-def test_rubbing_adds_doubt_with_the_root_of_the_way() -> None:
+def test_grazing_adds_standard_deviation_with_the_root_of_the_path() -> None:
     for parts in (10, 80):
         rubbed = Pushed()
         rubbed.go([0.4 / parts] * parts, left=False, right=False, graze=True)
@@ -181,7 +181,7 @@ def test_rubbing_adds_doubt_with_the_root_of_the_way() -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("level", ["typical", "harsh"])
-def test_the_virtual_sweeper_that_slides_along_a_wall_is_followed(side: int, level: str) -> None:
+def test_the_estimate_follows_a_sweeper_that_slips_along_a_wall(side: int, level: str) -> None:
     """Plant and shell are not ours here: some 10 cm along a wall, the heading 10° into it."""
     y = 1.5 + side * (1.5 - MODEL.radius_m - 0.004)
     drive = SimDrive(
@@ -194,8 +194,8 @@ def test_the_virtual_sweeper_that_slides_along_a_wall_is_followed(side: int, lev
         way = drive.estimator.pose.distance_m(before)
     drive.rest(0.3)
     assert drive.bumped
-    told, true = drive.estimator.pose, drive.body.pose
-    off_m = told.y_m - true.y_m
+    reported, true = drive.estimator.pose, drive.body.pose
+    off_m = reported.y_m - true.y_m
     slid_m = 0.1 * math.sin(math.radians(10.0))
     assert abs(off_m) < 0.5 * slid_m, "without it, the estimate is 17 mm inside the wall"
     sigma_m = math.sqrt(drive.estimator.covariance[1][1])

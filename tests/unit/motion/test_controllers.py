@@ -42,7 +42,7 @@ def test_pid_integral_removes_a_standing_error() -> None:
     "text",
     [{"kp": math.nan}, {"kp": 1.0, "ti_s": 0.0}, {"kp": 1.0, "td_s": -1.0}],
 )
-def test_pid_refuses_gains_without_meaning(text: dict[str, float]) -> None:
+def test_pid_rejects_gains_without_meaning(text: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="PID gains"):
         PidGains(**text)
 
@@ -55,7 +55,7 @@ def test_rotary_crosses_the_seam_and_slows_in_time() -> None:
     assert near == pytest.approx(math.sqrt(2 * 0.1 * 0.05))
 
 
-def test_point_to_point_slows_by_the_cosine_and_tells_the_lateral_part() -> None:
+def test_point_to_point_slows_by_the_cosine_and_gives_the_lateral_part() -> None:
     point = PointToPointController(0.3, 1.5)
     bearing = math.radians(30)
     command = point.update(math.cos(bearing), math.sin(bearing), Pose2(0, 0, 0), 0.02)
@@ -84,7 +84,7 @@ def test_smoothing_is_a_low_pass_of_its_own_output_then_a_clamp() -> None:
 
 
 @pytest.mark.parametrize(("accel", "lowpass"), [(0.0, 0.5), (1.0, 0.0), (1.0, 1.5)])
-def test_smoothing_refuses_settings_without_meaning(accel: float, lowpass: float) -> None:
+def test_smoothing_rejects_settings_without_meaning(accel: float, lowpass: float) -> None:
     with pytest.raises(ValueError, match="must be"):
         VelocitySmoother(accel, lowpass)
 

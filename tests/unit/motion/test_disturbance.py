@@ -53,7 +53,7 @@ def test_the_wheel_that_counts_more_than_the_gyro_allows_slips(
     assert found[-1] == side
 
 
-def test_the_bridge_ends_when_the_wheels_tell_the_same_again() -> None:
+def test_bridging_ends_when_the_wheels_agree_again() -> None:
     bridge = InertialBridge(0.2)
     assert bridge.push(-10.0, 0.0, 0.0, 0.01) == pytest.approx((0.001, 0.0))
     assert not bridge.over(0.2, 0.02)
@@ -93,17 +93,17 @@ def test_a_body_that_gains_speed_as_its_wheels_do_stands_no_more(*, follows: boo
         bridge.push(0.0, 0.0, 0.0, 0.02)
         assert not bridge.over(0.06, 0.02)
     assert bridge.stalled
-    told_m = 0.0
+    reported_m = 0.0
     for k in range(1, 20):
         speed = 0.06 + 0.008 * k  # 0.4 m/s²
         bridge.push(0.4 if follows else 0.0, 0.0, 0.0, 0.02)
-        told_m += 0.02 * speed
+        reported_m += 0.02 * speed
         if bridge.over(speed, 0.02):
             break
     # 0.05 m/s are gained in the seventh step; in the stall's last ones 5 cm/s were withheld
     assert (k == 7) is follows
     if follows:
-        assert told_m <= bridge.given_back_m < told_m + 0.01
+        assert reported_m <= bridge.given_back_m < reported_m + 0.01
     else:
         assert bridge.given_back_m == 0.0
 
@@ -129,7 +129,7 @@ def run_into_wall(degrees: float, seed: int, *, accel: bool, push_s: float = 0.1
 
 @pytest.mark.parametrize("degrees", [0.0, 25.0, -40.0])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_bump_is_told_and_bridged(degrees: float, seed: int) -> None:
+def test_a_bump_is_reported_and_bridged(degrees: float, seed: int) -> None:
     felt = run_into_wall(degrees, seed, accel=True)
     blind = run_into_wall(degrees, seed, accel=False)
     assert [d.kind for d in felt.estimator.disturbances][:1] == [DisturbanceKind.BUMP]
@@ -142,7 +142,7 @@ def test_a_bump_is_told_and_bridged(degrees: float, seed: int) -> None:
     assert felt.errors.position_m[-1] < 4.0 * sigma
 
 
-def test_a_stall_is_told_and_its_wheels_are_not_believed() -> None:
+def test_a_stall_is_reported_and_its_wheels_are_not_used() -> None:
     felt = run_into_wall(0.0, 3, accel=True, push_s=1.5)
     blind = run_into_wall(0.0, 3, accel=False, push_s=1.5)
     kinds = {d.kind for d in felt.estimator.disturbances}
@@ -190,7 +190,7 @@ def test_a_bump_of_a_robot_that_turns_on_the_spot_has_no_way_back() -> None:
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_slipping_wheel_is_told_and_the_other_believed(side: int) -> None:
+def test_a_slipping_wheel_is_reported_and_the_other_used(side: int) -> None:
     drive = SimDrive(room((5.0, 5.0, 0.0)), "typical", 4, walls=False)
     drive.rest(2.0)
     for _ in range(200):

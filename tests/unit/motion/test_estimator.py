@@ -71,11 +71,11 @@ def test_circle_across_the_counter_wrap_comes_back() -> None:
     assert max(abs(e) for e in drive.error()) < 5e-3
 
 
-def test_the_bias_follows_the_chips_temperature_once_two_rests_told_how() -> None:
+def test_the_bias_follows_the_chips_temperature_after_two_standstills() -> None:
     """A slope of 0.02 °/s for a degree, and 3 °C a minute; 0.06 °/s in the last of three."""
     slope, rate_c_s = math.radians(0.02), 0.05
     off = {}
-    for told in (False, True):
+    for reported in (False, True):
         estimator = PoseEstimator(MODEL, Pose2(0.0, 0.0, 0.0))
         way = 0.0
         for k in range(18_000):
@@ -83,11 +83,11 @@ def test_the_bias_follows_the_chips_temperature_once_two_rests_told_how() -> Non
             moving = 10.0 < t < 60.0 or t > 70.0
             way += 0.002 if moving else 0.0
             bias = math.radians(1.0) + slope * rate_c_s * t
-            estimator.on_imu(t, bias, temperature_c=30.0 + rate_c_s * t if told else None)
+            estimator.on_imu(t, bias, temperature_c=30.0 + rate_c_s * t if reported else None)
             if k % 2:
                 counts = math.floor(way / MODEL.metres_per_count) & 0xFFFF
                 estimator.on_encoders(t, counts, counts)
-        off[told] = abs(math.degrees(estimator.gyro_bias_rad_s - bias))
+        off[reported] = abs(math.degrees(estimator.gyro_bias_rad_s - bias))
     # 110 s after the last rest, in which the chip became 5.5 °C warmer
     assert off[False] == pytest.approx(0.11, abs=0.01)
     assert off[True] < 0.02

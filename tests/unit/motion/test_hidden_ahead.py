@@ -68,7 +68,7 @@ def test_an_echo_that_comes_back_is_not_hidden() -> None:
     assert hidden.update(0.58, 0.01, 0.0) == math.inf
 
 
-def test_after_a_turn_it_is_not_known_where_it_stands() -> None:
+def test_after_a_turn_its_position_is_unknown() -> None:
     hidden = HiddenAhead(MODEL, DECEL)
     hidden.update(0.40, 0.0, 0.0)
     assert hidden.update(2.0, 0.01, 0.0) < math.inf

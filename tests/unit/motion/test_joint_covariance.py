@@ -8,7 +8,7 @@ import pytest
 from bridge.motion.estimation.joint_covariance import JointCovariance
 
 
-def test_a_state_appended_shares_the_doubt_that_it_was_made_of() -> None:
+def test_an_augmented_state_is_correlated_with_what_it_was_made_of() -> None:
     joint_covariance = JointCovariance((4.0, 1.0))
     first = joint_covariance.append((0,), np.array([[1.0]]), np.array([[0.5]]))
     assert first == 2
@@ -28,7 +28,7 @@ def test_an_update_is_kalmans() -> None:
     assert joint_covariance.p[0, 0] == pytest.approx(4.0 - 8.0 * 8.0 / 25.0)
 
 
-def test_a_held_state_counts_with_its_doubt_and_stays() -> None:
+def test_a_held_state_counts_with_its_variance_and_stays() -> None:
     """Schmidt's filter, by hand: s = 4 + 1 + 4, gains 4/9 and, held, 0."""
     joint_covariance = JointCovariance((4.0, 1.0))
     row = np.array([[1.0, 1.0]])

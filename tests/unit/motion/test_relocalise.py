@@ -15,7 +15,7 @@ from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.pose_filter import STATES
 from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.estimation.wall_map import GATE_M, WallMap
-from bridge.motion.estimation.wall_measurements import FrontSight, LineSight
+from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 
@@ -65,7 +65,7 @@ class World:
         self.walls = Relocaliser(MODEL, self.helped)
         self.worst_alone = self.worst_helped = self.worst_yaw = 0.0
         self.worst_harm = 0.0
-        self.least_eigenvalue = math.inf
+        self.min_eigenvalue = math.inf
 
     def rest(self, seconds: float) -> None:
         for _ in range(round(seconds * 100)):
@@ -131,8 +131,8 @@ class World:
         yaw = math.remainder(self.helped.pose.theta_rad - self.truth.theta_rad, math.tau)
         self.worst_yaw = max(self.worst_yaw, abs(yaw))
         if self.tick % 100 == 0:
-            least = float(np.linalg.eigvalsh(np.array(self.helped.covariance)).min())
-            self.least_eigenvalue = min(self.least_eigenvalue, least)
+            lowest = float(np.linalg.eigvalsh(np.array(self.helped.covariance)).min())
+            self.min_eigenvalue = min(self.min_eigenvalue, lowest)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -150,7 +150,7 @@ def test_the_error_stays_bounded_round_after_round(seed: int) -> None:
     assert world.worst_helped < early + 0.02, "it does not grow"
     assert world.worst_yaw < math.radians(1.0)
     assert world.worst_alone > 1.5 * world.worst_helped, "without walls it drifts"
-    assert world.least_eigenvalue > -1e-12
+    assert world.min_eigenvalue > -1e-12
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -165,7 +165,7 @@ def test_rotated_obstacles_never_do_more_harm_than_the_gate(seed: int, degrees: 
         world.round()
     assert world.worst_harm < GATE_M
     assert world.worst_helped < 0.06
-    assert world.least_eigenvalue > -1e-12
+    assert world.min_eigenvalue > -1e-12
 
 
 def test_a_perfect_estimate_stays_one() -> None:
@@ -179,7 +179,7 @@ def test_a_perfect_estimate_stays_one() -> None:
     assert world.worst_yaw < math.radians(0.6)
 
 
-def test_a_touch_is_doubted_once() -> None:
+def test_a_contact_inflates_once() -> None:
     estimator = PoseEstimator(MODEL, START)
     walls = Relocaliser(MODEL, estimator)
     traces = []
@@ -194,7 +194,7 @@ def test_a_touch_is_doubted_once() -> None:
 def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
     """Rubbing along a wall may push the robot aside, 0.7 mm/√m; a reading that strays does not."""
     touch = MODEL.radius_m - abs(MODEL.infrared_left.y_m)
-    for near, doubted in ((1, False), (2, False), (3, True)):
+    for near, inflated in ((1, False), (2, False), (3, True)):
         driven = Driven()
         walls = Relocaliser(MODEL, driven.estimator)
         way_m = 0.0
@@ -206,15 +206,15 @@ def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
             walls.update(None, touch + (0.02 if i < 10 - near else 0.002), None, **FREE)
         sigma_m = 0.0007 * driven.estimator.slip_monitor.slippery * math.sqrt(way_m)
         added = driven.estimator.covariance[1][1] - before
-        assert added == pytest.approx(doubted * sigma_m**2, rel=0.05, abs=1e-15)
+        assert added == pytest.approx(inflated * sigma_m**2, rel=0.05, abs=1e-15)
 
 
-def seen_askew() -> tuple[Driven, WallMap]:
+def seen_oblique() -> tuple[Driven, WallMap]:
     """A wall ahead is known, direction and all; then a way aside, its heading in doubt by 1°."""
     driven = Driven()
     estimator = driven.estimator
     walls = Relocaliser(MODEL, estimator).walls
-    walls.see_line(LineSight(0.0, 0.8, 1e-4, 0.0, 1e-8, -0.5, 0.5))
+    walls.see_line(LineMeasurement(0.0, 0.8, 1e-4, 0.0, 1e-8, -0.5, 0.5))
     estimator.inflate(0.005, math.radians(1.0))
     for turn in (1.0, -1.0):
         driven.drive(0.0, turn * 0.5 * math.pi, 100)
@@ -224,7 +224,7 @@ def seen_askew() -> tuple[Driven, WallMap]:
 
 def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
     """Though place and heading are in doubt together: the heading is held, and so is the wall's."""
-    driven, walls = seen_askew()
+    driven, walls = seen_oblique()
     estimator = driven.estimator
     estimator.update_pending()
     with_sigma = np.array(estimator.joint_covariance.p)
@@ -233,7 +233,7 @@ def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
     )
     before, normal_rad = estimator.pose, walls.normal_rad(0)
     ahead_m = 0.8 - before.x_m + START.x_m - MODEL.ultrasonic.x_m
-    assert walls.see_front(FrontSight(ahead_m - 0.01, 1e-6), MODEL.ultrasonic)
+    assert walls.see_front(FrontMeasurement(ahead_m - 0.01, 1e-6), MODEL.ultrasonic)
     assert estimator.pose.x_m == pytest.approx(before.x_m + 0.01, abs=0.004)
     assert estimator.pose.theta_rad == before.theta_rad
     assert walls.normal_rad(0) == normal_rad
@@ -241,16 +241,16 @@ def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
     assert estimator.joint_covariance.p[held] == pytest.approx(with_sigma[held], rel=1e-12)
 
 
-def test_one_doubtful_direction_is_one_doubt_for_a_whole_approach() -> None:
+def test_one_uncertain_direction_counts_once_for_a_whole_approach() -> None:
     """However often the range is read, 0.01 rad of the wall on a lever of 0.4 m stay 4 mm."""
-    driven, walls = seen_askew()
+    driven, walls = seen_oblique()
     estimator = driven.estimator
     lever_m = estimator.pose.y_m - START.y_m
     assert lever_m == pytest.approx(0.4, abs=0.02)
     range_m = 0.8 - estimator.pose.x_m + START.x_m - MODEL.ultrasonic.x_m
     for _ in range(200):
-        walls.see_front(FrontSight(range_m, 1e-6), MODEL.ultrasonic)
-    assert walls.walls[0].sights > 150
+        walls.see_front(FrontMeasurement(range_m, 1e-6), MODEL.ultrasonic)
+    assert walls.walls[0].measurements > 150
     by_wall_m = lever_m * math.sqrt(estimator.joint_covariance.p[STATES, STATES])
     assert math.sqrt(estimator.covariance[0][0]) > 0.5 * by_wall_m
 
@@ -321,7 +321,7 @@ def test_the_covariance_stays_positive_semidefinite(steps: list[tuple[object, ..
 
 
 @given(st.lists(STEP, max_size=20), ERROR, VARIANCE)
-def test_a_correction_takes_away_part_of_the_error_and_of_the_doubt(
+def test_an_update_reduces_the_error_and_the_variance(
     steps: list[tuple[object, ...]], error: float, variance: float
 ) -> None:
     driven = Driven()
@@ -388,12 +388,12 @@ def test_a_wall_passed_without_rubbing_enters_the_map(gap_m: float) -> None:
 
 
 @pytest.mark.parametrize("gap_m", [-0.002, 0.0, 0.0003])
-def test_a_wall_rubbed_along_tells_too_little_of_its_direction(gap_m: float) -> None:
+def test_a_grazed_wall_observes_its_direction_too_weakly(gap_m: float) -> None:
     places, _ = between_walls(gap_m)
     assert places.walls.walls == []
 
 
-def test_who_rubs_on_the_right_is_not_told_by_the_left() -> None:
+def test_grazing_on_the_right_is_not_measured_on_the_left() -> None:
     """Who slides aside sees both walls turned alike."""
     assert between_walls(0.0, 0.05)[0].walls.walls == []
     assert len(between_walls(0.05, 0.05)[0].walls.walls) == 2

@@ -11,23 +11,23 @@ from hypothesis import strategies as st
 
 from bridge.motion.control.room_ahead import RoomAhead
 
-STOP_M, LEAST_M, STEP_S = 0.05, 0.002, 0.02
+STOP_M, MIN_M, STEP_S = 0.05, 0.002, 0.02
 
 
 def is_blocked(*ranges_m: float | None, dt_s: float = 0.05) -> list[bool]:
     room = RoomAhead(STOP_M)
     found = []
     for range_m in ranges_m:
-        room.update(range_m, LEAST_M, dt_s)
+        room.update(range_m, MIN_M, dt_s)
         found.append(room.is_blocked)
     return found
 
 
 def test_room_is_what_is_beyond_the_stop_range() -> None:
     room = RoomAhead(STOP_M)
-    assert room.update(0.30, LEAST_M, STEP_S) == pytest.approx(0.25)
-    assert room.update(0.04, LEAST_M, STEP_S) == pytest.approx(-0.01)
-    assert room.update(None, LEAST_M, STEP_S) == math.inf
+    assert room.update(0.30, MIN_M, STEP_S) == pytest.approx(0.25)
+    assert room.update(0.04, MIN_M, STEP_S) == pytest.approx(-0.01)
+    assert room.update(None, MIN_M, STEP_S) == math.inf
 
 
 def test_a_wall_that_came_near_bars_at_once_and_an_echo_out_of_nothing_with_the_next() -> None:
@@ -57,7 +57,7 @@ def test_a_reading_that_is_held_is_one_reading() -> None:
 @given(
     st.lists(st.floats(0.02, 3.0).map(lambda x: round(x, 3)) | st.none(), min_size=1, max_size=30)
 )
-def test_whatever_is_read_it_is_barred_only_without_room_and_by_two_that_agree(
+def test_it_is_blocked_only_without_room_and_by_two_sensors_that_agree(
     ranges_m: list[float | None],
 ) -> None:
     found = is_blocked(*ranges_m)
@@ -66,7 +66,7 @@ def test_whatever_is_read_it_is_barred_only_without_room_and_by_two_that_agree(
     for (before, earlier), (k, range_m) in pairwise(seen):
         if range_m == earlier or abs(earlier - range_m - 0.1) < 1e-6:
             continue
-        near = range_m <= STOP_M + LEAST_M
+        near = range_m <= STOP_M + MIN_M
         led_up_to = earlier - range_m <= 0.1 and (k - before) * 0.05 <= 0.3
         assert not found[k] or near
         if near and led_up_to and k - before < 6:

@@ -105,7 +105,7 @@ def test_the_integral_keeps_to_columns_and_costs_overshoot() -> None:
 @pytest.mark.parametrize(
     ("change", "overshoot_m"), [({"yaw_gain_s": 2.0}, 0.009), ({"lookahead_m": 0.06}, 0.008)]
 )
-def test_a_slack_yaw_or_a_short_sight_swings(change: dict[str, float], overshoot_m: float) -> None:
+def test_a_slack_yaw_or_a_short_range_swings(change: dict[str, float], overshoot_m: float) -> None:
     response = wall_step(MODEL, 0.02, replace(FOLLOW_TUNING, **change))
     assert response.overshoot * 0.02 > overshoot_m
 

@@ -48,7 +48,7 @@ def test_overshoot_and_settling_are_read_off_the_series() -> None:
 
 
 @pytest.mark.parametrize("degrees", [10.0, 45.0, 90.0, -90.0, 170.0])
-def test_turns_settle_without_overshoot(degrees: float) -> None:
+def test_turns_end_without_overshoot(degrees: float) -> None:
     response = rotary_step(MODEL, math.radians(degrees))
     assert response.overshoot < 0.02
     # rate and acceleration limits alone take |angle|/1.5 + 1.5/4 s or so
@@ -113,7 +113,7 @@ def test_the_speed_for_a_distance_needs_just_that_distance(distance: float) -> N
 
 
 @pytest.mark.parametrize("figures", [(0.0, 0.1, 0.0), (0.4, -0.1, 0.0), (0.4, 0.1, -1.0)])
-def test_braking_refuses_figures_without_meaning(figures: tuple[float, float, float]) -> None:
+def test_braking_rejects_figures_without_meaning(figures: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="braking needs"):
         Braking(*figures)
 
@@ -121,7 +121,7 @@ def test_braking_refuses_figures_without_meaning(figures: tuple[float, float, fl
 # ---- Fig. 15 ---------------------------------------------------------------------------
 
 
-def test_cycles_end_where_the_plan_says() -> None:
+def test_cycles_end_where_the_plan_ends() -> None:
     plan = UCycles(Pose2(1.0, 2.0, math.pi / 2), cycles=2, lane_m=1.0, step_m=0.1)
     assert plan.path_m == pytest.approx(4.4)
     drives = [leg for _, leg in plan.legs() if isinstance(leg, Drive)]
@@ -134,7 +134,7 @@ def test_cycles_end_where_the_plan_says() -> None:
     assert plan.end(2) == pytest.approx((1.0 - 0.4, 2.0, math.pi / 2))
 
 
-def test_offsets_are_told_along_and_across_the_lanes() -> None:
+def test_offsets_are_reported_along_and_across_the_lanes() -> None:
     plan = UCycles(Pose2(0.0, 0.0, math.pi / 2), cycles=2, lane_m=1.0, step_m=0.1)
     (first, second) = plan.offsets(
         [(10.0, Pose2(-0.2, 0.004, math.pi / 2)), (20.0, Pose2(-0.403, 0.0, 1.6))]
@@ -145,7 +145,7 @@ def test_offsets_are_told_along_and_across_the_lanes() -> None:
 
 
 @pytest.mark.parametrize("lengths", [(0, 1.0, 0.1), (1, 0.0, 0.1), (1, 1.0, -0.1)])
-def test_cycles_without_extent_are_refused(lengths: tuple[int, float, float]) -> None:
+def test_cycles_without_extent_are_rejected(lengths: tuple[int, float, float]) -> None:
     cycles, lane_m, step_m = lengths
     with pytest.raises(ValueError, match="must be positive"):
         UCycles(Pose2(0.0, 0.0, 0.0), cycles=cycles, lane_m=lane_m, step_m=step_m)

@@ -382,6 +382,6 @@ def test_speed_respects_the_way_left_to_a_wall_ahead() -> None:
 
 
 @pytest.mark.parametrize(("distance_m", "speed"), [(-0.01, 0.2), (0.25, 0.2), (0.05, 0.0)])
-def test_settings_without_meaning_are_refused(distance_m: float, speed: float) -> None:
+def test_settings_without_meaning_are_rejected(distance_m: float, speed: float) -> None:
     with pytest.raises(ValueError, match="must be"):
         WallFollower(MODEL, Side.LEFT, distance_m, speed_m_s=speed)

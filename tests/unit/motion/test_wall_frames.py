@@ -20,7 +20,7 @@ def test_squareness_is_used_where_the_evidence_is_for_it() -> None:
 
 
 @pytest.mark.parametrize("degrees", [2.5, 4.0, 12.0])
-def test_an_askew_box_bends_nothing(degrees: float) -> None:
+def test_an_oblique_box_bends_nothing(degrees: float) -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.inflate(0.0, 0.5 * DEGREE)
@@ -51,12 +51,12 @@ def test_two_frames_of_square_walls_become_one() -> None:
     """A pair that stands askew to the first until both have been seen for long enough."""
     room = Room()
     first = (line(math.pi / 2, 0.5), line(0.0, 0.8))
-    for sight in first:
-        room.walls.see_line(sight)
+    for measurement in first:
+        room.walls.see_line(measurement)
     room.inflate(0.0, 1.5 * DEGREE)
     room.believe(0.0, 0.0, 1.7 * DEGREE)
-    for sight in (line(-math.pi / 2, 1.5), line(math.pi, 1.8)):
-        room.walls.see_line(sight)
+    for measurement in (line(-math.pi / 2, 1.5), line(math.pi, 1.8)):
+        room.walls.see_line(measurement)
     walls = room.walls.walls
     assert walls[0].frame == walls[1].frame != walls[2].frame == walls[3].frame
     assert room.filter.pose.theta_rad == pytest.approx(1.7 * DEGREE)
@@ -70,7 +70,7 @@ def test_two_frames_of_square_walls_become_one() -> None:
         assert abs(math.remainder(room.walls.normal_rad(i), math.pi / 2)) < 0.2 * DEGREE
 
 
-def test_the_headings_doubt_is_that_against_the_square_walls() -> None:
+def test_the_headings_variance_is_that_against_the_orthogonal_walls() -> None:
     room = Room()
     assert room.walls.heading_sigma_rad == 0.0
     room.walls.see_line(line(math.pi / 2, 0.5))
@@ -92,13 +92,13 @@ def test_the_headings_doubt_is_that_against_the_square_walls() -> None:
 def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hides: bool) -> None:
     """A box that stands askew, just gone round, does not tell how sure the lanes' heading is."""
     room = Room()
-    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
-        room.walls.see_line(sight)
+    for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
+        room.walls.see_line(measurement)
     room.inflate(0.0, 2.0 * DEGREE)
     inflate = room.walls.heading_sigma_rad
-    askew = 20.0 * DEGREE
-    for sight in (line(math.pi / 2 + askew, 0.9, span_m), line(askew, 0.9, span_m)):
-        room.walls.see_line(sight)
+    oblique = 20.0 * DEGREE
+    for measurement in (line(math.pi / 2 + oblique, 0.9, span_m), line(oblique, 0.9, span_m)):
+        room.walls.see_line(measurement)
     walls = room.walls.walls
     assert walls[0].frame == walls[1].frame != walls[2].frame == walls[3].frame >= 0
     assert (room.walls.heading_sigma_rad < 0.25 * DEGREE < inflate) is hides
@@ -106,24 +106,29 @@ def test_of_two_frames_that_counts_of_which_most_was_seen(span_m: float, *, hide
 
 def test_a_frame_of_which_more_is_seen_later_counts_then() -> None:
     room = Room()
-    askew = 20.0 * DEGREE
-    box = (line(math.pi / 2 + askew, 0.4, 0.4), line(askew, 0.4, 0.4))
-    for sight in box:
-        room.walls.see_line(sight)
+    oblique = 20.0 * DEGREE
+    box = (line(math.pi / 2 + oblique, 0.4, 0.4), line(oblique, 0.4, 0.4))
+    for measurement in box:
+        room.walls.see_line(measurement)
     room.inflate(0.0, 2.0 * DEGREE)  # of the angle between the box and the room
-    for sight in (line(math.pi / 2, 0.9), line(0.0, 0.9)):
-        room.walls.see_line(sight)
+    for measurement in (line(math.pi / 2, 0.9), line(0.0, 0.9)):
+        room.walls.see_line(measurement)
     assert room.walls.heading_sigma_rad > DEGREE, "against the box, of which more was seen"
     for _ in range(2):
         room.walls.see_line(line(math.pi / 2, 0.9))
     assert room.walls.heading_sigma_rad < 0.25 * DEGREE, "against the room"
 
 
-def test_a_wall_forgotten_stands_for_no_others() -> None:
+def test_a_marginalised_wall_is_associated_with_no_other() -> None:
     room = Room()
-    askew, between = line(0.3, 0.3, 0.15), line(0.9, 1.7)
-    for sight in (askew, *[line(math.pi / 2, 0.5)] * 3, *[between] * 3, *[line(0.0, 0.8)] * 3):
-        room.walls.see_line(sight)
+    oblique, between = line(0.3, 0.3, 0.15), line(0.9, 1.7)
+    for measurement in (
+        oblique,
+        *[line(math.pi / 2, 0.5)] * 3,
+        *[between] * 3,
+        *[line(0.0, 0.8)] * 3,
+    ):
+        room.walls.see_line(measurement)
     assert [wall.frame for wall in room.walls.walls] == [-1, 0, -1, 0]
     room.inflate(0.0, DEGREE)
     inflate = room.walls.heading_sigma_rad

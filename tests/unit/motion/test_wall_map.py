@@ -10,7 +10,7 @@ import pytest
 
 from bridge.motion.estimation.pose_filter import STATES, THETA
 from bridge.motion.estimation.wall_map import MAX_WALLS
-from bridge.motion.estimation.wall_measurements import FrontSight, LineSight
+from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
 from bridge.motion.robot_model import RobotModel
 from support.walled import DEGREE, ORIGIN, Room, line
 
@@ -29,7 +29,7 @@ def test_a_wall_seen_again_takes_the_drift_away() -> None:
     assert pose.x_m == pytest.approx(0.01, abs=0.002), "along the wall nothing is known"
 
 
-def test_a_wall_first_seen_in_doubt_gives_no_more_than_was_known_then() -> None:
+def test_a_wall_first_seen_while_uncertain_gives_no_more_information() -> None:
     room = Room()
     room.inflate(0.03, 2.0 * DEGREE)
     before = room.filter.covariance
@@ -46,7 +46,7 @@ def test_a_short_stretch_beside_a_walls_end_may_be_a_column() -> None:
     room.walls.see_line(line(math.pi / 2, 0.5))  # seen from -0.15 to 0.15 m
     room.inflate(0.01, DEGREE)
 
-    def beside(at_m: float, span_m: float) -> LineSight:
+    def beside(at_m: float, span_m: float) -> LineMeasurement:
         half = 0.5 * span_m
         return line(math.pi / 2, 0.5)._replace(low_m=at_m - half, high_m=at_m + half)
 
@@ -55,14 +55,14 @@ def test_a_short_stretch_beside_a_walls_end_may_be_a_column() -> None:
     assert room.walls.see_line(beside(0.65, 0.12)), "at the end of what is known by now"
 
 
-def test_a_wall_may_be_as_far_off_as_the_doubt() -> None:
+def test_a_wall_may_be_as_far_off_as_the_uncertainty() -> None:
     for sigma_m, known in ((0.02, False), (0.06, True)):
         room = Room()
         room.walls.see_line(line(0.0, 0.8))
         room.inflate(sigma_m, 0.0)
         room.believe(0.1, 0.0, 0.0)
-        sight = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.002**2)
-        assert room.walls.see_front(sight, MODEL.ultrasonic) is known
+        measurement = FrontMeasurement(0.8 - MODEL.ultrasonic.x_m, 0.002**2)
+        assert room.walls.see_front(measurement, MODEL.ultrasonic) is known
         assert (abs(room.filter.pose.x_m) < 0.002) is known
 
 
@@ -71,18 +71,20 @@ def test_the_ultrasonic_corrects_along_its_view() -> None:
     room.walls.see_line(line(0.0, 0.8))
     room.inflate(0.02, 0.0)
     room.believe(0.015, 0.01, 0.0)
-    assert room.walls.see_front(FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.002**2), MODEL.ultrasonic)
+    assert room.walls.see_front(
+        FrontMeasurement(0.8 - MODEL.ultrasonic.x_m, 0.002**2), MODEL.ultrasonic
+    )
     assert room.filter.pose.x_m == pytest.approx(0.0, abs=0.001)
     assert room.filter.pose.y_m == pytest.approx(0.01)
 
 
-def test_a_surface_of_unknown_direction_tells_nothing_of_the_wheels() -> None:
+def test_a_surface_of_unknown_direction_does_not_update_the_wheels() -> None:
     """Askew by 5°, its range shrinks by 4 permille less than the way: no fault of the tyres."""
     room = Room()
     mount = MODEL.ultrasonic
     scale = room.filter.wheel_scale_sigma
     for i in range(6):
-        assert room.walls.see_front(FrontSight(0.9 - 0.0996 * i, 0.001**2), mount) is (i > 0)
+        assert room.walls.see_front(FrontMeasurement(0.9 - 0.0996 * i, 0.001**2), mount) is (i > 0)
         room.filter.advance(0.1, 0.0, 0.5, 0.5, by_wheels=False)
         room.filter.update_pending()
     assert room.filter.wheel_scale == 1.0
@@ -92,37 +94,37 @@ def test_a_surface_of_unknown_direction_tells_nothing_of_the_wheels() -> None:
 @pytest.mark.parametrize(
     ("degrees", "known"), [(0.0, True), (5.0, True), (8.0, False), (97.0, False)]
 )
-def test_an_echo_askew_to_the_rooms_walls_is_no_wall(degrees: float, *, known: bool) -> None:
+def test_an_echo_oblique_to_the_rooms_walls_is_no_wall(degrees: float, *, known: bool) -> None:
     """It may be an edge within the cone, which is elsewhere for the next look."""
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.walls.see_line(line(0.0, 0.8))
     assert {wall.frame for wall in room.walls.walls} == {0}
     room.believe(-1.5, 0.0, degrees * DEGREE)  # where neither of the two is ahead
-    sight = FrontSight(0.5, 0.002**2)
-    assert not room.walls.see_front(sight, MODEL.ultrasonic)
+    measurement = FrontMeasurement(0.5, 0.002**2)
+    assert not room.walls.see_front(measurement, MODEL.ultrasonic)
     assert len(room.walls.walls) == 2 + known
-    assert room.walls.see_front(sight, MODEL.ultrasonic) is known
+    assert room.walls.see_front(measurement, MODEL.ultrasonic) is known
 
 
-def test_an_echo_askew_is_held_against_walls_that_the_infrared_saw_only() -> None:
+def test_an_oblique_echo_is_compared_with_walls_that_only_the_infrared_saw() -> None:
     room = Room()
     room.believe(-1.5, 0.0, 8.0 * DEGREE)
-    askew = FrontSight(0.5, 0.002**2)
-    room.walls.see_front(askew, MODEL.ultrasonic)
-    assert room.walls.see_front(askew, MODEL.ultrasonic), "no room is known yet"
+    oblique = FrontMeasurement(0.5, 0.002**2)
+    room.walls.see_front(oblique, MODEL.ultrasonic)
+    assert room.walls.see_front(oblique, MODEL.ultrasonic), "no room is known yet"
     room.believe(1.5, 0.0, -8.0 * DEGREE)
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.walls.see_line(line(0.0, 0.8))
     room.believe(-1.5, 0.0, 8.0 * DEGREE)
-    assert not room.walls.see_front(askew, MODEL.ultrasonic)
+    assert not room.walls.see_front(oblique, MODEL.ultrasonic)
     # 6.5° off the wall ahead, of whose line a stretch was seen
     room.believe(1.5, 0.0, -1.5 * DEGREE)
-    to_wall = FrontSight(0.8 - MODEL.ultrasonic.x_m * math.cos(6.5 * DEGREE), 0.002**2)
+    to_wall = FrontMeasurement(0.8 - MODEL.ultrasonic.x_m * math.cos(6.5 * DEGREE), 0.002**2)
     assert room.walls.see_front(to_wall, MODEL.ultrasonic)
 
 
-def test_a_surface_far_off_the_doubt_is_another() -> None:
+def test_a_surface_far_outside_the_uncertainty_is_another() -> None:
     room = Room()
     room.walls.see_line(line(math.pi / 2, 0.5))
     room.inflate(0.003, 0.0)
@@ -169,10 +171,10 @@ def test_the_joint_covariance_stays_positive() -> None:
     assert p[THETA, THETA] > 0.0
 
 
-def test_a_wall_that_the_map_holds_twice_still_tells_the_heading() -> None:
+def test_a_wall_that_the_map_holds_twice_still_gives_the_heading() -> None:
     room = Room()
-    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
-        room.walls.see_line(sight)
+    for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
+        room.walls.see_line(measurement)
     room.believe(1.2, 0.0, 0.0)  # farther along the first wall, beyond what was seen of it
     room.walls.see_line(line(math.pi / 2, 0.5))
     walls = room.walls.walls
@@ -200,8 +202,8 @@ def test_of_two_walls_that_may_be_meant_none_is_taken() -> None:
 
 def test_a_cupboards_front_before_a_wall_is_not_that_wall() -> None:
     room = Room()
-    for sight in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
-        room.walls.see_line(sight)
+    for measurement in (line(math.pi / 2, 0.5), line(0.0, 0.8)):
+        room.walls.see_line(measurement)
     room.believe(1.2, 0.0, 0.0)
     room.walls.see_line(line(math.pi / 2, 0.475))
     walls = room.walls.walls
@@ -217,7 +219,7 @@ def marked(before_m: float = 0.0) -> Room:
     room = Room()
     room.walls.see_line(line(0.0, 0.8))
     room.believe(0.0, 0.4, 0.0)
-    ahead = FrontSight(0.8 - before_m - MODEL.ultrasonic.x_m, 0.001**2)
+    ahead = FrontMeasurement(0.8 - before_m - MODEL.ultrasonic.x_m, 0.001**2)
     assert not room.walls.see_front(ahead, MODEL.ultrasonic), "beyond what is known of the wall"
     room.believe(0.0, -0.4, 0.0)
     room.walls.walls[0].low_m, room.walls.walls[0].high_m = -0.5, 0.5
@@ -238,7 +240,7 @@ def test_a_place_that_the_ultrasonic_saw_on_a_wall_is_that_wall(
     room.believe(0.0, 0.0, off_deg * DEGREE)
     assert room.walls.see_line(line(0.0, 0.8))
     assert abs(room.filter.pose.theta_rad) < 0.1 * DEGREE
-    assert [wall.sights for wall in room.walls.walls] == [2, 1]
+    assert [wall.measurements for wall in room.walls.walls] == [2, 1]
 
 
 @pytest.mark.parametrize("off_m", [-0.01, 0.01])
@@ -247,10 +249,10 @@ def test_the_ultrasonic_takes_such_a_place_for_the_wall_as_well(off_m: float) ->
     room.believe(0.0, 0.45, 0.0)
     room.inflate(0.01, 0.0)
     room.believe(off_m, 0.0, 0.0)
-    sight = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
-    assert room.walls.see_front(sight, MODEL.ultrasonic)
+    measurement = FrontMeasurement(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
+    assert room.walls.see_front(measurement, MODEL.ultrasonic)
     assert abs(room.filter.pose.x_m) < 0.001
-    assert [wall.sights for wall in room.walls.walls] == [2, 1]
+    assert [wall.measurements for wall in room.walls.walls] == [2, 1]
 
 
 def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
@@ -261,26 +263,26 @@ def test_a_place_before_a_wall_or_beside_it_is_none_of_it() -> None:
         room.believe(0.0125, 0.0, 0.0)
         assert not room.walls.see_line(line(0.0, 0.8)), "it may be either"
         room.believe(0.0, 0.25, 0.0)
-        ahead = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
+        ahead = FrontMeasurement(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
         assert not room.walls.see_front(ahead, MODEL.ultrasonic)
-        assert [wall.sights for wall in room.walls.walls] == [1, 1]
+        assert [wall.measurements for wall in room.walls.walls] == [1, 1]
 
 
-def test_what_is_not_known_of_a_walls_direction_moves_its_far_end() -> None:
+def test_uncertainty_of_a_walls_direction_moves_its_far_end() -> None:
     """A place 2 cm before a wall, 1 m from where that was seen to a degree, may well be on it."""
     room = Room()
     room.walls.see_line(line(0.0, 0.8)._replace(var_normal=DEGREE**2))
     room.believe(0.0, 1.0, 0.0)
-    ahead = FrontSight(0.78 - MODEL.ultrasonic.x_m, 0.001**2)
+    ahead = FrontMeasurement(0.78 - MODEL.ultrasonic.x_m, 0.001**2)
     assert not room.walls.see_front(ahead, MODEL.ultrasonic)
     room.walls.walls[0].high_m = 1.2
     assert room.walls.see_line(line(0.0, 0.79))
-    assert [wall.sights for wall in room.walls.walls] == [2, 1]
+    assert [wall.measurements for wall in room.walls.walls] == [2, 1]
 
 
-def test_two_places_that_only_the_ultrasonic_saw_are_not_known_to_be_one() -> None:
+def test_two_places_that_only_the_ultrasonic_saw_are_not_associated() -> None:
     room = Room()
-    ahead = FrontSight(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
+    ahead = FrontMeasurement(0.8 - MODEL.ultrasonic.x_m, 0.001**2)
     for step_m in (0.0, 0.4):
         room.believe(0.0, step_m, 0.0)
         assert not room.walls.see_front(ahead, MODEL.ultrasonic)
@@ -300,7 +302,7 @@ def test_a_cupboard_that_may_be_the_wall_is_still_itself(
     By then the robot is sure of the wall, and does not take what surprises it as such for it.
     """
     room = Room()
-    cupboard = FrontSight(0.8 - step_m - MODEL.ultrasonic.x_m, 0.002**2)
+    cupboard = FrontMeasurement(0.8 - step_m - MODEL.ultrasonic.x_m, 0.002**2)
     assert not room.walls.see_front(cupboard, MODEL.ultrasonic)
     room.inflate(drift_m, 0.3 * DEGREE)
     for forth_m in (0.8, 0.0, 0.2, -0.3):
@@ -316,5 +318,5 @@ def test_a_cupboard_that_may_be_the_wall_is_still_itself(
             room.believe(0.0, 0.001, 0.0)
             assert room.walls.see_front(cupboard, MODEL.ultrasonic)
         assert room.filter.pose.x_m == pytest.approx(x_m, abs=0.001)
-    assert [wall.sights > 5 for wall in room.walls.walls] == [True, False]
+    assert [wall.measurements > 5 for wall in room.walls.walls] == [True, False]
     assert len(room.walls.walls) == 2

@@ -18,7 +18,7 @@ MODEL = RobotModel()
 RADIUS_M = MODEL.radius_m
 
 
-def test_who_touches_knows_that_he_slides() -> None:
+def test_contact_implies_lateral_slip() -> None:
     """Pressed to the wall at 3°, the distance stays; the heading into it must not be forgotten."""
     track = WallTrack(MODEL.infrared_left)
     heading = math.radians(3.0)
@@ -33,7 +33,7 @@ def test_who_touches_knows_that_he_slides() -> None:
 
 
 @pytest.mark.parametrize("start_gap_m", [0.02, 0.06, 0.14])
-def test_who_comes_to_a_wall_rubs_along_without_pressing(start_gap_m: float) -> None:
+def test_a_robot_that_comes_to_a_wall_grazes_it_without_pressing(start_gap_m: float) -> None:
     """What the integral gathered on the way does not turn it into the wall for seconds.
 
     Heading 2° into a wall that its side touches, where no bumper is, the robot slides 3.5 cm per
@@ -41,19 +41,19 @@ def test_who_comes_to_a_wall_rubs_along_without_pressing(start_gap_m: float) -> 
     """
     mount = MODEL.infrared_left
     follower = WallFollower(MODEL, Side.LEFT, 0.0005)
-    distance, yaw, told = RADIUS_M + start_gap_m, 0.0, Pose2(0.0, 0.0, 0.0)
-    free = AT_REST._replace(pose=told, v_m_s=0.2)
+    distance, yaw, reported = RADIUS_M + start_gap_m, 0.0, Pose2(0.0, 0.0, 0.0)
+    free = AT_REST._replace(pose=reported, v_m_s=0.2)
     smooth = VelocitySmoother(MODEL.max_yaw_accel_rad_s2, 0.6)
     not_made_m, along_m, range_m = 0.0, 0.0, 0.0
     for i in range(600):
         if i % 2 == 0:  # the infrared is read every second step
             true_m = (distance - mount.x_m * math.sin(yaw)) / math.cos(yaw) - mount.y_m
             range_m = 0.00125 * round(true_m / 0.00125)
-        seen = free._replace(time_s=i * STEP_S, pose=told, infrared_left_m=range_m)
+        seen = free._replace(time_s=i * STEP_S, pose=reported, infrared_left_m=range_m)
         v, w = follower.step(seen, STEP_S).command
         yaw += smooth.update(w, STEP_S) * STEP_S
         x_m, y_m = v * math.cos(yaw) * STEP_S, v * math.sin(yaw) * STEP_S
-        told = Pose2(told.x_m + x_m, told.y_m + y_m, yaw)
+        reported = Pose2(reported.x_m + x_m, reported.y_m + y_m, yaw)
         not_made_m += max(RADIUS_M - (distance - y_m), 0.0)
         distance = max(distance - y_m, RADIUS_M)
         along_m += x_m if distance < RADIUS_M + 0.001 else 0.0

@@ -78,13 +78,13 @@ def on_a_line(feed: bytes = b"", *, echo: bool = False) -> Failed:
     return failed[0]
 
 
-def with_a_device(*, deaf: bool = False, less_of_stop: bool = False) -> Failed:
+def with_a_device(*, transmit_only: bool = False, less_of_stop: bool = False) -> Failed:
     """How a session fails with a device whose line or whose messages are wrong."""
     host = session_end()
     shorter = variant(Stop, {"command_id": Annotated[int, number(U8, "id", "shorter")]})
     device = sweeper(catalogue=catalogue(more=[shorter])) if less_of_stop else sweeper()
     ends = Ends(host, device)
-    ends.to_device.cut = deaf
+    ends.to_device.cut = transmit_only
     assert ends.run(20.0, lambda: bool(host.of(Failed)))
     (failed,) = host.of(Failed)
     return failed
@@ -102,7 +102,7 @@ FAILURES: dict[str, Callable[[], Failed]] = {
     "garbage": lambda: on_a_line(bytes(range(200))),
     "echo": lambda: on_a_line(echo=True),
     "version": lambda: on_a_line(of_version_2()),
-    "deaf": lambda: with_a_device(deaf=True),
+    "deaf": lambda: with_a_device(transmit_only=True),
     "disagreement": lambda: with_a_device(less_of_stop=True),
 }
 

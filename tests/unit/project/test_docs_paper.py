@@ -12,7 +12,7 @@ from tools.experiment.layouts import LAYOUTS
 PAGE = ROOT / "docs" / "paper.md"
 
 
-def told() -> dict[str, str]:
+def reported() -> dict[str, str]:
     """First and second cell of every line of a table whose first is code."""
     rows = re.findall(r"^\| `([\w-]+)` \| ([^|]+) \|", PAGE.read_text("utf-8"), re.MULTILINE)
     return {name: cell.strip("`") for name, cell in rows}
@@ -23,8 +23,8 @@ def test_every_option_with_its_default() -> None:
         field.name: f'"{field.default}"' if isinstance(field.default, str) else str(field.default)
         for field in fields(PaperOptions)
     }
-    assert {name: told().get(name) for name in defaults} == defaults
+    assert {name: reported().get(name) for name in defaults} == defaults
 
 
 def test_every_layout() -> None:
-    assert set(LAYOUTS) <= set(told())
+    assert set(LAYOUTS) <= set(reported())

@@ -99,8 +99,8 @@ def test_only_a_busy_machine_gives_another_try(
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")
     result.assert_outcomes(passed=passed, failed=2 - passed)
     result.stdout.fnmatch_lines([f"*AssertionError: try {tries}"])
-    told = [line for line in result.outlines if "of the time a task waited" in line]
-    assert len(told) == (3 if tries > 1 else 0), "each try that did not count is named"
+    reported = [line for line in result.outlines if "of the time a task waited" in line]
+    assert len(reported) == (3 if tries > 1 else 0), "each try that did not count is named"
 
 
 @pytest.mark.parametrize("share", [BUSY + 0.1, BUSY - 0.1], ids=["busy", "idle"])

@@ -92,9 +92,9 @@ def test_required_tools_make_each_such_test_a_failure_of_one_line(run: Run) -> N
     result = run(SUITE, "--require-tools", "-q")
     result.assert_outcomes(passed=1, failed=2)
     # pytest's own list of failures repeats each line, whole or cut, as the surroundings ask.
-    told = [line for line in result.outlines if line.startswith("missing system tool")]
+    reported = [line for line in result.outlines if line.startswith("missing system tool")]
     how = "sudo apt-get install --no-install-recommends tshark"
-    assert told == [f"missing system tool: tshark; install: {how}"] * 2
+    assert reported == [f"missing system tool: tshark; install: {how}"] * 2
     assert not any("precious" in line for line in result.outlines), result.outlines
 
 

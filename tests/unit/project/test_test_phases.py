@@ -80,15 +80,15 @@ def run(
 def test_all_run_and_are_added_up(
     tmp_path: Path, virtual: str, real: str, status: int, closing: str
 ) -> None:
-    ended, said = run(tmp_path, virtual, real)
-    assert ended == status, said
-    assert said.splitlines()[-1] == closing
+    ended, printed = run(tmp_path, virtual, real)
+    assert ended == status, printed
+    assert printed.splitlines()[-1] == closing
 
 
 def test_a_phase_that_breaks_off_is_named_and_fails_the_run(tmp_path: Path) -> None:
-    ended, said = run(tmp_path, PASSES, BREAKS)
+    ended, printed = run(tmp_path, PASSES, BREAKS)
     assert ended == 1
-    assert said.splitlines()[-2:] == [
+    assert printed.splitlines()[-2:] == [
         "tests in real time, 4 at a time: ended with status 3",
         "2 passed, 0 failed, 0 skipped",
     ]
@@ -104,9 +104,9 @@ def test_a_phase_that_breaks_off_is_named_and_fails_the_run(tmp_path: Path) -> N
 def test_what_a_busy_machine_fails_is_run_again_alone_and_counted_once(
     tmp_path: Path, real: str, status: int, closing: str
 ) -> None:
-    ended, said = run(tmp_path, PASSES, real, share=1.0)
-    assert ended == status, said
-    assert said.splitlines()[-1] == closing
+    ended, printed = run(tmp_path, PASSES, real, share=1.0)
+    assert ended == status, printed
+    assert printed.splitlines()[-1] == closing
 
 
 @pytest.mark.parametrize(
@@ -119,6 +119,6 @@ def test_what_a_busy_machine_fails_is_run_again_alone_and_counted_once(
 def test_each_target_has_its_marks(
     tmp_path: Path, selection: str, status: int, closing: str
 ) -> None:
-    ended, said = run(tmp_path, PASSES, FAILS, selection)
-    assert ended == status, said
-    assert said.splitlines()[-1] == closing
+    ended, printed = run(tmp_path, PASSES, FAILS, selection)
+    assert ended == status, printed
+    assert printed.splitlines()[-1] == closing

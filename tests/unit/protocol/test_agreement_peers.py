@@ -85,7 +85,7 @@ class Pair:
 # ---- a newer device -------------------------------------------------------------------------
 
 
-def test_a_newer_device_is_read_as_far_as_the_host_knows_it() -> None:
+def test_a_newer_device_is_read_as_far_as_the_host_has_its_schema() -> None:
     pair = Pair(device=catalogue(more=[LongerPower, Fan]))
     assert pair.report == ["power: the device sends 1 more field(s), passed over"]
     pair.ends.run(1.1)
@@ -132,7 +132,7 @@ def test_an_older_devices_missing_fields_are_absent_and_never_zero() -> None:
     assert message.logic_v == pytest.approx(5.0, abs=0.2)
 
 
-def test_an_older_device_gets_only_the_fields_that_it_knows() -> None:
+def test_an_older_device_gets_only_the_fields_of_its_schema() -> None:
     pair = Pair(host=catalogue(more=[LongerMode]))
     assert pair.report == ["set_mode: the device lacks ramp"]
     assert pair.ask(lambda i: ClearStop(i, StopCause.SESSION_END)) is None

@@ -138,23 +138,23 @@ def sent(count: int = 1, key: bytes = KEY) -> list[bytes]:
     return frames
 
 
-def refused(device: LinkBase, data: bytes) -> bool:
+def rejected(device: LinkBase, data: bytes) -> bool:
     (event,) = device.receive(data, 0)
     return isinstance(event, Rejected) and event.reason == "key"
 
 
-def test_the_same_frame_twice_is_refused() -> None:
+def test_the_same_frame_twice_is_rejected() -> None:
     device = keyed(Link(Direction.DEVICE))
     (frame,) = sent()
     assert isinstance(device.receive(frame, 0)[0], Received)
-    assert refused(device, frame)
+    assert rejected(device, frame)
 
 
-def test_an_older_frame_is_refused() -> None:
+def test_an_older_frame_is_rejected() -> None:
     device = keyed(Link(Direction.DEVICE))
     first, second = sent(2)
     assert isinstance(device.receive(second, 0)[0], Received)
-    assert refused(device, first)
+    assert rejected(device, first)
 
 
 @pytest.mark.parametrize(
@@ -165,29 +165,29 @@ def test_an_older_frame_is_refused() -> None:
         (BOOT, SESSION, CHALLENGE - 9),
     ],
 )
-def test_a_frame_of_another_session_is_refused(session: tuple[int, int, int]) -> None:
+def test_a_frame_of_another_session_is_rejected(session: tuple[int, int, int]) -> None:
     device = Link(Direction.DEVICE)
     device.key = Authenticator(KEY)
     device.key.begin(*session)
-    assert refused(device, sent()[0])
+    assert rejected(device, sent()[0])
 
 
 def test_another_key_no_key_and_no_session() -> None:
-    assert refused(keyed(Link(Direction.DEVICE), OTHER), sent()[0])
-    assert refused(Link(Direction.DEVICE), sent()[0])
+    assert rejected(keyed(Link(Direction.DEVICE), OTHER), sent()[0])
+    assert rejected(Link(Direction.DEVICE), sent()[0])
     unbegun = Link(Direction.DEVICE)
     unbegun.key = Authenticator(KEY)
-    assert refused(unbegun, sent()[0])
+    assert rejected(unbegun, sent()[0])
 
 
 def test_a_forged_frame_does_not_move_the_counter() -> None:
     device = keyed(Link(Direction.DEVICE))
     for frame in sent(3, OTHER):
-        assert refused(device, frame)
+        assert rejected(device, frame)
     assert isinstance(device.receive(sent()[0], 0)[0], Received)
 
 
-def test_every_flipped_bit_is_refused() -> None:
+def test_every_flipped_bit_is_rejected() -> None:
     (frame,) = sent()
     body = bytearray(cobs.decode(frame[1:-1])[:-4])
     for bit in range(8, len(body) * 8):  # all but version and flags
@@ -202,7 +202,7 @@ def test_the_flag_alone_is_worth_nothing() -> None:
     """The length of a plain frame, the flag of a signed one."""
     host = Link(Direction.HOST)
     host.send(SetMode(1, 1), 0, node=1, flags=1)
-    assert refused(keyed(Link(Direction.DEVICE)), host.data_to_send())
+    assert rejected(keyed(Link(Direction.DEVICE)), host.data_to_send())
     bus, device = CanLink(Direction.HOST), keyed(CanLink(Direction.DEVICE))
     tell_time(bus, device)
     bus.send(SetMode(1, 1), 0, node=1, flags=1)

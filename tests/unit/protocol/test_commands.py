@@ -251,11 +251,11 @@ def test_a_command_is_carried_out_and_a_repeat_only_answered() -> None:
 
 def test_a_refusal_is_repeated_as_it_was() -> None:
     log = CommandLog()
-    refuse, accept = Acts(NackReason.UNKNOWN_COMMAND), Acts()
-    first = log.once(9, MODE, SetMode(3, 1), refuse)
+    reject, accept = Acts(NackReason.UNKNOWN_COMMAND), Acts()
+    first = log.once(9, MODE, SetMode(3, 1), reject)
     assert first == Nack(3, MODE, 0)
     assert log.once(9, MODE, SetMode(3, 1), accept) == first
-    assert (refuse.count, accept.count) == (1, 0)
+    assert (reject.count, accept.count) == (1, 0)
 
 
 def test_another_session_or_type_is_no_repeat() -> None:

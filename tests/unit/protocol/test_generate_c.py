@@ -93,7 +93,7 @@ def test_another_catalogue_gives_another_header(tmp_path: Path) -> None:
     made.compile("fan.o", [made.source], flags=("-c",))
 
 
-def test_a_host_s_stream_of_several_can_frames_is_refused(
+def test_a_host_s_stream_of_several_can_frames_is_rejected(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(CAN_PART_TYPES, (0x61, 1), 0x63)
@@ -220,7 +220,7 @@ def test_the_stack_is_bounded_and_nothing_recurs(
 
     depths = sorted(((deepest(name), name) for name in own), reverse=True)
     with capsys.disabled():
-        told = ", ".join(f"{name.split(':')[-1]} {depth}" for depth, name in depths[:4])
-        print(f"\ndeepest stacks in bytes, calls included: {told}")  # noqa: T201 - the report
+        reported = ", ".join(f"{name.split(':')[-1]} {depth}" for depth, name in depths[:4])
+        print(f"\ndeepest stacks in bytes, calls included: {reported}")  # noqa: T201 - the report
     assert len(own) > 60
     assert depths[0][0] <= STACK_BYTES

@@ -33,7 +33,7 @@ def test_what_is_written_is_what_is_rendered(name: str, tmp_path: Path) -> None:
     assert {p.name: p.read_text(encoding="utf-8") for p in tmp_path.iterdir()} == render(name)
 
 
-def test_nothing_is_replaced_unless_told(
+def test_nothing_is_replaced_unless_asked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mine = tmp_path / "sweepctl.proto"

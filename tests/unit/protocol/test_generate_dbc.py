@@ -57,11 +57,11 @@ def test_it_loads_without_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFix
 
 
 def test_identifiers_lengths_senders_and_cycles_are_those_of_the_bus(db: Database) -> None:
-    told = {
+    reported = {
         m.frame_id: (m.name, m.length, m.senders, m.cycle_time, m.is_extended_frame)
         for m in db.messages
     }
-    assert told == {
+    assert reported == {
         0x011: ("auth_tag", 8, ["host"], None, False),
         0x021: ("velocity_setpoint", 8, ["host"], 20, False),
         0x031: ("wheel_duty", 8, ["host"], 20, False),
@@ -153,9 +153,9 @@ def test_a_signed_setpoint_s_tag_is_read(db: Database) -> None:
         assert setpoint is not None
         assert tag is not None
         assert (setpoint.can_id, tag.can_id) == (0x021, 0x011)
-        told = described(db, tag.can_id).decode(tag.data)
+        reported = described(db, tag.can_id).decode(tag.data)
         wanted.append(int.from_bytes(tag.data[2:], "little"))
-        assert told == {"counter": counter, "tag": wanted[-1]}
+        assert reported == {"counter": counter, "tag": wanted[-1]}
     assert wanted[0] != wanted[1]
 
 

@@ -53,7 +53,7 @@ def section(title: str, text: str = TEXT) -> str:
     return re.split(r"^##+ ", found[1], flags=re.MULTILINE)[0]
 
 
-def test_what_is_committed_is_what_the_code_says() -> None:
+def test_committed_pages_match_the_code() -> None:
     fresh = COMMITTED.read_text(encoding="utf-8") == TEXT
     assert fresh, "stale; run: sweepctl generate md --force --out docs/protocol"
 

@@ -109,7 +109,7 @@ def test_delayed_holds_back_and_may_reorder(*, reorder: bool) -> None:
     assert wire.next_us() is None
 
 
-def test_delayed_tells_when_to_look_again() -> None:
+def test_delayed_gives_the_next_deadline() -> None:
     wire = Delayed(Pipe(3), Random(2), low_us=10, high_us=10)
     wire.push(b"a", 0)
     assert wire.next_us() == 3

@@ -130,7 +130,7 @@ def test_sequence_counts_all_frames_and_wraps() -> None:
     assert sequence(data) == [i % 256 for i in range(300)]
 
 
-def test_the_other_side_s_message_is_refused() -> None:
+def test_the_other_side_s_message_is_rejected() -> None:
     with pytest.raises(WrongDirectionError, match="Imu is not sent in this direction") as raised:
         host().send(Imu(0, 0, 0, 0, 0, 0, 0), 0, node=1)
     assert raised.value.message == "Imu"
@@ -148,7 +148,7 @@ def test_the_other_side_s_message_is_refused() -> None:
         (Hello(0, b"short", 0, 0, 0, 0, 0, 0, 0, ""), {"node": 1}, FieldRangeError),
     ],
 )
-def test_what_cannot_be_sent_is_refused_at_once_and_leaves_no_trace(
+def test_what_cannot_be_sent_is_rejected_at_once_and_leaves_no_trace(
     message: Message, options: dict[str, int], error: type[LocalError]
 ) -> None:
     link = device()
@@ -159,7 +159,7 @@ def test_what_cannot_be_sent_is_refused_at_once_and_leaves_no_trace(
     assert sequence(frames(link, Sync(1))[0]) == [0]
 
 
-def test_errors_are_told_apart_by_blame() -> None:
+def test_errors_are_distinguished_by_blame() -> None:
     assert issubclass(FieldRangeError, LocalError)
     assert issubclass(FrameSizeError, LocalError)
     assert issubclass(LocalError, ProtocolError)
@@ -182,7 +182,7 @@ def test_a_disabled_type_is_neither_sent_nor_decoded() -> None:
     assert not theirs.has_data
 
 
-def test_an_echo_is_refused_and_does_not_disturb_the_sequence() -> None:
+def test_an_echo_is_rejected_and_does_not_change_the_sequence() -> None:
     ours, theirs = host(), device()
     echo = frames(ours, *(SetMode(i, 1) for i in range(40)))
     telemetry = frames(theirs, Encoders(1, 2), Encoders(3, 4))
@@ -196,7 +196,7 @@ def test_an_echo_is_refused_and_does_not_disturb_the_sequence() -> None:
     assert (ours.statistics.lost, ours.statistics.frames_in) == (0, 2)
 
 
-def test_another_version_is_refused_whatever_its_type() -> None:
+def test_another_version_is_rejected_whatever_its_type() -> None:
     ours = host()
     data = ref.frame_bytes(
         version=3, flags=1, node=1, type_id=0x10, seq=9, t_us=0, payload=bytes(4)
@@ -207,7 +207,7 @@ def test_another_version_is_refused_whatever_its_type() -> None:
     assert (ours.statistics.frames_in, ours.statistics.rejected) == (0, 1)
 
 
-def test_a_payload_of_a_wrong_length_is_refused() -> None:
+def test_a_payload_of_a_wrong_length_is_rejected() -> None:
     data = ref.frame_bytes(flags=0, node=1, type_id=0x10, seq=9, t_us=0, payload=bytes(3))
     (event,) = host().receive(data)
     assert isinstance(event, Rejected)

@@ -139,7 +139,7 @@ def test_types_of_parts_are_held_against_all_others(monkeypatch: pytest.MonkeyPa
 # ---- declaring ----------------------------------------------------------------------------
 
 
-def test_a_field_without_declaration_is_refused() -> None:
+def test_a_field_without_declaration_is_rejected() -> None:
     with pytest.raises(TypeError, match=r"Bare\.value: needs exactly one field declaration"):
 
         @message(0x70, Direction.HOST, RateClass.RARE)
@@ -149,7 +149,7 @@ def test_a_field_without_declaration_is_refused() -> None:
             value: int
 
 
-def test_text_before_the_last_field_is_refused() -> None:
+def test_text_before_the_last_field_is_rejected() -> None:
     @message(0x70, Direction.HOST, RateClass.RARE)
     class TextFirst(Message):
         """Text, then a number."""
@@ -161,7 +161,7 @@ def test_text_before_the_last_field_is_refused() -> None:
         specify(TextFirst)
 
 
-def test_an_undeclared_class_is_refused() -> None:
+def test_an_undeclared_class_is_rejected() -> None:
     class Nobody(Message):
         """Not declared."""
 
@@ -169,7 +169,7 @@ def test_an_undeclared_class_is_refused() -> None:
         specify(Nobody)
 
 
-def test_an_si_property_of_no_field_is_refused() -> None:
+def test_an_si_property_of_no_field_is_rejected() -> None:
     @message(0x70, Direction.HOST, RateClass.RARE)
     class Misnamed(Message):
         """A property that names no field."""

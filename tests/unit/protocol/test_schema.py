@@ -104,7 +104,7 @@ def test_whole_hash_is_that_of_all_last_chain_values() -> None:
     ],
     ids=lambda c: next(iter(c)),
 )
-def test_whole_hash_tells_a_changed_meaning(change: dict[str, object]) -> None:
+def test_the_whole_hash_shows_a_changed_meaning(change: dict[str, object]) -> None:
     fields = list(CATALOGUE.spec(Power).fields)
     fields[1] = replace(fields[1], **change)  # type: ignore[arg-type]  # any attribute
     other = peer_with(Power, fields)
@@ -120,7 +120,7 @@ def test_whole_hash_is_blind_to_what_changes_no_meaning(change: dict[str, object
     assert peer_with(Power, fields).hash == CATALOGUE.hash
 
 
-def test_whole_hash_tells_a_missing_message() -> None:
+def test_the_whole_hash_shows_a_missing_message() -> None:
     assert peer_with(Power, None).hash != CATALOGUE.hash
 
 

@@ -162,5 +162,5 @@ def test_stream_vector_gives_its_events(vector: Vector, step: int) -> None:
         {k: v for k, v in e.items() if "frame" not in e or k == "frame"} for e in vector["events"]
     ]
     assert got == expected
-    told = [e.offset for e in ref.parse_stream(data)]
-    assert told == [e["offset"] for e in vector["events"]]
+    reported = [e.offset for e in ref.parse_stream(data)]
+    assert reported == [e["offset"] for e in vector["events"]]

@@ -73,15 +73,15 @@ def test_a_full_line_of_them_makes_five_records_in_a_second_and_loses_none(kind:
         now_ns += READ_NS * 2
         host.poll(HostNs(now_ns))
     assert host.mission.done
-    told = events(sink, kind)
+    reported = events(sink, kind)
     statistics = host.session.link.statistics
-    assert len(told) <= 1 + 1.0 / (GATHER_NS / 1e9) + 1
+    assert len(reported) <= 1 + 1.0 / (GATHER_NS / 1e9) + 1
     count = statistics.damaged if kind == "damaged" else statistics.rejected
-    assert sum(e.data["frames"] for e in told) == count > 5_000
+    assert sum(e.data["frames"] for e in reported) == count > 5_000
     assert b"".join(r.data for r in sink.of(RawBytes) if not r.outgoing) == sent
 
 
-def test_the_record_says_what_was_wrong_and_shows_the_first() -> None:
+def test_the_record_names_what_was_wrong_and_shows_the_first() -> None:
     sink = Collector()
     records = HostRecords(sink, 0, "")
     first = DamagedFrame(Damage.CRC, 100, 40, bytes(range(1, 41)))
@@ -122,15 +122,15 @@ def test_rare_ones_are_recorded_at_once() -> None:
     assert [e.log_ns for e in sink.of(EventRecord)] == list(range(0, 10 * GATHER_NS, GATHER_NS))
 
 
-def test_who_listens_to_a_capture_has_them_all() -> None:
+def test_a_listener_of_a_capture_has_them_all() -> None:
     sink = Collector()
     listener = Listener(sink, RobotModel(), Link(Direction.HOST))
     for read in range(100):
         listener.received(NOISE * 50, HostNs(1 + read * MS))
     listener.close()
-    told = events(sink, "damaged")
-    assert sum(e.data["frames"] for e in told) == 5_000
-    assert len(told) == 2
+    reported = events(sink, "damaged")
+    assert sum(e.data["frames"] for e in reported) == 5_000
+    assert len(reported) == 2
 
 
 def test_a_report_counts_frames_and_not_records(tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ class OnDisk(LogFile):
 
 
 @pytest.mark.parametrize("size", [300_000, 420_000, 555_555])
-def test_a_full_disk_is_told_and_the_log_is_closed_whole(tmp_path: Path, size: int) -> None:
+def test_a_full_disk_is_reported_and_the_log_is_closed_whole(tmp_path: Path, size: int) -> None:
     path, disk = tmp_path / "run.mcap", Disk(size)
     writer = RunWriter(path, run_info(), opener=disk.open)
     written, failed = 0, None
@@ -151,13 +151,13 @@ def test_what_is_held_has_no_name_and_goes_with_the_file(tmp_path: Path) -> None
 
 
 def test_stop_or_go_on_when_the_log_fails(tmp_path: Path) -> None:
-    told: list[tuple[Severity, str, str, str]] = []
+    reported: list[tuple[Severity, str, str, str]] = []
     for stop in (True, False):
         disk = Disk(300_000)
         recorder = ThreadedRecorder(
             RunWriter(tmp_path / f"{stop}.mcap", run_info(), opener=disk.open)
         )
-        rule = LogFailureRule(recorder, lambda *words: told.append(words), stop_on_error=stop)
+        rule = LogFailureRule(recorder, lambda *words: reported.append(words), stop_on_error=stop)
         assert rule() is None
         for record in synthetic_run():
             recorder.write(record)
@@ -173,7 +173,7 @@ def test_stop_or_go_on_when_the_log_fails(tmp_path: Path) -> None:
             assert ending is None
             assert rule() is None, "told once"
         assert LogReader(tmp_path / f"{stop}.mcap").truncated is False
-    ((severity, source, kind, text),) = told
+    ((severity, source, kind, text),) = reported
     assert (severity, source, kind) == (Severity.ERROR, "recorder", "failed")
     assert "the run goes on without it" in text
 
@@ -298,7 +298,7 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
             assert part.stat().st_size < 1.6 * options.rotate_bytes
 
 
-def test_a_later_file_that_exists_is_told_at_once(tmp_path: Path) -> None:
+def test_a_later_file_that_exists_is_reported_at_once(tmp_path: Path) -> None:
     (tmp_path / "run-0002.mcap").write_bytes(b"mine")
     with pytest.raises(OutputExistsError, match=r"run-0002\.mcap"):
         open_log(tmp_path / "run.mcap", run_info(), RecordOptions(rotate_s=1.0))
@@ -362,7 +362,7 @@ def write_all(writer: RunWriter, records: Iterable[Record]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["deleted", "renamed", "replaced", "folder"])
-def test_a_log_that_lost_its_name_is_told_at_the_next_chunk(tmp_path: Path, kind: str) -> None:
+def test_a_log_that_lost_its_name_is_reported_at_the_next_chunk(tmp_path: Path, kind: str) -> None:
     folder = tmp_path / "runs"
     folder.mkdir()
     path = folder / "run.mcap"
@@ -380,9 +380,9 @@ def test_a_log_that_lost_its_name_is_told_at_the_next_chunk(tmp_path: Path, kind
             (folder / "new").replace(path)
         case _:
             folder.rename(tmp_path / "moved")
-    with pytest.raises(LogGoneError, match="while it was being recorded") as told:
+    with pytest.raises(LogGoneError, match="while it was being recorded") as reported:
         write_all(writer, records)
-    assert str(told.value).startswith(f"cannot write {path}: ")
+    assert str(reported.value).startswith(f"cannot write {path}: ")
     writer.close(summary())
     if kind == "replaced":
         assert path.read_text() == "another's"
@@ -390,7 +390,7 @@ def test_a_log_that_lost_its_name_is_told_at_the_next_chunk(tmp_path: Path, kind
         assert not path.exists(), "nothing is made anew"
 
 
-def test_a_log_that_lost_its_name_is_told_when_it_is_closed(tmp_path: Path) -> None:
+def test_a_log_that_lost_its_name_is_reported_when_it_is_closed(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     writer = RunWriter(path, run_info())
     for record in itertools.islice(synthetic_run(), 50):

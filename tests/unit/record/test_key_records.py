@@ -114,12 +114,12 @@ def test_no_record_of_a_session_that_sets_a_key_has_it() -> None:
     ends.run(0.5)
     sent = [r for r in sink.records if isinstance(r, RawBytes) and r.outgoing]
     assert sum(len(r.data) for r in sent) > 100
-    told = repr(sink.records).encode()
+    reported = repr(sink.records).encode()
     for part in (key, key[:4], key[-4:]):
         assert not any(part in record.data for record in sent)
-        assert part.hex().encode() not in told
+        assert part.hex().encode() not in reported
     for word in key_words(key):
-        assert str(word).encode() not in told
+        assert str(word).encode() not in reported
 
 
 def test_no_text_has_a_key() -> None:

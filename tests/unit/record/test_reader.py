@@ -94,7 +94,7 @@ def test_a_damaged_chunk_is_stepped_over_and_named(log: Path, tmp_path: Path) ->
     assert not reader.truncated
 
 
-def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_what_is_no_log_is_rejected_in_one_line(tmp_path: Path) -> None:
     other = tmp_path / "other.mcap"
     for content, reason in ((b"", "not an MCAP"), (b"\x00" * 100, "not an MCAP")):
         other.write_bytes(content)

@@ -56,7 +56,7 @@ def test_everything_arrives_in_order(tmp_path: Path) -> None:
     ]
 
 
-def test_overflow_is_counted_and_told_in_the_log(tmp_path: Path) -> None:
+def test_overflow_is_counted_and_reported_in_the_log(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     writer = HeldWriter(path)
     recorder = ThreadedRecorder(writer, limit=10)
@@ -93,7 +93,7 @@ def test_a_quiet_line_is_flushed_without_a_next_record(tmp_path: Path) -> None:
     recorder.close()
 
 
-def test_a_full_disk_is_told_and_never_raised(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_and_never_raised(tmp_path: Path) -> None:
     path = tmp_path / "full"
     path.symlink_to("/dev/full")
     with pytest.raises(LogWriteError, match="No space left") as caught:

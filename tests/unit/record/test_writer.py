@@ -78,11 +78,11 @@ def test_attachments_and_metadata_come_before_the_first_message(tmp_path: Path) 
     imu = next(m for m in declared["messages"] if m["name"] == "imu")
     assert [f["name"] for f in imu["fields"]] == [f.name for f in CATALOGUE.by_name["imu"].fields]
     assert json.loads(attachments["summary.json"]) == summary()
-    said = metadata["sweepctl"]
-    assert (said["port"], said["planner"], said["seed"]) == ("memory", "u-shape", "1")
-    assert said["catalogue_hash"] == f"{CATALOGUE.hash:08x}"
-    assert said["room"] == "synthetic"
-    assert int(said["clock_offset_ns"]) == run_info().clock_offset_ns
+    printed = metadata["sweepctl"]
+    assert (printed["port"], printed["planner"], printed["seed"]) == ("memory", "u-shape", "1")
+    assert printed["catalogue_hash"] == f"{CATALOGUE.hash:08x}"
+    assert printed["room"] == "synthetic"
+    assert int(printed["clock_offset_ns"]) == run_info().clock_offset_ns
 
 
 def test_a_run_without_a_room_has_no_room_attachment(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def test_each_key_has_its_velocity(key: str) -> None:
     assert pressed.wanted(4.0) == VelocityCommand(0.1 * ahead, 0.6 * turn)
 
 
-def test_a_terminal_tells_of_no_release_unless_it_is_said_to() -> None:
+def test_a_terminal_reports_no_key_release_unless_asked() -> None:
     assert DeadMan(0.3, 0.2).key_m_s == 0.1
 
 

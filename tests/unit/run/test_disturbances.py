@@ -22,17 +22,17 @@ def kinds_after(*found: tuple[Disturbance, ...]) -> list[list[str]]:
     """What is told at each of some calls."""
     sink = Events()
     records = HostRecords(sink, 10, "recovery")
-    told = []
+    reported = []
     for k, each in enumerate(found):
         before = len(sink.events)
         records.disturbances(each, k)
-        told.append([event.kind for event in sink.events[before:]])
-    return told
+        reported.append([event.kind for event in sink.events[before:]])
+    return reported
 
 
-def test_each_is_told_once_oldest_first() -> None:
-    told = kinds_after((), (BUMP,), (BUMP,), (BUMP, SLIP), (BUMP, SLIP))
-    assert told == [[], ["bump"], [], ["slip_left"], []]
+def test_each_is_reported_once_oldest_first() -> None:
+    reported = kinds_after((), (BUMP,), (BUMP,), (BUMP, SLIP), (BUMP, SLIP))
+    assert reported == [[], ["bump"], [], ["slip_left"], []]
     assert kinds_after((BUMP, SLIP)) == [["bump", "slip_left"]]
 
 
@@ -40,7 +40,7 @@ def test_of_a_new_estimator_too() -> None:
     assert kinds_after((BUMP,), (), (AGAIN,)) == [["bump"], [], ["bump"]]
 
 
-def test_a_host_tells_what_its_robot_bumps_into() -> None:
+def test_a_host_reports_what_its_robot_bumps_into() -> None:
     """A chair's leg, 52° off the bow, at 0.2 m/s, 2 s after it set out."""
     sink = Events()
     room = generate_room(105, np.random.default_rng([0x5EED, 105]), "legs")

@@ -125,7 +125,7 @@ def test_a_stop_latched_meanwhile_ends_the_run() -> None:
         (Outcome(ClearStop(1, 1), False, None), "fault", 4, "did not answer"),  # noqa: FBT003 - refused
     ],
 )
-def test_a_refused_clear_ends_the_run(
+def test_a_rejected_clear_ends_the_run(
     outcome: Outcome, ended: str, exit_status: int, word: str
 ) -> None:
     mission = planned()
@@ -143,7 +143,7 @@ def test_a_refused_clear_ends_the_run(
         (True, "the device did not answer clear stop; is this the key that it has?"),
     ],
 )
-def test_who_signs_is_asked_about_the_key(signed: bool, text: str) -> None:  # noqa: FBT001 - a case
+def test_a_host_that_signs_is_asked_about_the_key(signed: bool, text: str) -> None:  # noqa: FBT001 - a case
     mission = planned()
     mission.signed = signed
     mission.on_ready(0.0)
@@ -195,7 +195,7 @@ def test_the_end_waits_for_the_devices_word() -> None:
     assert mission.drive_ended_s == 4.0
 
 
-def test_but_not_for_ever_and_says_so() -> None:
+def test_but_not_for_ever_and_reports_it() -> None:
     mission = driving()
     mission.request_end(Ending("stopped", "ended by Ctrl-C", 0), 4.0)
     mission.step(seen(4.9), None, 4.0 + END_TIMEOUT_S)

@@ -26,17 +26,17 @@ class Plan:
     def __init__(self) -> None:
         self.finished = False
         self.finish_reason: str | None = None
-        self.said: list[str] = []
+        self.printed: list[str] = []
 
     def step(self, obs: Observation) -> VelocityCommand:
         del obs
         return AHEAD
 
     def pause(self) -> None:
-        self.said.append("held")
+        self.printed.append("held")
 
     def resume(self) -> None:
-        self.said.append("released")
+        self.printed.append("released")
 
 
 def status(cause: int = 0, mode: int = Mode.VELOCITY) -> Status:
@@ -92,7 +92,7 @@ def test_what_a_mission_begins_with() -> None:
     assert Request("mode", 1) == Request("mode", 1, planner=0)
 
 
-def test_by_default_it_settles_for_2_5_s() -> None:
+def test_by_default_it_waits_for_2_5_s() -> None:
     mission = made()
     mission.on_ready(0.0)
     mission.on_status(status(), 0.0)
@@ -133,12 +133,12 @@ def test_without_an_observation_it_stands() -> None:
     assert idle.step(AT_REST, None, 1.0) == HALT
 
 
-@pytest.mark.parametrize(("reason", "told"), [("all swept", "all swept"), (None, "finished")])
-def test_a_plan_that_ends_completes_the_run(reason: str | None, told: str) -> None:
+@pytest.mark.parametrize(("reason", "reported"), [("all swept", "all swept"), (None, "finished")])
+def test_a_plan_that_ends_completes_the_run(reason: str | None, reported: str) -> None:
     mission = driving(plan := Plan())
     plan.finished, plan.finish_reason = True, reason
     assert mission.step(AT_REST, None, 20.0) == AHEAD, "its last command; the stop follows"
-    assert ending(mission) == Ending("complete", told, 0)
+    assert ending(mission) == Ending("complete", reported, 0)
     assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
     assert (mission.drive_started_s, mission.drive_ended_s) == (16.0, 20.0)
     assert not mission.done
@@ -154,7 +154,7 @@ def test_a_run_may_take_all_of_its_time() -> None:
     assert ending(mission) == Ending("timeout", "not finished after 4 s", 1)
 
 
-def test_a_stop_that_was_refused_is_not_confirmed() -> None:
+def test_a_stop_that_was_rejected_is_not_confirmed() -> None:
     mission = driving()
     mission.request_end(Ending("stopped", "so", 0), 17.0)
     mission.on_command(accepted(Stop(3, 1), NackReason.FAULT), 17.1)
@@ -188,7 +188,9 @@ def test_after_its_end_nothing_begins_a_second_one() -> None:
 @pytest.mark.parametrize(
     ("message", "what"), [(ClearStop(1, 1), "clear stop"), (SetMode(1, 1), "velocity mode")]
 )
-def test_what_was_refused_or_not_answered_is_named(message: ClearStop | SetMode, what: str) -> None:
+def test_what_was_rejected_or_not_answered_is_named(
+    message: ClearStop | SetMode, what: str
+) -> None:
     for reason, text in ((None, f"the device did not answer {what}"), (NackReason.FAULT, None)):
         mission = made()
         mission.on_ready(0.0)
@@ -247,7 +249,7 @@ def test_a_status_is_waited_for_anew_after_a_loss() -> None:
 def test_a_device_may_be_away_for_30_s() -> None:
     mission = driving(plan := Plan())
     mission.on_lost(20.0)
-    assert (mission.phase, plan.said) == (Phase.HOLDING, ["held"])
+    assert (mission.phase, plan.printed) == (Phase.HOLDING, ["held"])
     mission.step(None, None, 50.0)
     assert ending(mission) is None
     mission.step(None, None, 50.25)
@@ -262,7 +264,7 @@ def test_a_plan_that_did_not_drive_is_not_held() -> None:
     assert phase(mission) is Phase.WAITING, "it never was there"
     mission.on_ready(2.0)
     mission.on_lost(3.0)
-    assert (mission.phase, plan.said) == (Phase.HOLDING, [])
+    assert (mission.phase, plan.printed) == (Phase.HOLDING, [])
 
 
 def test_a_loss_while_it_stops_ends_the_run_unconfirmed() -> None:
@@ -298,7 +300,7 @@ def test_asked_and_answered_it_goes_on_with_its_plan() -> None:
     go_on(mission, 23.0)
     assert mission.requests() == [Request("clear", StopCause.LINK), Request("mode", Mode.VELOCITY)]
     assert phase(mission) is Phase.DRIVING
-    assert plan.said == ["held", "released"]
+    assert plan.printed == ["held", "released"]
     assert mission.drive_started_s == 16.0, "one drive"
 
 
@@ -318,7 +320,7 @@ def test_a_leave_is_for_one_loss_and_for_its_own_stop() -> None:
     mission.requests()
     mission.on_status(status(StopCause.LINK), 26.0)
     assert mission.requests() == [Request("stop", StopCause.SESSION_END)], "leave was used up"
-    assert plan.said == ["held", "released"]
+    assert plan.printed == ["held", "released"]
 
 
 def test_a_second_loss_takes_the_question_back() -> None:
@@ -362,7 +364,7 @@ def test_a_simulated_run_goes_on_by_itself() -> None:
     mission.on_ready(20.0)
     assert phase(mission) is Phase.WAITING
     go_on(mission, 21.0)
-    assert (mission.phase, plan.said) == (Phase.DRIVING, ["held", "released"])
+    assert (mission.phase, plan.printed) == (Phase.DRIVING, ["held", "released"])
 
 
 def test_by_default_it_ends() -> None:

@@ -15,7 +15,7 @@ from protocol.messages import ParameterValue
 HALF, QUARTER, TWO = 0x3F00_0000, 0x3E80_0000, 0x4000_0000
 
 
-def told(kind: int, flags: int = 0, *values: int, name: str = "top_speed m/s") -> Parameter:
+def reported(kind: int, flags: int = 0, *values: int, name: str = "top_speed m/s") -> Parameter:
     value, default, low, high = values or (HALF, HALF, QUARTER, TWO)
     return Parameter.from_message(
         ParameterValue(4, 13, kind, flags, value, default, low, high, name)
@@ -23,7 +23,7 @@ def told(kind: int, flags: int = 0, *values: int, name: str = "top_speed m/s") -
 
 
 def test_a_float() -> None:
-    speed = told(2, 0b1011)
+    speed = reported(2, 0b1011)
     assert (speed.number, speed.name, speed.unit, speed.kind) == (4, "top_speed", "m/s", "f32")
     assert (speed.value, speed.low, speed.high) == (0.5, 0.25, 2.0)
     assert (speed.stored, speed.changed, speed.read_only, speed.needs_reboot) == (
@@ -35,13 +35,13 @@ def test_a_float() -> None:
 
 
 def test_a_signed_number_travels_in_two_s_complement() -> None:
-    trim = told(1, 0, 0xFFFF_FFFE, 0, 0xFFFF_FF9C, 100)
+    trim = reported(1, 0, 0xFFFF_FFFE, 0, 0xFFFF_FF9C, 100)
     assert (trim.value, trim.low, trim.high) == (-2, -100, 100)
     assert trim.raw(-3) == 0xFFFF_FFFD
 
 
 def test_a_switch() -> None:
-    switch = told(3, 0, 1, 0, 0, 1)
+    switch = reported(3, 0, 1, 0, 0, 1)
     assert switch.raw("on") == switch.raw(1) == switch.raw("TRUE") == 1
     assert switch.raw("off") == switch.raw(0) == 0
     with pytest.raises(ParameterError, match="true or false"):
@@ -51,16 +51,16 @@ def test_a_switch() -> None:
 @pytest.mark.parametrize("value", [0.2, 2.1, math.inf, math.nan, 1e300, "fast", "nan"])
 def test_what_a_float_does_not_take(value: float | str) -> None:
     with pytest.raises(ParameterError, match="top_speed"):
-        told(2).raw(value)
+        reported(2).raw(value)
 
 
-def test_the_range_is_told_with_its_unit() -> None:
+def test_the_range_is_reported_with_its_unit() -> None:
     with pytest.raises(ParameterError, match=r"3 is not in 0\.25 to 2 m/s"):
-        told(2).raw(3)
+        reported(2).raw(3)
 
 
 def test_a_whole_number_is_whole() -> None:
-    counts = told(0, 0, 1560, 1560, 4, 1_000_000)
+    counts = reported(0, 0, 1560, 1560, 4, 1_000_000)
     assert counts.raw("1560") == 1560
     with pytest.raises(ParameterError, match="whole"):
         counts.raw(1560.5)
@@ -68,7 +68,7 @@ def test_a_whole_number_is_whole() -> None:
 
 def test_what_cannot_be_set() -> None:
     with pytest.raises(ParameterError, match="read-only"):
-        told(0, 0b100, 1, 1, 1, 15).raw(2)
+        reported(0, 0b100, 1, 1, 1, 15).raw(2)
 
 
 def test_a_name_that_there_is_not() -> None:
@@ -80,13 +80,13 @@ def test_a_name_that_there_is_not() -> None:
 @pytest.mark.parametrize("value", [True, False])
 def test_a_truth_value_is_no_number(kind: int, value: bool) -> None:  # noqa: FBT001 - the value
     """JSON's true would else set a top speed of 1 m/s."""
-    number = told(kind, 0, *(HALF, HALF, 0, TWO))
+    number = reported(kind, 0, *(HALF, HALF, 0, TWO))
     with pytest.raises(ParameterError, match=rf"{value} is not a number"):
         number.raw(value)
 
 
 def test_numbers_that_json_lacks_are_texts_in_it() -> None:
-    odd = told(2, 0, *(0x7FC0_0000, HALF, 0xFF80_0000, 0x7F80_0000))
+    odd = reported(2, 0, *(0x7FC0_0000, HALF, 0xFF80_0000, 0x7F80_0000))
     text = json.dumps(odd.to_dict(), allow_nan=False)
     fields = json.loads(text)
     assert (fields["value"], fields["low"], fields["high"]) == ("nan", "-inf", "inf")

@@ -73,8 +73,8 @@ def test_ctrl_c_stops_the_robot_and_waits_for_its_word() -> None:
     assert not [s for s in ends.sent if isinstance(s.message, VelocitySetpoint) and s.at_us > at_us]
 
 
-def test_the_stop_goes_out_before_anybody_is_told() -> None:
-    class Deaf(Collector):
+def test_the_stop_goes_out_before_any_listener_runs() -> None:
+    class TransmitOnly(Collector):
         """A terminal that was closed."""
 
         def write(self, record: Record) -> None:
@@ -82,7 +82,7 @@ def test_the_stop_goes_out_before_anybody_is_told() -> None:
                 raise BrokenPipeError
             super().write(record)
 
-    host = spinning_host(Deaf())
+    host = spinning_host(TransmitOnly())
     ends = Ends(HostEnd(host), sweeper())
     assert ends.run(6.0, lambda: ends.moving)
     with pytest.raises(BrokenPipeError):
@@ -153,20 +153,20 @@ def test_a_reboot_while_watching_keeps_the_pose_and_goes_on() -> None:
     ends, host = started()
     ends.run(3.0)
     pose = host.estimator.pose
-    watcher = spinning_host()
-    watcher.mission.runner = None
-    watcher.estimator.reset(pose)
-    ends.restart_host(HostEnd(watcher))
+    supervisor = spinning_host()
+    supervisor.mission.runner = None
+    supervisor.estimator.reset(pose)
+    ends.restart_host(HostEnd(supervisor))
     ends.run(3.0)
-    before = watcher.estimator.pose
+    before = supervisor.estimator.pose
     ends.reboot_device(4711)
     ends.run(6.0)
-    assert watcher.session.state is State.READY
-    assert watcher.estimator.pose.distance_m(before) < 0.01
-    fit = watcher.sync.fit
+    assert supervisor.session.state is State.READY
+    assert supervisor.estimator.pose.distance_m(before) < 0.01
+    fit = supervisor.sync.fit
     assert fit is not None
     assert fit.device_us < 7_000_000, "the clock of the new boot"
-    assert watcher.sync.steps == 0
+    assert supervisor.sync.steps == 0
 
 
 def test_a_stalled_wire_and_its_burst_move_nothing() -> None:

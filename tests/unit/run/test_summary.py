@@ -39,7 +39,7 @@ def shown(summary: dict[str, Any]) -> str:
     return " ".join(str(cell) for column in summary_table(summary).columns for cell in column.cells)
 
 
-def test_of_a_run_that_never_began_nothing_is_known() -> None:
+def test_a_run_that_never_began_has_no_figures() -> None:
     summary = summed(host())
     assert summary["outcome"] == "stopped"
     for key in (
@@ -60,11 +60,11 @@ def test_a_room_of_any_name_takes_a_few_lines() -> None:
     assert "\\n\\x1b[2J, paper" in text
 
 
-def test_what_is_known_of_a_watched_robot() -> None:
-    watched = host()
-    watched.drive_pose = Pose2(0.1, 0, 0)
-    watched.path_m = 0.1
-    summary = summed(watched, room="den", log="a.mcap")
+def test_figures_of_a_supervised_robot() -> None:
+    inputs = host()
+    inputs.drive_pose = Pose2(0.1, 0, 0)
+    inputs.path_m = 0.1
+    summary = summed(inputs, room="den", log="a.mcap")
     assert (summary["path_m"], summary["room"], summary["log"]) == (0.1, "den", "a.mcap")
 
 

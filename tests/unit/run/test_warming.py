@@ -13,13 +13,13 @@ from tools.virtual.run import run_virtual
 
 def test_the_host_follows_the_chip_as_it_warms_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """6 °C in all with a time constant of 300 s: 0.39 °C in 20 s, less half a second of filter."""
-    told: list[float] = []
+    reported: list[float] = []
     warm = PoseFilter.warm
 
     def listened(self: PoseFilter, change_c: float) -> None:
-        told.append(change_c)
+        reported.append(change_c)
         warm(self, change_c)
 
     monkeypatch.setattr(PoseFilter, "warm", listened)
     run_virtual(load_room("empty"), RobotModel(), "paper", NullSink(), max_time_s=20.0)
-    assert sum(told) == pytest.approx(0.39, abs=0.08)
+    assert sum(reported) == pytest.approx(0.39, abs=0.08)

@@ -81,7 +81,7 @@ def test_the_first_agreement_is_no_return() -> None:
     assert (first.again, first.rebooted, first.other_schema) == (False, False, False)
 
 
-def test_another_boot_is_told_apart() -> None:
+def test_another_boot_is_distinguished() -> None:
     ends, host = ready()
     unplug(ends)
     ends.run(1.5)
@@ -93,7 +93,7 @@ def test_another_boot_is_told_apart() -> None:
     assert (last.again, last.rebooted, last.other_schema) == (True, True, False)
 
 
-def test_another_schema_is_told_apart() -> None:
+def test_another_schema_is_distinguished() -> None:
     ends, host = ready()
     unplug(ends)
     ends.run(1.5)
@@ -142,7 +142,7 @@ def test_by_default_the_run_ends_when_the_device_is_back() -> None:
 
 
 @pytest.mark.parametrize("gone_s", [0.05, 0.6, 2.5])
-def test_nothing_moves_before_a_person_has_said_so(gone_s: float) -> None:
+def test_nothing_moves_before_a_person_confirms(gone_s: float) -> None:
     ends, host, sink = driving(Resume.ASK)
     unplug(ends)
     ends.run(gone_s)

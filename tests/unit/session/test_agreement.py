@@ -72,11 +72,11 @@ class Declaring(Wire):
         for event in Link(Direction.HOST).receive(data):
             if not isinstance(event, Received):
                 continue
-            f, said = event.frame, event.message
-            if isinstance(said, Hello):
+            f, printed = event.frame, event.message
+            if isinstance(printed, Hello):
                 other = (CATALOGUE.hash ^ 1).to_bytes(4, "little")
                 return encode_frame(f.node, f.type_id, f.seq, f.t_us, other + f.payload[4:])
-            if isinstance(said, DescribeReply) and said.described_type == self._type_id:
+            if isinstance(printed, DescribeReply) and printed.described_type == self._type_id:
                 chain = CATALOGUE.chains[self._type_id][self._fields]
                 payload = bytes([self._type_id, self._fields, 0]) + chain.to_bytes(4, "little")
                 return encode_frame(f.node, f.type_id, f.seq, f.t_us, payload)

@@ -85,7 +85,7 @@ def test_with_the_key_everything_works(link: type[LinkBase]) -> None:
 
 
 @pytest.mark.parametrize("link", [Link, CanLink])
-def test_a_command_without_a_tag_is_refused_before_anything_else_comes(
+def test_a_command_without_a_tag_is_rejected_before_anything_else_comes(
     link: type[LinkBase],
 ) -> None:
     """On CAN the device waits 10 ms for the tag, not until the host's next frame."""
@@ -230,7 +230,7 @@ def test_no_key_is_set_over_a_bus_or_a_network_or_while_it_may_move() -> None:
     assert flash_key(ends) is None
 
 
-def test_the_key_is_on_the_line_once_and_never_told() -> None:
+def test_the_key_is_on_the_link_once_and_never_printed() -> None:
     ends, end = both(None, None)
     heard: list[bytes] = []
     receive = end.session.link.receive
@@ -249,7 +249,7 @@ def test_the_key_is_on_the_line_once_and_never_told() -> None:
     assert KEY[4:8] not in b"".join(heard)
 
 
-def test_a_run_says_what_it_lacks() -> None:
+def test_a_run_reports_what_it_lacks() -> None:
     runner = spinning_host()
     ends = Ends(HostEnd(runner), device(KEY))
     assert ends.run(5.0, lambda: runner.mission.phase is Phase.DONE)

@@ -196,7 +196,7 @@ def test_a_delay_that_goes_away_in_time_lets_the_run_begin() -> None:
     assert host.mission.phase is Phase.DRIVING
 
 
-def test_who_looks_on_is_told_once_and_may_drive_when_the_delay_is_gone() -> None:
+def test_an_observer_is_warned_once_and_may_drive_when_the_delay_is_gone() -> None:
     sink = Collector()
     host, line = host_with(Mission(None), sink), Line(300)
     ends = joined(host, line)
@@ -205,8 +205,8 @@ def test_who_looks_on_is_told_once_and_may_drive_when_the_delay_is_gone() -> Non
     assert not host.mission.done
     line.latency_ms(1)
     ends.run(5.0)
-    told = [e.kind for e in sink.of(EventRecord) if e.kind in {"slow", "quick"}]
-    assert told == ["slow", "quick"]
+    reported = [e.kind for e in sink.of(EventRecord) if e.kind in {"slow", "quick"}]
+    assert reported == ["slow", "quick"]
     host.mission.start(PlanRunner(Spinning(MODEL), MODEL), clear_stop=True)
     assert ends.run(8.0, lambda: ends.moving)
 

@@ -28,7 +28,7 @@ def framed(node: int, type_id: int, seq: int, t_us: int, payload: bytes) -> byte
 RANGE = framed(3, 0x14, 7, 1_500_000, struct.pack("<HBBB", 1234, 80, 255, 0b101))
 
 
-def test_a_message_is_told_with_its_units_and_names() -> None:
+def test_a_message_is_reported_with_its_units_and_names() -> None:
     seen = Monitor().receive(RANGE, HostNs(5 * MS))
     assert len(seen) == 1
     one = seen[0]
@@ -80,14 +80,14 @@ def test_broken_bytes_are_given_whole_and_counted_once() -> None:
     assert "no frame (crc)" in seen[0].text
 
 
-def test_a_type_that_nobody_declared_is_told_once() -> None:
+def test_a_type_that_nobody_declared_is_reported_once() -> None:
     monitor = Monitor()
     seen = monitor.receive(framed(1, 0x7A, 0, 0, b"\1\2"), HostNs(0))
     assert [(s.kind, s.name, s.raw) for s in seen] == [("rejected", "type", b"\1\2")]
     assert (monitor.rejected, monitor.damaged) == (1, 0)
 
 
-def test_types_that_were_not_asked_for_are_counted_and_not_told() -> None:
+def test_types_that_were_not_asked_for_are_counted_and_not_reported() -> None:
     monitor = Monitor(types=["encoders"])
     assert monitor.receive(RANGE, HostNs(0)) == []
     assert monitor.types["range"].count == 1
@@ -138,7 +138,7 @@ def test_a_bus_is_heard_in_both_directions() -> None:
     assert seen[1].fields == {"left": 10, "right": 20}
 
 
-def test_a_node_that_is_not_there_is_said_once_with_those_that_are(
+def test_a_missing_node_is_reported_once_with_those_that_answer(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monitor, lines = Monitor(node=9), TextLines(raw=False)
@@ -148,14 +148,14 @@ def test_a_node_that_is_not_there_is_said_once_with_those_that_are(
         lines.tick(monitor, HostNs(at * second))
     monitor.receive(framed(4, 0x13, 1, 1, struct.pack("<HH", 1, 2)), HostNs(6 * second))
     lines.tick(monitor, HostNs(6 * second))
-    said = capsys.readouterr().err.splitlines()
-    assert said == [
+    printed = capsys.readouterr().err.splitlines()
+    assert printed == [
         "rates (Hz): nothing comes from node 9; heard are messages of node 3",
         "rates (Hz): nothing comes from node 9; heard are messages of node 3, 4",
     ]
 
 
-def test_a_silence_is_said_once_and_again_after_it_was_broken(
+def test_a_silence_is_reported_once_and_again_after_it_was_broken(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monitor, lines = Monitor(), TextLines(raw=False)
@@ -164,6 +164,6 @@ def test_a_silence_is_said_once_and_again_after_it_was_broken(
         data = framed(3, 0x13, at, 1, struct.pack("<HH", 1, 2)) if at == 8 else b""
         monitor.receive(data, HostNs(at * second))
         lines.tick(monitor, HostNs(at * second))
-    said = capsys.readouterr().err.splitlines()
-    assert [line for line in said if "nothing" in line] == ["rates (Hz): nothing comes"] * 2
-    assert any("encoders" in line for line in said)
+    printed = capsys.readouterr().err.splitlines()
+    assert [line for line in printed if "nothing" in line] == ["rates (Hz): nothing comes"] * 2
+    assert any("encoders" in line for line in printed)

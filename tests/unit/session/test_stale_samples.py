@@ -248,7 +248,7 @@ def test_one_stray_stamp_stops_nothing() -> None:
 
 
 @pytest.mark.parametrize("seconds", [-20.0, 20.0])
-def test_who_looks_on_sees_a_clock_that_was_set_and_then_current_data(seconds: float) -> None:
+def test_an_observer_sees_a_clock_that_was_set_and_then_current_data(seconds: float) -> None:
     sink, wire = Collector(), Restamped(Encoders, Imu, Range, Status)
     host = Host(RobotModel(), sink, HostOptions(0, ""), Mission(None), lambda: next(_ids))
     ends = Ends(HostEnd(host), sweeper(), to_host=wire)
@@ -308,7 +308,7 @@ def test_a_stream_later_than_the_others_by_much_is_old_from_the_first_sample() -
     assert times.taken_s[Range] == pytest.approx(1.49, abs=0.01)
 
 
-def test_what_was_forgotten_is_judged_anew() -> None:
+def test_abandoned_targets_are_judged_anew() -> None:
     times = SampleTimes()
     times.take(Imu, 90 * SECOND_US, 1.0)
     times.forget()

@@ -50,7 +50,7 @@ def test_the_table_leaves_no_state_without_an_end() -> None:
     assert reachable == set(State)
 
 
-def test_a_closed_session_hears_nothing_and_asks_for_nothing() -> None:
+def test_a_closed_session_receives_nothing_and_asks_for_nothing() -> None:
     session = Session(lambda: 1)
     device = sweeper()
     assert session.receive(device.step(b"", 2_000_000), HostNs(0)) == []
@@ -185,7 +185,7 @@ def test_ready_means_that_the_device_is_in_our_session(latency_us: int) -> None:
     assert host.of(StateChanged)[before:] == [], "it must stay ready"
 
 
-def test_a_reboot_is_seen_and_told() -> None:
+def test_a_reboot_is_seen_and_reported() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
     ready(ends, host)
@@ -327,7 +327,7 @@ def test_a_stop_whose_ack_is_lost_is_repeated_until_one_comes() -> None:
     assert len([s for s in ends.sent if isinstance(s.message, Stop)]) == count
 
 
-def test_a_stop_that_the_link_swallowed_is_told_to_the_device_that_comes_back() -> None:
+def test_a_lost_stop_is_sent_to_the_device_that_comes_back() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
     ready(ends, host)
@@ -393,10 +393,10 @@ def test_the_hello_of_a_session_is_data_for_the_log() -> None:
     host = session_end()
     ends = Ends(host, sweeper())
     ready(ends, host)
-    told = [d.received.message for d in host.of(Data)]
-    hellos = [m for m in told if isinstance(m, Hello)]
+    reported = [d.received.message for d in host.of(Data)]
+    hellos = [m for m in reported if isinstance(m, Hello)]
     assert hellos[-1].session_id == host.session.session_id
     ends.run(1.0)
-    later = [d.received.message for d in host.of(Data)][len(told) :]
+    later = [d.received.message for d in host.of(Data)][len(reported) :]
     assert not any(isinstance(m, Hello) for m in later), "no hello once both agree"
     assert len(later) > 150

@@ -220,7 +220,7 @@ def test_what_the_port_did_not_take_follows_within_the_turn(
     assert line.heard_ms[0] < 10.0
 
 
-def test_a_port_that_vanishes_is_given_back_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_vanishes_is_given_back_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Line(lambda _: None)
     line.gone_after = 400
     with pytest.raises(PortError, match="gone"):

@@ -50,7 +50,7 @@ def test_nothing_is_known_before_the_first_exchange() -> None:
     assert sync.map(DeviceUs(5)) is None
 
 
-def test_a_symmetric_wire_is_known_to_the_microsecond() -> None:
+def test_a_symmetric_link_is_synchronised_to_the_microsecond() -> None:
     world = World()
     for _ in range(100):
         assert world.ping()
@@ -87,12 +87,12 @@ def test_a_step_is_found_and_samples_are_unbounded_meanwhile(step_us: int) -> No
     for _ in range(100):
         world.ping()
     world.device_first_us += step_us
-    told = []
+    reported = []
     for _ in range(STEP_SAMPLES):
-        told.append(world.ping())
+        reported.append(world.ping())
         mapped = world.sync.map(world.sync.extend(world.device_us(world.now_us) % WRAP))
         assert mapped is None, "a wrong time is worse than none"
-    assert told == [True] * (STEP_SAMPLES - 1) + [False]
+    assert reported == [True] * (STEP_SAMPLES - 1) + [False]
     assert world.sync.steps == 1
     for _ in range(30):
         assert world.ping()

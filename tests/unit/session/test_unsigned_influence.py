@@ -92,7 +92,7 @@ def test_stamps_of_unsigned_frames_make_no_old_setpoint_fresh() -> None:
     assert line.moving  # nor do they make a fresh one old
 
 
-def test_a_refused_frame_keeps_no_session_alive() -> None:
+def test_a_rejected_frame_keeps_no_session_alive() -> None:
     line = Line(KEY)
     line.begin()
     for counter in range(80):

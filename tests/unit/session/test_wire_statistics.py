@@ -22,12 +22,12 @@ def series(*stamps_us: int, delay_us: int = 1_500) -> dict[str, object]:
 
 
 def test_a_whole_stream() -> None:
-    told = series(*range(0, 1_000_001, 10_000))
-    assert told["count"] == 101
-    assert told["rate_hz"] == 100.0
-    assert told["lost"] == 0
-    assert told["reordered"] == 0
-    assert told["age_ms"] == {"mean": 1.5, "max": 1.5}
+    reported = series(*range(0, 1_000_001, 10_000))
+    assert reported["count"] == 101
+    assert reported["rate_hz"] == 100.0
+    assert reported["lost"] == 0
+    assert reported["reordered"] == 0
+    assert reported["age_ms"] == {"mean": 1.5, "max": 1.5}
 
 
 def test_holes_are_counted_by_the_period() -> None:
@@ -38,9 +38,9 @@ def test_holes_are_counted_by_the_period() -> None:
 def test_random_loss_is_counted_whole() -> None:
     rng = random.Random(3)
     kept = [k for k in range(20_000) if k < 10 or rng.random() > 0.05]
-    told = series(*(k * 10_000 for k in kept))
-    assert isinstance(told["lost"], int)
-    assert abs(told["lost"] - (kept[-1] + 1 - len(kept))) <= 2
+    reported = series(*(k * 10_000 for k in kept))
+    assert isinstance(reported["lost"], int)
+    assert abs(reported["lost"] - (kept[-1] + 1 - len(kept))) <= 2
 
 
 def test_a_rate_that_is_changed_is_no_loss() -> None:
@@ -52,15 +52,15 @@ def test_a_rate_that_is_changed_is_no_loss() -> None:
 
 def test_stamps_wrap() -> None:
     first = (1 << 32) - 500_000
-    told = series(*range(first, first + 1_000_001, 10_000))
-    assert told["lost"] == 0
-    assert told["rate_hz"] == 100.0
+    reported = series(*range(first, first + 1_000_001, 10_000))
+    assert reported["lost"] == 0
+    assert reported["rate_hz"] == 100.0
 
 
 def test_what_comes_late_is_out_of_order() -> None:
-    told = series(0, 10_000, 20_000, 40_000, 30_000, 50_000, 60_000)
-    assert told["reordered"] == 1
-    assert told["count"] == 7
+    reported = series(0, 10_000, 20_000, 40_000, 30_000, 50_000, 60_000)
+    assert reported["reordered"] == 1
+    assert reported["count"] == 7
 
 
 def test_a_break_is_no_loss() -> None:
@@ -72,12 +72,12 @@ def test_what_is_no_stream_has_no_rate() -> None:
     kind = MessageStatistics(CATALOGUE.by_class[Ack])
     kind.take(0, 0, None)
     kind.take(5_000_000, 0, None)
-    told = kind.to_dict()
-    assert (told["rate_hz"], told["lost"]) == (None, None)
-    assert told["age_ms"] == {"mean": None, "max": None}
+    reported = kind.to_dict()
+    assert (reported["rate_hz"], reported["lost"]) == (None, None)
+    assert reported["age_ms"] == {"mean": None, "max": None}
 
 
-def test_a_spread_knows_its_percentiles_to_nine_percent() -> None:
+def test_a_distribution_has_its_percentiles_within_nine_percent() -> None:
     rng, spread = random.Random(1), Spread()
     values = sorted(rng.lognormvariate(14.0, 0.5) for _ in range(5_000))
     for value in values:

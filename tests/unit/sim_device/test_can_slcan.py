@@ -53,7 +53,7 @@ def test_frames_both_ways(line: bytes, record: bytes) -> None:
         b"t1211" + b"0" * LONGEST_LINE + b"\r",
     ],
 )
-def test_refused(line: bytes) -> None:
+def test_rejected(line: bytes) -> None:
     assert opened().feed(line) == (b"", b"\a")
 
 
@@ -68,7 +68,7 @@ def test_closed_listening_and_asked() -> None:
     assert adapter.feed(b"C\rO\rF\r") == (b"", b"\r\rF00\r")
 
 
-def test_another_bit_rate_than_the_bus_hears_nothing() -> None:
+def test_another_bit_rate_than_the_bus_receives_nothing() -> None:
     adapter = SlcanAdapter()
     adapter.feed(b"S4\rO\r")
     assert adapter.feed(b"t1210\r") == (b"", b"\a")

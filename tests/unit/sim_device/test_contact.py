@@ -208,7 +208,9 @@ def test_two_touches_press_both_halves() -> None:
 @pytest.mark.parametrize(
     ("heading_deg", "pressed"), [(0.0, (True, True)), (30.0, (False, True)), (-30.0, (True, False))]
 )
-def test_bumpers_tell_the_side_of_a_wall(heading_deg: float, pressed: tuple[bool, bool]) -> None:
+def test_bumper_switches_show_the_side_of_a_wall(
+    heading_deg: float, pressed: tuple[bool, bool]
+) -> None:
     body = plant(room((WALL_X_M - 0.2, 1.0, math.radians(heading_deg)), walls=SMALL))
     suite = sensors(body)
     assert suite.bumpers() == (False, False)

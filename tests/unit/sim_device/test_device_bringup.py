@@ -31,7 +31,7 @@ def forward(duty: float) -> Callable[[int], WheelDuty]:
     return lambda counter: WheelDuty(round(duty * 1e4), round(duty * 1e4), 200, counter)
 
 
-def test_bringup_is_refused_while_latched() -> None:
+def test_bringup_is_rejected_while_latched() -> None:
     desk = Desk()
     assert desk.ask(lambda i: SetMode(i, Mode.BRINGUP)) is NackReason.STOP_LATCHED
     desk.drive(0.5, forward(0.3))
@@ -84,7 +84,7 @@ def test_the_motors_are_off_once_the_time_to_live_is_over() -> None:
     assert desk.speed > 0.05
 
 
-def test_stale_and_repeated_duties_are_refused() -> None:
+def test_stale_and_repeated_duties_are_rejected() -> None:
     desk = Desk()
     desk.free(Mode.BRINGUP)
     long_ago = desk.ends.host_ns - 400_000_000

@@ -49,7 +49,7 @@ def test_streams_do_not_come_in_bursts() -> None:
     assert max(Counter(t for t, m in bench.heard if t > 100_000).values()) <= 5
 
 
-def test_hello_is_said_each_second_until_agreed() -> None:
+def test_hello_is_sent_each_second_until_agreed() -> None:
     bench = Bench()
     assert kinds(bench.run(5.0)) == ["Hello"] * 5
     bench.send(HostHello(CATALOGUE.hash, SESSION, 0, "test"))
@@ -108,16 +108,16 @@ def _ping_node(bench: Bench, node: int) -> None:
     bench.send(TimeRequest(1), node=node)
 
 
-def test_commands_before_agreement_are_refused() -> None:
+def test_commands_before_agreement_are_rejected() -> None:
     bench = Bench()
-    refused = bench.send(ClearStop(1, StopCause.SESSION_END), SetMode(2, Mode.VELOCITY))
-    assert [m.reason for m in refused if isinstance(m, Nack)] == [NackReason.NO_SESSION] * 2
+    rejected = bench.send(ClearStop(1, StopCause.SESSION_END), SetMode(2, Mode.VELOCITY))
+    assert [m.reason for m in rejected if isinstance(m, Nack)] == [NackReason.NO_SESSION] * 2
     bench.send(HostHello(CATALOGUE.hash, SESSION, 0, "test"))
     (again,) = bench.send(ClearStop(3, StopCause.SESSION_END))
     assert isinstance(again, Nack)
 
 
-def test_an_unknown_mode_is_refused() -> None:
+def test_an_unknown_mode_is_rejected() -> None:
     bench = Bench()
     bench.free()
     (reply,) = bench.send(SetMode(7, 9))
@@ -147,7 +147,7 @@ def test_a_stop_of_an_unknown_cause_is_the_operators(raw: int) -> None:
     assert bench.firmware.latch.cause is StopCause.OPERATOR
 
 
-def test_describe_answers_for_what_it_does_not_know() -> None:
+def test_describe_answers_for_unknown_messages() -> None:
     bench = Bench()
     assert kinds(bench.send(Describe(0x7D, 3), Describe(0x12, 255))) == ["DescribeReply"] * 2
 
@@ -162,11 +162,11 @@ def test_time_requests_are_stamped_twice() -> None:
     assert reply.received_us == bench.now_us
 
 
-def test_a_host_of_no_session_is_told_who_this_is_at_most_ten_times_a_second() -> None:
+def test_a_host_without_a_session_gets_at_most_ten_hellos_a_second() -> None:
     bench = Bench()
     bench.run(0.5)
-    told = [m for _ in range(50) for m in (*bench.send(TimeRequest(1)), *bench.run(0.01))]
-    hellos = [m for m in told if isinstance(m, Hello)]
-    assert not [m for m in told if isinstance(m, TimeReply)]
+    reported = [m for _ in range(50) for m in (*bench.send(TimeRequest(1)), *bench.run(0.01))]
+    hellos = [m for m in reported if isinstance(m, Hello)]
+    assert not [m for m in reported if isinstance(m, TimeReply)]
     assert 4 <= len(hellos) <= 6
     assert all(m.session_id == 0 for m in hellos)

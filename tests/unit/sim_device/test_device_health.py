@@ -68,7 +68,7 @@ class Bench(WireHost):
     def standing(self) -> bool:
         return abs(self.device.truth.v_m_s) < REST_M_S
 
-    def told(self) -> list[str]:
+    def reported(self) -> list[str]:
         return [m.line for m in self.of(LogText) if "fault" in m.line or "by itself" in m.line]
 
 
@@ -88,7 +88,7 @@ def test_a_sound_device_has_none(noise: str) -> None:
         (0.0, 0.0, 2.0),
     ):
         bench.drive(duration_s, v_m_s, yaw_rad_s)
-    assert bench.told() == []
+    assert bench.reported() == []
     assert bench.stopped_by(StopCause.NONE)
 
 
@@ -123,9 +123,9 @@ def test_a_frozen_imu(noise: str) -> None:
     bench.device.sensors.faults.imu_frozen = False
     bench.drive(0.5, 0.0, 1.0)
     assert not bench.faults & Fault.IMU
-    assert bench.told()[0] == "fault: imu"
+    assert bench.reported()[0] == "fault: imu"
     bench.rest(0.5)
-    assert bench.told()[-1] == "fault gone: imu"
+    assert bench.reported()[-1] == "fault gone: imu"
 
 
 @pytest.mark.parametrize(("bias_deg_s", "faulty"), [(15.0, False), (30.0, True), (-30.0, True)])
@@ -157,7 +157,7 @@ def test_planning_for_itself_it_stops_without_a_gyro() -> None:
     assert bench.stopped_by(StopCause.HARDWARE)
     assert bench.standing()
     assert PlannerPhase(bench.last(PlannerState).phase) is PlannerPhase.ABORTED
-    assert "stopped by itself: no heading" in bench.told()
+    assert "stopped by itself: no heading" in bench.reported()
 
 
 # ---- wheels -------------------------------------------------------------------------------
@@ -194,7 +194,7 @@ def test_a_wheel_that_is_stuck(knob: str) -> None:
     bench.drive(0.8)
     assert bench.stopped_by(StopCause.HARDWARE), "before the motor burns"
     bench.run(0.5)
-    assert "stopped by itself: motor stalled" in bench.told()
+    assert "stopped by itself: motor stalled" in bench.reported()
     assert not bench.faults & Fault.MOTOR_STALL, "at rest nothing stalls"
     setattr(bench.device.plant.faults, knob, False)
     assert bench.clear(StopCause.HARDWARE) is None
@@ -292,7 +292,7 @@ def set_volts(bench: Bench, name: str, volts: float) -> None:
     assert bench.ask(lambda i: SetParameter(i, NUMBERS[name], ParameterKind.F32, raw)) is None
 
 
-def test_a_battery_that_is_low_is_told_and_one_that_is_empty_ends_the_drive() -> None:
+def test_a_battery_that_is_low_is_reported_and_one_that_is_empty_ends_the_drive() -> None:
     bench = Bench()
     bench.drive(1.0)
     set_volts(bench, "battery_low", 20.0)
@@ -309,4 +309,4 @@ def test_a_battery_that_is_low_is_told_and_one_that_is_empty_ends_the_drive() ->
     bench.run(0.5)
     assert bench.clear(StopCause.HARDWARE) is None
     bench.run(0.3)
-    assert "stopped by itself: battery empty" in bench.told()
+    assert "stopped by itself: battery empty" in bench.reported()

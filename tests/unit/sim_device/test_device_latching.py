@@ -129,7 +129,7 @@ def test_a_3_s_stall_and_its_burst_move_nothing() -> None:
     assert bench.firmware.latch.cause is StopCause.LINK
 
 
-def test_a_shorter_stall_is_refused_by_age_alone() -> None:
+def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
     """For 0.9 s the session goes on and the mode is velocity: only freshness is in the way."""
     bench = Bench()
     bench.free()

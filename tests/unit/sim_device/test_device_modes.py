@@ -79,13 +79,13 @@ BY_BYTES = [
 
 
 @pytest.mark.parametrize("state", [s for s in State if s not in {State.OFF, State.BOOT}])
-def test_the_device_does_what_the_table_says(state: State) -> None:
+def test_the_device_follows_the_table(state: State) -> None:
     for event in BY_BYTES:
         trial = Trial()
         trial.bring(state)
         expected = outcome(state, event)
-        refused = trial.meet(event)
-        assert refused is (expected if isinstance(expected, NackReason) else None), event
+        rejected = trial.meet(event)
+        assert rejected is (expected if isinstance(expected, NackReason) else None), event
         assert trial.state is (expected if isinstance(expected, State) else state), event
 
 
@@ -111,8 +111,8 @@ class ModesMachine(RuleBasedStateMachine):
     @rule(event=st.sampled_from([e for e in BY_BYTES if e is not Event.SILENCE]))
     def meet(self, event: Event) -> None:
         expected = self.model.fire(event)
-        refused = self.trial.meet(event)
-        assert refused is (expected if isinstance(expected, NackReason) else None)
+        rejected = self.trial.meet(event)
+        assert rejected is (expected if isinstance(expected, NackReason) else None)
 
     @precondition(lambda self: self.model.state in {State.OFF, State.BOOT})
     @rule()
@@ -126,8 +126,8 @@ class ModesMachine(RuleBasedStateMachine):
     def start(self, planner: int) -> None:
         holding = () if planner == OnboardPlanner.PAPER else (Guard.NO_PLANNER,)
         expected = self.model.fire(Event.START, holding)
-        refused = self.trial.host.plan(PlannerAction.START, planner)
-        assert refused is (expected if isinstance(expected, NackReason) else None)
+        rejected = self.trial.host.plan(PlannerAction.START, planner)
+        assert rejected is (expected if isinstance(expected, NackReason) else None)
 
     @precondition(lambda self: self.model.state not in {State.OFF, State.BOOT})
     @rule()

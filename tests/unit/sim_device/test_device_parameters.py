@@ -105,7 +105,7 @@ def test_a_repeated_set_is_carried_out_once() -> None:
         ("node", U32, 2, NackReason.READ_ONLY),
     ],
 )
-def test_what_cannot_be_set_is_refused_and_changes_nothing(
+def test_what_cannot_be_set_is_rejected_and_changes_nothing(
     name: str, kind: int, raw: int, reason: NackReason
 ) -> None:
     desk = Desk()
@@ -120,7 +120,7 @@ def test_an_unknown_parameter_cannot_be_set() -> None:
     assert desk.ask(lambda i: SetParameter(i, 200, F32, 0)) is NackReason.UNKNOWN_PARAMETER
 
 
-def test_flags_say_what_has_become_of_a_value() -> None:
+def test_flags_show_the_state_of_a_value() -> None:
     desk = Desk()
     assert desk.get("max_speed").flags == 0
     assert desk.get("node").flags == ParameterFlag.READ_ONLY

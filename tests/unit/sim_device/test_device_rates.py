@@ -63,7 +63,7 @@ def test_a_stream_that_was_off_can_be_had_again() -> None:
     assert desk.count(Power, 1.0) == pytest.approx(10, abs=1)
 
 
-def test_the_supply_is_looked_after_whoever_listens() -> None:
+def test_the_supply_is_supervised_whatever_is_connected() -> None:
     desk = Desk()
     desk.rate(POWER, 0)
     desk.set("battery_low", 20.0)

@@ -97,7 +97,7 @@ def test_a_boot_that_there_is_not(kind: int, reason: NackReason) -> None:
     assert desk.ends.device.firmware is firmware
 
 
-def test_a_reboot_is_refused_while_it_drives_or_rolls() -> None:
+def test_a_reboot_is_rejected_while_it_drives_or_rolls() -> None:
     desk = Desk()
     desk.free()
     desk.drive(1.0, cruise)

@@ -106,7 +106,7 @@ def test_a_stall_and_its_burst_are_stale(drift_ppm: int, after_s: int) -> None:
 # ---- watchdog ---------------------------------------------------------------------------
 
 
-def test_a_setpoint_lives_as_long_as_it_says_less_its_delay() -> None:
+def test_a_setpoint_lives_for_its_time_to_live_less_its_delay() -> None:
     dog = SetpointWatchdog()
     assert dog.offer(setpoint(1, ttl_ms=200), 50_000, 1_000_000)
     assert dog.left_us(1_000_000) == 150_000
@@ -126,7 +126,7 @@ def test_time_to_live_is_clamped() -> None:
 
 
 @pytest.mark.parametrize("extra_us", [200_000, 200_001, 3_000_000])
-def test_what_has_no_life_left_is_refused(extra_us: int) -> None:
+def test_what_has_no_life_left_is_rejected(extra_us: int) -> None:
     dog = SetpointWatchdog()
     dog.offer(setpoint(1), 0, 0)
     assert not dog.offer(setpoint(2, v=3000), extra_us, 100_000)
@@ -156,7 +156,7 @@ def test_how_far_a_counter_may_advance(advance: int, taken: bool) -> None:  # no
     assert dog.offer(setpoint(200 + advance), 0, 1) is taken
 
 
-def test_a_refused_setpoint_does_not_use_up_its_counter() -> None:
+def test_a_rejected_setpoint_does_not_use_up_its_counter() -> None:
     dog = SetpointWatchdog()
     dog.offer(setpoint(1), 0, 0)
     assert not dog.offer(setpoint(100), 1_000_000, 10)

@@ -31,11 +31,11 @@ MIXED_US = (1, 999, 20_000, 7, 13_337)
 def host_words() -> list[tuple[int, bytes]]:
     """What a host says and when: agreement, leave to move, three seconds of setpoints."""
     link = Link(Direction.HOST)
-    said: list[tuple[int, bytes]] = []
+    printed: list[tuple[int, bytes]] = []
 
     def inform(at_us: int, message: object) -> None:
         link.send(message, at_us + HOST_BOOT_US, node=1)  # type: ignore[arg-type]  # a message
-        said.append((at_us, link.data_to_send()))
+        printed.append((at_us, link.data_to_send()))
 
     inform(350_000, HostHello(link.codec.catalogue.hash, 77, 1, "determinism"))
     inform(400_000, ClearStop(1, StopCause.SESSION_END))
@@ -46,7 +46,7 @@ def host_words() -> list[tuple[int, bytes]]:
         )
         if number % 10 == 0:
             inform(at_us, TimeRequest(number % 256))
-    return said
+    return printed
 
 
 def device_bytes(seed: int, *, faults: bool, steps_us: tuple[int, ...] = ()) -> bytes:
@@ -100,7 +100,7 @@ def elsewhere(hash_seed: str) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("hash_seed", ["0", "1234"])
-def test_another_process_says_the_same(hash_seed: str) -> None:
+def test_another_process_gives_the_same(hash_seed: str) -> None:
     without, with_faults = elsewhere(hash_seed)
     assert without == hashlib.sha256(here(11, faults=False)).hexdigest()
     assert with_faults == hashlib.sha256(here(11, faults=True)).hexdigest()
@@ -116,7 +116,7 @@ def test_the_runs_are_worth_comparing() -> None:
 
 
 @pytest.mark.parametrize("faults", [False, True])
-def test_another_seed_says_something_else(*, faults: bool) -> None:
+def test_another_seed_gives_another_result(*, faults: bool) -> None:
     assert here(12, faults=faults) != here(11, faults=faults)
 
 

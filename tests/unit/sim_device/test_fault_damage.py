@@ -111,7 +111,7 @@ def frames(line: Damage) -> tuple[list[bytes], int]:
     return out, destroyed
 
 
-def test_frames_are_destroyed_lost_or_doubled_whole() -> None:
+def test_frames_are_destroyed_lost_or_duplicated_whole() -> None:
     whole = [FRAMES[i : i + 16] for i in range(0, len(FRAMES), 16)]
     out, destroyed = frames(damage(WireKnobs(flips=0.01)))
     # 1 - 0.99^16 = 14.9 % of 2000 = 297, sigma 16.

@@ -26,13 +26,13 @@ def test_the_end_of_one_does_not_end_another() -> None:
     assert made.faults.active == []
 
 
-def test_what_happened_is_told_with_its_time() -> None:
+def test_what_happened_is_reported_with_its_time() -> None:
     made = rig("silence@1:0.5", "reset@2", "unplug@9")
     made.step(b"", 3_000_000)
     made.faults.start("lifted@+1:0.25")
     made.step(b"", 5_000_000)
-    told = [(e.t_us, e.what, e.spec.kind.name) for e in made.faults.take_events()]
-    assert told == [
+    reported = [(e.t_us, e.what, e.spec.kind.name) for e in made.faults.take_events()]
+    assert reported == [
         (1_000_000, "began", "silence"),
         (1_500_000, "ended", "silence"),
         (2_000_000, "struck", "reset"),

@@ -32,7 +32,7 @@ def test_a_step_of_duty_gives_a_first_order_response() -> None:
         assert body.truth.left_rad_s == pytest.approx(steady_rad_s(0.6) * lag, rel=1e-9)
 
 
-def test_straight_ahead_it_goes_as_far_as_the_lag_says() -> None:
+def test_straight_ahead_it_drives_as_far_as_the_lag_implies() -> None:
     body = plant(CENTRE)
     body.set_duty(0.6, 0.6)
     body.advance_ms(3000)
@@ -126,7 +126,7 @@ def test_energy_is_the_integral_of_what_flows_from_the_battery() -> None:
     assert body.truth.energy_wh * 3600.0 == pytest.approx(joules, rel=1e-3)
 
 
-def test_the_battery_gives_up_the_charge_that_the_energy_says() -> None:
+def test_the_battery_loses_the_charge_that_the_energy_implies() -> None:
     body = plant(CENTRE, battery=BatteryParameters(capacity_ah=0.5))
     body.set_duty(-0.6, 0.6)
     body.advance_ms(60_000)

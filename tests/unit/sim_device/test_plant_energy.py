@@ -186,7 +186,7 @@ def test_a_battery_driven_empty_ends_the_drive_and_stays_dead() -> None:
     assert 0.8 * full_j < body.energy.battery_j < full_j
 
 
-def test_the_caster_drags_as_much_as_it_is_said_to() -> None:
+def test_the_caster_drags_as_much_as_configured() -> None:
     """Straight on, half of its drag is each motor's: F·r/2 newton metres more than without."""
     dragged = Chassis(caster_drag_n=2.0, mass_kg=0.0)
     free, held = plant(CENTRE, battery=IDEAL_BATTERY), plant(CENTRE, chassis=dragged)

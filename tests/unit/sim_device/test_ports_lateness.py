@@ -9,7 +9,7 @@ from sim_device.ports.serving import Lateness
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_percentiles_are_known_to_nine_percent(seed: int) -> None:
+def test_percentiles_are_within_nine_percent(seed: int) -> None:
     values = np.random.default_rng(seed).lognormal(5.0, 1.5, 5000).astype(int)
     lateness = Lateness()
     for value in values.tolist():

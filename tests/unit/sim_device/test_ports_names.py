@@ -69,7 +69,7 @@ def test_unplugged_and_back_under_the_same_name(tmp_path: Path) -> None:
     assert link.read_text() == "precious"
 
 
-def test_a_socket_that_is_told_where_to_listen() -> None:
+def test_a_socket_with_a_given_listening_address() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         number = taken.getsockname()[1]
@@ -102,5 +102,5 @@ def test_a_socket_that_is_told_where_to_listen() -> None:
         ("robot", False),
     ],
 )
-def test_who_can_reach_it(host: str, only_here: bool) -> None:  # noqa: FBT001 - a column
+def test_which_addresses_can_reach_it(host: str, only_here: bool) -> None:  # noqa: FBT001 - a column
     assert is_loopback(host) == only_here

@@ -82,7 +82,7 @@ def rest(client: socket.socket) -> bytes:
     return data
 
 
-def test_a_second_client_may_stop_the_robot_and_hears_the_answer(
+def test_a_second_client_may_stop_the_robot_and_receives_the_answer(
     served: Served, stack: ExitStack
 ) -> None:
     host, other = served.connect(stack), served.connect(stack)

@@ -22,7 +22,7 @@ def framed(kind: int, payload: bytes) -> bytes:
     return b"\xa5" + body + binascii.crc32(body).to_bytes(4, "little")
 
 
-SAID = {
+SENT = {
     link.Boot(1): framed(0x01, b"\x01"),
     link.Request(70_000, 80_000, 60_000, -10_000, 2500, 7000): framed(
         0x02, bytes.fromhex("70110100 80380100 60ea0000 f0d8 c409 581b")
@@ -34,13 +34,13 @@ SAID = {
 }
 
 
-@pytest.mark.parametrize("message", SAID, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize("message", SENT, ids=lambda m: type(m).__name__)
 def test_each_message_of_the_chip(message: link.Message) -> None:
-    assert list(link.Parser().feed(SAID[message])) == [message]
+    assert list(link.Parser().feed(SENT[message])) == [message]
 
 
 @given(
-    st.lists(st.one_of(st.sampled_from(list(SAID.values())), st.binary(max_size=40)), max_size=8),
+    st.lists(st.one_of(st.sampled_from(list(SENT.values())), st.binary(max_size=40)), max_size=8),
     st.lists(st.integers(1, 60), max_size=12),
 )
 def test_the_same_however_the_bytes_are_split(parts: list[bytes], cuts: list[int]) -> None:
@@ -63,14 +63,14 @@ QUIET = st.binary(max_size=64).filter(lambda noise: b"\xa5" not in noise)
 
 @given(QUIET, st.integers(0, 25 * 8 - 1))
 def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
-    frames = list(SAID.values())
+    frames = list(SENT.values())
     broken = bytearray(frames[1])
     assert len(broken) == 25
     broken[bit // 8] ^= 1 << bit % 8
     parser = link.Parser()
     found = list(parser.feed(noise + bytes(broken) + b"".join(frames) * 14))
     # A wrong length takes in at most 255 bytes behind it, which are looked at again then.
-    assert found == list(SAID) * 14
+    assert found == list(SENT) * 14
 
 
 @pytest.mark.parametrize(
@@ -85,15 +85,15 @@ def test_a_damaged_frame_costs_itself_only(noise: bytes, bit: int) -> None:
 )
 def test_what_there_is_not_is_passed_over(kind: int, payload: bytes) -> None:
     parser = link.Parser()
-    assert list(parser.feed(framed(kind, payload) + SAID[link.Boot(1)])) == [link.Boot(1)]
+    assert list(parser.feed(framed(kind, payload) + SENT[link.Boot(1)])) == [link.Boot(1)]
     assert parser.damaged == 1
 
 
 def test_a_reset_forgets_half_a_frame() -> None:
     parser = link.Parser()
-    assert not list(parser.feed(SAID[link.Motors(0xFFFF_FFFF, 1, -1)][:-1]))
+    assert not list(parser.feed(SENT[link.Motors(0xFFFF_FFFF, 1, -1)][:-1]))
     parser.clear()
-    assert list(parser.feed(SAID[link.Boot(1)])) == [link.Boot(1)]
+    assert list(parser.feed(SENT[link.Boot(1)])) == [link.Boot(1)]
 
 
 def test_a_sample() -> None:

@@ -23,11 +23,11 @@ WRAP = 1 << 32
 
 class FakeLane:
     def __init__(self) -> None:
-        self.said, self.heard = b"", b""
+        self.printed, self.heard = b"", b""
 
     def read(self) -> bytes:
-        said, self.said = self.said, b""
-        return said
+        printed, self.printed = self.printed, b""
+        return printed
 
     def write(self, data: bytes) -> None:
         self.heard += data
@@ -41,7 +41,7 @@ class FakeQemu:
         self.wire, self.plant = FakeLane(), FakeLane()
         self.orders: list[str] = []
         self.closed = False
-        self.plant.said = link.frame(link.FromChip.BOOT, bytes([self.version]))
+        self.plant.printed = link.frame(link.FromChip.BOOT, bytes([self.version]))
 
     version = link.VERSION
 
@@ -72,7 +72,7 @@ class Chip:
         self.newest_us = 0
 
     def step(self, now_us: int, *frames: bytes, wire: bytes = b"") -> bytes:
-        self.qemu.plant.said += b"".join(frames)
+        self.qemu.plant.printed += b"".join(frames)
         return self.sweeper.step(wire, now_us)
 
     def request(self, chip_us: int, sample_us: int, left: int = 0, right: int = 0) -> bytes:
@@ -111,7 +111,7 @@ def stamps(frames: list[tuple[int, bytes]]) -> list[int]:
     ]
 
 
-def test_a_chip_is_told_who_it_is(chip: Chip) -> None:
+def test_a_chip_is_given_its_identity(chip: Chip) -> None:
     chip.step(0)
     ((kind, payload),) = chip.heard()
     assert kind == link.ToChip.IDENTITY
@@ -188,7 +188,7 @@ def test_duties_hold_from_the_moment_they_are_set(chip: Chip) -> None:
     assert chip.sweeper.truth.left_rad - turned > turned, "100 ms at speed, against 100 from rest"
 
 
-def test_flash_outlives_a_reset_and_the_wire_says_its_last_words(chip: Chip) -> None:
+def test_flash_outlives_a_reset_and_the_link_sends_its_last_bytes(chip: Chip) -> None:
     chip.boot()
     content = bytes(range(200))
     chip.step(
@@ -199,10 +199,10 @@ def test_flash_outlives_a_reset_and_the_wire_says_its_last_words(chip: Chip) -> 
     )
     chip.step(2_000, chip.request(2_000, 10_000, 6000, 6000))
     chip.heard()
-    chip.qemu.wire.said = b"an answer"
+    chip.qemu.wire.printed = b"an answer"
     reset = link.frame(link.FromChip.RESET, bytes([ResetCause.SOFTWARE]))
     assert chip.step(3_000, reset) == b"an answer"
-    chip.qemu.wire.said = b"noise of a reset"
+    chip.qemu.wire.printed = b"noise of a reset"
     assert chip.step(4_000) == b""
     assert chip.sweeper.plant.motor_voltages_v == (0.0, 0.0)
     chip.step(5_000, link.frame(link.FromChip.BOOT, bytes([link.VERSION])))

@@ -38,7 +38,7 @@ def test_a_life_is_shortened_by_what_the_frame_was_late() -> None:
     assert not SetpointWatchdog().offer(VelocitySetpoint(2000, 0, 100, 1), 100_000.0, 1000)
 
 
-def test_a_watchdog_begins_with_nothing_and_says_nothing() -> None:
+def test_a_watchdog_begins_with_nothing_and_reports_nothing() -> None:
     for dog in (SetpointWatchdog(), DutyWatchdog()):
         assert dog.until_us == 0
         assert dog.left_us(0) == 0
@@ -83,7 +83,7 @@ def test_counters_wrap_at_8_bits_and_advance_by_less_than_half() -> None:
         assert dog.offer(VelocitySetpoint(0, 0, 200, second), 0.0, 1) is taken
 
 
-def test_the_first_frame_is_the_measure_whatever_the_clocks_say() -> None:
+def test_the_first_frame_is_the_reference_whatever_the_clocks_show() -> None:
     fresh = Freshness()
     assert fresh.extra_delay_us(4_000_000_000, 1_000_000) == 0.0
     # 250 ppm of 40 ms is 10 us of allowance.

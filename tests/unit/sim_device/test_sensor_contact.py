@@ -111,7 +111,7 @@ ROOM = {
 }
 
 
-def test_the_floor_is_missed_as_soon_as_a_spot_is_over_the_edge() -> None:
+def test_the_floor_is_missed_as_soon_as_a_cliff_sensor_is_over_the_cliff() -> None:
     plan = parse_floorplan(json.dumps(ROOM))
     device = CliffSensor(RADIUS_M)
     assert device.sees_none(Pose2(1.5 - 0.149, 1.0, 0.0), plan.cliffs)
@@ -125,7 +125,7 @@ def test_the_floor_is_missed_as_soon_as_a_spot_is_over_the_edge() -> None:
 
 @pytest.mark.parametrize("aside_mm", range(0, 130, 3))
 @pytest.mark.parametrize("side", [-1, 1])
-def test_no_wheel_comes_straight_on_over_an_edge_that_no_spot_saw(aside_mm: int, side: int) -> None:
+def test_no_wheel_drives_straight_over_a_cliff_that_no_sensor_saw(aside_mm: int, side: int) -> None:
     """A pit 40 cm long whose side lies so far beside the way."""
     low, high = sorted((1.0 + side * 0.001 * aside_mm, 1.0 + side * 0.5))
     pit = ((0.8, low), (1.2, low), (1.2, high), (0.8, high))
@@ -146,7 +146,7 @@ def test_rays_pass_over_a_cliff_and_a_suite_sees_it() -> None:
     assert suite.ranges().ultrasonic_m == pytest.approx(2.0 - 1.36 - 0.12)
 
 
-def test_a_robot_that_drives_on_lies_at_the_edge_with_its_wheels_free() -> None:
+def test_a_robot_that_drives_on_lies_at_the_cliff_with_its_wheels_free() -> None:
     body = plant(parse_floorplan(json.dumps(ROOM)))
     suite = sensors(body)
     body.set_duty(duty(0.2), duty(0.2))
@@ -223,10 +223,10 @@ def test_a_share_of_the_counts_is_lost_either_way_and_through_the_wrap(
     for begin, step in ((65_000, 10), (400, -10)):
         dropout = CountDropout()
         assert dropout.apply(begin, share) == begin
-        told = begin
+        reported = begin
         for i in range(1, 101):
-            told = dropout.apply((begin + i * step) & 0xFFFF, share)
-        assert told == (begin + (left if step > 0 else -left)) & 0xFFFF
+            reported = dropout.apply((begin + i * step) & 0xFFFF, share)
+        assert reported == (begin + (left if step > 0 else -left)) & 0xFFFF
 
 
 def test_lost_counts_stay_lost() -> None:

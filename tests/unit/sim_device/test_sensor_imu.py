@@ -62,8 +62,8 @@ def test_gyro_ranges_have_the_datasheets_counts(full_scale: int, lsb: float) -> 
 def test_accelerometer_ranges_have_the_datasheets_counts(full_scale: int, lsb: int) -> None:
     body = Scripted(impulse_x_m_s=lambda t: 0.5 * 9.80665 * t)
     device = chip(body, config=ImuConfig(accel_range_g=full_scale))
-    told = read(body, device, 1)[0]
-    assert (told.accel_x, told.accel_y, told.accel_z) == (lsb // 2, 0, lsb)
+    reported = read(body, device, 1)[0]
+    assert (reported.accel_x, reported.accel_y, reported.accel_z) == (lsb // 2, 0, lsb)
     hard = Scripted(impulse_x_m_s=lambda t: -20.0 * 9.80665 * t)
     device = chip(hard, config=ImuConfig(accel_range_g=full_scale))
     assert read(hard, device, 1)[0].accel_x == -32768
@@ -90,9 +90,9 @@ def test_tilting_and_climbing_have_right_handed_signs() -> None:
         roll_rad=lambda t: math.radians(20.0 * t),
         climb_m_s=lambda t: 0.1 * 9.80665 * t,
     )
-    told = read(body, chip(body), 1)[0]
-    assert told[4:] == (2620, -1310, 0)
-    assert told.accel_z == round(1.1 * 16384.0)
+    reported = read(body, chip(body), 1)[0]
+    assert reported[4:] == (2620, -1310, 0)
+    assert reported.accel_z == round(1.1 * 16384.0)
 
 
 # Output rate and filter.
@@ -112,8 +112,8 @@ def test_registers_change_at_the_output_rate(config: ImuConfig, period_ms: float
     level = replace(NONE, gyro_density_deg_s_sqrt_hz=1.0)
     body = Scripted()
     device = chip(body, level, config=config)
-    told = [device.read(), *read(body, device, 100, every_ms=1)]
-    changes = [ms for ms in range(1, 101) if told[ms] != told[ms - 1]]
+    reported = [device.read(), *read(body, device, 100, every_ms=1)]
+    changes = [ms for ms in range(1, 101) if reported[ms] != reported[ms - 1]]
     assert changes == [ms for ms in range(1, 101) if ms % period_ms == 0]
 
 
@@ -123,8 +123,8 @@ def test_the_filter_has_the_register_maps_group_delay(dlpf: int, delay_ms: float
     growth = 100.0  # °/s per s
     body = Scripted(heading_deg=lambda t: 0.5 * growth * t * t)
     device = chip(body, config=ImuConfig(dlpf=dlpf))
-    told = read(body, device, 100)[-1].gyro_z / 131.0
-    assert 1000.0 * (1.0 - told / growth) == pytest.approx(delay_ms, abs=0.25)
+    reported = read(body, device, 100)[-1].gyro_z / 131.0
+    assert 1000.0 * (1.0 - reported / growth) == pytest.approx(delay_ms, abs=0.25)
 
 
 def test_a_narrow_filter_lets_less_noise_through() -> None:
@@ -132,8 +132,8 @@ def test_a_narrow_filter_lets_less_noise_through() -> None:
     level = replace(NONE, gyro_density_deg_s_sqrt_hz=0.5)
     for dlpf, window_s in ((3, 0.0096), (6, 0.0372)):
         body = Scripted()
-        told = read(body, chip(body, level, config=ImuConfig(dlpf=dlpf)), 6000)
-        spread = np.std([t.gyro_x / 131.0 for t in told])
+        reported = read(body, chip(body, level, config=ImuConfig(dlpf=dlpf)), 6000)
+        spread = np.std([t.gyro_x / 131.0 for t in reported])
         assert spread == pytest.approx(0.5 / math.sqrt(2.0 * window_s), rel=0.06)
 
 
@@ -144,8 +144,8 @@ def test_gyro_noise_falls_with_the_root_of_time_as_white_noise_does() -> None:
     """Allan deviation n/√(2τ) at 0.1 s and 1 s; the chip's filter adds 2 % by aliasing."""
     body = Scripted()
     n = 0.05
-    told = read(body, chip(body, replace(NONE, gyro_density_deg_s_sqrt_hz=n)), 20_000)
-    rates = np.array([t.gyro_z for t in told]) / 131.0
+    reported = read(body, chip(body, replace(NONE, gyro_density_deg_s_sqrt_hz=n)), 20_000)
+    rates = np.array([t.gyro_z for t in reported]) / 131.0
     for length in (10, 100):
         means = rates.reshape(-1, length).mean(axis=1)
         allan = math.sqrt(0.5 * float(np.mean(np.diff(means) ** 2)))
@@ -157,8 +157,8 @@ def test_gyro_noise_falls_with_the_root_of_time_as_white_noise_does() -> None:
 def test_accelerometer_noise_has_its_density_and_vibration_comes_with_motion() -> None:
     level = replace(NONE, accel_density_ug_sqrt_hz=400.0, accel_vibration_mg=15.0)
     body = Scripted(wheels_rad=lambda t: max(0.0, 6.0 * (t - 20.0)))
-    told = read(body, chip(body, level), 4000)
-    rest, driving = told[:1990], told[2010:]
+    reported = read(body, chip(body, level), 4000)
+    rest, driving = reported[:1990], reported[2010:]
     rest_g = 400e-6 / math.sqrt(2.0 * 0.0096)
     assert np.std([t.accel_y / 16384.0 for t in rest]) == pytest.approx(rest_g, rel=0.07)
     assert np.std([t.accel_y / 16384.0 for t in driving]) == pytest.approx(
@@ -171,8 +171,8 @@ def test_the_bias_walks_with_the_root_of_time() -> None:
     ends = []
     for seed in range(60):
         body = Scripted()
-        told = read(body, chip(body, level, seed=seed), 400)
-        ends.append(told[-1].gyro_z / 131.0)
+        reported = read(body, chip(body, level, seed=seed), 400)
+        ends.append(reported[-1].gyro_z / 131.0)
     # Four seconds: 1 · √4; the sigma of 60 is known to 9 %.
     assert np.std(ends) == pytest.approx(2.0, rel=0.3)
 
@@ -180,12 +180,12 @@ def test_the_bias_walks_with_the_root_of_time() -> None:
 # Temperature.
 
 
-def test_the_board_warms_up_and_the_register_tells() -> None:
+def test_the_board_warms_up_and_the_register_shows_it() -> None:
     body = Scripted()
     device = chip(body)
     body.tick_ms = 300_000
-    told = device.read().temperature / 340.0 + 36.53
-    assert told == pytest.approx(25.0 + 6.0 * (1.0 - math.exp(-1.0)), abs=2e-3)
+    reported = device.read().temperature / 340.0 + 36.53
+    assert reported == pytest.approx(25.0 + 6.0 * (1.0 - math.exp(-1.0)), abs=2e-3)
 
 
 def test_the_bias_follows_the_temperature_in_a_straight_line() -> None:
@@ -221,15 +221,15 @@ def test_one_axis_shows_in_the_others_within_the_datasheets_two_per_cent() -> No
     level = replace(NONE, gyro_cross_axis=0.02, accel_cross_axis=0.02)
     shares, gravity = [], []
     for seed in range(40):
-        told = {}
+        reported = {}
         for rate in (100.0, 200.0):
             body = turning(rate)
-            told[rate] = read(body, chip(body, level, seed=seed), 1)[0]
-        assert told[200.0].gyro_z == round(200.0 * 131.0)
-        assert told[200.0].gyro_x == pytest.approx(2 * told[100.0].gyro_x, abs=2)
-        shares += [told[200.0].gyro_x / 26200.0, told[200.0].gyro_y / 26200.0]
-        gravity += [told[200.0].accel_x / 16384.0, told[200.0].accel_y / 16384.0]
-        assert told[200.0].accel_z == 16384
+            reported[rate] = read(body, chip(body, level, seed=seed), 1)[0]
+        assert reported[200.0].gyro_z == round(200.0 * 131.0)
+        assert reported[200.0].gyro_x == pytest.approx(2 * reported[100.0].gyro_x, abs=2)
+        shares += [reported[200.0].gyro_x / 26200.0, reported[200.0].gyro_y / 26200.0]
+        gravity += [reported[200.0].accel_x / 16384.0, reported[200.0].accel_y / 16384.0]
+        assert reported[200.0].accel_z == 16384
     for values in (shares, gravity):
         assert max(map(abs, values)) <= 0.0201
         # Uniform in ±2 %: its sigma is 2 %/√3, known from 80 to about 5 %.
@@ -267,14 +267,22 @@ def test_a_biased_chip_adds_it_before_it_saturates() -> None:
     device = chip(body, faults=faults)
     faults.gyro_bias_deg_s = (1.0, -2.0, 20.0)
     faults.accel_bias_g = (0.1, 0.0, -0.5)
-    told = read(body, device, 1)[0]
-    assert told[4:] == (131, -262, 32767)
-    assert told[:3] == (round(0.1 * 16384.0), 0, 8192)
+    reported = read(body, device, 1)[0]
+    assert reported[4:] == (131, -262, 32767)
+    assert reported[:3] == (round(0.1 * 16384.0), 0, 8192)
     faults.gyro_bias_deg_s = -3.0
     assert read(body, device, 1)[0][4:] == (0, 0, round(237.0 * 131.0))
     faults.gyro_bias_deg_s = (0.0, 0.0, 0.0)
     faults.accel_bias_g = (0.0, 0.0, 0.0)
-    assert read(body, device, 1)[0] == (0, 0, 16384, told.temperature, 0, 0, round(240.0 * 131.0))
+    assert read(body, device, 1)[0] == (
+        0,
+        0,
+        16384,
+        reported.temperature,
+        0,
+        0,
+        round(240.0 * 131.0),
+    )
 
 
 def test_a_lift_is_ten_centimetres_up_and_eight_degrees_and_comes_down_again() -> None:

@@ -70,10 +70,10 @@ def test_a_reading_is_never_older_than_a_cycle_and_its_flight() -> None:
     for i in range(1, 60):
         t_ms = 50 * i
         true_m = 1.0 - v * 0.001 * t_ms * 0.3
-        told = device.read(t_ms, before_wall(true_m), CENTRE)
-        assert told is not None
-        late_ms = (told - true_m) / (0.3 * v) * 1000.0
-        assert -1e-6 <= late_ms < 60.0 + MS_PER_M * told
+        reported = device.read(t_ms, before_wall(true_m), CENTRE)
+        assert reported is not None
+        late_ms = (reported - true_m) / (0.3 * v) * 1000.0
+        assert -1e-6 <= late_ms < 60.0 + MS_PER_M * reported
 
 
 def test_between_pings_and_before_the_echo_the_last_one_stands() -> None:
@@ -86,7 +86,7 @@ def test_between_pings_and_before_the_echo_the_last_one_stands() -> None:
     assert device.read(63, before_wall(0.5), CENTRE) == pytest.approx(0.5)
 
 
-def test_silence_is_known_after_38_milliseconds() -> None:
+def test_silence_is_detected_after_38_milliseconds() -> None:
     device = sonar()
     assert device.read(30, before_wall(1.0), CENTRE) == pytest.approx(1.0)
     assert device.read(60, before_wall(5.0), CENTRE) == pytest.approx(1.0)
@@ -134,18 +134,18 @@ def test_the_blind_angle_of_a_wall_is_its_mirrors_and_half_the_cone() -> None:
     assert len(seen) == round(10.0 * max(seen)) + 1
 
 
-def test_echoes_are_missed_as_often_as_the_level_says() -> None:
+def test_echoes_are_missed_as_often_as_the_level_sets() -> None:
     level = replace(NONE, ultrasonic_dropout=0.05)
-    told = pings(sonar(level), 4000, 0.5)
-    assert within(told.count(None), 4000, 0.05)
-    assert all(t == pytest.approx(0.5) for t in told if t is not None)
+    reported = pings(sonar(level), 4000, 0.5)
+    assert within(reported.count(None), 4000, 0.05)
+    assert all(t == pytest.approx(0.5) for t in reported if t is not None)
 
 
-def test_strange_sounds_come_as_often_as_the_level_says_and_from_anywhere() -> None:
+def test_spurious_echoes_come_as_often_as_the_level_sets_and_from_anywhere() -> None:
     level = replace(NONE, ultrasonic_crosstalk=0.1)
-    told = [t for t in pings(sonar(level), 4000, 1.0) if t is not None]
-    assert len(told) == 4000
-    strange = [t for t in told if abs(t - 1.0) > 1e-9]
+    reported = [t for t in pings(sonar(level), 4000, 1.0) if t is not None]
+    assert len(reported) == 4000
+    strange = [t for t in reported if abs(t - 1.0) > 1e-9]
     assert within(len(strange), 4000, 0.1)
     # Uniform from 2 cm to 4 m: a quarter is too short, and the mean is the middle's.
     assert within(sum(t < 1.0 for t in strange), len(strange), 0.98 / 3.98)
@@ -154,8 +154,8 @@ def test_strange_sounds_come_as_often_as_the_level_says_and_from_anywhere() -> N
 
 def test_a_strange_sound_is_heard_in_an_empty_room_too() -> None:
     level = replace(NONE, ultrasonic_crosstalk=0.1)
-    told = pings(sonar(level), 1000, 8.0)
-    assert within(1000 - told.count(None), 1000, 0.1)
+    reported = pings(sonar(level), 1000, 8.0)
+    assert within(1000 - reported.count(None), 1000, 0.1)
 
 
 # Infrared.
@@ -202,16 +202,16 @@ def test_the_firmware_inverts_the_curve(distance: float) -> None:
     ],
 )
 def test_nearer_than_its_peak_the_reading_folds_back(true_cm: float, read_cm: float | None) -> None:
-    told = infrared().reading(0.01 * true_cm, 0)
-    assert told == (None if read_cm is None else pytest.approx(0.01 * read_cm, abs=1e-5))
+    reported = infrared().reading(0.01 * true_cm, 0)
+    assert reported == (None if read_cm is None else pytest.approx(0.01 * read_cm, abs=1e-5))
 
 
 @pytest.mark.parametrize("distance", [0.05, 0.10, 0.20])
 def test_its_sigma_grows_with_the_square_of_the_distance(distance: float) -> None:
     device = infrared(level=replace(NONE, infrared_sigma_m=0.0015))
-    told = [device.reading(distance, 0) for _ in range(4000)]
+    reported = [device.reading(distance, 0) for _ in range(4000)]
     expected = 0.0015 * ((distance + 0.00622) / (0.10 + 0.00622)) ** 2
-    assert np.std([t for t in told if t is not None]) == pytest.approx(expected, rel=0.05)
+    assert np.std([t for t in reported if t is not None]) == pytest.approx(expected, rel=0.05)
 
 
 def test_a_grey_card_reads_two_per_cent_far_and_is_noisier() -> None:
@@ -220,8 +220,8 @@ def test_a_grey_card_reads_two_per_cent_far_and_is_noisier() -> None:
     spread = {}
     for reflectance in (0.9, 0.18):
         device = infrared(reflectance, level)
-        told = [device.reading(0.10, 0) for _ in range(4000)]
-        spread[reflectance] = float(np.std([t for t in told if t is not None]))
+        reported = [device.reading(0.10, 0) for _ in range(4000)]
+        spread[reflectance] = float(np.std([t for t in reported if t is not None]))
     # √5, and 4 % for the square of the 2 % that it seems farther.
     assert spread[0.18] / spread[0.9] == pytest.approx(math.sqrt(5.0) * 1.04, rel=0.05)
 
@@ -241,6 +241,6 @@ def test_each_wall_keeps_the_reflectance_that_was_drawn_for_it() -> None:
 def test_the_walker_is_seen_from_the_side() -> None:
     walked = CENTRE.with_walker(10.05, 10.3, 0.05)
     device = Rangers(MODEL, NONE, np.random.default_rng(1))
-    told = device.read(59, Pose2(10.0, 10.0, 0.0), walked)
-    assert told.infrared_left_m == pytest.approx(0.15)
-    assert (told.ultrasonic_m, told.infrared_right_m) == (None, None)
+    reported = device.read(59, Pose2(10.0, 10.0, 0.0), walked)
+    assert reported.infrared_left_m == pytest.approx(0.15)
+    assert (reported.ultrasonic_m, reported.infrared_right_m) == (None, None)

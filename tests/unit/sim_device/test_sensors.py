@@ -135,11 +135,11 @@ def test_a_bump_is_felt_and_saturates_at_two_g() -> None:
     body = plant(room((1.7, 1.0, 0.0), walls=box(0.0, 0.0, 2.0, 2.0)))
     suite = sensors(body)
     body.set_duty(1.0, 1.0)
-    least = 0
+    lowest = 0
     for _ in range(100):
         body.advance_ms(10)
-        least = min(least, suite.imu().accel_x)
-    assert least == -32768
+        lowest = min(lowest, suite.imu().accel_x)
+    assert lowest == -32768
 
 
 def test_a_fast_spin_saturates_the_gyro() -> None:
@@ -232,7 +232,7 @@ def test_the_rooms_corner_echoes_where_its_walls_do_not() -> None:
 
 
 @pytest.mark.parametrize(("distance", "seen"), [(1.4, True), (1.6, False)])
-def test_an_obstacles_edge_echoes_only_when_near(distance: float, seen: bool) -> None:  # noqa: FBT001 - a table's column
+def test_an_obstacles_corner_echoes_only_when_near(distance: float, seen: bool) -> None:  # noqa: FBT001 - a table's column
     half = 0.1 * math.sqrt(2.0)
     tip = 10.0 + 0.12 + distance
     diamond = (

@@ -35,7 +35,7 @@ def bar(height_m: float, x_m: float = 10.3) -> tuple[Threshold, ...]:
 # The room file.
 
 
-def test_a_room_file_may_tell_of_carpets_and_thresholds() -> None:
+def test_a_room_file_may_declare_carpets_and_thresholds() -> None:
     extra = {
         "carpets": [
             {"polygon": [[1, 1], [2, 1], [2, 2]], "drag_n": 6, "slip": 0.1, "pile": "long"},

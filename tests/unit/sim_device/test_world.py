@@ -24,7 +24,7 @@ def test_every_shipped_room_holds_the_robot(path: Path) -> None:
     assert made.clearance_m(start.x_m, start.y_m) >= 0.0
 
 
-def test_a_start_too_near_to_a_wall_is_refused_in_one_line() -> None:
+def test_a_start_too_near_to_a_wall_is_rejected_in_one_line() -> None:
     with pytest.raises(StartBlockedError, match=r"\(0\.1, 5\).*60\.0 mm") as caught:
         world(room((0.1, 5.0, 0.0)))
     assert caught.value.overlap_m == pytest.approx(0.06)
@@ -33,7 +33,7 @@ def test_a_start_too_near_to_a_wall_is_refused_in_one_line() -> None:
 
 
 @pytest.mark.parametrize("start", [(-1.0, 5.0, 0.0), (10.0, 10.0, 0.0)])
-def test_a_start_off_the_floor_is_refused(start: tuple[float, float, float]) -> None:
+def test_a_start_off_the_floor_is_rejected(start: tuple[float, float, float]) -> None:
     with pytest.raises(StartBlockedError, match="stands in"):
         world(room(start, obstacles=(box(8.0, 8.0, 12.0, 12.0),)))
 
@@ -60,7 +60,7 @@ def test_rays_meet_the_first_wall_with_its_angle() -> None:
     assert cosines == pytest.approx([1.0, 1.0, 1.0, math.sqrt(0.5)])
 
 
-def test_a_ray_along_an_edge_meets_what_stands_across_it() -> None:
+def test_a_ray_along_an_obstacle_side_hits_what_stands_across_it() -> None:
     made = world(room((1.0, 1.0, 0.0), obstacles=(box(5.0, 5.0, 6.0, 6.0),)))
     ranges, _ = made.cast(np.array([2.0]), np.array([5.0]), np.array([1.0]), np.array([0.0]))
     assert ranges == pytest.approx([3.0])
@@ -75,7 +75,7 @@ def test_no_ray_slips_through_a_corner() -> None:
     assert ranges == pytest.approx(far)
 
 
-def test_corners_know_whether_they_jut_into_the_floor() -> None:
+def test_corners_record_whether_they_jut_into_the_floor() -> None:
     l_shape = ((0.0, 0.0), (4.0, 0.0), (4.0, 2.0), (2.0, 2.0), (2.0, 4.0), (0.0, 4.0))
     clockwise = box(0.5, 0.5, 0.6, 0.6)[::-1]
     made = world(room((1.0, 3.0, 0.0), walls=l_shape, obstacles=(clockwise,)))
@@ -87,13 +87,13 @@ def test_corners_know_whether_they_jut_into_the_floor() -> None:
     assert all(juts[p] for p in clockwise)
 
 
-def test_near_edges_are_those_within_the_distance() -> None:
+def test_near_sides_are_those_within_the_distance() -> None:
     made = world(room((1.0, 1.0, 0.0), obstacles=(box(5.0, 5.0, 6.0, 6.0),)))
     assert len(made.edges_near(4.5, 5.5, 0.6)) == 1
     assert len(made.edges_near(10.0, 10.0, 3.0)) == 0
     assert len(made.edges_near(10.0, 10.0, 100.0)) == made.edge_count == 8
 
 
-def test_repeated_corners_are_no_edges() -> None:
+def test_repeated_corners_are_no_sides() -> None:
     walls = ((0.0, 0.0), (0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0))
     assert world(room((1.0, 1.0, 0.0), walls=walls)).edge_count == 4

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.inputs import Watched
+from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.bodily import Bump, Cliff, Fence, Lifted, Progress, Tilt
 from bridge.supervise.settings import BumpRule, CliffRule, FenceRule, ProgressRule, TiltRule
@@ -112,7 +112,7 @@ def test_a_jolt_alone_and_a_cliff_alone_are_none() -> None:
     assert not Walk(Lifted()).step(5, imu=None, range=reading(contacts=CLIFF))
 
 
-def test_the_device_says_that_it_is_lifted() -> None:
+def test_the_device_reports_that_it_is_lifted() -> None:
     walk = Walk(rule := Lifted())
     assert walk.step(1, status=status(int(Fault.LIFTED | Fault.IMU)))
     assert rule.evidence()[1] == {"by": "device"}
@@ -185,10 +185,10 @@ def test_a_touch_that_creeps_along_is_one(made_m: float, after_s: float, counts:
     rule, measured = Bump(BumpRule(count=9.0, window_s=8.0, held_s=5.0)), Measured(MODEL)
     for time_s, contacts in ((1.0, LEFT), (1.1, 0), (1.0 + after_s, LEFT)):
         measured.way_m = made_m * (time_s > 1.1)
-        watched = Watched(
+        inputs = RuleInputs(
             *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0), range=reading(contacts=contacts)
         )
-        rule.holds(watched, measured)
+        rule.holds(inputs, measured)
     assert rule.evidence()[1]["count"] == counts
 
 
@@ -209,7 +209,7 @@ def test_a_wall_that_is_followed_slowly_is_no_run_of_bumps() -> None:
 # ---- cliff -------------------------------------------------------------------------------
 
 
-def test_no_floor_is_told_and_driving_on_is_grave() -> None:
+def test_no_floor_is_reported_and_driving_on_is_grave() -> None:
     walk = Walk(rule := Cliff(CliffRule(ahead_m=0.05)))
     assert not walk.step(5, left_m=0.004, right_m=0.004, range=reading(contacts=LEFT))
     assert walk.step(1, left_m=0.004, right_m=0.004, range=reading(contacts=CLIFF))

@@ -81,7 +81,7 @@ def test_a_step_longer_than_its_time_constant_takes_the_sample_as_it_is() -> Non
     assert rule.evidence()[1] == {"angle_deg": 20.0}
 
 
-def test_the_least_that_an_accelerometer_tells_is_a_direction() -> None:
+def test_an_accelerometer_gives_at_least_a_direction() -> None:
     assert Walk(Tilt(TiltRule())).step(1, imu=imu(0, 0, -1))
 
 
@@ -121,7 +121,7 @@ def test_a_bumper_is_held_from_the_limit_on() -> None:
     assert rule.evidence()[1]["held_s"] == 2.62
 
 
-def test_on_the_edge_it_is_not_grave_and_a_step_ahead_is() -> None:
+def test_at_the_limit_it_is_not_grave_and_a_step_ahead_is() -> None:
     walk = Walk(rule := Cliff(CliffRule(ahead_m=0.0)))
     assert walk.step(5, range=reading(contacts=CLIFF))
     grave = [rule.grave]

@@ -19,7 +19,7 @@ from support.watching import planner
 @pytest.mark.parametrize(
     "phase", [IDLE, PlannerPhase.PAUSED, PlannerPhase.FINISHED, PlannerPhase.ABORTED]
 )
-def test_what_says_that_it_stands_must_stand(phase: PlannerPhase) -> None:
+def test_a_device_that_reports_standstill_must_stand(phase: PlannerPhase) -> None:
     for speed, rate, found in (
         *((0.0005, 0.0, False), (0.0007, 0.0, True), (-0.0007, 0.0, True)),
         *((0.0, 0.14, False), (0.0, 0.17, True), (0.0, -0.17, True)),

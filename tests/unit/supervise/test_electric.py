@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.inputs import Watched
+from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.electric import Battery, Reset, Sensor, Silence, Stall
 from bridge.supervise.settings import BatteryRule, SilenceRule, StallRule
@@ -45,9 +45,9 @@ def test_a_wheel_stands_below_2_cm_s(way_m: float, *, stands: bool) -> None:
         walk.step(9, power=first, **{side: sign * way_m / 9})
         assert walk.step(1, power=power(left_a=1.0, right_a=1.0))
         name = "left" if side == "left_m" else "right"
-        told = rule.evidence()[1]["side"]
-        assert isinstance(told, str)
-        assert (name in told) is stands
+        reported = rule.evidence()[1]["side"]
+        assert isinstance(reported, str)
+        assert (name in reported) is stands
 
 
 def test_ways_are_counted_from_one_reading_to_the_next() -> None:
@@ -60,7 +60,7 @@ def test_ways_are_counted_from_one_reading_to_the_next() -> None:
     assert walk.step(1, power=power(left_a=1.0)), "it stood since the second reading"
 
 
-def test_the_first_reading_says_nothing() -> None:
+def test_the_first_reading_has_no_effect() -> None:
     assert not Walk(stall()).step(3, power=power(left_a=2.0, right_a=2.0))
     assert not Walk(stall()).step(3, power=None)
 
@@ -117,7 +117,7 @@ def test_a_dip_is_smoothed_over_a_second() -> None:
     assert drain(walk, 10.0, 1.0)
 
 
-def test_the_device_says_that_it_is_low() -> None:
+def test_the_device_reports_that_it_is_low() -> None:
     walk = Walk(rule := battery())
     assert walk.step(1, status=status(int(Fault.BATTERY_LOW)))
     assert rule.evidence() == ("the device says that the battery is low", {"by": "device"})
@@ -165,7 +165,7 @@ def test_a_stream_that_ends(kind: type[Encoders | Imu | Range | Status | Power])
     "fault",
     [Fault.IMU, Fault.ENCODER_LEFT, Fault.ENCODER_RIGHT, Fault.ULTRASONIC, Fault.INFRARED],
 )
-def test_what_the_device_says_of_its_sensors(fault: Fault) -> None:
+def test_what_the_device_reports_of_its_sensors(fault: Fault) -> None:
     walk = Walk(rule := Sensor())
     assert walk.step(1, status=status(int(fault | Fault.LIFTED)))
     assert rule.evidence()[1] == {"sensor": (fault.name or "").lower()}
@@ -220,15 +220,13 @@ def test_a_wheel_that_makes_4_mm_does_not_stand() -> None:
     """In one step, so that the sum is exact; what is measured stands in for the odometry."""
     for way_m, stands in ((0.004, False), (0.00399, True)):
         rule, measured = stall(), Measured(MODEL)
-        watched = Watched(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, power=power())
-        rule.holds(watched, measured)
+        inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, power=power())
+        rule.holds(inputs, measured)
         measured.left_m = measured.right_m = way_m
-        assert (
-            rule.holds(watched._replace(power=power(left_a=0.9, right_a=0.1)), measured) is stands
-        )
+        assert rule.holds(inputs._replace(power=power(left_a=0.9, right_a=0.1)), measured) is stands
 
 
-def test_of_two_wheels_that_stand_the_greater_current_is_told() -> None:
+def test_of_two_stalled_wheels_the_greater_current_is_reported() -> None:
     walk = Walk(rule := stall())
     walk.step(1, power=power())
     assert walk.step(1, power=power(left_a=0.58, right_a=0.86))
@@ -275,14 +273,14 @@ def test_a_device_is_silent_only_after_its_time() -> None:
 def test_registers_stand_still_for_a_second_of_turning() -> None:
     """In steps of an eighth of a second, which add up exactly; by more than 0.2 rad/s."""
     sample, measured = imu(), Measured(MODEL)
-    watched = Watched(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, imu=sample)
+    inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, imu=sample)
     measured.step_s = 0.125
     for turn_rad, found in ((0.025, False), (0.0251, True), (-0.0251, True)):
         rule = Sensor()
         measured.wheel_turn_rad = turn_rad
-        assert [rule.holds(watched, measured) for _ in range(8)] == [False] * 8
-        assert rule.holds(watched, measured) is found
-        rule.holds(watched, measured)
+        assert [rule.holds(inputs, measured) for _ in range(8)] == [False] * 8
+        assert rule.holds(inputs, measured) is found
+        rule.holds(inputs, measured)
         if found:
             text = "the inertial sensor's registers do not change while it turns"
             assert rule.evidence() == (text, {"sensor": "imu", "frozen_s": 1.12})

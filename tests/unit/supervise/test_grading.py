@@ -8,7 +8,14 @@ import pytest
 
 from bridge.errors import ConfigError
 from bridge.motion.geometry import Pose2
-from bridge.supervise import Level, Reaction, SuperviseSettings, Supervisor, Watched, settings_from
+from bridge.supervise import (
+    Level,
+    Reaction,
+    RuleInputs,
+    SuperviseSettings,
+    Supervisor,
+    settings_from,
+)
 from protocol.messages import Encoders, Range
 from protocol.values import Contact, Fault
 from support.watching import MODEL, STEP_S, imu, planner, power, reading, status
@@ -23,11 +30,11 @@ class Run:
         quiet = {name: {"reaction": "off"} for name in SuperviseSettings().rules}
         self.supervisor = Supervisor(MODEL, settings_from({**quiet, **rules}))
         self.time_s = 50.0
-        self.said: list[tuple[float, Reaction]] = []
+        self.printed: list[tuple[float, Reaction]] = []
 
     def go(self, seconds: float, *, stalls: bool = False, **values: object) -> list[Level]:
         """Steps of 20 ms; the levels of what was said in them."""
-        begun = len(self.said)
+        begun = len(self.printed)
         for _ in range(round(seconds / STEP_S)):
             self.time_s += STEP_S
             defaults: dict[str, object] = {
@@ -37,14 +44,14 @@ class Run:
                 "heard_s": self.time_s,
                 "status": status(STALL if stalls else 0),
             }
-            watched = Watched(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # by name
-            for reaction in self.supervisor.step(watched):
-                self.said.append((round(self.time_s - 50.0, 3), reaction))
-        return [reaction.level for _, reaction in self.said[begun:]]
+            inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # by name
+            for reaction in self.supervisor.step(inputs):
+                self.printed.append((round(self.time_s - 50.0, 3), reaction))
+        return [reaction.level for _, reaction in self.printed[begun:]]
 
     @property
     def times(self) -> list[float]:
-        return [at for at, _ in self.said]
+        return [at for at, _ in self.printed]
 
 
 def stall(reaction: str, after_s: float, then: str, then_s: float) -> dict[str, object]:
@@ -99,7 +106,7 @@ def test_a_lesser_then_changes_nothing() -> None:
     assert run.go(3.0, stalls=True) == [Level.PAUSE]
 
 
-def test_off_is_not_watched() -> None:
+def test_a_rule_that_is_off_is_not_evaluated() -> None:
     run = Run(stall=stall("off", 0.0, "stop", 0.0))
     assert run.go(3.0, stalls=True) == []
 
@@ -111,10 +118,10 @@ def test_what_is_grave_is_answered_at_once() -> None:
     assert run.go(0.4, range=on_edge) == []
     # It drives on: grave.
     run.go(0.02, range=on_edge)
-    said: list[Level] = []
+    printed: list[Level] = []
     for count in range(10):
-        said += run.go(0.02, range=on_edge, encoders=Encoders(100 * count, 100 * count))
-    assert said == [Level.STOP]
+        printed += run.go(0.02, range=on_edge, encoders=Encoders(100 * count, 100 * count))
+    assert printed == [Level.STOP]
 
 
 def test_grave_is_never_less_than_the_first_reaction() -> None:
@@ -131,7 +138,7 @@ def test_slow_lasts_as_long_as_its_cause_and_five_seconds() -> None:
     run = Run(stall=stall("slow", 0.0, "slow", 1.0))
     assert run.supervisor.factor == 1.0
     assert run.go(7.0, stalls=True) == [Level.SLOW]
-    assert run.said[0][1].factor == 0.5
+    assert run.printed[0][1].factor == 0.5
     assert run.supervisor.factor == 0.5
     run.go(4.94)
     assert run.supervisor.factor == 0.5
@@ -142,11 +149,11 @@ def test_slow_lasts_as_long_as_its_cause_and_five_seconds() -> None:
 def test_only_slow_has_a_factor() -> None:
     run = Run(stall=stall("report", 0.0, "pause", 0.5))
     run.go(1.0, stalls=True)
-    assert [reaction.factor for _, reaction in run.said] == [1.0, 1.0]
+    assert [reaction.factor for _, reaction in run.printed] == [1.0, 1.0]
     assert run.supervisor.factor == 1.0
 
 
-def test_a_pause_holds_until_somebody_lets_it_go() -> None:
+def test_a_pause_holds_until_a_person_ends_it() -> None:
     run = Run(stall=stall("pause", 0.0, "pause", 1.0))
     holding = [run.supervisor.holding]
     for seconds, stalls in ((0.1, True), (30.0, False)):
@@ -164,7 +171,7 @@ def test_a_pause_that_nobody_ends_becomes_a_stop() -> None:
     paused_s = run.times[0]
     assert run.go(59.8) == []
     assert run.go(0.4) == [Level.STOP]
-    at_s, reaction = run.said[-1]
+    at_s, reaction = run.printed[-1]
     assert reaction.kind == "pause"
     assert at_s - paused_s == pytest.approx(60.0, abs=0.05)
     assert not run.supervisor.holding
@@ -188,8 +195,8 @@ def test_the_gravest_comes_last() -> None:
     )
     bits = STALL | int(Fault.LIFTED | Fault.IMU)
     assert run.go(0.02, status=status(bits)) == [Level.REPORT, Level.PAUSE, Level.STOP]
-    assert [reaction.kind for _, reaction in run.said] == ["stall", "sensor", "lifted"]
-    assert all(reaction.text and reaction.data for _, reaction in run.said)
+    assert [reaction.kind for _, reaction in run.printed] == ["stall", "sensor", "lifted"]
+    assert all(reaction.text and reaction.data for _, reaction in run.printed)
 
 
 # ---- beginning anew -----------------------------------------------------------------------
@@ -204,7 +211,7 @@ def test_restart_forgets_occasions_and_references() -> None:
     run.supervisor.restart()
     assert run.go(0.48, stalls=True) == []
     run.go(0.02, range=reading(contacts=1))
-    assert run.said == [], "the bump before is forgotten, and so was half a second of stalling"
+    assert run.printed == [], "the bump before is forgotten, and so was half a second of stalling"
 
 
 def test_a_gap_between_steps_forgets_the_odometry() -> None:
@@ -212,23 +219,23 @@ def test_a_gap_between_steps_forgets_the_odometry() -> None:
     run.go(0.02, encoders=Encoders(0, 0))
     run.time_s += 0.29
     run.go(0.02, encoders=Encoders(0, 1000))
-    assert run.said == [], "0.31 s"
+    assert run.printed == [], "0.31 s"
     run.time_s += 0.2
     run.go(0.02, encoders=Encoders(0, 3000))
-    assert len(run.said) == 1, "0.22 s: a rim that leads by 26 cm"
+    assert len(run.printed) == 1, "0.22 s: a rim that leads by 26 cm"
 
 
 def test_a_gap_forgets_the_slip() -> None:
     run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
     for count in range(50):
         run.go(0.02, encoders=Encoders(0, 100 * count))
-    assert len(run.said) == 1
+    assert len(run.printed) == 1
     run.time_s += 5.0
     run.go(2.0, encoders=Encoders(0, 4900))
-    assert len(run.said) == 1
+    assert len(run.printed) == 1
 
 
-def test_every_rule_is_watched() -> None:
+def test_every_rule_is_evaluated() -> None:
     """Each, with nothing but its own cause, is heard of."""
     causes: dict[str, dict[str, object]] = {
         "stall": {"status": status(STALL)},
@@ -244,24 +251,24 @@ def test_every_rule_is_watched() -> None:
         run = Run(**{kind: {"reaction": "report", "after_s": 0.0, **extra}})
         run.go(0.02)
         run.go(0.02, **values)  # type: ignore[arg-type]  # values of messages
-        assert [reaction.kind for _, reaction in run.said] == [kind]
+        assert [reaction.kind for _, reaction in run.printed] == [kind]
     run = Run(reset={"reaction": "report"})
     run.go(0.02, boot_id=1)
     run.go(0.02, boot_id=2)
-    assert [reaction.kind for _, reaction in run.said] == ["reset"]
+    assert [reaction.kind for _, reaction in run.printed] == ["reset"]
     run = Run(disagreement={"reaction": "report"})
     run.go(0.3, planner=planner(7), onboard="paper")
     run.go(2.0, planner=planner(7), onboard="paper", yaw_rate_rad_s=1.0)
-    assert [reaction.kind for _, reaction in run.said] == ["disagreement"]
+    assert [reaction.kind for _, reaction in run.printed] == ["disagreement"]
     run = Run(progress={"reaction": "report", "window_s": 1.0})
     run.go(1.1)
-    assert [reaction.kind for _, reaction in run.said] == ["progress"]
+    assert [reaction.kind for _, reaction in run.printed] == ["progress"]
     run = Run(tilt={"reaction": "report", "after_s": 0.0})
     run.go(0.02, imu=imu(10_000, 0, 10_000))
-    assert [reaction.kind for _, reaction in run.said] == ["tilt"]
+    assert [reaction.kind for _, reaction in run.printed] == ["tilt"]
     run = Run(bump={"reaction": "report", "count": 1.0})
     run.go(0.02, range=reading(contacts=1))
-    assert [reaction.kind for _, reaction in run.said] == ["bump"]
+    assert [reaction.kind for _, reaction in run.printed] == ["bump"]
 
 
 def test_the_defaults_are_graded() -> None:
@@ -282,11 +289,11 @@ def test_a_robot_at_rest_is_left_in_peace() -> None:
     supervisor = Supervisor(MODEL)
     for step in range(100):
         time_s = 50.0 + STEP_S * step
-        watched = Watched(
+        inputs = RuleInputs(
             *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, 1.0, time_s, 3, imu(mark=step)),
             *(Encoders(7, 7), reading(1.0), power(), status()),
         )
-        assert supervisor.step(watched) == []
+        assert supervisor.step(inputs) == []
     assert (supervisor.factor, supervisor.holding) == (1.0, False)
 
 
@@ -295,11 +302,11 @@ def test_a_robot_at_rest_is_left_in_peace() -> None:
 
 def quarters(run: Run, levels: str) -> list[str]:
     """One step each: ``x`` where it stalls; what was said, by step."""
-    said = []
+    printed = []
     for stalls in levels:
         run.time_s += 0.25 - STEP_S
-        said.append("".join(level.name[0] for level in run.go(STEP_S, stalls=stalls == "x")))
-    return said
+        printed.append("".join(level.name[0] for level in run.go(STEP_S, stalls=stalls == "x")))
+    return printed
 
 
 def test_a_calm_second_is_a_whole_one() -> None:
@@ -325,18 +332,18 @@ def test_a_pause_may_last_its_whole_limit() -> None:
 
 def test_a_step_of_0_3_s_is_no_gap() -> None:
     """The right rim leads by 26 cm: known for a step of 0.3 s, unknown beyond."""
-    for gap_s, said in ((0.3, 1), (0.3001, 0)):
+    for gap_s, printed in ((0.3, 1), (0.3001, 0)):
         supervisor = Supervisor(
             MODEL, settings_from({"slip": {"reaction": "report", "after_s": 0.0}})
         )
         for time_s, right in ((0.0, 0), (gap_s, 2000)):
-            watched = Watched(
+            inputs = RuleInputs(
                 *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0),
                 heard_s=time_s,
                 encoders=Encoders(0, right),
             )
-            found = supervisor.step(watched)
-        assert [reaction.kind for reaction in found] == ["slip"] * said
+            found = supervisor.step(inputs)
+        assert [reaction.kind for reaction in found] == ["slip"] * printed
 
 
 def test_only_a_pause_holds() -> None:
@@ -368,18 +375,18 @@ def test_slow_driving_may_end_while_it_is_held() -> None:
 
 
 def test_a_robot_that_was_moved_by_hand_has_not_slipped() -> None:
-    for restarts, said in ((False, 1), (True, 0)):
+    for restarts, printed in ((False, 1), (True, 0)):
         run = Run(slip={"reaction": "report", "after_s": 0.0})
         run.go(0.02, encoders=Encoders(0, 0))
         if restarts:
             run.supervisor.restart()
         run.go(0.02, encoders=Encoders(0, 300))
-        assert len(run.said) == said
+        assert len(run.printed) == printed
 
 
 def test_a_gap_ends_a_run_towards_an_echo() -> None:
     """Twice 0.25 m that closed by half: half a metre says so, a quarter each does not."""
-    for gap_s, said in ((0.0, 1), (1.0, 0)):
+    for gap_s, printed in ((0.0, 1), (1.0, 0)):
         run = Run(slip={"reaction": "report", "after_s": 0.0, "then": "report"})
         count = 0
         for step in range(124):
@@ -389,4 +396,4 @@ def test_a_gap_ends_a_run_towards_an_echo() -> None:
             way_m = count * 3.141592653589793 * 0.065 / 1560
             ahead = reading(2.0 - 0.5 * way_m)
             run.go(0.02, encoders=Encoders(count, count), range=ahead)
-        assert len(run.said) == said
+        assert len(run.printed) == printed

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.inputs import Watched
+from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from protocol.messages import Encoders
 from support.watching import MODEL, PER_COUNT_M, STEP_S, Walk, reading
@@ -117,7 +117,7 @@ def test_a_slip_shows_though_samples_come_late(slip_m_s: float) -> None:
     assert measured.slip_m_s == pytest.approx(slip_m_s, abs=0.003)
 
 
-def swing(late_s: float, slip_m_s: float) -> Iterator[Watched]:
+def swing(late_s: float, slip_m_s: float) -> Iterator[RuleInputs]:
     """Two turns, one after the other, and half a second of steady yaw rate."""
     fine_s, yaw_rate = 0.001, 0.0
     rates = [0.0] * 100
@@ -230,5 +230,5 @@ def test_a_restart_forgets_that_a_range_was_new() -> None:
     assert not walk.measured.new_range
 
 
-def _step(time_s: float, *, encoders: Encoders | None, yaw_rate_rad_s: float = 0.0) -> Watched:
-    return Watched(time_s, Pose2(0.0, 0.0, 0.0), 0.0, yaw_rate_rad_s, encoders=encoders)
+def _step(time_s: float, *, encoders: Encoders | None, yaw_rate_rad_s: float = 0.0) -> RuleInputs:
+    return RuleInputs(time_s, Pose2(0.0, 0.0, 0.0), 0.0, yaw_rate_rad_s, encoders=encoders)

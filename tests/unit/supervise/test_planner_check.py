@@ -25,15 +25,15 @@ from support.watching import MODEL, Walk, planner
 
 
 @pytest.mark.parametrize(
-    ("told", "found"), [(1.028, False), (0.972, False), (1.034, True), (0.966, True)]
+    ("reported", "found"), [(1.028, False), (0.972, False), (1.034, True), (0.966, True)]
 )
-def test_d_is_held_against_the_odometry(told: float, *, found: bool) -> None:
+def test_d_is_held_against_the_odometry(reported: float, *, found: bool) -> None:
     device = started()
-    mm = round(told * 1000)
+    mm = round(reported * 1000)
     device.lane(1.0, planner(TURN, distance=mm, previous=mm, case=1))
     assert bool(device.found) is found
     if found:
-        assert device.data["D_m"] == pytest.approx(told)
+        assert device.data["D_m"] == pytest.approx(reported)
         assert device.data["odometry_m"] == pytest.approx(1.0, abs=0.005)
 
 
@@ -96,7 +96,7 @@ def test_the_estimates_way_is_along_the_lane() -> None:
     assert device.data["odometry_m"] == pytest.approx(0.8, abs=0.005)
 
 
-def test_a_lane_that_slipped_or_pushed_is_in_doubt() -> None:
+def test_a_lane_that_slipped_or_pushed_is_uncertain() -> None:
     device = started()
     device.emit_state(planner(LANE))
     device.go(250, CRUISE_M, lead_m=0.0012)
@@ -123,7 +123,7 @@ def test_a_lane_that_slipped_or_pushed_is_in_doubt() -> None:
     assert len(device.found) == 1, "a cliff is no push, and 5 mm/s between the rims no slip"
 
 
-def test_doubt_is_of_one_lane() -> None:
+def test_uncertainty_belongs_to_one_lane() -> None:
     device = started()
     device.emit_state(planner(LANE))
     device.go(250, CRUISE_M, lead_m=0.0012)
@@ -193,7 +193,7 @@ def test_planners_without_lanes_are_not_judged_by_them(onboard: str) -> None:
     assert device.found == []
 
 
-def test_u_shape_tells_no_cases() -> None:
+def test_u_shape_reports_no_cases() -> None:
     device = started("u-shape")
     device.lane(1.0, planner(TURN, distance=1000, previous=1000, case=0))
     device.lane(0.4, planner(TURN, distance=400, previous=1000, case=0))
@@ -230,13 +230,15 @@ def test_prev_d_is_this_lane_or_the_one_before(previous: int, *, found: bool) ->
     ],
 )
 def test_the_case_follows_from_d_prev_d_and_phi(distance: int, case: int) -> None:
-    for told in range(4):
+    for reported in range(4):
         device = swept(1.0)
-        state = planner(TURN, turns=1, distance=distance, previous=distance, case=told, length=8)
+        state = planner(
+            TURN, turns=1, distance=distance, previous=distance, case=reported, length=8
+        )
         device.lane(distance / 1000, state)
-        assert bool(device.found) is (told != case), f"told {told} after {distance}"
-        if told != case:
-            assert device.data["case"] == told
+        assert bool(device.found) is (reported != case), f"told {reported} after {distance}"
+        if reported != case:
+            assert device.data["case"] == reported
             assert device.data["expected"] == case
             assert device.data["Prev_D_m"] == 1.0
 
@@ -244,10 +246,11 @@ def test_the_case_follows_from_d_prev_d_and_phi(distance: int, case: int) -> Non
 @pytest.mark.parametrize("distance", [1020, 980, 1021, 979])
 def test_at_a_limit_either_case_may_be_right(distance: int) -> None:
     """Both figures are rounded to a millimetre."""
-    for told in (0, 1):
+    for reported in (0, 1):
         device = swept(1.0)
         device.lane(
-            distance / 1000, planner(TURN, turns=1, distance=distance, previous=distance, case=told)
+            distance / 1000,
+            planner(TURN, turns=1, distance=distance, previous=distance, case=reported),
         )
         assert device.found == []
 
@@ -293,7 +296,7 @@ def test_t_grows_by_one_at_a_time(after: int, *, found: bool) -> None:
         assert device.data == {"T": after, "T_before": 1}
 
 
-def test_a_finding_is_held_for_two_seconds_and_told_once() -> None:
+def test_a_finding_is_held_for_two_seconds_and_reported_once() -> None:
     device = started()
     device.lane(1.0, planner(TURN, distance=1100, previous=1100, case=1))
     held = [device.walk.held]

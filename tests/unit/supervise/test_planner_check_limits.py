@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.inputs import Watched
+from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.planner_check import PlannerCheck
 from bridge.supervise.settings import DisagreementRule
@@ -48,14 +48,16 @@ class Hand:
     def at(
         self,
         time_s: float,
-        told: PlannerState | None,
+        reported: PlannerState | None,
         pose: Pose2 = START,
         *,
         contacts: int | None = None,
     ) -> bool:
         seen: Range | None = None if contacts is None else reading(contacts=contacts)
-        watched = Watched(*(time_s, pose, 0.0, 0.0), planner=told, onboard=self.onboard, range=seen)
-        return self.planner_check.holds(watched, self.measured)
+        inputs = RuleInputs(
+            *(time_s, pose, 0.0, 0.0), planner=reported, onboard=self.onboard, range=seen
+        )
+        return self.planner_check.holds(inputs, self.measured)
 
     def lane(self, way_m: float, after: PlannerState, before: PlannerState | None = None) -> bool:
         """A lane from 0 on, by the odometry; the estimate stays behind."""
@@ -137,7 +139,7 @@ def test_the_estimates_way_is_along_any_heading() -> None:
         *((0.0, int(Contact.BUMPER_LEFT), False), (0.0, int(Contact.CLIFF), True)),
     ],
 )
-def test_how_much_way_is_put_in_doubt(
+def test_how_much_path_becomes_uncertain(
     slip_m_s: float, contacts: int | None, *, found: bool
 ) -> None:
     """D is 9 cm off: 3 cm are allowed, 6.25 cm are doubted, by slip for 0.25 s or by a push."""
@@ -152,7 +154,7 @@ def test_how_much_way_is_put_in_doubt(
     assert hand.at(0.75, planner(TURN, distance=910, previous=910, case=1)) is found
 
 
-def test_a_slip_is_doubted_from_its_limit_on() -> None:
+def test_a_slip_inflates_from_its_limit_on() -> None:
     """2 s of 12 mm/s, and of a hair more: 2.4 cm."""
     for slip_m_s, found in ((0.012, True), (0.01201, False)):
         hand = Hand()
@@ -164,7 +166,7 @@ def test_a_slip_is_doubted_from_its_limit_on() -> None:
         assert hand.at(0.75, planner(TURN, distance=950, previous=950, case=1)) is found
 
 
-def test_a_push_is_doubted_by_the_wheels_mean() -> None:
+def test_a_push_inflates_by_the_wheels_mean() -> None:
     """One wheel turns 8 cm, the other none: 4 cm."""
     for off_mm, found in ((65, False), (75, True)):
         hand = Hand()
@@ -173,8 +175,8 @@ def test_a_push_is_doubted_by_the_wheels_mean() -> None:
         hand.measured.way_m, hand.measured.left_m = 1.0, 0.08
         hand.at(0.5, planner(LANE), contacts=int(Contact.BUMPER_RIGHT))
         hand.measured.left_m = 0.0
-        told = 1000 - off_mm
-        assert hand.at(0.75, planner(TURN, distance=told, previous=told, case=1)) is found
+        reported = 1000 - off_mm
+        assert hand.at(0.75, planner(TURN, distance=reported, previous=reported, case=1)) is found
 
 
 def test_a_state_may_be_0_7_s_late() -> None:
@@ -256,7 +258,7 @@ def test_equal_may_differ_by_its_limit(equal_m: float, cases: set[int]) -> None:
         *((0.1234, 19, False), (0.1234, 18, False), (0.1234, 20, True)),
     ],
 )
-def test_length_is_told_to_half_a_step(width_m: float, length: int, *, found: bool) -> None:
+def test_length_is_measured_to_half_a_step(width_m: float, length: int, *, found: bool) -> None:
     hand = Hand(model=replace(MODEL, cleaning_width_m=width_m))
     before = planner(LANE, turns=3, distance=1000, previous=1000, case=1)
     after = planner(TURN, turns=3, distance=1500, previous=1500, case=3, length=length)
@@ -268,9 +270,9 @@ def test_length_is_told_to_half_a_step(width_m: float, length: int, *, found: bo
 def test_planners_without_lanes_may_bend() -> None:
     for onboard, found in (("paper", True), ("u-shape", True), ("recovery", False)):
         hand = Hand(onboard, motion_s=2.0)
-        hand.at(0.0, told := planner(LANE))
+        hand.at(0.0, reported := planner(LANE))
         hand.measured.turn_rad = 3.0
-        assert hand.at(2.0, told) is found
+        assert hand.at(2.0, reported) is found
 
 
 @pytest.mark.parametrize(
@@ -286,10 +288,10 @@ def test_what_may_be_measured_of_a_claim(
     phase: int, way_m: float, turn_rad: float, wrong: str
 ) -> None:
     hand = Hand(motion_s=2.0)
-    hand.at(0.0, told := planner(phase))
+    hand.at(0.0, reported := planner(phase))
     hand.measured.travel_m, hand.measured.turn_rad = way_m, turn_rad
-    assert hand.at(1.999, told) is False
-    assert hand.at(2.0, told) is bool(wrong)
+    assert hand.at(1.999, reported) is False
+    assert hand.at(2.0, reported) is bool(wrong)
     text, data = hand.planner_check.evidence()
     assert wrong in text
     if wrong:
@@ -299,13 +301,13 @@ def test_what_may_be_measured_of_a_claim(
 def test_a_longer_time_between_tests_allows_more() -> None:
     """4 s at rest: 12 cm; and what was tested once is not counted again."""
     hand = Hand(motion_s=2.0)
-    hand.at(0.0, told := planner(PAUSED))
+    hand.at(0.0, reported := planner(PAUSED))
     hand.measured.travel_m = 0.12
-    assert hand.at(4.0, told) is False
+    assert hand.at(4.0, reported) is False
     hand.measured.travel_m, hand.measured.turn_rad = 0.18, 0.3
-    assert hand.at(6.0, told) is False
+    assert hand.at(6.0, reported) is False
     hand.measured.travel_m, hand.measured.turn_rad = 0.30456, 0.61239
-    assert hand.at(8.126, told) is True
+    assert hand.at(8.126, reported) is True
     assert hand.planner_check.evidence() == (
         "it says paused, and moves: 12 cm and 0.31 rad in 2.1 s",
         {"phase": "paused", "way_m": 0.125, "turn_rad": 0.312, "for_s": 2.13},
@@ -316,7 +318,7 @@ def test_a_new_claim_is_tested_from_its_beginning() -> None:
     hand = Hand(motion_s=2.0)
     hand.at(0.0, planner(LANE))
     hand.measured.travel_m, hand.measured.turn_rad = 0.5, 1.0
-    assert hand.at(1.5, told := planner(PAUSED)) is False
-    assert hand.at(3.4, told) is False
-    assert hand.at(3.5, told) is False, "it stands since it says so"
+    assert hand.at(1.5, reported := planner(PAUSED)) is False
+    assert hand.at(3.4, reported) is False
+    assert hand.at(3.5, reported) is False, "it stands since it says so"
     assert hand.at(5.5, planner(PAUSED)) is False

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_nothing_said_is_the_defaults() -> None:
+def test_an_empty_table_gives_the_defaults() -> None:
     assert settings_from({}) == SuperviseSettings()
     assert load_supervise(None) == SuperviseSettings()
 
@@ -85,7 +85,7 @@ def test_what_is_wrong_is_named(table: object, named: str) -> None:
     assert "\n" not in str(error.value)
 
 
-def test_a_robot_file_with_a_wrong_rule_is_refused_before_any_run() -> None:
+def test_a_robot_file_with_a_wrong_rule_is_rejected_before_any_run() -> None:
     with pytest.raises(ConfigError, match=r"supervise\.bump\.count"):
         parse_robot("[supervise.bump]\ncount = 0\n")
 

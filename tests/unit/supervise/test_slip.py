@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.inputs import Watched
+from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.slip import Slip
 from bridge.supervise.settings import SlipRule
@@ -69,7 +69,7 @@ def test_both_wheels_slip_where_the_range_does_not_close(closing: float, *, foun
         assert data["lost_share"] == pytest.approx(1.0 - closing, abs=0.02)
 
 
-def test_a_run_that_is_too_short_says_nothing() -> None:
+def test_a_run_that_is_too_short_reports_nothing() -> None:
     assert not run_towards(Walk(slip()), 0.5, way_m=0.28)
     assert run_towards(Walk(slip()), 0.5, way_m=0.34)
 
@@ -92,7 +92,7 @@ def test_an_echo_that_wanders_over_a_round_thing_is_no_slip() -> None:
     assert not run_towards(Walk(slip()), 0.7, bend=1.2)
 
 
-def test_no_echo_and_a_far_one_say_nothing() -> None:
+def test_no_echo_and_a_far_one_have_no_effect() -> None:
     walk = Walk(slip())
     for _ in range(200):
         walk.step(1, left_m=0.004, right_m=0.004, range=reading(None))
@@ -152,11 +152,11 @@ def test_slip_restarts() -> None:
 def test_at_its_very_limit_nothing_holds_yet() -> None:
     """A rule says "by more than"; what is measured stands in for the odometry here."""
     rule = slip()
-    watched = Watched(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0)
+    inputs = RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0)
     for slip_m_s, found in ((0.015, False), (-0.015, False), (0.01501, True), (-0.01501, True)):
         measured = Measured(MODEL)
         measured.slip_m_s = slip_m_s
-        assert rule.holds(watched, measured) is found
+        assert rule.holds(inputs, measured) is found
 
 
 @pytest.mark.parametrize(("turn_rad", "straight"), [(0.065, True), (0.08, False)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bridge.motion.geometry import Pose2
-from bridge.supervise.inputs import Watched
+from bridge.supervise.inputs import RuleInputs
 from bridge.supervise.measured import Measured
 from bridge.supervise.rules.slip import Slip, _lost
 from bridge.supervise.settings import SlipRule
@@ -24,7 +24,7 @@ class Hand:
         self.measured.way_m, self.measured.turn_rad = way_m, turn_rad
         seen = reading(range_m)
         return self.rule.holds(
-            Watched(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, range=seen), self.measured
+            RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, range=seen), self.measured
         )
 
     def run(self, closing: float = 0.0, *, from_m: float = 2.0, turn_rad: float = 0.0) -> bool:
@@ -96,7 +96,7 @@ def test_a_run_is_of_the_last_0_3_m() -> None:
     assert held
 
 
-def test_what_both_pairs_find_is_told_by_the_gyro_only_beyond_its_limit() -> None:
+def test_what_both_pairs_find_is_reported_by_the_gyro_only_beyond_its_limit() -> None:
     for slip_m_s, by in ((0.015, "ultrasonic"), (0.0151, "gyro"), (-0.015, "ultrasonic")):
         hand = Hand()
         hand.measured.slip_m_s = slip_m_s

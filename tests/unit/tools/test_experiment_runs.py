@@ -41,9 +41,9 @@ def test_a_cycle_ends_near_where_it_should_and_speed_is_smoothed() -> None:
     sent = [after for _, _, after in row["smoothing"]]
     wanted = [before for _, before, _ in row["smoothing"]]
     # every 20 ms, rounded to 0.1 mm/s; setting off is what jumps without smoothing
-    most = MODEL.max_accel_m_s2 * 0.02 + 2e-4
-    assert max(b - a for a, b in pairwise(sent)) <= most
-    assert max(b - a for a, b in pairwise(wanted)) > 5 * most
+    maximum = MODEL.max_accel_m_s2 * 0.02 + 2e-4
+    assert max(b - a for a, b in pairwise(sent)) <= maximum
+    assert max(b - a for a, b in pairwise(wanted)) > 5 * maximum
 
 
 def test_ranges_with_noise_move_the_ends_of_lanes_by_the_seed() -> None:
@@ -79,8 +79,8 @@ def test_a_run_of_zimablue_repeats_and_keeps_to_what_its_head_can_sweep() -> Non
     bound_s = row["sweepable_m2"] / (head_m * speed_m_s)
     assert row["reference_time_s"] == pytest.approx(bound_s, rel=1e-3)
     # its head sweeps no more than its width times its way, and the disc it turns about in
-    most_m2 = head_m * row["path_m"] + 3.15 * (head_m / 2) ** 2
-    assert 0.0 < row["mouth_sweepable"] * row["sweepable_m2"] <= most_m2
+    max_m2 = head_m * row["path_m"] + 3.15 * (head_m / 2) ** 2
+    assert 0.0 < row["mouth_sweepable"] * row["sweepable_m2"] <= max_m2
     start = room_of("empty").start
     assert row["path"][0] == pytest.approx([start.x_m, start.y_m], abs=1e-3)
 
@@ -97,7 +97,7 @@ def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "reported"),
     [
         (
             BlockingIOError(11, "Resource temporarily unavailable"),
@@ -107,17 +107,17 @@ def test_runs_that_are_alike_for_every_seed_are_run_once() -> None:
         (OSError("handle is closed"), "a worker process was ended from outside, or had no memory"),
     ],
 )
-def test_workers_that_cannot_be_begun_are_told_of_in_a_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError, told: str
+def test_workers_that_cannot_start_are_reported_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError, reported: str
 ) -> None:
-    def refuse(*_: object) -> None:
+    def reject(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(SpawnProcess, "_Popen", refuse)
+    monkeypatch.setattr(SpawnProcess, "_Popen", reject)
     trials = [Trial("case-1", "u-shape", "none", 0, 1.0)]
     outcome = run_all(Store(tmp_path, "a version", force=False), trials, 1)
     assert outcome.interrupted
-    assert outcome.failed == [told]
+    assert outcome.failed == [reported]
 
 
 def test_without_noise_a_run_is_the_same_for_every_seed() -> None:

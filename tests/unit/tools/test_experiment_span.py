@@ -86,7 +86,7 @@ def test_an_hour_is_not_enough_in_every_room() -> None:
     assert their_limit_s(asked, large.reference_time_s) == 7.0
 
 
-def test_a_perfect_pose_goes_as_far_and_tells_its_loss(closet: str) -> None:
+def test_a_perfect_pose_goes_as_far_and_reports_its_loss(closet: str) -> None:
     run = run_trial(Trial(closet, "random", PERFECT, 0, None, Kind.LIMITS))
     assert run["time_ratio"] > MULTIPLES[-1]
     assert sum(run["loss"].values()) == pytest.approx(1.0 - run["mouth_sweepable"], abs=1e-3)

@@ -149,7 +149,7 @@ def test_a_straight_lane_by_time_and_by_path() -> None:
     assert curves.over_time(meter, measured, cut=True) == [None] * len(by_path)
 
 
-def test_a_mean_is_not_told_where_a_run_was_cut() -> None:
+def test_a_mean_is_not_reported_where_a_run_was_cut() -> None:
     whole, cut = row(), row(seed=1)
     cut["curve"] = {"coverage": [0.3, *[None] * (len(curves.MULTIPLES) - 1)]}
     cells = at_multiples([whole, cut], "coverage")
@@ -199,7 +199,7 @@ def test_the_random_way_is_repeated_without_its_own_limit() -> None:
     )
 
 
-def test_a_generated_room_is_the_same_each_time_and_a_wrong_name_is_told() -> None:
+def test_a_generated_room_is_the_same_each_time_and_a_wrong_name_is_reported() -> None:
     names = generated_rooms(9)
     assert names[0].split(":")[1] == names[8].split(":")[1]
     assert room_of(names[8]) == room_of(names[8]) != room_of(names[0])

@@ -35,7 +35,7 @@ class Robot:
 
 
 @pytest.mark.parametrize(
-    ("error", "kept", "said"),
+    ("error", "kept", "printed"),
     [
         (None, True, "the key is set; keep"),
         (CommandRejectedError("set key", "not_local"), False, ""),
@@ -45,9 +45,9 @@ class Robot:
     ],
     ids=["accepted", "refused", "no answer", "no challenge", "Ctrl-C"],
 )
-def test_only_a_key_that_the_robot_refused_is_deleted(
+def test_only_a_key_that_the_robot_rejected_is_deleted(
     error: BaseException | None,
-    said: str,
+    printed: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     *,
@@ -60,7 +60,7 @@ def test_only_a_key_that_the_robot_refused_is_deleted(
     if kept:
         assert robot.key is not None
         assert path.read_text().strip() == robot.key.hex()
-    assert said in done.stderr
+    assert printed in done.stderr
     assert ("taken" in done.stderr) is (error is not None and kept)
 
 

@@ -45,7 +45,7 @@ def test_what_others_reach_is_named_with_what_they_can_do(
     assert "drive" not in keyed
 
 
-def test_a_host_that_joins_a_bus_of_the_network_is_told_too() -> None:
+def test_a_host_that_joins_a_network_bus_is_warned_too() -> None:
     bus = "can:udp_multicast:239.74.163.2"
     assert bus_risk(bus, lan=False, keyed=False) is None
     assert bus_risk("/dev/ttyUSB0", lan=True, keyed=False) is None

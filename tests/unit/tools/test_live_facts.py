@@ -132,7 +132,7 @@ def test_the_papers_variables_are_for_its_planner_alone(
     assert hidden not in text
 
 
-def test_the_map_has_the_outline_of_the_room() -> None:
+def test_the_map_has_the_perimeter_of_the_room() -> None:
     sweeper = SimulatedSweeper(Settings(noise="none"))
     picture = swept_picture(sweeper.host.snapshot(), 60, 60, (), ROOM)
     styles = {str(span.style) for span in picture.spans}

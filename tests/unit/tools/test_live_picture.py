@@ -138,7 +138,7 @@ def test_without_a_terminal_each_event_is_a_plain_line(capsys: pytest.CaptureFix
     assert lines == ["    0.00  safety: stopped", "    1.25  safety: stopped"]
 
 
-def test_plain_lines_tell_the_state_of_the_run_every_few_seconds(
+def test_plain_lines_report_the_state_of_the_run_every_few_seconds(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     err.cache_clear()
@@ -154,7 +154,7 @@ def test_plain_lines_tell_the_state_of_the_run_every_few_seconds(
         assert part in lines[0], part
 
 
-def test_what_a_device_says_cannot_act_on_the_terminal() -> None:
+def test_text_of_a_device_cannot_act_on_the_terminal() -> None:
     hostile = "\x1b]52;c;aGk=\x07\x9b2J\u202e\u200b\n[bold]end"
     teller = Teller(NullSink(), plain=False)
     teller.write(LogRecord(0, Severity.INFO, "device\x1b[2J", hostile))

@@ -110,16 +110,16 @@ def test_what_moves_begins_with_the_second_press() -> None:
         assert bench.hand() == hand.value
 
 
-def test_a_gamepad_that_goes_stops_and_is_told() -> None:
+def test_a_gamepad_that_goes_stops_and_is_reported() -> None:
     bench = Bench()
     bench.press("d", "d")
     bench.keys.dead_man.stick(1.0, 0.0, 5.0, held=True)
     assert bench.keys.dead_man.wanted(5.0).v_m_s > 0.1
     bench.keys.pad_gone("/dev/input/js0")
     assert bench.keys.dead_man.wanted(5.0) == HALT
-    told = bench.sink.events[-1]
-    assert (told.severity, told.kind) == (Severity.WARNING, "gamepad_gone")
-    assert "/dev/input/js0 is gone: the robot was stopped" in told.text
+    reported = bench.sink.events[-1]
+    assert (reported.severity, reported.kind) == (Severity.WARNING, "gamepad_gone")
+    assert "/dev/input/js0 is gone: the robot was stopped" in reported.text
     assert "keys still drive" in bench.keys.message
 
 
@@ -129,7 +129,7 @@ def test_another_key_between_counts_for_nothing() -> None:
     assert not bench.begun()
 
 
-def test_a_latched_stop_is_cleared_by_whoever_has_looked() -> None:
+def test_a_latched_stop_is_cleared_by_a_person_who_has_looked() -> None:
     bench = Bench(cause=StopCause.OPERATOR)
     assert "look, then c" in bench.press("g", "g")
     assert not bench.begun()
@@ -187,7 +187,7 @@ def test_going_on_and_arrows_without_leave() -> None:
         ),
     ],
 )
-def test_a_device_that_does_not_pause_its_planner_is_told_of(
+def test_a_device_that_does_not_pause_its_planner_is_reported(
     outcome: Outcome | None, why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = Bench()
@@ -200,7 +200,7 @@ def test_a_device_that_does_not_pause_its_planner_is_told_of(
     ]
 
 
-def test_a_planner_that_is_paused_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planner_that_is_paused_reports_so(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
     bench.host.mission = OnboardMission(OnboardPlanner.RECOVERY)
     answers: list[Callable[[Outcome], None]] = []

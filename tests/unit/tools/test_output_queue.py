@@ -159,7 +159,9 @@ sys.exit(7)
 
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 @pytest.mark.parametrize("reader", ["none", "full", "left", "closed"])
-def test_a_process_ends_with_its_status_whoever_reads(stream: str, reader: str, pipe: Pipe) -> None:
+def test_a_process_ends_with_its_status_whatever_reads_it(
+    stream: str, reader: str, pipe: Pipe
+) -> None:
     given = pipe.stream.fileno()
     if reader == "full":
         pipe.fill()

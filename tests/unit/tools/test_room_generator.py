@@ -24,12 +24,12 @@ def test_equal_generators_give_equal_rooms() -> None:
     assert generate_room(4, np.random.default_rng(4)) != plans[0]
 
 
-def test_distance_to_an_outline() -> None:
+def test_distance_to_a_perimeter() -> None:
     square = rectangle(0.0, 0.0, 1.0, 1.0)
     assert distance_m(square, 0.5, 0.25) == pytest.approx(0.25)
     assert distance_m(square, 2.0, 2.0) == pytest.approx(2.0**0.5)
 
 
-def test_an_unknown_kind_is_refused() -> None:
+def test_an_unknown_kind_is_rejected() -> None:
     with pytest.raises(KeyError):
         generate_room(0, np.random.default_rng(0), "castle")

@@ -14,7 +14,7 @@ from tools.dev import kernels
 if TYPE_CHECKING:
     from pathlib import Path
 
-REFUSED = """
+REJECTED = """
 import sys
 from pathlib import Path
 import pytest
@@ -68,7 +68,7 @@ def test_without_what_all_share_each_is_stale(source: Path) -> None:
 
 def test_the_tests_do_not_begin_without_compiled_kernels() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", REFUSED], cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, "-c", REJECTED], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == pytest.ExitCode.USAGE_ERROR
     (line,) = (text for text in done.stderr.splitlines() if text)

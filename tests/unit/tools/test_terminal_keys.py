@@ -55,7 +55,7 @@ def test_a_lone_escape_is_the_key_once_nothing_follows() -> None:
     assert not decoder.waiting
 
 
-def test_a_terminal_says_whether_it_knows_the_protocol() -> None:
+def test_a_terminal_reports_whether_it_supports_the_protocol() -> None:
     kitty, xterm = KeyDecoder(), KeyDecoder()
     kitty.feed(b"\x1b[?0u\x1b[?62;52;c")
     xterm.feed(b"\x1b[?64;1;2c")

@@ -108,10 +108,10 @@ SINKS: list[Callable[[str], None]] = [
 
 @pytest.mark.parametrize("sink", SINKS)
 def test_every_sink_escapes(sink: Callable[[str], None]) -> None:
-    said = io.StringIO()
-    with redirect_stdout(said), redirect_stderr(said):
+    printed = io.StringIO()
+    with redirect_stdout(printed), redirect_stderr(printed):
         sink(f"a name: {HOSTILE}[red]end")
-    text = said.getvalue()
+    text = printed.getvalue()
     assert "a name" in text
     assert [c for c in text if c not in "\n\t" and not is_visible(c)] == []
     assert "[red]end" in text, "no markup"
@@ -146,8 +146,8 @@ class Raw:
 
 @pytest.mark.parametrize("made", [table, lambda text: Panel(text, title=text), Raw])
 def test_pictures_are_made_of_what_is_visible(made: Callable[[str], RenderableType]) -> None:
-    said = drawn(made(f"x{HOSTILE}y"), 60)
-    assert [c for c in said if c != "\n" and not is_visible(c)] == []
+    printed = drawn(made(f"x{HOSTILE}y"), 60)
+    assert [c for c in printed if c != "\n" and not is_visible(c)] == []
 
 
 @given(st.text(st.sampled_from("ab\x1b\x9b\u202e\u200b\t\n字"), max_size=40), st.integers(12, 60))

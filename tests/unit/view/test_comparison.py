@@ -21,10 +21,10 @@ def test_two_runs_side_by_side(tmp_path_factory: pytest.TempPathFactory) -> None
     assert done.status == 0, done.err
     a, b = done.json["a"]["figures"], done.json["b"]["figures"]
     for figures, run in ((a, first), (b, other)):
-        told = run.done.json
-        assert figures["path_m"] == told["path_m"]
-        assert figures["coverage.mouth_sweepable"] == told["coverage"]["mouth_sweepable"]
-        assert figures["pose_error_m.end"] == told["pose_error_m"]["end"]
+        reported = run.done.json
+        assert figures["path_m"] == reported["path_m"]
+        assert figures["coverage.mouth_sweepable"] == reported["coverage"]["mouth_sweepable"]
+        assert figures["pose_error_m.end"] == reported["pose_error_m"]["end"]
     delta = done.json["difference"]
     assert delta["path_m"] == round(b["path_m"] - a["path_m"], 6) != 0
     assert delta["t99_s"] is None

@@ -58,7 +58,7 @@ def test_the_legend_names_what_the_room_has(plan: FloorPlan | None, labels: list
 
 
 @pytest.mark.parametrize(("planner", "has_lanes"), [("paper", True), ("recovery", False)])
-def test_the_papers_variables_are_told_of_its_planner_alone(
+def test_the_papers_variables_are_reported_for_its_planner_alone(
     planner: str, *, has_lanes: bool
 ) -> None:
     state = SimpleNamespace(

@@ -61,7 +61,7 @@ class Page(HTMLParser):
 class Reported(NamedTuple):
     """The paper's case 1, reported once for all tests."""
 
-    told: dict[str, Any]
+    summary_json: dict[str, Any]
     """Of the run."""
     data: RunData
     html: Path
@@ -87,7 +87,7 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Reported:
 
 
 def test_a_whole_run(reported: Reported) -> None:
-    told, data, html, png, done = reported
+    summary_json, data, html, png, done = reported
     assert done.json["report"] == str(html)
     assert data.whole
     page = Page(html.read_text())
@@ -98,15 +98,15 @@ def test_a_whole_run(reported: Reported) -> None:
     for words in (
         "Sweeping case-1, planner paper, seed 1",
         "The run finished by itself",
-        told["reason"],
-        f"{told['path_m']:.1f} m",
-        f"{100 * told['coverage']['mouth_sweepable']:.1f} %",
-        f"{100 * told['coverage']['body_free']:.2f} %",
+        summary_json["reason"],
+        f"{summary_json['path_m']:.1f} m",
+        f"{100 * summary_json['coverage']['mouth_sweepable']:.1f} %",
+        f"{100 * summary_json['coverage']['body_free']:.2f} %",
         "94.66 % (Table 2",
         "Coverage against time",
         "What was missed",
         "Faults and events",
-        f"{told['energy_wh']:.2f} Wh",
+        f"{summary_json['energy_wh']:.2f} Wh",
         "run is driving",
         "none was lost",
         "Simulated in virtual time",
@@ -139,21 +139,25 @@ def legend(data: RunData) -> list[str]:
 
 
 def test_figures_are_those_of_the_summary(reported: Reported) -> None:
-    data, told = reported.data, reported.told
+    data, summary_json = reported.data, reported.summary_json
     assert data.coverage is not None
     for name, share in data.coverage.coverage.to_dict().items():
         if name != "eq8":
-            assert share == pytest.approx(told["coverage"][name], abs=2e-3)
-    assert data.coverage.t90_s == pytest.approx(told["t90_s"], abs=0.5)
-    assert data.coverage.largest_hole_cm2 == pytest.approx(told["largest_hole_cm2"], rel=0.05)
+            assert share == pytest.approx(summary_json["coverage"][name], abs=2e-3)
+    assert data.coverage.t90_s == pytest.approx(summary_json["t90_s"], abs=0.5)
+    assert data.coverage.largest_hole_cm2 == pytest.approx(
+        summary_json["largest_hole_cm2"], rel=0.05
+    )
     found = holes(data)
-    assert found[0].area_cm2 == pytest.approx(told["largest_hole_cm2"], rel=0.05)
+    assert found[0].area_cm2 == pytest.approx(summary_json["largest_hole_cm2"], rel=0.05)
     assert [h.area_cm2 for h in found] == sorted((h.area_cm2 for h in found), reverse=True)
-    assert max(h.inradius_m for h in found) == pytest.approx(told["hole_inradius_m"], abs=0.003)
-    assert data.figure("energy_wh") == told["energy_wh"]
-    assert 0 < (data.motor_wh or 0) < told["energy_wh"]
+    assert max(h.inradius_m for h in found) == pytest.approx(
+        summary_json["hole_inradius_m"], abs=0.003
+    )
+    assert data.figure("energy_wh") == summary_json["energy_wh"]
+    assert 0 < (data.motor_wh or 0) < summary_json["energy_wh"]
     assert max(e for _, e in data.pose_error) == pytest.approx(
-        told["pose_error_m"]["max"], abs=2e-3
+        summary_json["pose_error_m"]["max"], abs=2e-3
     )
 
 

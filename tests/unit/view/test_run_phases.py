@@ -36,7 +36,7 @@ def coverage_path_m(path: Path, events: dict[int, tuple[str, dict[str, Any]]]) -
     return report.path_m
 
 
-def test_the_drive_is_found_by_the_phase_whatever_the_text_says(tmp_path: Path) -> None:
+def test_the_drive_is_found_by_the_phase_whatever_the_text(tmp_path: Path) -> None:
     events: dict[int, tuple[str, dict[str, Any]]] = {
         20: ("the robot sets off", {"phase": "driving"}),
         40: ("that is all", {"phase": "ending"}),
@@ -52,7 +52,7 @@ def test_logs_of_0_1_have_the_phase_in_words_only(tmp_path: Path) -> None:
     assert coverage_path_m(tmp_path / "old.mcap", events) == pytest.approx(0.4)
 
 
-def test_another_programs_events_say_nothing_of_the_drive(tmp_path: Path) -> None:
+def test_another_programs_events_do_not_concern_the_drive(tmp_path: Path) -> None:
     events: dict[int, tuple[str, dict[str, Any]]] = {20: ("", {}), 40: ("driving on", {"phase": 7})}
     assert coverage_path_m(tmp_path / "other.mcap", events) == pytest.approx(0.98)
 

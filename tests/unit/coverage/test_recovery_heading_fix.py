@@ -95,7 +95,7 @@ def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far()
 class Open(RecoveryPlanner):
     """Shows what it keeps of walls, and follows one by hand."""
 
-    barred = False
+    blocked = False
     """Somebody stands in the way to every wall."""
 
     def __init__(self, model: RobotModel) -> None:
@@ -104,7 +104,7 @@ class Open(RecoveryPlanner):
         """Whether each run along a wall was driven."""
 
     def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        if self.barred and choice.kind == "sight":
+        if self.blocked and choice.kind == "sight":
             return False
         return (yield from super()._travel(choice))
 
@@ -219,42 +219,46 @@ class Doubting:
         how fast it begins to doubt.
         """
         self.planner = Open(MODEL)
-        self.sights: list[list[tuple[float, float, float]]] = []
-        self.told: list[tuple[float, PlannerEvent]] = []
-        self.most_rad, self.most_starts = 0.0, 0
+        self.measurements: list[list[tuple[float, float, float]]] = []
+        self.reported: list[tuple[float, PlannerEvent]] = []
+        self.max_rad, self.max_starts = 0.0, 0
         self.waits_s: list[float] = []
         runner = PlanRunner(self.planner, MODEL)
         world = FastWorld(plan, MODEL)
         obs = world.step(HALT)
-        doubt_rad, was, stood_s = 0.0, "", 0.0
+        uncertainty_rad, was, stood_s = 0.0, "", 0.0
         while not runner.finished and world.time_s < max_time_s:
             share = min(max(world.time_s - 80.0, 0.0) / 60.0, 1.0)  # its outlines were right
             off_x, off_y = (share * o for o in off_m)
             pose = Pose2(obs.pose.x_m + off_x, obs.pose.y_m + off_y, obs.pose.theta_rad)
-            obs = world.step(runner.step(obs._replace(heading_sigma_rad=doubt_rad, pose=pose)))
-            doubt_rad += math.radians(deg_s) * 0.02
+            obs = world.step(
+                runner.step(obs._replace(heading_sigma_rad=uncertainty_rad, pose=pose))
+            )
+            uncertainty_rad += math.radians(deg_s) * 0.02
             state = self.planner.state.state
             if state == "sight" and was != "sight":
-                self.sights.append([])
+                self.measurements.append([])
             if state == "sight":
-                sight = self.sights[-1]
-                sight.append(world.poses[-1][1:])
+                measurement = self.measurements[-1]
+                measurement.append(world.poses[-1][1:])
                 stood_s = stood_s + 0.02 if obs.v_m_s < 0.01 else 0.0
-                whole = math.dist(sight[0][:2], sight[-1][:2]) > 0.4  # as a line of it is
-                if whole and stood_s > 0.1 and len(self.sights) > cured_from:
-                    doubt_rad = min(doubt_rad, math.radians(cured_deg))
+                whole = (
+                    math.dist(measurement[0][:2], measurement[-1][:2]) > 0.4
+                )  # as a line of it is
+                if whole and stood_s > 0.1 and len(self.measurements) > cured_from:
+                    uncertainty_rad = min(uncertainty_rad, math.radians(cured_deg))
             if state == "travel" and self.times("sight"):
-                doubt_rad = min(doubt_rad, math.radians(way_leaves_deg))
+                uncertainty_rad = min(uncertainty_rad, math.radians(way_leaves_deg))
             if was == "sight" != state:
                 self.waits_s.append(self.planner.due_s - world.time_s)
             was = state
-            self.most_rad = max(self.most_rad, doubt_rad)
-            self.most_starts = max(self.most_starts, len(self.planner.starts))
-            self.told += [(world.time_s, event) for event in runner.drain_events()]
+            self.max_rad = max(self.max_rad, uncertainty_rad)
+            self.max_starts = max(self.max_starts, len(self.planner.starts))
+            self.reported += [(world.time_s, event) for event in runner.drain_events()]
         self.time_s, self.end = world.time_s, runner.finish_reason
 
     def times(self, kind: str) -> list[float]:
-        return [time_s for time_s, event in self.told if event.kind == kind]
+        return [time_s for time_s, event in self.reported if event.kind == kind]
 
 
 def room() -> FloorPlan:
@@ -274,32 +278,32 @@ def sure() -> float:
 @pytest.mark.parametrize(
     "off_m", [(0.0, 0.0), (0.0, 0.04), (-0.06, -0.06), (0.06, 0.06), (-0.07, 0.05)]
 )
-def test_a_doubtful_robot_goes_along_a_wall_and_sweeps_on(
+def test_an_uncertain_robot_follows_a_wall_and_sweeps_on(
     sure: float, off_m: tuple[float, float]
 ) -> None:
     run = Doubting(room(), off_m=off_m)
     assert run.end is not None
     assert run.end.startswith("no reachable")
     assert len(run.planner.driven) == len(run.times("sight"))
-    assert len(run.sights) == sum(run.planner.driven) >= 2
+    assert len(run.measurements) == sum(run.planner.driven) >= 2
     assert all(run.planner.driven), "no way to a wall ends too far from it"
-    assert run.most_rad < math.radians(1.6), "a doubt is not carried about for long"
-    assert run.time_s < sure + 30.0 * len(run.sights) + 500.0 * max(map(abs, off_m))
+    assert run.max_rad < math.radians(1.6), "a doubt is not carried about for long"
+    assert run.time_s < sure + 30.0 * len(run.measurements) + 500.0 * max(map(abs, off_m))
     edges = [(a, b) for a, b in room().edges() if a != b]
-    for sight in run.sights:
-        assert math.dist(sight[0][:2], sight[-1][:2]) > 0.4
+    for measurement in run.measurements:
+        assert math.dist(measurement[0][:2], measurement[-1][:2]) > 0.4
         # the whole way beside one wall, and along it
-        x, y, theta = sight[-1]
+        x, y, theta = measurement[-1]
         (ax, ay), (bx, by) = min(edges, key=lambda edge: off_wall_m(edge, x, y))
         assert abs(math.sin(math.atan2(by - ay, bx - ax) - theta)) < 0.06
-        for at in sight:
+        for at in measurement:
             off = off_wall_m(((ax, ay), (bx, by)), *at[:2])
             assert (
                 MODEL.radius_m - 1e-3 < off < MODEL.radius_m + OFF_M + max(map(abs, off_m)) + 0.03
             )
 
 
-def test_a_doubt_that_no_wall_takes_does_not_hold_the_robot_up(sure: float) -> None:
+def test_uncertainty_that_no_wall_reduces_does_not_delay_the_robot(sure: float) -> None:
     run = Doubting(room(), cured_from=99)
     assert run.end is not None
     assert run.end.startswith("no reachable")
@@ -314,8 +318,8 @@ def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again(
 ) -> None:
     monkeypatch.setattr(driving, "_APART_S", 0.01)
     run = Doubting(room(), cured_from=99, deg_s=0.1)
-    assert len(run.sights) >= 6
-    assert len(run.planner.starts) < run.most_starts
+    assert len(run.measurements) >= 6
+    assert len(run.planner.starts) < run.max_starts
     assert run.end is not None
 
 
@@ -334,42 +338,44 @@ def test_a_wall_is_credited_with_its_own_run(
     run = Doubting(
         room(), cured_deg=cured_deg, way_leaves_deg=way_leaves_deg, deg_s=0.08, max_time_s=270.0
     )
-    assert len(run.sights) >= 4
-    assert (len(run.planner.starts) == run.most_starts) is credited
+    assert len(run.measurements) >= 4
+    assert (len(run.planner.starts) == run.max_starts) is credited
 
 
-def test_a_way_that_is_barred_does_not_speak_against_the_wall(
+def test_a_blocked_path_does_not_count_against_the_wall(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(driving, "_APART_S", 0.01)
-    monkeypatch.setattr(Open, "barred", True)
+    monkeypatch.setattr(Open, "blocked", True)
     run = Doubting(room(), deg_s=0.1, max_time_s=200.0)
     assert len(run.times("sight")) >= 6
-    assert run.sights == []
-    assert len(run.planner.starts) == run.most_starts > 0
+    assert run.measurements == []
+    assert len(run.planner.starts) == run.max_starts > 0
 
 
 def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
     run = Doubting(room(), cured_from=1, deg_s=0.08, max_time_s=290.0)
     assert run.waits_s[0] == pytest.approx(40.0, abs=0.5), "the first gave nothing"
-    assert run.waits_s[1:] == pytest.approx([20.0] * (len(run.sights) - 1), abs=0.5)
+    assert run.waits_s[1:] == pytest.approx([20.0] * (len(run.measurements) - 1), abs=0.5)
     first, second = run.times("sight")[:2]
     assert second - first > 40.0
-    assert len(run.sights) > 2
+    assert len(run.measurements) > 2
 
 
 @pytest.mark.parametrize(("left_deg", "enough"), [(0.0, True), (0.59, True), (0.61, False)])
-def test_a_way_that_tells_the_heading_is_enough(left_deg: float, *, enough: bool) -> None:
+def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: bool) -> None:
     """To three quarters of what sends the robot to a wall, however doubtful it set out."""
     run = Doubting(room(), way_leaves_deg=left_deg, deg_s=0.02, max_time_s=200.0)
-    doubts = [float(event.data["doubt_deg"]) for _, event in run.told if event.kind == "sight"]
-    assert len(doubts) >= 1
-    assert max(doubts) > 1.5, "of which 0.61 is less than half"
-    assert len(run.sights) == (0 if enough else len(doubts))
+    uncertainties = [
+        float(event.data["uncertainty_deg"]) for _, event in run.reported if event.kind == "sight"
+    ]
+    assert len(uncertainties) >= 1
+    assert max(uncertainties) > 1.5, "of which 0.61 is less than half"
+    assert len(run.measurements) == (0 if enough else len(uncertainties))
 
 
 def test_a_robot_that_has_swept_all_does_not_ask_for_its_heading() -> None:
-    kinds = [event.kind for _, event in Doubting(room()).told]
+    kinds = [event.kind for _, event in Doubting(room()).reported]
     last = max(k for k, kind in enumerate(kinds) if kind == "sight")
     assert {"lane", "outline"} & set(kinds[last:])
 

@@ -35,7 +35,7 @@ FIRST_S = 10.0
 _KEPT = 32
 
 
-class Told(NamedTuple):
+class Reported(NamedTuple):
     """Estimate less truth and the covariance that was told of it: x, y (m), yaw (rad)."""
 
     time_s: float
@@ -54,12 +54,12 @@ class Told(NamedTuple):
         return float(self.error[2] ** 2 / self.covariance[2, 2])
 
 
-def told_errors(
+def estimate_errors(
     plan: FloorPlan, noise: str, seed: int, *, every_s: float = 10.0, planner: str = "recovery"
-) -> list[Told]:
+) -> list[Reported]:
     """Run a planner to its end; what was told at fixed moments of the drive."""
     truth: dict[int, Pose2] = {}
-    told: list[Told] = []
+    reported: list[Reported] = []
 
     def prepare(run: VirtualRun) -> None:
         device, host, step = run.device, run.host, run.device.step
@@ -75,20 +75,20 @@ def told_errors(
         def stepping(time_s: float, _: Pose2) -> None:
             begun_s[:] = begun_s or [time_s]
             since_s = time_s - begun_s[0]
-            due_s = told[-1].time_s + every_s if told else FIRST_S
+            due_s = reported[-1].time_s + every_s if reported else FIRST_S
             true = truth.get(host.localisation.encoders_us // 1000)
             if since_s < due_s or true is None:
                 return
             pose = host.estimator.pose_at(1e-6 * host.localisation.encoders_us)
             turn = math.remainder(pose.theta_rad - true.theta_rad, math.tau)
             error = np.array([pose.x_m - true.x_m, pose.y_m - true.y_m, turn])
-            told.append(Told(since_s, error, np.array(host.estimator.covariance)))
+            reported.append(Reported(since_s, error, np.array(host.estimator.covariance)))
 
         device.step = stepped  # type: ignore[method-assign] # looks on, and changes nothing
         host.on_drive_pose = stepping
 
     run_virtual(plan, RobotModel(), planner, NullSink(), seed=seed, noise=noise, prepare=prepare)
-    return told
+    return reported
 
 
 class Average(NamedTuple):
@@ -108,17 +108,17 @@ def average(runs: Sequence[float]) -> Average:
     return Average(statistics.fmean(runs), float(stats.t.ppf(0.975, len(runs) - 1)) * spread)
 
 
-def anees(runs: Sequence[Sequence[Told]]) -> Average:
+def anees(runs: Sequence[Sequence[Reported]]) -> Average:
     """Average NEES of x, y and yaw."""
     return average([statistics.fmean(t.nees for t in run) for run in runs])
 
 
-def yaw_anees(runs: Sequence[Sequence[Told]]) -> Average:
+def yaw_anees(runs: Sequence[Sequence[Reported]]) -> Average:
     """Average NEES of the yaw alone."""
     return average([statistics.fmean(t.yaw_nees for t in run) for run in runs])
 
 
-def share_inside(runs: Sequence[Sequence[Told]], share: float = 0.95) -> float:
+def share_inside(runs: Sequence[Sequence[Reported]], share: float = 0.95) -> float:
     """Share of all samples that lie within the ellipse in which ``share`` should lie."""
-    most = float(stats.chi2.ppf(share, 3))
-    return statistics.fmean(t.nees < most for run in runs for t in run)
+    maximum = float(stats.chi2.ppf(share, 3))
+    return statistics.fmean(t.nees < maximum for run in runs for t in run)

@@ -14,9 +14,9 @@ from bridge.motion.estimation.wall_measurements import (
     FLAT_M,
     FLAT_RAD,
     WANDER_BOW,
-    FrontSights,
-    LineSight,
-    SideSight,
+    FrontMeasurements,
+    LineMeasurement,
+    SideMeasurement,
 )
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
@@ -34,11 +34,11 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
     bow_m: float = 0.0,
     wander_m_sqrt_m: float = 0.0,
     seed: int = 0,
-) -> LineSight | None:
+) -> LineMeasurement | None:
     """Past a wall on the left whose place at x = 0 is ``wall_y``; a reading each centimetre."""
     rng = random.Random(seed)
     mount = MODEL.infrared_left
-    side = SideSight(mount)
+    side = SideMeasurement(mount)
     pose = ORIGIN
     for i in range(round(way_m / 0.01) + 1):
         pose = Pose2(0.01 * i, 0.0, 0.0)
@@ -50,23 +50,23 @@ def drive_by(  # noqa: PLR0913 - a wall and a drive
 
 
 @pytest.mark.parametrize("degrees", [-6.0, 0.0, 4.0])
-def test_a_sight_is_the_walls_line_from_the_last_place(degrees: float) -> None:
-    sight = drive_by(0.2, degrees * DEGREE)
-    assert sight is not None
-    assert sight.normal_rad == pytest.approx(math.pi / 2 + degrees * DEGREE, abs=1e-6)
+def test_a_wall_observation_is_the_walls_line_from_the_last_place(degrees: float) -> None:
+    measurement = drive_by(0.2, degrees * DEGREE)
+    assert measurement is not None
+    assert measurement.normal_rad == pytest.approx(math.pi / 2 + degrees * DEGREE, abs=1e-6)
     # the wall through (0, 0.2) at its slope, seen from (0.3, 0)
     expected = (0.2 + 0.3 * math.tan(degrees * DEGREE)) * math.cos(degrees * DEGREE)
-    assert sight.distance_m == pytest.approx(expected, abs=1e-6)
-    assert sight.span_m == pytest.approx(0.3 / math.cos(degrees * DEGREE), abs=1e-6)
+    assert measurement.distance_m == pytest.approx(expected, abs=1e-6)
+    assert measurement.span_m == pytest.approx(0.3 / math.cos(degrees * DEGREE), abs=1e-6)
     # to the left of the robot the wall's direction runs backwards: the stretch lies behind
-    assert sight.high_m > 0.2
-    assert sight.low_m > -0.1
+    assert measurement.high_m > 0.2
+    assert measurement.low_m > -0.1
 
 
-def test_a_sights_variance_is_that_of_its_errors() -> None:
+def test_a_wall_observations_variance_is_that_of_its_errors() -> None:
     """Over many noisy passes at 10 cm, where the sigma is 1.5 and 1.2 mm together."""
-    sights = [drive_by(0.2, 0.0, noise_m=0.0019, seed=seed) for seed in range(300)]
-    seen = [s for s in sights if s is not None]
+    measurements = [drive_by(0.2, 0.0, noise_m=0.0019, seed=seed) for seed in range(300)]
+    seen = [s for s in measurements if s is not None]
     assert len(seen) > 295
     turn = np.array([s.normal_rad - math.pi / 2 for s in seen])
     off = np.array([s.distance_m - 0.2 for s in seen])
@@ -83,7 +83,7 @@ def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
     assert drive_by(0.2, 0.0, bow_m=0.006) is None
     assert drive_by(0.2, 0.0, way_m=0.07) is None
     assert drive_by(0.2, 0.0, noise_m=0.015, seed=3) is None
-    side = SideSight(MODEL.infrared_left)
+    side = SideMeasurement(MODEL.infrared_left)
     for i in range(12):
         assert side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True) is None
     first = side.add(Pose2(0.12, 0, 0), 0.20, moving=True, steady=True)
@@ -105,17 +105,15 @@ def test_curves_jumps_and_short_stretches_are_no_walls() -> None:
         (-0.005, 0.2, 0.0051, True),
     ],
 )
-def test_who_slides_aside_sees_a_flat_wall_bow(
+def test_with_lateral_slip_a_flat_wall_seems_bowed(
     bow_m: float, way_m: float, wander_m_sqrt_m: float, *, flat: bool
 ) -> None:
-    sight = drive_by(0.2, 0.0, bow_m=bow_m, way_m=way_m, wander_m_sqrt_m=wander_m_sqrt_m)
-    assert (sight is not None) is flat
+    measurement = drive_by(0.2, 0.0, bow_m=bow_m, way_m=way_m, wander_m_sqrt_m=wander_m_sqrt_m)
+    assert (measurement is not None) is flat
 
 
 @pytest.mark.parametrize(("slip_m_sqrt_m", "known"), [(0.001, 0), (0.002, 0), (0.0038, 1)])
-def test_how_far_the_robot_slides_aside_is_as_its_wheels_show(
-    slip_m_sqrt_m: float, known: int
-) -> None:
+def test_lateral_slip_is_as_the_wheels_show(slip_m_sqrt_m: float, known: int) -> None:
     """3.5 mm of bow over 0.3 m: more than a good floor explains, not more than a slippery one."""
     estimator = PoseEstimator(MODEL, ORIGIN)
     relocaliser = Relocaliser(MODEL, estimator)
@@ -143,16 +141,16 @@ def test_a_brownian_path_bows_as_much_as_is_thought() -> None:
 
 
 def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:
-    side = SideSight(MODEL.infrared_left)
+    side = SideMeasurement(MODEL.infrared_left)
     for i in range(31):
         quick = i % 5 == 3
         range_m = 0.15 if quick else 0.10
         pose = Pose2(0.01 * i, 0, 0)
         assert side.add(pose, range_m, moving=True, steady=not quick) is None
-    sight = side.add(pose, 0.10, moving=False, steady=True)  # it stands: the stretch is over
-    assert sight is not None
-    assert sight.span_m == pytest.approx(0.30)
-    assert sight.normal_rad == pytest.approx(math.pi / 2)
+    measurement = side.add(pose, 0.10, moving=False, steady=True)  # it stands: the stretch is over
+    assert measurement is not None
+    assert measurement.span_m == pytest.approx(0.30)
+    assert measurement.normal_rad == pytest.approx(math.pi / 2)
 
 
 @pytest.mark.parametrize(
@@ -167,16 +165,18 @@ def test_what_is_read_in_a_quick_turn_is_left_out_and_ends_nothing() -> None:
 def test_after_a_long_or_wide_turn_another_wall_may_be_abeam(
     gap_m: float, turn_deg: float, *, joined: bool
 ) -> None:
-    side = SideSight(MODEL.infrared_left)
+    side = SideMeasurement(MODEL.infrared_left)
     for i in range(16):
         side.add(Pose2(0.01 * i, 0, 0), 0.10, moving=True, steady=True)
     assert side.add(Pose2(0.17, 0, 0), 0.10, moving=True, steady=False) is None
-    sight = side.add(Pose2(0.15 + gap_m, 0, turn_deg * DEGREE), 0.10, moving=True, steady=True)
-    assert (sight is None) is joined
+    measurement = side.add(
+        Pose2(0.15 + gap_m, 0, turn_deg * DEGREE), 0.10, moving=True, steady=True
+    )
+    assert (measurement is None) is joined
 
 
 def test_the_front_is_seen_from_where_the_robot_is_now() -> None:
-    front = FrontSights(MODEL.ultrasonic)
+    front = FrontMeasurements(MODEL.ultrasonic)
     found = [front.add(Pose2(0.01 * i, 0, 0), 0.8 - 0.01 * i, steady=True) for i in range(5)]
     assert found[:4] == [None] * 4
     assert found[4] is not None

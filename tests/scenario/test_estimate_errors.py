@@ -14,9 +14,16 @@ import statistics
 import numpy as np
 import pytest
 
+from support.estimate_errors import (
+    Reported,
+    anees,
+    average,
+    estimate_errors,
+    share_inside,
+    yaw_anees,
+)
 from support.selection import seeds
 from support.sim_body import box, room
-from support.told_errors import Told, anees, average, share_inside, told_errors, yaw_anees
 
 pytestmark = pytest.mark.slow
 
@@ -27,15 +34,15 @@ LEVELS = ("typical", "harsh")
 
 
 @functools.cache
-def told(noise: str, seed: int) -> tuple[Told, ...]:
+def reported(noise: str, seed: int) -> tuple[Reported, ...]:
     """One run, driven once for all that ask."""
-    return tuple(told_errors(ROOM, noise, seed, every_s=5.0))
+    return tuple(estimate_errors(ROOM, noise, seed, every_s=5.0))
 
 
 @pytest.mark.parametrize("noise", LEVELS)
 @pytest.mark.parametrize("seed", seeds(1, RUNS - 1))
-def test_no_run_is_far_from_what_it_tells(noise: str, seed: int) -> None:
-    run = told(noise, seed)
+def test_no_run_is_far_from_its_own_estimate(noise: str, seed: int) -> None:
+    run = reported(noise, seed)
     assert len(run) > 10
     assert 0.2 < statistics.fmean(t.nees for t in run) < 10.0
 
@@ -43,7 +50,7 @@ def test_no_run_is_far_from_what_it_tells(noise: str, seed: int) -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("noise", LEVELS)
 def test_the_covariance_among_walls_is_right_within_a_factor_of_two(noise: str) -> None:
-    runs = [told(noise, seed) for seed in range(RUNS)]
+    runs = [reported(noise, seed) for seed in range(RUNS)]
     whole, yaw = anees(runs), yaw_anees(runs)
     assert 1.5 < whole.mean < 4.5, f"NEES of x, y, yaw: {whole}, 3 is right"
     assert 0.5 < yaw.mean < 2.0, f"of the yaw alone: {yaw}, 1 is right"
@@ -53,13 +60,13 @@ def test_the_covariance_among_walls_is_right_within_a_factor_of_two(noise: str) 
 # ---- the measure itself ------------------------------------------------------------------
 
 
-def drawn(factor: float) -> list[list[Told]]:
+def drawn(factor: float) -> list[list[Reported]]:
     """Errors drawn by a covariance, told ``factor`` times as large."""
     rng = np.random.default_rng(5)
     mix = np.array([[0.02, 0.0, 0.0], [0.005, 0.01, 0.0], [0.001, -0.002, 0.006]])
     true = mix @ mix.T
     return [
-        [Told(float(i), mix @ rng.normal(size=3), factor * true) for i in range(30)]
+        [Reported(float(i), mix @ rng.normal(size=3), factor * true) for i in range(30)]
         for _ in range(RUNS)
     ]
 
@@ -79,7 +86,7 @@ def test_the_interval_is_the_runs_own_spread() -> None:
 
 def test_the_truth_is_of_the_samples_own_moment() -> None:
     """Without noise 3 mm and 0.6° are left; 20 ms late would be 1.5 mm more, and in a turn 2°."""
-    run = told_errors(ROOM, "none", 1, every_s=0.5)
+    run = estimate_errors(ROOM, "none", 1, every_s=0.5)
     off = np.abs([t.error for t in run])
     assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.003
     assert np.degrees(off[:, 2].max()) < 0.8
