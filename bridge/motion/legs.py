@@ -85,7 +85,7 @@ class FollowWall:
     distance_m: float | None = None
     speed_m_s: float | None = None
     timeout_s: float = 600.0
-    purpose: str = "outline"
+    purpose: str = "perimeter"
 
 
 Leg = Drive | Turn | GoTo | Rest | FollowWall

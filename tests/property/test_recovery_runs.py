@@ -51,5 +51,5 @@ def test_equal_seeds_give_equal_runs() -> None:
 def test_every_decision_is_reported_with_its_reason() -> None:
     done, _ = run(3, "turned", "none")
     kinds = {event.kind for _, event in done.events}
-    assert {"start", "outline-begin", "outline-end", "lane", "obstacle", "finish"} <= kinds
+    assert {"start", "perimeter-begin", "perimeter-end", "lane", "obstacle", "finish"} <= kinds
     assert all(event.reason for _, event in done.events)

@@ -46,7 +46,7 @@ class Decisions:
         self.measurements_s: list[float] = []
 
     def write(self, record: Record) -> None:
-        if isinstance(record, EventRecord) and record.kind == "sight":
+        if isinstance(record, EventRecord) and record.kind == "heading-fix":
             self.measurements_s.append((record.log_ns - EPOCH_NS) / 1e9)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:

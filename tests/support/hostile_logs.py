@@ -172,7 +172,7 @@ def _grid(columns: int, rows: int, cells: int, count: int) -> bytes:
 def _event(text: bytes) -> bytes:
     """An event whose text is what it is told to be."""
     out = b""
-    for number, value in enumerate((b"warning", b"planner", b"shadow", text, text), 1):
+    for number, value in enumerate((b"warning", b"planner", b"occlusion", text, text), 1):
         out += bytes([number << 3 | 2]) + _varint(len(value)) + value
     return out
 

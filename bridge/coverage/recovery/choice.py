@@ -214,7 +214,7 @@ class Chooser:
     def _perimeter_choice(self, window: Window, found: BestPerimeter) -> Choice:
         area = self._options.cell_m**2
         return Choice(
-            "outline",
+            "perimeter",
             window.way(found.row, found.col),
             found.bearing_rad + _QUARTER,
             0.0,

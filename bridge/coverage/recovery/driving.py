@@ -78,7 +78,7 @@ class DrivingPlanner(WatchfulPlanner):
 
     def _stand(self, state: str, target: tuple[float, float] | None = None) -> None:
         """Say where the planner stands, for the log and for whoever looks on."""
-        if self._recovering is not None and state in {"travel", "lane"}:
+        if self._recovering is not None and state in {"transit", "lane"}:
             state = f"recovery-{state}"
         if (state, target) != (self._state.state, self._state.target):
             self._state = replace(self._state, state=state, target=target)
@@ -107,7 +107,7 @@ class DrivingPlanner(WatchfulPlanner):
         k, way = found
         start = starts[k]
         self.decide(
-            "sight",
+            "heading-fix",
             "the heading is in doubt: along a wall that is known",
             x_m=round(start.x_m, 3),
             y_m=round(start.y_m, 3),
@@ -129,12 +129,12 @@ class DrivingPlanner(WatchfulPlanner):
         With how much doubt of the heading it was begun; None where it was not driven, for the way
         there was barred, or told the heading already.
         """
-        arrived = yield from self._travel(Choice("sight", way, start.heading_rad, SIGHT_M))
+        arrived = yield from self._travel(Choice("heading-fix", way, start.heading_rad, SIGHT_M))
         there_rad = self._seen.heading_sigma_rad
         if not arrived or there_rad < _REPORTED_RAD:
             return None
         yield from self._turn(start.heading_rad)
-        self._stand("sight", way[-1])
+        self._stand("heading-fix", way[-1])
         yield from self._drive(
             Drive(
                 start.heading_rad,
@@ -142,10 +142,10 @@ class DrivingPlanner(WatchfulPlanner):
                 speed_m_s=_SIGHT_M_S,
                 stop_range_m=self.options.stop_range_m,
                 wary=True,
-                purpose="sight",
+                purpose="heading-fix",
             )
         )
-        yield Rest(_READ_S, purpose="sight")
+        yield Rest(_READ_S, purpose="heading-fix")
         return there_rad
 
     def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
@@ -214,7 +214,7 @@ class DrivingPlanner(WatchfulPlanner):
         return True
 
     def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        self._stand("travel", choice.way[-1])
+        self._stand("transit", choice.way[-1])
         self._sought_from = None
         for k, (x, y) in enumerate(choice.way):
             heading, way = course(self._pose, x, y)
@@ -232,12 +232,12 @@ class DrivingPlanner(WatchfulPlanner):
                     stop_range_m=self.options.stop_range_m,
                     end_m_s=end_speed(choice, k, heading),
                     wary=True,
-                    purpose="travel",
+                    purpose="transit",
                 )
             )
             if result.reason.blocked and way - result.distance_m > 0.03:  # noqa: PLR2004
-                self.decide("barred", f"the way to the {choice.kind} ended early: {result.reason}")
-                if choice.kind == "sight":  # its wall stands about here
+                self.decide("blocked", f"the way to the {choice.kind} ended early: {result.reason}")
+                if choice.kind == "heading-fix":  # its wall stands about here
                     near = math.dist(self._pose[:2], choice.way[-1]) < _NEAR_M
                     return near and result.reason in _TOUCHED
                 if not (yield from self._meet(result)):
@@ -373,8 +373,8 @@ class DrivingPlanner(WatchfulPlanner):
     ) -> Generator[Leg, Step]:
         """Follow a wall until its outline is closed, not before ``min_m``, or lost."""
         self._min_m = min_m
-        self._stand("outline")
-        self.decide("outline-begin", f"wall on the {'left' if left else 'right'}")
+        self._stand("perimeter")
+        self.decide("perimeter-begin", f"wall on the {'left' if left else 'right'}")
         stuck = again = 0
         side, cruise_m_s = 1 if left else -1, self.model.cruise_speed_m_s
         self._followed_m = self._checked_m = 0.0

@@ -75,7 +75,7 @@ class RecoveryPlanner(DrivingPlanner):
                 if cleared < _MAX_CLEARED:
                     memory.forget(at, radius_m, _CLEAR_RADIUS_M)
                     self.decide(
-                        "forget",
+                        "clear",
                         f"{'nothing leads anywhere' if stuck else 'it refuses the robot'}: "
                         "what is known there is doubted",
                         x_m=round(at.x_m, 3),
@@ -116,7 +116,7 @@ class RecoveryPlanner(DrivingPlanner):
         if not self.memory.clear_bumps(_UNCERTAIN_M):
             return False
         self._refusals = 0
-        self.decide("forget", "before the end: what only bumps tell is doubted")
+        self.decide("clear", "before the end: what only bumps tell is doubted")
         return True
 
     def _end(self, reason: str) -> str:
@@ -154,7 +154,7 @@ class RecoveryPlanner(DrivingPlanner):
         there may be another way.
         """
         promised = choice.new_m2 / self.options.cell_m**2
-        if choice.kind == "outline":
+        if choice.kind == "perimeter":
             promised = 40.0
         if new_cells > 0.3 * promised:
             return
@@ -174,7 +174,7 @@ class RecoveryPlanner(DrivingPlanner):
             self.memory.give_up(x + way_m * c, y + way_m * s, 0.5 * self.model.cleaning_width_m)
             way_m += self.model.cleaning_width_m
         reason = "the place gave next to nothing" if arrived else "no way to it was found"
-        self.decide("set-aside", reason, x_m=round(x, 3), y_m=round(y, 3))
+        self.decide("abandon", reason, x_m=round(x, 3), y_m=round(y, 3))
 
     def _think(self) -> Generator[Leg, Step, Choice | None]:
         """Choose what to do next; on a large floor over some control steps, standing."""

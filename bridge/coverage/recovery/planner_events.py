@@ -53,7 +53,7 @@ def lane_ended(result: LegResult, new_m2: float) -> PlannerEvent:
 def perimeter_ended(reason: StopReason, length_m: float) -> PlannerEvent:
     """A wall was followed for so long."""
     why = _PERIMETER_ENDS.get(reason, f"no way along the wall: {reason}")
-    return PlannerEvent("outline-end", why, {"length_m": round(length_m, 2)})
+    return PlannerEvent("perimeter-end", why, {"length_m": round(length_m, 2)})
 
 
 def obstacle_met(result: LegResult) -> PlannerEvent:
@@ -66,18 +66,18 @@ def obstacle_met(result: LegResult) -> PlannerEvent:
 def occlusion_found(occlusion: OccludedRegion) -> PlannerEvent:
     """An obstacle hides a strip."""
     figures: dict[str, Scalar] = {
-        "shadow": occlusion.number,
+        "occlusion": occlusion.number,
         "x_m": round(occlusion.x_m, 3),
         "y_m": round(occlusion.y_m, 3),
         "length_m": round(occlusion.length_m, 2),
     }
     reason = "an obstacle hides the rest of the lane: kept, to go back for"
-    return PlannerEvent("shadow", reason, figures)
+    return PlannerEvent("occlusion", reason, figures)
 
 
 def recovery_begun(occlusion: OccludedRegion) -> PlannerEvent:
     """A lane goes back for a shadow."""
-    figures: dict[str, Scalar] = {"shadow": occlusion.number, "left_m": round(occlusion.left_m, 2)}
+    figures: dict[str, Scalar] = {"occlusion": occlusion.number, "left_m": round(occlusion.left_m, 2)}
     return PlannerEvent("recovery-begin", "back for what an obstacle hid", figures)
 
 
@@ -92,7 +92,7 @@ def recovery_ended(
     else:
         reason = "a part of it was driven over"
     figures: dict[str, Scalar] = {
-        "shadow": occlusion.number,
+        "occlusion": occlusion.number,
         "left_m": round(max(occlusion.left_m, 0.0), 2),
         "new_cm2": _cm2(new_m2),
     }

@@ -187,7 +187,7 @@ class RunConverter:
         self._lines.add(time_ns, str(event.severity), f"{event.source} {event.kind}: {event.text}")
         if event.source == "planner" and event.kind == "lane":
             self._occlusions.lane(time_ns, event.data_json, self._pose)
-        elif event.source == "planner" and event.kind == "shadow":
+        elif event.source == "planner" and event.kind == "occlusion":
             self._occlusions.report(time_ns, event.data_json, self._pose)
 
     def _on_log(self, time_ns: int, line: Any) -> None:  # noqa: ANN401 - decoded

@@ -256,7 +256,7 @@ class Ending(RecoveryPlanner):
     def goes_on(self) -> bool:
         """Whether it thinks again, and tells so."""
         again = self._think_again()
-        assert [event.kind for event in self.drain_events()] == ["forget"] * again
+        assert [event.kind for event in self.drain_events()] == ["clear"] * again
         return again
 
 
@@ -275,4 +275,4 @@ def test_before_the_end_bumps_are_cleared_once_and_again_after_new_floor() -> No
 
 
 def test_a_plan_does_not_end_before_it_thought_again() -> None:
-    assert Ending().run() == ["start", "forget"]
+    assert Ending().run() == ["start", "clear"]

@@ -182,7 +182,7 @@ def test_beside_a_cliff_a_lane_is_chosen_and_no_perimeter_pass() -> None:
         assert choice is not None
         kinds.append(choice.kind)
         memory.forget(ORIGIN, 0.0, 0.5)
-    assert kinds == ["outline", "lane"]
+    assert kinds == ["perimeter", "lane"]
 
 
 def test_no_perimeter_pass_is_begun_beside_a_cliff() -> None:

@@ -39,12 +39,12 @@ def driven() -> FastRun:
 
 def test_every_chosen_lane_is_reported_as_ended(driven: FastRun) -> None:
     kinds = [event.kind for _, event in driven.events]
-    chosen = [k for k, kind in enumerate(kinds) if kind in {"lane", "outline"}]
+    chosen = [k for k, kind in enumerate(kinds) if kind in {"lane", "perimeter"}]
     assert kinds.count("lane") > 10
     for begin, following in zip(chosen, [*chosen[1:], len(kinds)], strict=True):
         reported = kinds[begin + 1 : following]
-        end = "lane-end" if kinds[begin] == "lane" else "outline-end"
-        assert ("blocked" in reported) != (end in reported) or kinds[begin] == "outline", reported
+        end = "lane-end" if kinds[begin] == "lane" else "perimeter-end"
+        assert ("blocked" in reported) != (end in reported) or kinds[begin] == "perimeter", reported
         assert {"blocked", end} & set(reported), reported
 
 
@@ -59,7 +59,7 @@ def test_lanes_report_what_they_swept_and_the_end_what_is_left(driven: FastRun) 
     assert finish.data["swept_m2"] == pytest.approx(truth_m2, rel=0.05)
     assert 0.3 * truth_m2 < swept_cm2 * 1e-4 < truth_m2, "the outlines swept the rest"
     assert 0.0 <= float(finish.data["left_cm2"]) * 1e-4 < 0.05 * truth_m2
-    found = sum(event.kind == "shadow" for _, event in driven.events)
+    found = sum(event.kind == "occlusion" for _, event in driven.events)
     closed = sum(event.reason.startswith("closed: half") for _, event in driven.events)
     assert found > closed > 0
     assert finish.data["shadows_open"] == found - closed
@@ -142,4 +142,4 @@ def test_what_going_back_gave(reason: str, *, arrived: bool, closed: bool) -> No
     occlusion = OccludedRegion(4, 0.0, 0.0, 0.0, 1.0, -0.1)
     reported = planner_events.recovery_ended(occlusion, 0.02, arrived=arrived, closed=closed)
     assert (reported.kind, reported.reason) == ("recovery-end", reason)
-    assert reported.data == {"shadow": 4, "left_m": 0.0, "new_cm2": 200}
+    assert reported.data == {"occlusion": 4, "left_m": 0.0, "new_cm2": 200}

@@ -104,7 +104,7 @@ class Open(RecoveryPlanner):
         """Whether each run along a wall was driven."""
 
     def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        if self.blocked and choice.kind == "sight":
+        if self.blocked and choice.kind == "heading-fix":
             return False
         return (yield from super()._travel(choice))
 
@@ -179,7 +179,7 @@ def test_what_is_met_near_the_walls_beginning_is_that_wall(
     reason: StopReason, short_m: float, *, there: bool
 ) -> None:
     planner = followed((0.0, 0.0), (1.2, 0.0))
-    way = planner.travel(Choice("sight", ((2.2, 0.0),), QUARTER, 0.48))
+    way = planner.travel(Choice("heading-fix", ((2.2, 0.0),), QUARTER, 0.48))
     leg = next(way)
     assert isinstance(leg, Drive)
     pose = Pose2(2.2 - short_m, 0.0, 0.0)
@@ -236,9 +236,9 @@ class Doubting:
             )
             uncertainty_rad += math.radians(deg_s) * 0.02
             state = self.planner.state.state
-            if state == "sight" and was != "sight":
+            if state == "heading-fix" and was != "heading-fix":
                 self.measurements.append([])
-            if state == "sight":
+            if state == "heading-fix":
                 measurement = self.measurements[-1]
                 measurement.append(world.poses[-1][1:])
                 stood_s = stood_s + 0.02 if obs.v_m_s < 0.01 else 0.0
@@ -247,9 +247,9 @@ class Doubting:
                 )  # as a line of it is
                 if whole and stood_s > 0.1 and len(self.measurements) > cured_from:
                     uncertainty_rad = min(uncertainty_rad, math.radians(cured_deg))
-            if state == "travel" and self.times("sight"):
+            if state == "transit" and self.times("heading-fix"):
                 uncertainty_rad = min(uncertainty_rad, math.radians(way_leaves_deg))
-            if was == "sight" != state:
+            if was == "heading-fix" != state:
                 self.waits_s.append(self.planner.due_s - world.time_s)
             was = state
             self.max_rad = max(self.max_rad, uncertainty_rad)
@@ -271,7 +271,7 @@ def sure() -> float:
     obs = world.step(HALT)
     while not runner.finished:
         obs = world.step(runner.step(obs))
-    assert "sight" not in {event.kind for event in runner.drain_events()}
+    assert "heading-fix" not in {event.kind for event in runner.drain_events()}
     return world.time_s
 
 
@@ -284,7 +284,7 @@ def test_an_uncertain_robot_follows_a_wall_and_sweeps_on(
     run = Doubting(room(), off_m=off_m)
     assert run.end is not None
     assert run.end.startswith("no reachable")
-    assert len(run.planner.driven) == len(run.times("sight"))
+    assert len(run.planner.driven) == len(run.times("heading-fix"))
     assert len(run.measurements) == sum(run.planner.driven) >= 2
     assert all(run.planner.driven), "no way to a wall ends too far from it"
     assert run.max_rad < math.radians(1.6), "a doubt is not carried about for long"
@@ -307,7 +307,7 @@ def test_uncertainty_that_no_wall_reduces_does_not_delay_the_robot(sure: float) 
     run = Doubting(room(), cured_from=99)
     assert run.end is not None
     assert run.end.startswith("no reachable")
-    begun = run.times("sight")
+    begun = run.times("heading-fix")
     assert 2 <= len(begun) <= 8
     assert all(b - a > 20.0 * 2 ** (k + 1) for k, (a, b) in enumerate(pairwise(begun)))
     assert run.time_s < sure + 30.0 * len(begun)
@@ -348,7 +348,7 @@ def test_a_blocked_path_does_not_count_against_the_wall(
     monkeypatch.setattr(driving, "_APART_S", 0.01)
     monkeypatch.setattr(Open, "blocked", True)
     run = Doubting(room(), deg_s=0.1, max_time_s=200.0)
-    assert len(run.times("sight")) >= 6
+    assert len(run.times("heading-fix")) >= 6
     assert run.measurements == []
     assert len(run.planner.starts) == run.max_starts > 0
 
@@ -357,7 +357,7 @@ def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
     run = Doubting(room(), cured_from=1, deg_s=0.08, max_time_s=290.0)
     assert run.waits_s[0] == pytest.approx(40.0, abs=0.5), "the first gave nothing"
     assert run.waits_s[1:] == pytest.approx([20.0] * (len(run.measurements) - 1), abs=0.5)
-    first, second = run.times("sight")[:2]
+    first, second = run.times("heading-fix")[:2]
     assert second - first > 40.0
     assert len(run.measurements) > 2
 
@@ -367,7 +367,7 @@ def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: boo
     """To three quarters of what sends the robot to a wall, however doubtful it set out."""
     run = Doubting(room(), way_leaves_deg=left_deg, deg_s=0.02, max_time_s=200.0)
     uncertainties = [
-        float(event.data["uncertainty_deg"]) for _, event in run.reported if event.kind == "sight"
+        float(event.data["uncertainty_deg"]) for _, event in run.reported if event.kind == "heading-fix"
     ]
     assert len(uncertainties) >= 1
     assert max(uncertainties) > 1.5, "of which 0.61 is less than half"
@@ -376,8 +376,8 @@ def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: boo
 
 def test_a_robot_that_has_swept_all_does_not_ask_for_its_heading() -> None:
     kinds = [event.kind for _, event in Doubting(room()).reported]
-    last = max(k for k, kind in enumerate(kinds) if kind == "sight")
-    assert {"lane", "outline"} & set(kinds[last:])
+    last = max(k for k, kind in enumerate(kinds) if kind == "heading-fix")
+    assert {"lane", "perimeter"} & set(kinds[last:])
 
 
 def off_wall_m(edge: tuple[tuple[float, float], tuple[float, float]], x: float, y: float) -> float:

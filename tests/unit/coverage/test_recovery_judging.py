@@ -41,7 +41,7 @@ class Judge(RecoveryPlanner):
         choice = Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
         self._judge(choice, new_cells, fruitless, arrived=arrived)
         column, row = self.memory.to_cells(*PLACE)
-        reported = [event.kind for event in self.drain_events()] == ["set-aside"]
+        reported = [event.kind for event in self.drain_events()] == ["abandon"]
         assert reported == bool(self.memory.tried[int(row), int(column)])
         return reported
 
@@ -104,37 +104,37 @@ class Blocked(RecoveryPlanner):
         except StopIteration as stop:
             end = stop.value
         events = self.drain_events()
-        self.uncertain_m = {e.data.get("x_m") for e in events if e.kind == "forget"}
-        self.why = {e.reason.split(":")[0] for e in events if e.kind == "forget"}
+        self.uncertain_m = {e.data.get("x_m") for e in events if e.kind == "clear"}
+        self.why = {e.reason.split(":")[0] for e in events if e.kind == "clear"}
         return end, Counter(event.kind for event in events)
 
 
 def test_a_place_that_blocks_seven_times_is_cleared_before_the_target_is_abandoned() -> None:
     planner = Blocked()
     _, reported = planner.run(21)
-    assert reported["forget"] == 2
+    assert reported["clear"] == 2
     assert planner.uncertain_m == {0.1}  # where it was refused
-    assert reported["set-aside"] == 0
+    assert reported["abandon"] == 0
     planner = Blocked()
     _, reported = planner.run(24)
     assert planner.tries == 3 * 7
-    assert reported["forget"] == 3
+    assert reported["clear"] == 3
 
 
 def test_when_nothing_is_left_to_forget_the_far_place_is_blamed_and_then_it_ends() -> None:
     planner = Blocked()
     end, reported = planner.run(100)
     assert end == "shut in: nothing that was tried led anywhere"
-    assert reported["forget"] == 3
+    assert reported["clear"] == 3
     assert planner.tries == 3 * 7 + 20
-    assert reported["set-aside"] == 20 - 8
+    assert reported["abandon"] == 20 - 8
 
 
 def test_abandoned_targets_do_not_count_after_new_floor() -> None:
     end, reported = Blocked(floor=100).run(100)
     assert end is not None
     assert end.startswith("100 decisions")
-    assert reported["forget"] > 3
+    assert reported["clear"] > 3
 
 
 class AmongLegs(Blocked):
@@ -167,13 +167,13 @@ class Fruitless(AmongLegs):
 def test_after_one_block_only_evidence_near_it_is_cleared() -> None:
     planner = AmongLegs()
     _, reported = planner.run(7)
-    assert (reported["forget"], planner.known(), planner.shut()) == (0, [1, 1], True)
+    assert (reported["clear"], planner.known(), planner.shut()) == (0, [1, 1], True)
     _, reported = planner.run(8)
-    assert (reported["forget"], planner.known(), planner.shut()) == (1, [0, 1], False)
+    assert (reported["clear"], planner.known(), planner.shut()) == (1, [0, 1], False)
     assert planner.why == {"it refuses the robot"}
     shut_in = Fruitless()
     _, reported = shut_in.run(21)
-    assert (reported["forget"], shut_in.known()) == (1, [0, 0])
+    assert (reported["clear"], shut_in.known()) == (1, [0, 0])
     assert shut_in.why == {"nothing leads anywhere"}
 
 
@@ -198,5 +198,5 @@ class Wavering(Blocked):
 def test_what_is_found_after_bumps_were_cleared_is_tried() -> None:
     planner = Wavering()
     _, reported = planner.run(23)
-    assert reported["forget"] == 1
+    assert reported["clear"] == 1
     assert planner.tries == 22

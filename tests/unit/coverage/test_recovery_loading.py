@@ -32,5 +32,5 @@ def test_a_run_loads_nothing_more() -> None:
     )
     reported = json.loads(done.stdout)
     # the run did what needs the kernels: lanes, outlines, bumps
-    assert {"lane", "outline-begin", "obstacle"} <= set(reported["kinds"])
+    assert {"lane", "perimeter-begin", "obstacle"} <= set(reported["kinds"])
     assert reported["loaded"] == []

@@ -76,7 +76,7 @@ class AtDoor(RecoveryPlanner):
     def blames(self, choice: Choice) -> bool:
         """Whether it sets the place aside after a way that did not arrive there."""
         self._judge(choice, 0, 0, arrived=False)
-        return [event.kind for event in self.drain_events()] == ["set-aside"]
+        return [event.kind for event in self.drain_events()] == ["abandon"]
 
     def follows(self, min_m: float) -> float:
         """How far it follows a swept wall on its right, in steps of 1 cm."""
@@ -111,7 +111,7 @@ def test_what_blocks_the_robot_twice_is_followed_on_the_side_of_contact(*, left:
     assert not any(isinstance(leg, FollowWall) for leg in legs)
     assert "passage-sought" not in reported
     legs, reported = planner.goes(left=left, right=not left)
-    assert reported[-2:] == ["passage-sought", "outline-begin"]
+    assert reported[-2:] == ["passage-sought", "perimeter-begin"]
     turn, follow = legs[-2:]
     assert isinstance(turn, Turn)
     away = MIDDLE_DEG - 90.0
@@ -245,13 +245,13 @@ class ShutIn(RecoveryPlanner):
 
 def test_evidence_of_bumps_alone_is_cleared_first() -> None:
     why, reported = ShutIn("lens").run()
-    assert [event.kind for event in reported] == ["start", "forget"]
+    assert [event.kind for event in reported] == ["start", "clear"]
     assert why == "no reachable unswept piece is worth its time"
 
 
 def test_evidence_that_separates_the_robot_from_its_past_place_is_cleared() -> None:
     why, reported = ShutIn("wall").run()
-    assert [event.kind for event in reported] == ["start", "forget"]
+    assert [event.kind for event in reported] == ["start", "clear"]
     assert reported[1].data["x_m"] == pytest.approx(-0.81, abs=0.03)
     assert reported[1].data["y_m"] == pytest.approx(0.0, abs=0.03)
     assert why == "no reachable unswept piece is worth its time"

@@ -38,7 +38,7 @@ def test_only_a_slight_bend_is_gone_through(bend_deg: float, *, fast: bool) -> N
 
 def test_before_a_perimeter_pass_it_is_slow_whatever_the_wall_direction() -> None:
     for heading_deg in (0.0, 180.0):
-        assert end_speed(choice("outline", heading_deg, (1.0, 0.0)), 0, 0.0) < 0.06
+        assert end_speed(choice("perimeter", heading_deg, (1.0, 0.0)), 0, 0.0) < 0.06
 
 
 def test_a_bend_across_the_seam_is_slight_too() -> None:

@@ -74,7 +74,7 @@ def test_a_lane_cut_short_occludes_the_floor_to_where_the_others_ended() -> None
 
 def test_an_occluded_region_that_the_planner_reports() -> None:
     occlusions = planning.Shadows(RobotModel())
-    data = json.dumps({"shadow": 1, "x_m": 1.0, "y_m": 0.5, "length_m": 0.8})
+    data = json.dumps({"occlusion": 1, "x_m": 1.0, "y_m": 0.5, "length_m": 0.8})
     occlusions.report(0, data, (0.9, 0.5, math.pi / 2))
     occlusions.report(1, "no json", (0.9, 0.5, 0.0))
     (occluded,) = drawn(occlusions, paths.SHADOWS)
