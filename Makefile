@@ -53,10 +53,12 @@ nightly: covered statistics campaign mutants ## what `test` leaves out: hours
 demo: venv ## a simulated clean, then a live one over a pseudo-terminal
 	@$(BIN)/python -m tools.dev.demo
 
-lint: venv ## ruff: rules and format
+lint: venv ## ruff: rules and format; spelling; no retired word in an identifier
 	@echo '== lint'
 	@$(BIN)/ruff check --quiet
 	@$(BIN)/ruff format --check --quiet
+	@$(BIN)/codespell
+	@$(BIN)/python -m tools.dev.vocabulary
 
 types: venv ## mypy --strict
 	@echo '== types'

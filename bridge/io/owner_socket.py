@@ -89,7 +89,7 @@ class _Work(Enum):
 
     STOP = "stop"
     ANSWER = "answer"
-    REFUSE = "refuse"
+    REJECT = "refuse"
     VIEW = "view"
 
 
@@ -365,7 +365,7 @@ class OwnerSocket:
 
     def _reject(self, client: _Client, text: str) -> None:
         answer = {"ok": False, "error": text}
-        self._begin(client, _Work.REFUSE, lambda: self._send_answer(client, answer, SEND_S))
+        self._begin(client, _Work.REJECT, lambda: self._send_answer(client, answer, SEND_S))
 
     def _begin(self, client: _Client, kind: _Work, work: Callable[[], object]) -> None:
         """Have something done in a thread of its own."""

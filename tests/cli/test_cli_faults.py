@@ -88,7 +88,7 @@ def test_the_pages_statements_on_a_kind_hold(row: tuple[str, ...]) -> None:
 
 @pytest.mark.parametrize("command", ["emulate", "simulate"])
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("wheel-stucc@1", "did you mean wheel-stuck?"),
         ("silence", "when?"),
@@ -96,17 +96,17 @@ def test_the_pages_statements_on_a_kind_hold(row: tuple[str, ...]) -> None:
         ("obstacle@1:index=7", "the room has no obstacle 7; it has only 0"),
     ],
 )
-def test_a_fault_that_cannot_be(tmp_path: Path, command: str, text: str, says: str) -> None:
+def test_a_fault_that_cannot_be(tmp_path: Path, command: str, text: str, message: str) -> None:
     out = ("--out", tmp_path / "log.mcap") if command == "simulate" else ()
     done = sweepctl(command, "case-1", "--fault", "silence@1", "--fault", text, *out)
     assert (done.status, done.out) == (2, "")
     assert "--fault" in done.line
-    assert says in done.line
+    assert message in done.line
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("--lan",), "--lan goes with --link udpcan or tcp"),
         (("--listen", "127.0.0.1:0"), "--listen goes with --link tcp"),
@@ -119,10 +119,10 @@ def test_a_fault_that_cannot_be(tmp_path: Path, command: str, text: str, says: s
         (("--latency-ms", "nan"), "'nan' is not a number"),
     ],
 )
-def test_options_that_do_not_go_together(arguments: tuple[str, ...], says: str) -> None:
+def test_options_that_do_not_go_together(arguments: tuple[str, ...], message: str) -> None:
     done = sweepctl("emulate", *arguments)
     assert (done.status, done.out) == (2, "")
-    assert says in done.line
+    assert message in done.line
 
 
 def test_json_is_for_the_list() -> None:
@@ -163,7 +163,7 @@ def test_switched_while_it_runs(device: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (("silense",), "did you mean silence?"),
         (("obstacle:index=9",), "the room has no obstacle 9"),
@@ -173,10 +173,10 @@ def test_switched_while_it_runs(device: Path) -> None:
         ((), "nothing to do"),
     ],
 )
-def test_what_the_control_rejects(device: Path, arguments: tuple[str, ...], says: str) -> None:
+def test_what_the_control_rejects(device: Path, arguments: tuple[str, ...], message: str) -> None:
     done = sweepctl("fault", device, *arguments)
     assert (done.status, done.out) == (2, "")
-    assert says in done.line
+    assert message in done.line
 
 
 @pytest.mark.parametrize("wrong", [("silense",), ("obstacle:index=9",), ("--clear", "silense")])

@@ -89,7 +89,7 @@ class Still:
 def test_a_screenshot_that_cannot_be_written_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(screenshot, "SETTLE_S", 0.0)
+    monkeypatch.setattr(screenshot, "DRAWING_S", 0.0)
     with pytest.raises(LogWriteError, match=r"cannot write /proc/none/x\.png"):
         screenshot._when_at_rest(Still(), tmp_path / "shot.png", Path("/proc/none/x.png"))  # type: ignore[arg-type]  # noqa: SLF001 - all of a client that it uses
 

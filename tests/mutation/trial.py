@@ -58,7 +58,9 @@ class _Reached:
     failed: list[str] = field(default_factory=list)
 
 
-def try_all(target: Target, tried: Sequence[Mutant], tell: Callable[[Mutant, bool], None]) -> None:
+def try_all(
+    target: Target, tried: Sequence[Mutant], on_result: Callable[[Mutant, bool], None]
+) -> None:
     """Try mutants of a target, and tell of each whether it was killed.
 
     To be called in a process that ends after it: the tests and what they import stay behind.
@@ -70,7 +72,7 @@ def try_all(target: Target, tried: Sequence[Mutant], tell: Callable[[Mutant, boo
     early = ExitStack()
     lines = early.enter_context(lines_run(target.path))
     module = importlib.import_module(target.module)
-    loop = _Loop(target, module, tried, tell, lines)
+    loop = _Loop(target, module, tried, on_result, lines)
     loop.collected = early.close
     os.chdir(ROOT)
     status = pytest.main([*_OPTIONS, *target.tests], plugins=[loop])
@@ -79,7 +81,7 @@ def try_all(target: Target, tried: Sequence[Mutant], tell: Callable[[Mutant, boo
     stale = importers(target.module)
     stale |= {name for name in sys.modules if name.startswith(("tests.", "test_"))}
     for mutant in loop.anew:
-        tell(mutant, _killed(partial(_import_anew, target, mutant, stale), loop.whole_s))
+        on_result(mutant, _killed(partial(_import_anew, target, mutant, stale), loop.whole_s))
 
 
 class _Loop:
@@ -90,10 +92,10 @@ class _Loop:
         target: Target,
         module: ModuleType,
         tried: Sequence[Mutant],
-        tell: Callable[[Mutant, bool], None],
+        on_result: Callable[[Mutant, bool], None],
         early: set[int],
     ) -> None:
-        self._target, self._module, self._tried, self._report = target, module, tried, tell
+        self._target, self._module, self._tried, self._report = target, module, tried, on_result
         self._early = early
         """Lines that have run before any test does."""
         self.collected: Callable[[], None]

@@ -97,7 +97,7 @@ def test_now_and_from_now() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("", "there is no kind ''"),
         ("wheel-stucc@1", "did you mean wheel-stuck?"),
@@ -124,10 +124,10 @@ def test_now_and_from_now() -> None:
         ("imu-biased@1:2:gyro=300", "gyro '300' is not in -250 to 250 °/s"),
     ],
 )
-def test_rejected(text: str, says: str) -> None:
+def test_rejected(text: str, message: str) -> None:
     with pytest.raises(FaultSpecError) as caught:
         parse_fault(text)
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert repr(text) in str(caught.value)
 
 

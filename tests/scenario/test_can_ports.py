@@ -162,7 +162,7 @@ def test_a_plan_over_a_serial_can_adapter(tmp_path: Path) -> None:
         assert re.fullmatch(r"can:slcan:/dev/pts/\d+", device.port)
         arguments = ("--plan", "paper", "--json", "--out", log)
         with Command("connect", device.port, *arguments, cwd=tmp_path) as host:
-            host.says("run is driving")
+            host.prints("run is driving")
             busy = connect(tmp_path, device.port, "--duration", "1", "--json", "--out", "busy.mcap")
             assert busy.status == 3
             assert f"process {host.process.pid}" in busy.complaint
@@ -200,7 +200,7 @@ def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) ->
         assert rejected.complaint.endswith("; choose one with --node N")
         arguments = ("--node", "2", "--plan", "paper", "--json")
         with Command("connect", one.port, *arguments, "--out", "two.mcap", cwd=tmp_path) as host:
-            host.says("run is driving")
+            host.prints("run is driving")
             again = ("--node", "1", "--duration", "1", "--json", "--out", "again.mcap")
             second = connect(tmp_path, one.port, *again)
             assert second.status == 3

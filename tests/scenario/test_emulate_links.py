@@ -76,12 +76,12 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
         assert found
         address = ("127.0.0.1", int(found[1]))
         with socket.create_connection(address) as first:
-            device.says(f"127.0.0.1:{first.getsockname()[1]} is connected")
+            device.prints(f"127.0.0.1:{first.getsockname()[1]} is connected")
             with socket.create_connection(address) as second:
                 printed = read_all(second).decode()
             assert printed.count("\n") == 1
             assert "refused: this sweeper has a host already, 127.0.0.1:" in printed
-            device.says("was refused")
+            device.prints("was refused")
             with talking(first):
                 ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
             assert ended.status == 3
@@ -89,7 +89,7 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
             reported = [line for line in ended.err.splitlines() if "session: opened" not in line]
             assert reported == [ended.complaint], "one line, and no tries to open it again"
             assert first.recv(100), "the first hears the device all the same"
-        device.says("has left")
+        device.prints("has left")
         how = ("--json", "--out", "run.mcap", "--adapter-delay", "500,500")
         ended = connect(tmp_path, device.port, "--duration", "1", *how)  # it listens again
         assert ended.status == 0, ended.err
@@ -106,11 +106,11 @@ def tcp_a_stop_beside_the_host(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--link", "tcp") as device:
         how = ("--plan", "paper", "--json", "--out", "run.mcap")
         with Command("connect", device.port, *how, cwd=tmp_path) as host:
-            host.says("run is driving")
+            host.prints("run is driving")
             # As from another machine: here `stop` would ask the process that has the port.
             assert stop_device(device.port, partial(open_port, device.port)) == 1
             ended = host.end()
-        device.says("stops the robot")
+        device.prints("stops the robot")
         assert ended.status == 5, ended.err
         assert "cause: operator" in ended.complaint
         assert device.stop().status == 0
@@ -120,13 +120,13 @@ def tcp_a_silent_client_gives_way(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--link", "tcp") as device:
         host, _, number = device.port.removeprefix("socket://").partition(":")
         with socket.create_connection((host, int(number))) as silent:
-            device.says(f"127.0.0.1:{silent.getsockname()[1]} is connected")
+            device.prints(f"127.0.0.1:{silent.getsockname()[1]} is connected")
             time.sleep(SILENT_S)
             assert stop_device(device.port, partial(open_port, device.port)) == 1
             ended = connect(tmp_path, device.port, "--duration", "1", "--json", "--out", "r.mcap")
             assert ended.status == 0, ended.err
             assert b"\0ended: this sweeper had no frame from here for 3 s" in read_all(silent)
-        device.says("it gives way to")
+        device.prints("it gives way to")
         assert device.stop().status == 0
 
 
@@ -169,11 +169,11 @@ def a_port_pulled_and_put_back(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--pty-link", link, "--control", control) as device:
         arguments = (link, "--duration", "5", "--json", "--out", "run.mcap")
         with Command("connect", *arguments, cwd=tmp_path) as host:
-            host.says("both ends agree")
+            host.prints("both ends agree")
             assert ask_control(control, "start unplug:1.5")["ok"]
-            device.says("the port is unplugged")
+            device.prints("the port is unplugged")
             assert not os.path.lexists(link)
-            device.says(f"the port is back: {link}")
+            device.prints(f"the port is back: {link}")
             assert link.is_symlink()
             ended = host.end()
         assert ended.status == 0, ended.err

@@ -37,7 +37,7 @@ def a_plan_over_a_pty_and_a_second_host_at_the_door(tmp_path: Path) -> None:
     with Emulator(tmp_path) as device:
         arguments = ("--plan", "paper", "--json", "--out", log)
         with Command("connect", device.port, *arguments, cwd=tmp_path) as host:
-            host.says("run is driving")
+            host.prints("run is driving")
             driving_s = time.monotonic()
             busy = connect(tmp_path, device.port, "--json", "--out", tmp_path / "busy.mcap")
             assert busy.status == 3
@@ -77,7 +77,7 @@ def ctrl_c_stops_the_robot_first_and_closes_the_log_whole(tmp_path: Path) -> Non
     with Emulator(tmp_path) as device:
         arguments = ("--plan", "paper", "--json", "--out", log)
         with Command("connect", device.port, *arguments, cwd=tmp_path) as host:
-            host.says("run is driving")
+            host.prints("run is driving")
             host.send(signal.SIGINT)
             ended = host.end()
         assert ended.status == 0, ended.err

@@ -30,15 +30,15 @@ def test_a_device_boots_anew_and_is_back(tmp_path: Path) -> None:
 def test_an_owner_is_asked_and_rejects_while_the_robot_may_move(tmp_path: Path) -> None:
     with Emulator(tmp_path) as device:
         with Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner:
-            owner.says("both ends agree")
+            owner.prints("both ends agree")
             done = sweepctl("reboot", device.port, "--json")
             assert done.status == 0, done.err
-            owner.says("the device booted anew")
+            owner.prints("the device booted anew")
             owner.send(signal.SIGINT)
             assert owner.end().status == 0
         moving = ("--plan", "paper", "--out", "moving.mcap")
         with Command("connect", device.port, *moving, cwd=tmp_path) as owner:
-            owner.says("run is driving")
+            owner.prints("run is driving")
             rejected = sweepctl("reboot", device.port)
             assert rejected.status == 4
             assert "the robot may move (run: " in rejected.line
@@ -52,7 +52,7 @@ def test_a_monitor_beside_an_owner_is_a_picture_on_a_terminal(tmp_path: Path) ->
         Emulator(tmp_path) as device,
         Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner,
     ):
-        owner.says("both ends agree")
+        owner.prints("both ends agree")
         with OnTerminal("monitor", device.port, "--duration", "3", cwd=tmp_path) as terminal:
             terminal.shows("what another sweepctl knows of it")
             for text in ("session", "ready, run waiting", "battery", "ranges", "Ctrl-C: end"):

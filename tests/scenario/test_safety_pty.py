@@ -48,7 +48,7 @@ STOOD_S = 0.1
 
 def drive(device: Emulator, cwd: Path, *arguments: str | Path) -> Command:
     host = Command("connect", device.port, "--plan", "paper", *arguments, cwd=cwd)
-    host.says("run is driving")
+    host.prints("run is driving")
     under_way(device, 0.08)
     return host
 
@@ -141,7 +141,7 @@ def a_port_that_vanishes_and_comes_back(tmp_path: Path) -> None:
         with host:
             device.send(signal.SIGKILL)
             device.end()
-            host.says("link:")
+            host.prints("link:")
             world = tmp_path / "second.mcap"
             with Emulator(tmp_path, "--pty-link", link, "--truth", world) as second:
                 ended = host.end()
@@ -162,13 +162,13 @@ def a_plug_that_is_pulled_and_put_back(tmp_path: Path) -> None:
             before_s = time.time()
             assert ask_control(control, "start unplug:1.5")["ok"]
             pulled_s = time.time()
-            host.says("is gone: it was unplugged")
-            host.says("the same device is back, in the same boot")
-            host.says("press r")
+            host.prints("is gone: it was unplugged")
+            host.prints("the same device is back, in the same boot")
+            host.prints("press r")
             time.sleep(1.0)
             again_s = time.time()
             assert ask(device.port, {"do": "resume"})["ok"]
-            host.says("stop cleared: link")
+            host.prints("stop cleared: link")
             path_m = ask_control(control, "truth")["truth"]["path_m"]
             until(lambda: ask_control(control, "truth")["truth"]["path_m"] > path_m + 0.1)
             moved_s = time.time()

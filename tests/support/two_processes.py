@@ -57,7 +57,7 @@ class Command:
                 self._lines.append(line)
                 self._printed.notify_all()
 
-    def says(self, text: str) -> None:
+    def prints(self, text: str) -> None:
         """Wait until a line on stderr holds ``text``."""
         with self._printed:
             found = self._printed.wait_for(

@@ -140,7 +140,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     if zimablue and what != "compare":
         raise click.UsageError("--zimablue is for compare")
     if what == "paper":
-        _refuse_grid(ctx)
+        _reject_grid(ctx)
         trials = paper_trials(max_time_s)
     else:
         names = [*rooms, *generated_rooms(generated)]
@@ -167,7 +167,7 @@ def command(  # noqa: PLR0913 - one parameter per option
     return _close(outcome, f"{len(rows)} of {len(trials)} runs done", out)
 
 
-def _refuse_grid(ctx: click.Context) -> None:
+def _reject_grid(ctx: click.Context) -> None:
     """Take no option that the paper's experiments would not heed.
 
     Raises:

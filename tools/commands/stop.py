@@ -38,11 +38,11 @@ def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int
         del found["ok"]
     except NoOwnerError:
         found = by_wire()
-    except BridgeError as refused:  # its run may be over by now, and the port free
+    except BridgeError as rejection:  # its run may be over by now, and the port free
         try:
             found = by_wire()
         except PortError as error:
-            raise PortError(f"{port}: its owner did not stop it ({refused}); {error}") from None
+            raise PortError(f"{port}: its owner did not stop it ({rejection}); {error}") from None
     else:
         if not found["confirmed"]:
             with contextlib.suppress(PortError):  # what the owner told is told below

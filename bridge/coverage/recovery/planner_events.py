@@ -77,7 +77,10 @@ def occlusion_found(occlusion: OccludedRegion) -> PlannerEvent:
 
 def recovery_begun(occlusion: OccludedRegion) -> PlannerEvent:
     """A lane goes back for a shadow."""
-    figures: dict[str, Scalar] = {"occlusion": occlusion.number, "left_m": round(occlusion.left_m, 2)}
+    figures: dict[str, Scalar] = {
+        "occlusion": occlusion.number,
+        "left_m": round(occlusion.left_m, 2),
+    }
     return PlannerEvent("recovery-begin", "back for what an obstacle hid", figures)
 
 

@@ -121,7 +121,7 @@ def _room(plan: FloorPlan | None) -> rrb.Spatial3DView:
         ),
         # The whole of a long run in full colour is a tangle: the newest minute stands out.
         overrides={
-            **dict.fromkeys((paths.WHOLE_PATH, paths.SHADOWS), so_far),
+            **dict.fromkeys((paths.WHOLE_PATH, paths.OCCLUDED), so_far),
             **dict.fromkeys((paths.PATH, paths.TRUTH_PATH, paths.LANES), newest),
         },
     )

@@ -96,7 +96,7 @@ class RunConverter:
         self._path, self._truth_path = scene.path_track(), scene.truth_track()
         self._whole = scene.whole_track()
         self._motion, self._target = scene.Motion(), scene.Target()
-        self._lanes, self._occlusions = planning.Lanes(), planning.Shadows(model)
+        self._lanes, self._occlusions = planning.Lanes(), planning.OccludedRegions(model)
         self._covariance, self._planner_text = planning.Covariance(), Document(p.PLANNER_TEXT)
         self._pose: planning.Pose | None = None
         self._planner_state = ""

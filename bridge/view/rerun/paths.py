@@ -18,7 +18,7 @@ TARGET = f"{WORLD}/target"
 ROBOT = f"{WORLD}/robot"
 COVARIANCE = f"{WORLD}/covariance"
 LANES = f"{WORLD}/lanes"
-SHADOWS = f"{WORLD}/shadows"
+OCCLUDED = f"{WORLD}/occluded"
 
 VELOCITY, YAW_RATE = "plots/velocity", "plots/yaw_rate"
 WHEELS, ACCELERATION = "plots/wheels", "plots/acceleration"

@@ -79,7 +79,7 @@ class Lanes:
         self._strips.send(recording)
 
 
-class Shadows:
+class OccludedRegions:
     """Floor that an obstacle hid: what lies beyond a lane that was cut short.
 
     A lane is cut short where it ends by more than the robot's diameter before the furthest that
@@ -88,7 +88,7 @@ class Shadows:
 
     def __init__(self, model: RobotModel) -> None:
         self._width_m, self._diameter_m = model.cleaning_width_m, 2.0 * model.radius_m
-        self._strips = Strips(paths.SHADOWS, paths.VIOLET, 1.0)
+        self._strips = Strips(paths.OCCLUDED, paths.VIOLET, 1.0)
         self._axis: tuple[float, float] | None = None
         """Direction of the first lane."""
         self._min_m, self._max_m = math.inf, -math.inf

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from bridge.record.reader import LogReader
 
-SETTLE_S = 1.0
+DRAWING_S = 1.0
+"""Pause after the last data before the picture is taken, s: the viewer draws within one."""
 TRIES = 40
 """Software drawing of a whole run takes some seconds on a small machine."""
 
@@ -68,7 +69,7 @@ def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
             client.get_state()
         except (RuntimeError, OSError, ValueError):
-            clock.pause(SETTLE_S)
+            clock.pause(DRAWING_S)
         else:
             return client
     raise ViewerFailedError(1, "it did not answer")
@@ -88,5 +89,5 @@ def _when_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
             write(png, image)
             return
         last = image
-        clock.pause(SETTLE_S)
+        clock.pause(DRAWING_S)
     raise ViewerFailedError(1, f"its picture did not come to rest in {TRIES} tries")

@@ -367,7 +367,9 @@ def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: boo
     """To three quarters of what sends the robot to a wall, however doubtful it set out."""
     run = Doubting(room(), way_leaves_deg=left_deg, deg_s=0.02, max_time_s=200.0)
     uncertainties = [
-        float(event.data["uncertainty_deg"]) for _, event in run.reported if event.kind == "heading-fix"
+        float(event.data["uncertainty_deg"])
+        for _, event in run.reported
+        if event.kind == "heading-fix"
     ]
     assert len(uncertainties) >= 1
     assert max(uncertainties) > 1.5, "of which 0.61 is less than half"

@@ -112,7 +112,7 @@ def test_what_needs_a_tag(spec: object) -> None:
 @pytest.mark.parametrize("kind", [Link, CanLink])
 def test_there_and_back_over_the_wrap_of_the_counter(kind: type[LinkBase]) -> None:
     host, device = keyed(kind(Direction.HOST)), keyed(kind(Direction.DEVICE))
-    tell_time(host, device)
+    synchronise(host, device)
     for index in range(1, 40):
         message = SetMode(index, 1) if index % 2 else VelocitySetpoint(index, 0, 200, index)
         host.send(message, index * 20_000, node=1)
@@ -122,7 +122,7 @@ def test_there_and_back_over_the_wrap_of_the_counter(kind: type[LinkBase]) -> No
         assert event.frame.flags & 1
 
 
-def tell_time(host: LinkBase, device: LinkBase) -> None:
+def synchronise(host: LinkBase, device: LinkBase) -> None:
     """A short stamp on a bus is understood once a whole one has come."""
     host.send(TimeRequest(1), 0, node=1)
     (event,) = device.receive(host.data_to_send(), 0)
@@ -204,7 +204,7 @@ def test_the_flag_alone_is_worth_nothing() -> None:
     host.send(SetMode(1, 1), 0, node=1, flags=1)
     assert rejected(keyed(Link(Direction.DEVICE)), host.data_to_send())
     bus, device = CanLink(Direction.HOST), keyed(CanLink(Direction.DEVICE))
-    tell_time(bus, device)
+    synchronise(bus, device)
     bus.send(SetMode(1, 1), 0, node=1, flags=1)
     assert device.receive(bus.data_to_send(), 0) == []
     (event,) = device.receive(b"", TOGETHER_US + 1)
@@ -214,7 +214,7 @@ def test_the_flag_alone_is_worth_nothing() -> None:
 
 def test_a_tag_on_a_bus_that_comes_late_or_alone_or_after_another() -> None:
     host, device = keyed(CanLink(Direction.HOST)), keyed(CanLink(Direction.DEVICE))
-    tell_time(host, device)
+    synchronise(host, device)
     host.send(SetMode(1, 1), 0, node=1)
     data = host.data_to_send()
     message, tag = data[: -RECORD.size], data[-RECORD.size :]
