@@ -10,8 +10,8 @@ from sim_device.faults.spec import Choice, FaultKind, Number, Value
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-_SIDE = Choice("side", "which", ("left", "right", "both"), "left")
-_BOTH = Choice("side", "which", ("left", "right", "both"), "both")
+_SIDE = Choice("side", "affected side", ("left", "right", "both"), "left")
+_BOTH = Choice("side", "affected side", ("left", "right", "both"), "both")
 
 
 def _clock_drift(knobs: Knobs, values: Mapping[str, Value]) -> None:
@@ -86,12 +86,12 @@ def _person(knobs: Knobs, values: Mapping[str, Value]) -> None:
 BODY_KINDS = (
     FaultKind(
         "reset",
-        "The processor starts anew.",
+        "The processor restarts.",
         "reset@30:cause=watchdog",
         (
             Choice(
                 "cause",
-                "what the firmware finds as the cause",
+                "cause that the firmware reads",
                 ("pin", "watchdog", "software", "power_on"),
                 "pin",
             ),
@@ -100,14 +100,14 @@ BODY_KINDS = (
     ),
     FaultKind(
         "hang",
-        "The firmware stands still with its outputs as they are, until its independent watchdog "
-        "resets it after 0.1 s.",
+        "The firmware hangs with its outputs unchanged, until the independent watchdog resets it "
+        "after 0.1 s.",
         "hang@30",
         strike="hang",
     ),
     FaultKind(
         "brown-out",
-        "The 5 V rail falls below what the processor needs, and comes back after the time off.",
+        "The 5 V rail drops below the processor's limit and returns after the time off.",
         "brown-out@30:off=0.5",
         (Number("off", "time without power", "s", 0.2, 0.0, 60.0),),
         strike="brown_out",
@@ -116,14 +116,14 @@ BODY_KINDS = (
         "clock-drift",
         "The device's clock runs fast (positive) or slow.",
         "clock-drift@10:60:ppm=80",
-        (Number("ppm", "so many millionths", "ppm", 100.0, -10_000.0, 10_000.0),),
+        (Number("ppm", "drift", "ppm", 100.0, -10_000.0, 10_000.0),),
         _clock_drift,
     ),
     FaultKind(
         "clock-jump",
         "The device's clock jumps.",
         "clock-jump@20:ms=-50",
-        (Number("ms", "forward, or back where negative", "ms", 100.0, -60_000.0, 60_000.0),),
+        (Number("ms", "forward, or back if negative", "ms", 100.0, -60_000.0, 60_000.0),),
         strike="clock_jump",
     ),
     FaultKind(
@@ -135,7 +135,7 @@ BODY_KINDS = (
     ),
     FaultKind(
         "imu-biased",
-        "The inertial sensor is off by a constant.",
+        "The inertial sensor has a constant error.",
         "imu-biased@20:60:gyro=2",
         (
             Number("gyro", "added to the yaw rate", "°/s", 1.0, -250.0, 250.0),
@@ -152,59 +152,59 @@ BODY_KINDS = (
     ),
     FaultKind(
         "wheel-stuck",
-        "A gearbox is jammed: the wheel does not turn, its motor draws its stall current.",
+        "A gearbox jams: the wheel does not turn, and the motor draws its stall current.",
         "wheel-stuck@20:3:side=left",
         (_SIDE,),
         _wheel_stuck,
     ),
     FaultKind(
         "wheel-slip",
-        "A wheel turns and takes the robot less far than it should.",
+        "A wheel turns, but moves the robot less than it should.",
         "wheel-slip@20:5:side=both,share=0.5",
         (_BOTH, Number("share", "share of the wheel's travel lost", "", 0.3, 0.0, 1.0)),
         _wheel_slip,
     ),
     FaultKind(
         "ultrasonic-blind",
-        "The ultrasonic sensor hears no echo.",
+        "The ultrasonic sensor receives no echo.",
         "ultrasonic-blind@20:10",
         (),
         _ultrasonic_blind,
     ),
     FaultKind(
         "ultrasonic-lies",
-        "The ultrasonic sensor gives one distance, whatever is there.",
+        "The ultrasonic sensor reports a constant distance.",
         "ultrasonic-lies@20:10:m=1.5",
-        (Number("m", "that distance", "m", 0.5, 0.02, 4.0),),
+        (Number("m", "reported distance", "m", 0.5, 0.02, 4.0),),
         _ultrasonic_lies,
     ),
     FaultKind(
         "bumper-stuck",
-        "A half of the bumper stays pressed.",
+        "A bumper switch stays closed.",
         "bumper-stuck@20:10:side=left",
         (_SIDE,),
         _bumper_stuck,
     ),
     FaultKind(
         "battery-flat",
-        "The battery is nearly empty from now on.",
+        "The battery is nearly empty from then on.",
         "battery-flat@60:charge=0.02",
-        (Number("charge", "share of its charge that is left", "", 0.02, 0.0, 1.0),),
+        (Number("charge", "remaining share of its charge", "", 0.02, 0.0, 1.0),),
         strike="battery_flat",
     ),
     FaultKind(
         "lifted",
-        "Somebody holds the robot up: its wheels turn free, the cliff sensor sees no floor.",
+        "The robot is held up: its wheels turn freely, and the cliff sensor sees no floor.",
         "lifted@20:3",
         (),
         _lifted,
     ),
     FaultKind(
         "obstacle",
-        "An obstacle of the room is moved, and moved back after the duration, if one is given.",
+        "An obstacle of the room is moved. After the duration, if given, it is moved back.",
         "obstacle@30:index=0,dx=0.3,dy=-0.2",
         (
-            Number("index", "which, in the room file's order, from 0", "", 0.0, 0.0, 999.0),
+            Number("index", "index in the room file, from 0", "", 0.0, 0.0, 999.0),
             Number("dx", "along x", "m", 0.2, -20.0, 20.0),
             Number("dy", "along y", "m", 0.0, -20.0, 20.0),
         ),
@@ -212,14 +212,14 @@ BODY_KINDS = (
     ),
     FaultKind(
         "person",
-        "A leg walks to and fro across the way that the robot faced as it came; it waits rather "
-        "than walk into the robot. One at a time: a second takes the place of the first.",
+        "A leg walks back and forth across the robot's heading at the start of the fault. It does "
+        "not walk into the robot. There is one person at a time; a second replaces the first.",
         "person@20:15:ahead=0.8,speed=0.5",
         (
-            Number("ahead", "how far before the robot's centre", "m", 0.8, 0.3, 10.0),
-            Number("speed", "of the walk", "m/s", 0.8, 0.0, 5.0),
-            Number("reach", "how far to either side it goes", "m", 1.0, 0.0, 10.0),
-            Number("radius", "of the leg", "m", 0.06, 0.01, 0.5),
+            Number("ahead", "distance ahead of the robot's centre", "m", 0.8, 0.3, 10.0),
+            Number("speed", "walking speed", "m/s", 0.8, 0.0, 5.0),
+            Number("reach", "distance to either side", "m", 1.0, 0.0, 10.0),
+            Number("radius", "radius of the leg", "m", 0.06, 0.01, 0.5),
         ),
         _person,
     ),

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from sim_device.faults.knobs import Knobs
 
-_WAY = Choice("way", "up: device to host; down: host to device", ("up", "down", "both"), "both")
+_WAY = Choice("way", "direction; up is from device to host", ("up", "down", "both"), "both")
 
 
 def _share(default: float, what: str) -> Number:
@@ -73,76 +73,76 @@ def _unplug(knobs: Knobs, values: Mapping[str, Value]) -> None:
 WIRE_KINDS = (
     FaultKind(
         "bit-flips",
-        "Single bits are turned over.",
+        "Single bits are flipped.",
         "bit-flips@10:5:rate=0.001",
         (_share(0.001, "with a wrong bit"), _WAY),
         _flips,
     ),
     FaultKind(
         "byte-loss",
-        "Single bytes do not arrive, as from an overrun receiver.",
+        "Single bytes are lost, as in an overrun receiver.",
         "byte-loss@10:5:rate=0.001,way=up",
         (_share(0.001, "lost"), _WAY),
         _loss,
     ),
     FaultKind(
         "duplicates",
-        "A stretch of bytes comes twice, as from a USB driver that repeats a packet.",
+        "A sequence of bytes arrives twice, as from a USB driver that repeats a packet.",
         "duplicates@10:5:length=62",
         (
-            _share(0.001, "after which the stretch before comes again"),
-            Number("length", "bytes that come again", "B", 62.0, 1.0, 1024.0),
+            _share(0.001, "after which the last bytes are repeated"),
+            Number("length", "number of repeated bytes", "B", 62.0, 1.0, 1024.0),
             _WAY,
         ),
         _duplicates,
     ),
     FaultKind(
         "bursts",
-        "A stretch of bytes is noise, as from a motor's spark or a loose plug.",
+        "A sequence of bytes is noise, as from a motor's spark or a loose plug.",
         "bursts@10:5:rate=0.001,length=20",
         (
             _share(0.0005, "at which a burst begins"),
-            Number("length", "bytes that are noise", "B", 16.0, 1.0, 1024.0),
+            Number("length", "number of noisy bytes", "B", 16.0, 1.0, 1024.0),
             _WAY,
         ),
         _bursts,
     ),
     FaultKind(
         "latency",
-        "Everything comes later.",
+        "All bytes are delayed.",
         "latency@10:20:ms=50,way=down",
-        (Number("ms", "how much later", "ms", 20.0, 0.0, 60_000.0), _WAY),
+        (Number("ms", "delay", "ms", 20.0, 0.0, 60_000.0), _WAY),
         _latency,
     ),
     FaultKind(
         "jitter",
-        "Bytes come later by a time that changes, in their order.",
+        "Bytes are delayed by a random time and stay in order.",
         "jitter@10:20:ms=15",
         (
-            Number("ms", "at most so much later, each lateness as likely", "ms", 10.0, 0, 60_000),
+            Number("ms", "longest delay, uniform distribution", "ms", 10.0, 0, 60_000),
             _WAY,
         ),
         _jitter,
     ),
     FaultKind(
         "silence",
-        "Nothing arrives, while the port stays open.",
+        "Nothing arrives, but the port stays open.",
         "silence@10:0.5:way=up",
         (_WAY,),
         _silence,
     ),
     FaultKind(
         "wrong-baud",
-        "Both ends run at different baud rates: all that arrives is noise. (A pseudo-terminal "
-        "has no rate, so a real mismatch of `--baud` cannot show on it.)",
+        "Both ends use different baud rates, so all bytes are noise. (A pseudo-terminal has no "
+        "rate, so a real mismatch of `--baud` has no effect there.)",
         "wrong-baud@0",
         (_WAY,),
         _wrong_baud,
     ),
     FaultKind(
         "unplug",
-        "The plug is pulled, and put back after the duration: the port disappears and comes back "
-        "under the same `--pty-link`; the device runs on.",
+        "The plug is pulled, and put back after the duration. The port disappears and returns "
+        "under the same `--pty-link`. The device keeps running.",
         "unplug@30:4",
         (),
         _unplug,

@@ -86,26 +86,26 @@ _PAGE = f"""\
 
 <!-- Written by `python -m tools.cli.fault_help`; a test holds it fresh. -->
 
-`sweepctl emulate` and `sweepctl simulate` take `--fault {GRAMMAR}` any number
-of times. `sweepctl emulate --list-faults` prints this list, with `--json` as one object.
+How to inject faults into the virtual sweeper, and every kind of fault.
 
-- Times are seconds since the device was switched on (`500ms` and `2s` are understood too).
-  A fault without a duration lasts until the end of the run.
-- Values may stand without their names, in the order below: `wheel-stuck@20:3:left`.
-- Faults compose. Shares of the same kind come together as independent chances
-  (1 − (1 − a)(1 − b)), biases, delays and moves add up, and the end of one fault never ends
-  another.
-- All is seeded by `--seed`: in `simulate` the same seed and faults give the same bytes. A share
-  is a chance per byte; what is drawn is the gap to the next hit, so it does not matter how
-  bytes are cut into pieces.
-- A text that cannot be used ends the command with status 2 and one line.
+`sweepctl emulate` and `sweepctl simulate` accept `--fault {GRAMMAR}`
+any number of times. `sweepctl emulate --list-faults` prints this list, with `--json` as one object.
+
+- Times are seconds since the device was switched on (`500ms` and `2s` work too). A fault without a
+  duration lasts until the end of the run.
+- Values can be given without names, in the order below: `wheel-stuck@20:3:left`.
+- Faults combine. Shares of the same kind combine as independent probabilities
+  (1 − (1 − a)(1 − b)). Biases, delays and moves add up. The end of one fault never ends another.
+- `--seed` determines everything random. In `simulate` the same seed and faults give the same bytes.
+  A share is a probability per byte, and does not depend on how the bytes are split.
+- An invalid text ends the command with status 2 and one line.
 
 ```sh
 sweepctl simulate case-1 --fault wheel-slip@20:5:share=0.4 --fault bit-flips@0:rate=1e-5
 sweepctl emulate case-1 --pty-link /tmp/sweeper --fault unplug@30:4
 ```
 
-## While it runs
+## During a run
 
 ```sh
 sweepctl emulate case-1 --pty-link /tmp/sweeper --control /tmp/sweeper.ctl &
@@ -114,40 +114,41 @@ sweepctl fault /tmp/sweeper.ctl --list
 sweepctl fault /tmp/sweeper.ctl --clear person
 ```
 
-Without `@time` a fault begins at once; `@+2` is in two seconds. The control socket is a Unix
-socket with mode 0600; it takes lines (`start SPEC`, `clear [KIND]`, `list`, `truth`, `line`) and
-answers each with a line of JSON. In Python: `rig.faults.start("silence:0.5")`,
-`rig.faults.clear("silence")`, with `sim_device.rig.Rig`.
+Without `@time` a fault begins at once; `@+2` means in two seconds. The control socket is a Unix
+socket with mode 0600. It accepts lines (`start SPEC`, `clear [KIND]`, `list`, `truth`, `line`) and
+answers each with a line of JSON. In Python use `rig.faults.start("silence:0.5")` and
+`rig.faults.clear("silence")` of `sim_device.rig.Rig`.
 
-What was injected is on record: in a log of `simulate`, and in the file of `emulate --truth`,
-each beginning and end is an event of source `fault` on `/events`, with the fault's text, its
+Injected faults are recorded in a log of `simulate` and in the file of `emulate --truth`. Each
+beginning and each end is an event of source `fault` on `/events`, with the text of the fault, its
 values and the device's time.
 
 ## Kinds
 
-| kind | what happens | duration | arguments and defaults | example |
+`way` is the direction: `up` from device to host, `down` from host to device.
+
+| kind | effect | duration | arguments and defaults | example |
 |---|---|---|---|---|
 @ROWS@
 
-## The line itself
+## The link without faults
 
-Without any fault the line is a real one. `emulate` paces bytes at `--baud` (default 921 600;
-10 bits a byte), and hands them to the host as a USB adapter does: when 62 are there, or when its
-timer fires (`--latency-ms`, default 1; an FTDI adapter that nobody told otherwise has 16).
-`--baud 0` takes both away. In `simulate` a delay of 1 ms each way stands for all of it, unless
-`--baud` or `--latency-ms` asks for the model.
+`emulate` sends bytes at the rate of `--baud` (default 921 600; 10 bits a byte). It delivers them to
+the host as a USB adapter does: after 62 bytes, or when a timer expires (`--latency-ms`, default 1;
+an FTDI adapter has 16 by default). `--baud 0` turns both off. `simulate` uses a delay of 1 ms in
+each direction, unless `--baud` or `--latency-ms` selects this model.
 
-Buffers have ends. The device's transmit buffer holds 4096 B: at a rate that is too low for its
-streams (4.9 kB/s: below about 50 000 baud) bytes are lost there. The adapter's holds 4096 B for
-a host that does not read; behind it, on a pseudo-terminal, the kernel holds some thousand more.
-What was lost is said at the end. Towards the device nothing is lost: USB holds the host back.
+Buffers are finite. The device's transmit buffer holds 4096 B. At a rate too low for its streams
+(4.9 kB/s, below about 50 000 baud) it loses bytes. The adapter's buffer holds 4096 B for a host
+that does not read, and the kernel some thousand more on a pseudo-terminal. The number of lost bytes
+is printed at the end. Towards the device nothing is lost, because USB holds the host back.
 
-A pseudo-terminal has no baud rate: a host that opens it at another rate than `--baud` is
-understood all the same. `wrong-baud` is what it would get on a wire.
+A pseudo-terminal has no baud rate: a host that opens it at another rate than `--baud` still works.
+`wrong-baud` simulates the mismatch.
 
-On CAN the faults of the line act on frames. Its controllers find damage by themselves, so
-`bit-flips` and `bursts` cost time, `byte-loss` loses and `duplicates` doubles a whole frame,
-and with `wrong-baud` no frame ever passes.
+On CAN the faults act on frames. The controllers detect damage and repeat the frame, so `bit-flips`
+and `bursts` cost time. `byte-loss` loses a whole frame, `duplicates` duplicates one, and with
+`wrong-baud` no frame passes.
 """
 
 
