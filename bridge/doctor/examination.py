@@ -124,7 +124,7 @@ class Examination:
             yield Finding("no_data", _BAD, "not a byte came from the device")
         elif wire.versions and wire.frames == 0:
             spoken = ", ".join(map(str, sorted(wire.versions)))
-            yield Finding("version", _BAD, f"the device speaks protocol version {spoken}")
+            yield Finding("version", _BAD, f"the device uses protocol version {spoken}")
         elif self.raw and wire.frames == 0:
             yield self._garbage()
         elif self.medium is Medium.UART and self._mostly_garbage():

@@ -125,7 +125,7 @@ class SerialPort:
         """Why the other end hung up: its own reason where it sent one line of text, no more."""
         words = words_of(self._beginning)
         if words is not None and self._beginning.count(b"\n") == 1:
-            return f"{self.name}: the other end says: {words}"
+            return f"{self.name}: the peer sent text instead of frames: {words}"
         return f"{self.name} is gone: it was unplugged, or what is behind it ended"
 
     def write(self, data: bytes) -> int:

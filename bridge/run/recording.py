@@ -155,7 +155,7 @@ class HostRecords:
         """An intact frame that was of no use."""
         if self._bus and event.reason == "direction" and not self._other_host:
             self._other_host = True
-            text = "another host talks on this bus, and a bus has one: end it"
+            text = "another host sends on this bus, which allows one host; stop the other host"
             self.event(now_ns, Severity.WARNING, "link", EventKind.OTHER_HOST, text)
         tally, frame = self._rejected, event.frame
         tally.counts[event.reason] += 1

@@ -1,1 +1,1 @@
-"""The conversation with one device, sans-I/O."""
+"""The session with one device. Sans-I/O."""

@@ -1,4 +1,4 @@
-"""What a session knows of its device's declarations, and what follows for its link."""
+"""Schema negotiation: the device's message declarations, compared with the host's."""
 
 from __future__ import annotations
 
@@ -12,50 +12,51 @@ if TYPE_CHECKING:
     from protocol.schema.catalogue import Catalogue
 
 QUESTIONS_AT_ONCE = 4
+"""Maximum number of ``Describe`` messages that wait for a reply at the same time."""
 
 
 class Agreement:
-    """Questions about the messages, until each is agreed or disabled."""
+    """Asks the device for its message declarations and sets up the link accordingly."""
 
     def __init__(self, catalogue: Catalogue, link: LinkBase) -> None:
-        """Nothing is known, and nothing to be asked."""
+        """Create an idle negotiation; :meth:`begin` starts it."""
         self._catalogue = catalogue
         self._link = link
         self._comparison: Comparison | None = None
 
     @property
     def settled(self) -> bool:
-        """True where nothing is left to ask."""
+        """True if no question is open."""
         return self._comparison is None or self._comparison.complete
 
     @property
     def differences(self) -> tuple[MessageAgreement, ...]:
-        """Messages that the device declares otherwise than we do."""
+        """Messages that the device declares differently from the host."""
         outcome = self._comparison.outcome.values() if self._comparison else ()
         return tuple(a for a in outcome if a.match.value != "equal")
 
     def begin(self, hello: Hello) -> None:
-        """Start anew with the device that says ``hello``."""
+        """Start a negotiation with the device that sent ``hello``."""
         link = self._link
-        for spec in self._catalogue:  # what an earlier agreement said may be wrong now
+        for spec in self._catalogue:  # an earlier negotiation may not apply
             link.codec.limit(spec.type_id, None)
         link.disabled.clear()
         same = hello.catalogue_hash == self._catalogue.hash
         self._comparison = None if same else Comparison(self._catalogue)
 
     def questions(self) -> list[Describe]:
-        """What to ask now: the oldest that are unanswered."""
+        """Return the oldest unanswered questions, at most :data:`QUESTIONS_AT_ONCE`."""
         comparison = self._comparison
         return [] if comparison is None else comparison.questions(QUESTIONS_AT_ONCE)
 
     def answer(self, reply: DescribeReply) -> bool:
-        """Take one answer; False for what was not asked."""
+        """Handle a reply. Return False if no question asked for it."""
         return self._comparison is not None and self._comparison.answer(reply)
 
     def apply(self) -> str | None:
-        """Set up the link as agreed; what stands in the way, where there is no common ground."""
+        """Set up the link. Return the reason as text if host and device are incompatible."""
         outcome = self._comparison.outcome if self._comparison else {}
-        # A bootstrap message never changes: one that lacks fields is another message, too.
+        # A bootstrap message never changes. One with fewer fields is a different message.
         broken = [
             a for a in outcome.values() if a.spec.bootstrap and a.shared_fields < len(a.spec.fields)
         ]

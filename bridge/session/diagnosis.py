@@ -1,4 +1,4 @@
-"""What was heard while no sweeper answered, and what that means."""
+"""Diagnosis of a failed handshake from the traffic received."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ if TYPE_CHECKING:
     from protocol.link import Rejected
 
 BEGINNING = 512
-"""Bytes kept of what comes first: a port server's reason fits."""
-_WORDS, _FEW = 200, 8
-"""Characters told, and what is too short to be a line of text."""
+"""Number of first bytes that are kept. A port server's rejection text fits."""
+_WORDS = 200
+"""Maximum number of characters of received text that a message quotes."""
+_FEW = 8
+"""Minimum length of a text line, characters. Shorter ones occur in noise by chance."""
 
 
 def words_of(beginning: bytes) -> str | None:
-    """The first line of what came, where it is one of text; None where it is not."""
+    """Return the first received line if it is readable text, else None."""
     line, end, _ = beginning.partition(b"\n")
     text = line.strip().decode("ascii", "backslashreplace")
     words = end and line.isascii() and text.isprintable() and len(text) >= _FEW
@@ -28,70 +30,69 @@ def words_of(beginning: bytes) -> str | None:
 
 @dataclass(slots=True)
 class Evidence:
-    """Traces on a line on which nobody agreed."""
+    """Counts and samples of the traffic received before the handshake."""
 
     received: int = 0
-    """Bytes."""
+    """Number of bytes received."""
     versions: set[int] = field(default_factory=set)
-    """Other protocol versions that intact frames named."""
+    """Other protocol versions found in intact frames."""
     nodes: set[int] = field(default_factory=set)
-    """Nodes of intact frames from devices, where another one was asked for."""
+    """Nodes of intact device frames other than the requested node."""
     echoes: int = 0
-    """Messages that only a host sends."""
+    """Number of received messages that only a host sends."""
     beginning: bytes = b""
-    """The first bytes: a port server that refuses may say why in words."""
+    """First bytes received: a port server that rejects the connection may send its reason as
+    text."""
 
     def hear(self, data: bytes) -> None:
-        """Take bytes as they come."""
+        """Add received bytes."""
         self.received += len(data)
         if len(self.beginning) < BEGINNING:
             self.beginning = (self.beginning + data)[:BEGINNING]
 
     @property
     def words(self) -> str | None:
-        """The first line, where it is one of text; None where it is not."""
+        """First received line if it is readable text, else None."""
         return words_of(self.beginning)
 
     def note(self, event: Rejected) -> None:
-        """Take an intact frame that was of no use."""
+        """Count an intact frame that the link rejected."""
         if event.reason == "version":
             self.versions.add(event.frame.version)
         elif event.reason == "direction":
             self.echoes += 1
 
     def verdict(self, medium: Medium, damaged: int) -> tuple[EventKind, str]:
-        """Kind of failure and a line for people; ``damaged`` frames were counted by the link."""
+        """Return the kind of failure and its text; ``damaged`` counts the bad frames."""
         if self.versions:
             spoken = ", ".join(str(v) for v in sorted(self.versions))
             kind = EventKind.VERSION
             text = (
-                f"the device speaks protocol version {spoken}, this program "
+                f"the device uses protocol version {spoken}, this program uses "
                 f"{PROTOCOL_VERSION}; update the older of the two"
             )
         elif self.echoes and medium is Medium.CAN:
             kind = EventKind.OTHER_HOST
-            text = "another host talks on this bus, and a bus has one: end it first"
+            text = "another host sends on this bus, which allows one host; stop the other host"
         elif self.echoes:
             kind = EventKind.ECHO
-            text = "our own bytes come back: RX and TX are joined, or echo is on"
+            text = "the host receives its own bytes; check RX and TX for a short, or turn echo off"
         elif self.nodes:
             heard = ", ".join(map(str, sorted(self.nodes)))
             kind = EventKind.OTHER_NODE
-            text = (
-                f"the node that was asked for does not answer; choose what is heard: node {heard}"
-            )
+            text = f"the requested node does not answer; use a node that was received: node {heard}"
         elif (words := self.words) is not None:
-            kind, text = EventKind.WORDS, f"the other end says: {words}"
+            kind, text = EventKind.WORDS, f"the peer sent text instead of frames: {words}"
         elif damaged:
             kind = EventKind.GARBAGE
             text = (
-                f"{self.received} bytes came, none of them an intact frame; "
-                "check the baud rate, or this is not a sweeper"
+                f"received {self.received} bytes but no intact frame; "
+                "check the baud rate and that this port is the robot's"
             )
         elif self.received:
             kind = EventKind.GARBAGE
-            text = f"{self.received} bytes came that are not a sweeper's; check the port"
+            text = f"received {self.received} bytes that are not from a robot; check the port"
         else:
             kind = EventKind.SILENCE
-            text = "nothing was heard for 3 s; check power, wiring, and that this is the right port"
+            text = "nothing received for 3 s; check the power, the wiring and the port name"
         return kind, text

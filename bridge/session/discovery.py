@@ -1,4 +1,4 @@
-"""Who answers on a bus, where several devices may: gathered until it is known to be all."""
+"""Discovery of devices on a bus that several devices may share."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ if TYPE_CHECKING:
     from protocol.link import Received
 
 LISTEN_NS = 300_000_000
-"""A host that is there already sends more than one ping in this time."""
+"""Time to listen before the first hello, ns. Another host sends more than one ping in it."""
 ANSWERS_NS = 300_000_000
-"""Every device answers the first hello at once: what else there is is heard by then."""
+"""Time to wait for further hellos after the first, ns. Every device answers a hello at once."""
 
 
 class Answers:
-    """Hellos by node and uid, and when everybody has had time to send one."""
+    """Collects the hellos of all devices, by node and uid, until the waiting time is over."""
 
     def __init__(self) -> None:
         self.settled_ns: HostNs | None = None
         self._by_device: dict[tuple[int, bytes], Received] = {}
 
     def clear(self) -> None:
-        """Nobody has answered."""
+        """Discard all hellos."""
         self.settled_ns = None
         self._by_device.clear()
 
     def note(self, hello: Hello, event: Received, opened_ns: int, now_ns: HostNs) -> None:
-        """Take one answer; the first starts the time."""
+        """Add one hello. The first one starts the waiting time."""
         if self.settled_ns is None:
             self.settled_ns = HostNs(max(now_ns, opened_ns + LISTEN_NS) + ANSWERS_NS)
         self._by_device[event.frame.node, hello.uid] = event
 
     def choose(self) -> tuple[Hello, int] | str:
-        """Fetch the one device's hello and node, or what to tell where there are several."""
+        """Return the hello and node of the only device, or an error text if there are several."""
         answers = {
             key: event.message
             for key, event in sorted(self._by_device.items())
@@ -51,5 +51,5 @@ class Answers:
             for (node, uid), hello in answers.items()
         )
         if len({node for node, _ in answers}) < len(answers):
-            return f"several devices answer; two of them may not share a node ({named})"
-        return f"several devices answer ({named})"
+            return f"several devices answer; two have the same node, give each its own ({named})"
+        return f"several devices answer; choose one node ({named})"

@@ -1,7 +1,7 @@
-"""What is received, as records: the device's moment, ours with its bound, and the message.
+"""Conversion of received messages to records with device time and host time.
 
-The one place for it: a live run, bring-up, captures of other programs and the decoding of a log's
-bytes again all pass here, so that the same bytes make the same records.
+A live run, bring-up, imported captures and the re-decoding of a log all use this module, so that
+the same bytes give the same records.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ _new = tuple.__new__
 
 
 class Ingest:
-    """Times the messages of one device."""
+    """Timestamps the messages of one device."""
 
     def __init__(self, sync: TimeSync, unix_offset_ns: int) -> None:
-        """Know the offset of Unix time, and no device yet."""
+        """Use ``sync`` for device time. ``unix_offset_ns`` is Unix time minus host time, ns."""
         self.sync = sync
         self.device_us = DeviceUs(0)
-        """When the newest message was made, by the device's clock."""
+        """Device time of the newest message."""
         self.unix_offset_ns = unix_offset_ns
-        """Unix time less the host's clock; one for all records of a log."""
+        """Unix time minus host time, ns; the same for all records of a log."""
         self._mapped: Mapped | None = None
-        """The same by ours."""
+        """Host time of the newest message."""
         self._stamp = self._arrived_ns = -1
-        """Of the newest message."""
+        """Device stamp and arrival time of the newest message."""
 
     def take(self, received: Received, now_ns: HostNs) -> DeviceMessage:
-        """Give a message's record."""
+        """Return the record of a message."""
         message, frame, spec = received
         _, node, _, seq, t_us, _ = frame
         if t_us != self._stamp or now_ns != self._arrived_ns:
-            # What is read at once mostly is of one moment.
+            # Messages of one read usually share one stamp.
             self._stamp, self._arrived_ns = t_us, now_ns
             self.device_us, self._mapped = self.sync.observe(t_us, now_ns)
         offset_ns, mapped = self.unix_offset_ns, self._mapped
@@ -52,7 +52,7 @@ class Ingest:
         return _new(DeviceMessage, row)
 
     def exchange(self, ping: Ping) -> bool:
-        """Take an answered time request; False where the clock was found to have stepped."""
+        """Handle an answered time request. Return False if the device's clock has stepped."""
         received_us, replied_us = (
             self.sync.extend(ping.received_us),
             self.sync.extend(ping.replied_us),
@@ -60,6 +60,6 @@ class Ingest:
         return self.sync.exchange(ping.sent_ns, received_us, replied_us, ping.arrived_ns)
 
     def reset(self) -> None:
-        """Begin anew: the device has booted since."""
+        """Restart the time synchronisation after a reboot of the device."""
         self.sync.reset()
         self._stamp = -1

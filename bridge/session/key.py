@@ -1,4 +1,4 @@
-"""A session's key: what the host signs with, and when it can."""
+"""The key with which a session signs commands, and the state of its challenge."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ if TYPE_CHECKING:
 
 
 class SessionKey:
-    """The key of the session's link; the link itself signs."""
+    """Sets up and revokes the signing key of a session's link."""
 
     def __init__(self, link: LinkBase, key: bytes | None) -> None:
-        """Know a key, or none.
+        """Sign with ``key``; None: sign nothing.
 
         Raises:
-            BadKeyError: it has not 16 bytes.
+            BadKeyError: the key is not 16 bytes long.
 
         """
         self._link = link
         self.use(key)
 
     def use(self, key: bytes | None) -> None:
-        """Sign with this key from the device's next challenge on; None: sign nothing."""
+        """Sign with this key after the device's next challenge; None: sign nothing."""
         self._link.key = None if key is None else Authenticator(key)
 
     def end(self) -> None:
-        """Another session begins: nothing is signed before its challenge has come."""
+        """Stop signing until the next session's challenge."""
         if self._link.key is not None:
             self._link.key.end()
 
     def take(self, challenge: Challenge, hello: Hello | None, session_id: int) -> None:
-        """The device's challenge; it is this session's where its last hello named this one."""
+        """Use a challenge if the device's last hello named this session."""
         key = self._link.key
         if key is not None and hello is not None and hello.session_id == session_id:
             key.begin(hello.boot_id, session_id, challenge.counter)
 
     def allows(self, hello: Hello | None) -> bool:
-        """False while the device asks for tags, and we have a key but no challenge yet."""
+        """Return False if the device requires signatures and its challenge is missing."""
         key = self._link.key
         asks = hello is not None and bool((hello.capabilities or 0) & Capability.AUTHENTICATION)
         return key is None or key.begun or not asks

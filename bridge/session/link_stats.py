@@ -1,7 +1,6 @@
-"""What a link was like, message by message: rate, loss, order, age; and its round trip.
+"""Link statistics per message (rate, loss, order, age) and of the round-trip time.
 
-What is heard is only put aside as it comes, and counted once a second: the path of a message
-from port to planner stays as short as it was.
+Received events are queued and counted once a second, to keep the path from port to planner short.
 """
 
 from __future__ import annotations
@@ -20,19 +19,21 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 _ALIKE = 0.1
-"""Two gaps that differ by less are a stream's period."""
-_QUICKER, _SLOWER = 2, 5
-"""Gaps alike in a row that are a new period; two holes of one length may follow each other."""
+"""Maximum relative difference of two gaps that count as the same period."""
+_QUICKER = 2
+"""Consecutive equal gaps that set a shorter period."""
+_SLOWER = 5
+"""Consecutive equal gaps that set a longer period. Two losses may have equal length."""
 _BREAK_US = 10_000_000
-"""A longer gap is a break in the session, not messages that were lost."""
+"""Longest gap that counts as loss, µs. A longer one is a break in the session."""
 _STEPS = 8
-"""Bins of a time for each doubling: a percentile is known to 9 %."""
+"""Histogram bins per factor of two. A percentile is accurate to 9 %."""
 _BINS = 30 * _STEPS
-"""Up to a quarter of an hour in microseconds."""
+"""Number of histogram bins: up to 15 min from 1 µs."""
 
 
 class Spread:
-    """How a time is spread, in a memory that does not grow; in nanoseconds."""
+    """Histogram of a duration, ns, in constant memory."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -41,16 +42,16 @@ class Spread:
         self._bins = [0] * _BINS
 
     def add(self, value_ns: float) -> None:
-        """Count one."""
+        """Add one duration, ns."""
         if not self.count or value_ns < self.min_ns:
             self.min_ns = round(value_ns)
         self.max_ns = max(self.max_ns, round(value_ns))
         self.count += 1
-        place = int(_STEPS * math.log2(value_ns / 1000.0)) + 1 if value_ns > 1000.0 else 0  # noqa: PLR2004 - a microsecond
+        place = int(_STEPS * math.log2(value_ns / 1000.0)) + 1 if value_ns > 1000.0 else 0  # noqa: PLR2004 - 1 µs
         self._bins[min(place, _BINS - 1)] += 1
 
     def percentile_ns(self, percent: float) -> int:
-        """So many of a hundred were no more than this."""
+        """Return a percentile, ns."""
         wanted, seen = math.ceil(self.count * percent / 100.0), 0
         for place, count in enumerate(self._bins):
             seen += count
@@ -60,7 +61,7 @@ class Spread:
         return self.max_ns
 
     def to_dict(self) -> dict[str, float | int | None]:
-        """In milliseconds; None where nothing was counted."""
+        """Return the quantiles in milliseconds; None if nothing was counted."""
         known = self.count > 0
         return {
             "count": self.count,
@@ -76,7 +77,7 @@ def _ms(value_ns: float) -> float:
 
 
 class MessageStatistics:
-    """One kind of message, by the stamps that the device put on it."""
+    """Statistics of one message type, from the device's stamps."""
 
     __slots__ = (
         "_age_count", "_age_most_ns", "_age_sum_ns", "_alike", "_candidate_us",
@@ -89,14 +90,14 @@ class MessageStatistics:
         self._stream = spec.rate is RateClass.STREAM
         self._last_us = 0
         self._spent_us = 0
-        """Time over which messages came, breaks left out."""
+        """Time over which messages were received, without breaks, µs."""
         self._period_us = self._candidate_us = 0.0
         self._alike = 0
         self._age_count = 0
         self._age_sum_ns = self._age_most_ns = 0.0
 
     def take(self, t_us: int, arrived_ns: int, fit: Fit | None) -> None:
-        """One message, with its 32-bit stamp."""
+        """Add one message with its 32-bit stamp."""
         if self.count:
             gap_us = elapsed_us(self._last_us, t_us)
             if gap_us < 0:
@@ -117,7 +118,7 @@ class MessageStatistics:
             self._age_most_ns = max(self._age_most_ns, age_ns)
 
     def _gap(self, gap_us: int) -> None:
-        """Take the time since the last one: the stream's period, a new one, or a hole."""
+        """Classify the time since the last message: same period, new period or loss."""
         period_us = self._period_us
         if abs(gap_us - period_us) <= _ALIKE * period_us:
             self._alike = 0
@@ -128,12 +129,12 @@ class MessageStatistics:
         self.lost += missing
         self._candidate_us = float(gap_us)
         if self._alike >= (_SLOWER if missing else _QUICKER) and gap_us > 0:
-            # Too often alike for chance: the rate was changed, or is known only now.
+            # Too many equal gaps for chance: the rate has changed, or the first period was wrong.
             self.lost -= missing * self._alike
             self._period_us, self._alike = float(gap_us), 0
 
     def to_dict(self) -> dict[str, Any]:
-        """For the summary; ages in milliseconds, None where no clock mapping was known."""
+        """Return the entry for the summary; ages in ms, None without a clock mapping."""
         spent_s, counted = self._spent_us / 1e6, self._age_count
         return {
             "count": self.count,
@@ -148,17 +149,17 @@ class MessageStatistics:
 
 
 class WireStatistics:
-    """A host's link: every kind of message, and the round trip of its pings."""
+    """Statistics of a host's link: every message type and the round-trip time."""
 
     def __init__(self) -> None:
         self.round_trip = Spread()
         self._aside: list[tuple[list[SessionEvent], int]] = []
         self._kinds: dict[int, MessageStatistics] = {}
         self.hear = self._aside.append
-        """Put aside what came at once, with when it came: ``hear((events, now_ns))``."""
+        """Queue received events with their arrival time: ``hear((events, now_ns))``."""
 
     def count(self, sync: TimeSync) -> None:
-        """Count what was put aside."""
+        """Count the queued events."""
         fit, kinds = sync.fit, self._kinds
         for events, now_ns in self._aside:
             for event in events:
@@ -171,7 +172,7 @@ class WireStatistics:
         self._aside.clear()
 
     def to_dict(self) -> dict[str, Any]:
-        """Round trip (ms) and messages by name, of what was counted."""
+        """Return the round-trip time (ms) and the messages by name."""
         return {
             "round_trip_ms": self.round_trip.to_dict(),
             "messages": {kind.name: kind.to_dict() for kind in self._kinds.values()},
@@ -179,7 +180,7 @@ class WireStatistics:
 
 
 def wire_summary(statistics: LinkStatistics) -> dict[str, Any]:
-    """Frames and bytes by direction as the host saw them, losses and bad checks."""
+    """Return frames and bytes per direction, losses and CRC errors as seen by the host."""
     return {
         "frames": {"rx": statistics.frames_in, "tx": statistics.frames_out},
         "lost": statistics.lost,

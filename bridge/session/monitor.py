@@ -1,7 +1,7 @@
-"""Listening on a line without a word: what passes, how often, and what is broken.
+"""Receive-only monitor of a link: message types, rates and errors.
 
-Sans-I/O and without a session: bytes and host time go in, what they mean comes out. There is
-no way in here by which anything could be sent.
+Sans-I/O and without a session. It takes bytes and host time and returns decoded messages. It has
+no function that sends.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ if TYPE_CHECKING:
     from protocol.uart.framing import DamagedFrame, Frame
 
 RATE_WINDOW_NS = 2_000_000_000
-"""Rates are of the last two seconds: two of the rarest stream."""
+"""Window of the message rates, ns: two periods of the slowest stream."""
 _SECOND = 1_000_000_000
 
 
 class Seen(NamedTuple):
-    """One thing that passed on the line."""
+    """One message, rejected frame or damaged frame on the link."""
 
     host_ns: int
     kind: str
     """``message``, ``rejected`` or ``damaged``."""
     name: str
-    """Of the message, or what is wrong."""
+    """Name of the message or of the error."""
     node: int
     direction: str
-    """``device`` or ``host``: who sent it; empty where that cannot be known."""
+    """Sender: ``device`` or ``host``; empty if unknown."""
     t_us: int
-    """Sender's stamp."""
+    """Sender's 32-bit stamp, µs."""
     fields: dict[str, Any]
-    """Physical values with the unit in the name, labels for enumerations and bits."""
+    """Physical values with the unit in the name; labels for enumerations and bits."""
     text: str
-    """The same for people."""
+    """The values as one line of text."""
     raw: bytes
-    """Payload, or the bytes that are no frame."""
+    """Payload, or the bytes that are not a frame."""
 
 
 @dataclass(slots=True)
 class TypeCount:
-    """What came of one type."""
+    """Count, rate and newest message of one type."""
 
     name: str
     count: int = 0
@@ -63,13 +63,13 @@ class TypeCount:
     _times: deque[int] = field(default_factory=deque)
 
     def add(self, seen: Seen) -> None:
-        """Count one more."""
+        """Count one message."""
         self.count += 1
         self.newest = seen
         self._times.append(seen.host_ns)
 
     def rate_hz(self, now_ns: int, since_ns: int) -> float:
-        """Messages a second over the window, or over the time since the start if shorter."""
+        """Return messages per second over the window, or since the start if that is shorter."""
         oldest = now_ns - RATE_WINDOW_NS
         times = self._times
         while times and times[0] < oldest:
@@ -79,7 +79,7 @@ class TypeCount:
 
 
 class Monitor:
-    """Understands both directions of a line; remembers counts, not messages."""
+    """Decodes both directions of a link and keeps counts."""
 
     def __init__(
         self,
@@ -89,62 +89,63 @@ class Monitor:
         node: int | None = None,
         catalogue: Catalogue = CATALOGUE,
     ) -> None:
-        """``types`` are names of messages that are given out (none: all); all are counted.
+        """Create a monitor. It counts all messages and returns those in ``types`` (empty: all).
 
         Raises:
-            UnknownTypeError: a name that the catalogue does not hold.
+            UnknownTypeError: the catalogue has no message of a name in ``types``.
 
         """
         for name in types:
             if name not in catalogue.by_name:
                 raise UnknownTypeError(name, tuple(catalogue.by_name))
         self._catalogue = catalogue
-        # A link hears only what the other side sends: one for each ear.
+        # A link receives one direction only, so there is one link for each.
         self._device_ear = link(Direction.HOST, codec=Codec(catalogue))
         self._host_ear = link(Direction.DEVICE, codec=Codec(catalogue))
         self._wanted = frozenset(types)
         self.node = node
-        """The device whose messages are wanted; None: all."""
+        """Node whose messages are returned; None: all nodes."""
         self.others: set[int] = set()
-        """Nodes of the messages that are not wanted."""
+        """Other nodes whose messages were received."""
         self._since_ns = -1
         self._now_ns = 0
         self.types: dict[str, TypeCount] = {}
-        """By name, in the order of first appearance."""
+        """Count by message name, in the order of first arrival."""
         self.damaged = self.rejected = self.bytes = 0
         self.newest_damage: Seen | None = None
         self.strangers: dict[int, int] = {}
-        """Node → hash of its catalogue, where that is not ours: its fields may be misread."""
+        """Node → catalogue hash, for nodes with a different catalogue: their fields may be
+        misread."""
 
     def receive(self, data: bytes, now_ns: HostNs) -> list[Seen]:
-        """Take bytes from the line; give what they complete and was asked for, in order."""
+        """Decode bytes; return the requested messages in order."""
         if self._since_ns < 0:
             self._since_ns = now_ns
         self._now_ns = now_ns
         self.bytes += len(data)
         found: list[Seen] = []
-        # Cut where a frame can end, so that both directions keep their order.
+        # Split at frame ends, so that both directions keep their order.
         for chunk in _cuts(data, self._device_ear.medium):
             events = self._device_ear.receive(chunk, now_ns // 1000)
-            # Damage and strange frames are told once, by the first ear.
+            # The first link reports damaged and unknown frames; the second would repeat them.
             said = self._host_ear.receive(chunk, now_ns // 1000)
             events += [e for e in said if isinstance(e, Received)]
             found += filter(None, (self._judge(event, now_ns) for event in events))
         return found
 
     def rates_hz(self) -> dict[str, float]:
-        """Messages a second, by name."""
+        """Messages per second, by name."""
         return {n: c.rate_hz(self._now_ns, self._since_ns) for n, c in self.types.items()}
 
     def tick(self, now_ns: HostNs) -> None:
-        """Tell the time where nothing comes: rates then fall."""
+        """Advance the time when nothing is received, so that rates fall."""
         if self._since_ns < 0:
             self._since_ns = now_ns
         self._now_ns = now_ns
 
     @property
     def lost(self) -> int:
-        """The device's frames that are missing by its own numbers."""
+        """Number of lost device frames, from gaps in their sequence numbers."""
         return self._device_ear.statistics.lost
 
     def _judge(self, event: Received | Rejected | DamagedFrame, now_ns: int) -> Seen | None:
@@ -182,13 +183,13 @@ class Monitor:
     def _rejected(self, event: Rejected, now_ns: int) -> Seen:
         self.rejected += 1
         frame = event.frame
-        text = f"type 0x{frame.type_id:02x} from node {frame.node} cannot be used: {event.reason}"
+        text = f"type 0x{frame.type_id:02x} from node {frame.node} rejected: {event.reason}"
         seen = _bad(now_ns, "rejected", event.reason, text, frame.payload, frame)
         return self._bad_one(seen)
 
     def _damage(self, event: DamagedFrame, now_ns: int) -> Seen:
         self.damaged += 1
-        text = f"{event.length} B at byte {event.offset} are no frame ({event.damage.value})"
+        text = f"{event.length} B at byte {event.offset} are not a frame ({event.damage.value})"
         return self._bad_one(_bad(now_ns, "damaged", event.damage.value, text, event.data, None))
 
     def _bad_one(self, seen: Seen) -> Seen:
@@ -197,15 +198,15 @@ class Monitor:
 
 
 class UnknownTypeError(ValueError):
-    """A name that is no message's."""
+    """A message name that the catalogue does not contain."""
 
     def __init__(self, name: str, known: tuple[str, ...]) -> None:
-        super().__init__(f"{name!r} is no message; there are {', '.join(sorted(known))}")
+        super().__init__(f"unknown message {name!r}; use one of {', '.join(sorted(known))}")
         self.name, self.known = name, known
 
 
 def physical(spec: MessageSpec, message: Message) -> dict[str, Any]:
-    """A message's values as people and programs use them, by name with the SI unit's ending."""
+    """Return a message's values in SI units; each name ends with its unit."""
     found: dict[str, Any] = {}
     for item, raw in zip(spec.fields, message, strict=False):
         found[item.name + (item.si_suffix or "")] = _value(item, raw)
@@ -213,7 +214,7 @@ def physical(spec: MessageSpec, message: Message) -> dict[str, Any]:
 
 
 def as_text(spec: MessageSpec, message: Message) -> str:
-    """A message's values in one line, each with its unit."""
+    """Return a message's values as one line, each with its unit."""
     parts = []
     for item, raw in zip(spec.fields, message, strict=False):
         value = _value(item, raw)
@@ -244,7 +245,7 @@ _UNITS = {
 }
 
 
-def _value(item: Field, raw: Any) -> Any:  # noqa: ANN401 - a number, a text, a list of names or nothing
+def _value(item: Field, raw: Any) -> Any:  # noqa: ANN401 - number, text, list of labels or None
     if raw is None or raw == item.none:
         return None
     if item.enum is not None:
@@ -265,7 +266,7 @@ def _bad(now_ns: int, kind: str, name: str, text: str, raw: bytes, frame: Frame 
 
 
 def _cuts(data: bytes, medium: Medium) -> list[bytes]:
-    """Pieces that each end with a delimiter, or hold one CAN frame; the last may be open."""
+    """Split bytes after each delimiter, or into CAN frames; the last piece may be incomplete."""
     if medium is Medium.CAN:
         return [data[i : i + 16] for i in range(0, len(data), 16)]
     pieces = data.split(b"\0")

@@ -1,4 +1,4 @@
-"""What a session sends: velocities, pings and commands, each in its own manner."""
+"""Outgoing messages of a session: setpoints, pings and commands."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 _PINGS_KEPT = 64
-"""Pings that wait for their answer: at 10 Hz more than 6 s of them, so that the round trip of a
-very slow link is measured too."""
+"""Maximum number of pings that wait for a reply: 6 s at 10 Hz, so that the round trip of a very
+slow link is measured too."""
 
 
 @dataclass(slots=True)
 class CommandCounts:
-    """Of a session object's life."""
+    """Number of commands by result, over the life of a session object."""
 
     issued: int = 0
     retried: int = 0
-    """Sendings beyond each command's first."""
+    """Repetitions after the first transmission."""
     rejected: int = 0
     unanswered: int = 0
 
 
 class Outbox:
-    """Gives messages to the link, and keeps what must be told apart when the answer comes."""
+    """Passes messages to the link and matches replies to pings and commands."""
 
     def __init__(self, link: LinkBase, node: int | None) -> None:
         self.node = node
-        """Whom it is sent to; None: every device."""
+        """Destination node; None: every device."""
         self.commands = CommandSender()
         self.counts = CommandCounts()
         self._link = link
@@ -52,15 +52,15 @@ class Outbox:
     def send(
         self, message: Message, now_ns: HostNs, *, flags: int = 0, latest: bool = False
     ) -> None:
-        """Queue a message; with ``latest`` it replaces one of its type that still waits."""
+        """Queue a message; ``latest`` replaces a queued message of the same type."""
         node = NODE_ALL if self.node is None else self.node
         self._link.send(message, now_ns // 1000, node=node, flags=flags, latest=latest)
 
     def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send a velocity, or the fastest that the wire can say.
+        """Send a velocity setpoint, limited to the range of the wire format.
 
         Raises:
-            ValueError: a velocity is not a number.
+            ValueError: a velocity is NaN.
 
         """
         _check(v_m_s, yaw_rate_rad_s, "velocity")
@@ -71,10 +71,10 @@ class Outbox:
         self._link.send(message, now_ns // 1000, node=node, latest=True)
 
     def duty(self, left: float, right: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send motor duties, or the greatest that the wire can say.
+        """Send motor duties, limited to -1..1.
 
         Raises:
-            ValueError: a duty is not a number.
+            ValueError: a duty is NaN.
 
         """
         _check(left, right, "duty")
@@ -83,39 +83,45 @@ class Outbox:
         self.send(WheelDuty(raw[0], raw[1], ttl_ms, counter), now_ns, latest=True)
 
     def ping(self, now_ns: HostNs) -> None:
-        """Ask for the device's time."""
+        """Request the device's time."""
         self._ping = (self._ping + 1) & 0xFF
         self._pings[self._ping] = now_ns
         if len(self._pings) > _PINGS_KEPT:
             del self._pings[next(iter(self._pings))]
-        # On a port that takes nothing, pings must not queue up behind each other.
+        # If the port accepts no bytes, only the newest ping waits.
         self.send(TimeRequest(self._ping), now_ns, latest=True)
 
     def pinged_ns(self, ping: int) -> HostNs | None:
-        """When the ping went out that is answered now; None for one that is not awaited."""
+        """Return the transmission time of an answered ping; None if the ping is unknown."""
         return self._pings.pop(ping, None)
 
     def command(
         self, make: Callable[[int], Message], type_id: int, now_ns: HostNs, *, forever: bool
     ) -> int:
-        """Send a command made from its id, repeated until answered; gives the id.
+        """Send a command and repeat it until it is answered. Return its id.
+
+        Args:
+            make: Creates the message from its command id.
+            type_id: Message type.
+            now_ns: Host time.
+            forever: Repeat without a limit.
 
         Raises:
-            FieldRangeError: a value does not fit its field; nothing is sent or awaited.
+            FieldRangeError: a value does not fit its field; nothing is sent.
 
         """
-        # What else is due waits for the clock's turn, which tells what became of it.
+        # Other due commands wait for the next `repeat`, which reports their outcomes.
         command_id, message = self.commands.start(make, type_id, now_ns // 1000, forever=forever)
         try:
             self.send(message, now_ns)
         except ProtocolError:
-            self.commands.withdraw(command_id)  # or every repetition would raise
+            self.commands.withdraw(command_id)  # otherwise every repetition raises
             raise
         self.counts.issued += 1
         return command_id
 
     def repeat(self, now_ns: HostNs) -> list[Outcome]:
-        """Send the commands that are due, again or for the first time; those given up."""
+        """Send the due commands; return the outcomes of the commands that got no answer."""
         messages, outcomes = self.commands.due(now_ns // 1000)
         for message, retry in messages:
             self.send(message, now_ns, flags=FLAG_RETRY if retry else 0)
@@ -124,24 +130,24 @@ class Outbox:
         return outcomes
 
     def forget(self) -> None:
-        """Await no answer any more: the session is another."""
+        """Discard all open commands and pings of a session."""
         self.commands.cancel()
         self._pings.clear()
 
 
 def _check(first: float, second: float, what: str) -> None:
-    """Refuse what is not a number: no comparison holds for it, so a limit would let it pass.
+    """Reject NaN, which passes every limit because its comparisons are false.
 
     Raises:
-        ValueError: one is not a number.
+        ValueError: a value is NaN.
 
     """
     if math.isnan(first) or math.isnan(second):
-        raise ValueError(f"not a {what}: {first}, {second}")
+        raise ValueError(f"{what} is not a number: {first}, {second}")
 
 
 def _raw(steps: float) -> int:
-    """To the wire's 16 bits, or the nearest that they hold."""
-    if -32767.0 <= steps <= 32767.0:  # noqa: PLR2004 - what 16 bits hold, on both sides of 0
+    """Round to a 16-bit integer and limit it to -32767..32767."""
+    if -32767.0 <= steps <= 32767.0:  # noqa: PLR2004 - symmetric 16-bit range
         return round(steps)
     return 32767 if steps > 0.0 else -32767

@@ -1,26 +1,26 @@
-"""How often something may be done."""
+"""Rate limit for repeated actions."""
 
 from __future__ import annotations
 
 
 class Pace:
-    """Bounds how often something is done: a few times at once, then once a period."""
+    """Token bucket: a few actions at once, then one per period."""
 
     def __init__(self, at_once: int, period_ns: int) -> None:
-        """All of ``at_once`` are free."""
+        """Allow ``at_once`` actions at once and one more per ``period_ns``."""
         self._burst_ns = (at_once - 1) * period_ns
         self._period_ns = period_ns
         self._used_ns = 0
-        """Until when all of them are free again."""
+        """Time at which all tokens are available again, ns."""
 
     def due_ns(self) -> int:
-        """When the next may be done."""
+        """Return the time of the next allowed action, ns."""
         return self._used_ns - self._burst_ns
 
     def rested(self, now_ns: int) -> bool:
-        """Whether all of them are free."""
+        """Return True if all tokens are available."""
         return now_ns >= self._used_ns
 
     def take(self, now_ns: int) -> None:
-        """Do one."""
+        """Use one token."""
         self._used_ns = max(self._used_ns, now_ns) + self._period_ns

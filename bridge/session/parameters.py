@@ -1,4 +1,4 @@
-"""A device's parameters as people and programs see them: by name, in their unit, checked."""
+"""Device parameters as named values in their units, with range checks."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ class Parameter:
     name: str
     unit: str
     kind: str
-    """``u32``, ``i32``, ``f32`` or ``bool``; ``unknown(7)`` where this program knows no such."""
+    """``u32``, ``i32``, ``f32`` or ``bool``; ``unknown(7)`` for a kind that this version lacks."""
     value: float
     default: float
     low: float
     high: float
     stored: bool
-    """The value survives a reset."""
+    """True if the value survives a reset."""
     changed: bool
-    """The value differs from the stored one."""
+    """True if the value differs from the stored one."""
     read_only: bool
     needs_reboot: bool
-    """A change counts from the next boot on."""
+    """True if a change takes effect at the next boot."""
 
     @classmethod
     def from_message(cls, message: ParameterValue) -> Parameter:
-        """What the device told of it."""
+        """Create a parameter from the device's message."""
         name, _, unit = message.name.partition(" ")
         kind, flags = message.kind, message.flags
         return cls(
@@ -64,33 +64,34 @@ class Parameter:
 
     @classmethod
     def from_dict(cls, fields: dict[str, Any]) -> Parameter:
-        """The inverse of :meth:`to_dict`.
+        """Create a parameter from the result of :meth:`to_dict`.
 
         Raises:
-            ParameterError: it is not such an object.
+            ParameterError: ``fields`` has missing, unknown or invalid entries.
 
         """
         try:
             texts = {n: float(fields[n]) for n in _VALUES if isinstance(fields.get(n), str)}
             return cls(**{**fields, **texts})
         except (TypeError, ValueError) as error:
-            raise ParameterError(f"not a parameter: {error}") from None
+            raise ParameterError(f"invalid parameter object: {error}") from None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, which has no infinite numbers: these are the texts nan, inf and -inf."""
+        """Return the fields for JSON, which has no NaN: nan, inf and -inf become text."""
         fields = asdict(self)
         odd = {n: str(fields[n]) for n in _VALUES if not math.isfinite(fields[n])}
         return fields | odd
 
     def raw(self, value: float | str) -> int:
-        """The 32 bits of a value, which must be of the parameter's kind and in its range.
+        """Convert a value to the 32 bits of the wire format.
 
         Raises:
-            ParameterError: it is not; the text names the parameter, the value and the range.
+            ParameterError: the parameter is read-only, or the value has the wrong kind or range.
+                The text names the parameter, the value and the range.
 
         """
         if self.read_only:
-            raise ParameterError(f"{self.name} is read-only")
+            raise ParameterError(f"{self.name} is read-only and cannot be set")
         number = self._number(value)
         if not self.low <= number <= self.high and self.kind != "bool":
             unit = f" {self.unit}" if self.unit else ""
@@ -103,18 +104,18 @@ class Parameter:
         if self.kind == "bool":
             text = str(value).lower()
             if text not in _TRUE | _FALSE:
-                raise ParameterError(f"{self.name}: {shown(value)} is not true or false")
+                raise ParameterError(f"{self.name}: {shown(value)} is neither true nor false")
             return float(text in _TRUE)
-        if isinstance(value, bool):  # true is 1 to float(): 1 m/s for a top speed
+        if isinstance(value, bool):  # float(True) is 1.0: 1 m/s for a top speed
             raise ParameterError(f"{self.name}: {shown(value)} is not a number")
         try:
             number = float(value)
-        except (ValueError, OverflowError):  # an integer beyond a float's range
+        except (ValueError, OverflowError):  # OverflowError: an integer beyond float range
             raise ParameterError(f"{self.name}: {shown(value)} is not a number") from None
         if not math.isfinite(number):
             raise ParameterError(f"{self.name}: {value} is not a finite number")
         if self.kind == "f32":
-            # As it travels: the ends of the range are 32 bits wide too.
+            # Round as the wire format does: the ends of the range are 32 bits wide too.
             try:
                 rounded: float = _F32.unpack(_F32.pack(number))[0]
             except OverflowError:
@@ -126,7 +127,7 @@ class Parameter:
 
 
 def from_raw(kind: int, raw: int) -> float:
-    """Value of 32 bits; a float may be infinite or not a number."""
+    """Convert 32 bits to a value. A float may be infinite or NaN."""
     if kind == ParameterKind.F32:
         value: float = _F32.unpack(_U32.pack(raw))[0]
         return value
@@ -137,7 +138,7 @@ def from_raw(kind: int, raw: int) -> float:
 
 
 def to_raw(kind: str, value: float) -> int:
-    """32 bits of a value that is known to fit."""
+    """Convert a value, which is in range, to 32 bits."""
     if kind == "f32":
         raw: int = _U32.unpack(_F32.pack(value))[0]
         return raw
@@ -145,7 +146,7 @@ def to_raw(kind: str, value: float) -> int:
 
 
 def closest(name: str, known: list[str]) -> str:
-    """What to tell of a name that no parameter has."""
+    """Return the error text for an unknown parameter name, with the nearest known name."""
     near = nearest(name, known)
-    hint = f"; did you mean {near}?" if near else f"; there are {', '.join(known)}"
+    hint = f"; did you mean {near}?" if near else f"; use one of {', '.join(known)}"
     return f"the device has no parameter {shown(name)}{hint}"

@@ -1,7 +1,7 @@
-"""What a run tells: typed records, from the host's core to the log and the viewer.
+"""Typed records of a run, for the log and the viewer.
 
-Times are Unix nanoseconds (``log_ns``: when the host knew it; ``publish_ns``: when it was
-true on the device, None where no clock mapping exists yet).
+Times are Unix nanoseconds. ``log_ns`` is the host's time of the record. ``publish_ns`` is the
+device's time of the value, None before the first clock mapping.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class RawBytes(NamedTuple):
-    """Bytes exactly as they came from or went to the port."""
+    """Bytes as read from or written to the port."""
 
     log_ns: int
     outgoing: bool
@@ -30,26 +30,26 @@ class RawBytes(NamedTuple):
 
 
 class RawCan(NamedTuple):
-    """A CAN frame exactly as it came from or went to the bus."""
+    """A CAN frame as read from or written to the bus."""
 
     log_ns: int
     outgoing: bool
     can_id: int
-    """As SocketCAN has it: flags for extended, remote and error frames in the top bits."""
+    """CAN id as in SocketCAN: the top bits flag extended, remote and error frames."""
     data: bytes
 
 
 class DeviceMessage(NamedTuple):
-    """A decoded message of the device."""
+    """A decoded message from the device."""
 
     log_ns: int
     publish_ns: int | None
     bound_ns: int | None
-    """Half-width of the interval that ``publish_ns`` is known to."""
+    """Half-width of the error interval of ``publish_ns``, ns."""
     node: int
     seq: int
     t_us: int
-    """The device's 32-bit stamp as received."""
+    """The device's 32-bit stamp as received, µs."""
     name: str
     """The message's name in the catalogue."""
     message: Message
@@ -63,26 +63,26 @@ class PoseRecord(NamedTuple):
     v_m_s: float
     yaw_rate_rad_s: float
     covariance: tuple[float, ...]
-    """Row-major 3×3 over x, y (m) and yaw (rad)."""
+    """Row-major 3×3 covariance of x, y (m) and yaw (rad)."""
     gyro_bias_rad_s: float
     wheel_scale: float
 
 
 class TruthRecord(NamedTuple):
-    """The simulator's own pose."""
+    """The simulator's true pose."""
 
     log_ns: int
     pose: Pose2
 
 
 class CommandRecord(NamedTuple):
-    """A velocity that was sent."""
+    """A velocity setpoint that was sent."""
 
     log_ns: int
     v_m_s: float
     yaw_rate_rad_s: float
     target_v_m_s: float
-    """Before smoothing."""
+    """Target before smoothing, m/s."""
     target_yaw_rate_rad_s: float
 
 
@@ -95,7 +95,7 @@ class PlannerRecord(NamedTuple):
 
 
 class Severity(Enum):
-    """Of events and log lines."""
+    """Severity of an event or log line."""
 
     DEBUG = "debug"
     INFO = "info"
@@ -104,7 +104,7 @@ class Severity(Enum):
 
 
 class EventRecord(NamedTuple):
-    """Something worth finding again: a decision, a stop, a loss, a reconnection."""
+    """A decision, stop, loss, reconnection or other event of a run."""
 
     log_ns: int
     severity: Severity
@@ -116,7 +116,7 @@ class EventRecord(NamedTuple):
 
 
 class LogRecord(NamedTuple):
-    """A line for people, of the host or the device."""
+    """A log line of the host or the device."""
 
     log_ns: int
     severity: Severity
@@ -125,11 +125,11 @@ class LogRecord(NamedTuple):
 
 
 class ClockRecord(NamedTuple):
-    """The fit of device time to host time."""
+    """The time synchronisation's fit of device time to host time."""
 
     log_ns: int
     offset_ns: int
-    """Unix time less device time at the moment of the record."""
+    """Unix time minus device time at the time of the record, ns."""
     drift_ppm: float
     bound_ns: int
     round_trip_ns: int
@@ -138,25 +138,25 @@ class ClockRecord(NamedTuple):
 
 
 class CoverageRecord(NamedTuple):
-    """The swept map so far, as an occupancy grid: 0 where the mouth went, -1 elsewhere."""
+    """Map of the swept floor as an occupancy grid: 0 where the mouth passed, -1 elsewhere."""
 
     log_ns: int
     cells: NDArray[np.int8]
-    """(rows, columns), row 0 at the origin's y; -1 unknown, 0..100 as nav_msgs has it."""
+    """(rows, columns), row 0 at the origin's y; -1 unknown, 0..100 as in nav_msgs/OccupancyGrid."""
     origin_x_m: float
     origin_y_m: float
     resolution_m: float
 
 
 class RoomRecord(NamedTuple):
-    """The floor plan, once, where it is known."""
+    """The floor plan; recorded once if known."""
 
     log_ns: int
     plan: FloorPlan
 
 
 class IdentityRecord(NamedTuple):
-    """The device that a session agreed with; recorded as metadata ``device``."""
+    """The connected device; recorded as metadata ``device``."""
 
     log_ns: int
     node: int
@@ -165,7 +165,7 @@ class IdentityRecord(NamedTuple):
     session_id: int
     reset_cause: str
     firmware: str
-    """Name and version."""
+    """Name and version of the firmware."""
     catalogue_hash: int
 
 
@@ -188,7 +188,7 @@ Record = (
 
 @dataclass(frozen=True, slots=True)
 class RunInfo:
-    """What a log says of itself first."""
+    """Header data of a log."""
 
     port: str
     planner: str
@@ -196,11 +196,11 @@ class RunInfo:
     version: str
     opened_unix_ns: int
     clock_offset_ns: int
-    """Unix time less the host's monotonic clock, taken once as the log was opened."""
+    """Unix time minus the host's monotonic clock at the opening of the log, ns."""
     robot: RobotModel
     robot_toml: str
-    """The robot file that ``robot`` was read from; it is attached as it is."""
+    """Text of the robot file that ``robot`` was read from; attached unchanged."""
     plan: FloorPlan | None = None
     extra: dict[str, str] = field(default_factory=dict)
     begun_unix_ns: int | None = None
-    """Of this file, where it is not the run's first."""
+    """Start of this file in Unix time, ns, if it is not the run's first."""

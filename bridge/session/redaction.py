@@ -1,4 +1,4 @@
-"""A motion key never reaches a record: other bytes, as many, stand in its place."""
+"""Redaction of motion keys in recorded bytes: a filler of equal length replaces them."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ from protocol.schema.catalogue import CATALOGUE
 from protocol.uart.framing import HEADER, MAX_ENCODED
 
 FILLER = b"X"
-"""What the bytes of a key, of its tag and of the frame's checksum become."""
+"""Filler for the bytes of a key, its tag and the frame's checksum."""
 _TYPE = CATALOGUE.spec(SetKey).type_id
 _AT_TYPE = 3
-"""Where a frame's type stands, behind the COBS code, the version and the node: none of them is 0,
-so COBS leaves them as they are."""
+"""Index of the type byte in an encoded frame, after the COBS code, version and node. None of these
+is 0, so COBS does not change them."""
 _RUN = 4
-"""Bytes in a row that betray a piece of a key in what is received: fewer come about by chance, as
-do runs of one or two values."""
+"""Length of a byte sequence that counts as part of a key in received bytes. Shorter sequences, and
+sequences of one or two values, occur by chance."""
 _REMEMBERED = 16
-"""Frames with a key that an echo is compared with: a command is repeated fewer times."""
+"""Number of sent key frames that echoes are compared with. A command has fewer repetitions."""
 
 
 class KeyRedactor:
-    """Goes over the bytes of one serial port before they are recorded.
+    """Redacts the recorded bytes of one serial port.
 
-    The checksum goes as well: with it a key that a person chose could be guessed without the
-    robot. An adapter that echoes what is sent gives the same bytes back: those too.
+    The checksum is redacted too: with it an attacker could guess a weak key offline. An adapter
+    with echo returns the sent bytes, so received bytes are redacted as well.
     """
 
     def __init__(self) -> None:
         self._sent: deque[tuple[bytes, bytes]] = deque(maxlen=_REMEMBERED)
-        """Frames with a key, and what was recorded in their place."""
+        """Sent frames with a key and their redacted form."""
         self._open = b""
-        """Received bytes since the last delimiter, while an echo may come."""
+        """Received bytes since the last delimiter that may be the start of an echo."""
         self._runs: set[bytes] = set()
-        """Every run of secret bytes, for an echo that is damaged or cut off at its front."""
+        """All secret byte sequences of length ``_RUN``, to find damaged or truncated echoes."""
         self._recent = b""
-        """Received bytes before those that come next, as many as a run may begin with."""
+        """Last received bytes, in which a secret sequence may start."""
 
     def outgoing(self, data: bytes) -> bytes:
-        """What to record of bytes that were sent, which are whole frames."""
+        """Return the bytes to record for sent bytes, which are whole frames."""
         if _TYPE not in data:
             return data
         pieces = data.split(b"\0")
@@ -55,9 +55,9 @@ class KeyRedactor:
         return b"\0".join(pieces)
 
     def incoming(self, data: bytes) -> bytes:
-        """What to record of bytes that were received, however they are cut.
+        """Return the bytes to record for received bytes, in chunks of any size.
 
-        Of an echo that is both damaged and cut there, up to three bytes of the key may stay.
+        If an echo is damaged and also split at the damage, up to three bytes of the key may remain.
         """
         if not self._sent:
             return data
@@ -67,14 +67,14 @@ class KeyRedactor:
         return bytes(kept)
 
     def _found_runs(self, data: bytes) -> list[int]:
-        """Places in bytes about to be recorded that are part of a run of secret ones."""
+        """Return the indices of the bytes that belong to a secret sequence."""
         whole, before = self._recent + data, len(self._recent)
         self._recent = whole[-(_RUN - 1) :]
         found = [i for i in range(len(whole) - _RUN + 1) if whole[i : i + _RUN] in self._runs]
         return sorted({i + k - before for i in found for k in range(_RUN) if i + k >= before})
 
     def _without_echoes(self, data: bytes) -> bytes:
-        """The bytes with whole echoes replaced by what was recorded of the frames sent."""
+        """Replace whole echoes by the redacted form of the sent frames."""
         pieces = data.split(b"\0")
         for index, piece in enumerate(pieces):
             begun, self._open = self._open, (self._open + piece)[: MAX_ENCODED + 1]
@@ -88,7 +88,7 @@ class KeyRedactor:
 
 
 def _redacted(piece: bytes) -> bytes:
-    """A frame of the same length, with its header and without all the rest."""
+    """Return a frame of equal length that keeps only the header."""
     try:
         body = cobs.decode(piece)
     except cobs.DecodeError:
@@ -98,5 +98,5 @@ def _redacted(piece: bytes) -> bytes:
 
 
 def redacted_can(can_id: int, data: bytes) -> bytes:
-    """What to record of a bus frame."""
+    """Return the payload to record for a CAN frame."""
     return FILLER * len(data) if can_id >> 4 == _TYPE else data

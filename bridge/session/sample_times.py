@@ -1,10 +1,10 @@
-"""When the newest sample of each stream was taken, by its device stamp.
+"""Age of each stream's newest sample, from its device stamp.
 
-Sans-I/O. A sample that arrives now may be old: a device repeats it, a stream's stamp stands still,
-a buffer delays it. Its arrival says only that the link works. The quickest of the other frames maps
-device stamps to host time, and the stamps of all streams share it. Replies to pings are such frames
-too: where they come at once, streams that all lag by the same time are old. What delays the replies
-as well is the link, which :mod:`bridge.session.round_trip` judges.
+Sans-I/O. The arrival of a sample does not prove that it is new: the device may repeat it, its
+stamp may stand still, a buffer may delay it. All streams share one mapping from device stamps to
+host time, taken from the fastest frames. Ping replies are such frames too. If they arrive without
+delay, streams that all lag by the same time are old. :mod:`bridge.session.round_trip` detects a
+delay of the link that affects the replies too.
 """
 
 from __future__ import annotations
@@ -12,62 +12,62 @@ from __future__ import annotations
 import math
 
 FUTURE_S = 0.3
-"""Time by which a stamp may precede the quickest frame so far, s: more is not a quicker link but a
-clock that has jumped. It equals the age at which samples count as stale."""
+"""Maximum time by which a frame may be faster than the fastest so far, s. More is a clock jump.
+Equal to the age at which samples count as stale."""
 DRIFT = 0.02
-"""Drift between the clocks that no stamp is rejected for, as a share: twice the worst that the
-emulator's faults have."""
+"""Maximum relative clock drift that is accepted: twice the maximum of the emulator's faults."""
 FOLLOWING = 0.7
-"""Share of the time by which the map follows frames that all come later than before. A link whose
-delay grows by up to 1 s makes no sample stale, and a device's clock that runs at less than 0.3 of
-its rate does."""
+"""Rate at which the mapping follows frames that all arrive later, s/s. With it, a link delay that
+grows by up to 1 s makes no sample stale; a device clock at less than 0.3 of its nominal rate
+does."""
 RESYNC_S = 1.0
-"""Time for which a stream's samples must be rejected, each newer than the one before, until its
-clock counts as set anew, s. A run has ended by then, for its data are stale after 0.3 s."""
+"""Time after which advancing samples that are rejected count as a clock reset, s. The run has ended
+by then, since its data are stale after 0.3 s."""
 
 
 class SampleTimes:
-    """Judges the stamps of one device's streams, one boot after the other."""
+    """Checks the stamps of one device's streams."""
 
     def __init__(self) -> None:
-        """No sample was taken."""
+        """Create an empty record."""
         self.taken_s: dict[type, float] = {}
-        """Host time at which the newest sample of each stream was taken."""
+        """Host time at which each stream's newest sample was taken, s."""
         self.jumps = 0
-        """How often a stream's clock was found to be set anew."""
+        """Number of clock resets found."""
         self._newest_us: dict[type, int] = {}
-        """Stamp of the newest sample of each stream."""
+        """Stamp of each stream's newest sample, µs."""
         self._quickest_s = math.inf
-        """Host time less device time, of the quickest frame so far."""
+        """Host time minus device time of the fastest frame so far, s."""
         self._usual_s = math.inf
-        """The same of the quickest frame of late."""
+        """Host time minus device time of the fastest recent frame, s."""
         self._at_s = 0.0
-        """When both were brought up to date."""
+        """Time of the last update of both, s."""
         self._rejected: dict[type, tuple[float, int]] = {}
-        """Streams whose samples are rejected: since when, and the newest stamp among them."""
+        """Streams with rejected samples: start of the rejection (s) and newest rejected stamp
+        (µs)."""
 
     def forget(self) -> None:
-        """Begin anew: another session or boot."""
+        """Discard all stamps at a new session or boot."""
         self.taken_s.clear()
         self._newest_us.clear()
         self._rejected.clear()
         self._quickest_s = self._usual_s = math.inf
 
     def hear(self, device_us: int, now_s: float) -> None:
-        """Take the stamp of a frame that is no sample, such as the answer to a ping."""
+        """Use the stamp of a frame that is not a sample, such as a ping reply."""
         delay_s = now_s - device_us * 1e-6
         if delay_s < self._quickest_s - FUTURE_S:
-            return  # a clock that has jumped is for the samples to show
+            return  # only samples detect a clock jump
         self._follow(delay_s, now_s)
 
     def _follow(self, delay_s: float, now_s: float) -> None:
-        """Bring the map up to date with a frame's host time less device time."""
+        """Update the mapping with a frame's host time minus device time."""
         elapsed_s, self._at_s = now_s - self._at_s, now_s
         self._quickest_s = min(delay_s, self._quickest_s + DRIFT * elapsed_s)
         self._usual_s = min(delay_s, self._usual_s + FOLLOWING * elapsed_s)
 
     def take(self, stream: type, device_us: int, now_s: float) -> bool:
-        """Take a sample's stamp and arrival; False for one that is not newer than the last."""
+        """Add a sample's stamp and arrival. Return False if it is not newer than the last."""
         device_s = device_us * 1e-6
         delay_s = now_s - device_s
         jumped = math.isfinite(self._quickest_s) and delay_s < self._quickest_s - FUTURE_S
@@ -85,7 +85,7 @@ class SampleTimes:
         return True
 
     def _set_anew(self, stream: type, device_us: int, now_s: float) -> bool:
-        """Whether a stream's clock now counts as set anew, for its samples go on advancing."""
+        """Return True if the rejected samples advanced long enough for a clock reset."""
         since_s, newest_us = self._rejected.get(stream, (now_s, device_us - 1))
         if device_us <= newest_us:
             since_s = now_s

@@ -1,7 +1,7 @@
-"""A session with one device: hello, agreement, commands, heartbeats, loss and return.
+"""A session with one device: handshake, commands, pings, loss and reconnection.
 
-Sans-I/O. States and the moves between them are a table; whoever owns the port feeds bytes
-and time in and carries events and bytes out.
+Sans-I/O. The transitions are a table (:mod:`bridge.session.states`). The caller owns the port: it
+passes bytes and time in, and takes events and bytes out.
 """
 
 from __future__ import annotations
@@ -53,35 +53,41 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 HELLO_PERIOD_NS = 200_000_000
+"""Interval of hellos while no device answers, ns."""
 ANSWER_PERIOD_NS = 100_000_000
+"""Interval of repeated questions during the handshake, ns."""
 HANDSHAKES_AT_ONCE = 3
-"""Handshakes that may follow each other at once: a device that boots twice as it is plugged in."""
+"""Number of handshakes allowed without a pause. A device may boot twice when it is plugged in."""
 HANDSHAKE_PERIOD_NS = 1_000_000_000
-"""Period of further handshakes, ns: that of a device's own hellos. A device that answers each of
-our hellos with another boot id would else be answered as often as the link carries it."""
+"""Interval of further handshakes, ns: that of the device's own hellos. It limits the traffic with a
+device that answers each hello with a new boot id."""
 OPEN_TIMEOUT_NS = 3_000_000_000
-"""Three of the device's own hellos, which it sends at 1 Hz."""
+"""Maximum wait for a device, ns: three of its own hellos, which it sends at 1 Hz."""
 AGREE_TIMEOUT_NS = 8_000_000_000
-"""From opening to the first agreement: a device that is heard but never answers us."""
+"""Maximum time from opening to a complete handshake, ns: some devices send but never answer."""
 LOST_AFTER_NS = 1_000_000_000
+"""Silence after which the device counts as lost, ns."""
 FAST_PING_NS = 100_000_000
+"""Interval of the first pings, ns."""
 FAST_PINGS = 50
+"""Number of pings at the fast interval."""
 SLOW_PING_NS = 200_000_000
-"""Period of pings after the first fifty, ns: at 5 Hz four pings show within a second that a link
-has become slow, and the device, which holds us lost after 1 s, may lose a few."""
+"""Interval of later pings, ns. At 5 Hz, four pings detect a slow link within 1 s. The device counts
+the host as lost after 1 s, so it may miss a few."""
 PING_SPREAD_NS = 16_000_000
-"""By up to so much each comes early, the slowest adapter's period: in step with one that looks
-every so often, each would wait for it as long as the one before, and none be quick."""
+"""Maximum time by which a ping is early, ns: the latency timer of the slowest adapter. Pings in
+phase with the adapter's timer would all wait the same time, and none would be fast."""
 _GOLDEN_NS = round(PING_SPREAD_NS * 0.6180339887)
-"""Moments so far apart fall evenly into a period, and into a whole part of it."""
+"""Step of the early time, ns. The golden ratio spreads the pings evenly over the period."""
 _new = tuple.__new__
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
+"""Intervals of hellos to a lost device, ns; the last one repeats."""
 
 
 class Session:
-    """The host's end of a conversation with one device."""
+    """The host's side of a session with one device."""
 
-    def __init__(  # noqa: PLR0913 - what a session can be made with
+    def __init__(  # noqa: PLR0913 - the options of a session
         self,
         new_session_id: Callable[[], int],
         *,
@@ -91,12 +97,18 @@ class Session:
         link: type[LinkBase] = Link,
         key: bytes | None = None,
     ) -> None:
-        """Make a closed session; ``new_session_id`` gives random non-zero 32-bit ids.
+        """Create a closed session.
 
-        With a ``key`` what moves the robot is signed, where the device asks for it.
+        Args:
+            new_session_id: Returns a random 32-bit id other than 0.
+            name: Name of the host in its hello.
+            node: Node of the device; None: the only one that answers.
+            catalogue: Messages of the host.
+            link: Framing for the port: serial or CAN.
+            key: 16-byte key that signs motion commands if the device requires it.
 
         Raises:
-            BadKeyError: the key has not 16 bytes.
+            BadKeyError: the key is not 16 bytes long.
 
         """
         self.link = made = link(Direction.HOST, codec=Codec(catalogue))
@@ -108,30 +120,30 @@ class Session:
         self._name = name
         self._agreement = Agreement(catalogue, made)
         self._joined = False
-        """The device has said that it is in our session."""
+        """The device has confirmed this session."""
         self._pace = Pace(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
         self._greeted = False
-        """The device has our hello for this handshake; else that waits for its turn."""
+        """The host's hello of this handshake is sent; otherwise it waits for the rate limit."""
         self._renew = False
-        """The next handshake begins another session."""
+        """The next handshake gets a new session id."""
         self._restless = False
-        """The device begins anew so often that it is not answered each time."""
+        """The device restarts so often that handshakes are rate-limited."""
         self._answers = Answers()
         self._opened_ns = 0
         self._next_ns = 0
-        """When something is due."""
+        """Time of the next periodic transmission, ns."""
         self._tries = 0
         self._boot_known: int | None = None
         self._schema_known: int | None = None
-        """The device's catalogue, as hashed, when the session was last ready."""
+        """The device's catalogue hash when the session was last ready."""
         self._events: list[SessionEvent] = []
         self._outbox = Outbox(made, node)
         self._catalogue = catalogue
         self._open_stop: int | None = None
-        """Gravest cause of a stop that no device has confirmed yet; it outlives a lost link."""
+        """Highest cause of an unconfirmed stop; kept while the link is lost."""
         self._pings = 0
         self.round_trip = RoundTrip()
-        """Of the pings since both ends agreed."""
+        """Round-trip times since the session became ready."""
         self._wanted_node = node
         self._evidence = Evidence()
         self._heard_ns = HostNs(0)
@@ -143,12 +155,12 @@ class Session:
             TimeReply: self._time_reply,
             Challenge: self._challenge,
         }
-        """What the session itself listens to; all else is telemetry."""
+        """Messages that the session handles; all others are telemetry."""
 
-    # ---- in and out -----------------------------------------------------------------------
+    # ---- input and output ------------------------------------------------------------------
 
     def open(self, now_ns: HostNs) -> None:
-        """Start to look for a device, any device: what was known of another is forgotten."""
+        """Start to search for a device; discard the data of the previous one."""
         if self.state is not State.CLOSED:
             return
         self._opened_ns = self._next_ns = now_ns
@@ -161,29 +173,29 @@ class Session:
         self._answers.clear()
         self._move("open", "opened")
         self.session_id = self._new_session_id()
-        # Replies name no session: ids that start anywhere are not those of an earlier host.
+        # Replies name no session. A random first id differs from those of an earlier host.
         self._outbox.commands = CommandSender(self.session_id & 0xFFFF)
 
     def close(self) -> None:
-        """End; says nothing to the device."""
+        """Close the session; send nothing."""
         self.commands.cancel()
         self._move("close", "closed")
 
     def unplugged(self, now_ns: HostNs) -> None:
-        """The port has vanished: the device is lost without a second's wait."""
+        """Enter the lost state at once, because the port is gone."""
         if self.state in {State.READY, State.AGREEING}:
             self._lose(now_ns, "unplugged", "its port is gone")
         elif self.state is State.OPENING and self._evidence.words is not None:
-            self._no_device()  # what is behind the port gave its reason, and would again
+            self._no_device()  # a port server has sent its reason
 
     def replugged(self, now_ns: HostNs) -> None:
-        """A port is there again: ask at once who is on it."""
+        """Search for the device on the reopened port at once."""
         if self.state is State.LOST:
             self._tries = 0
             self._next_ns = now_ns
 
     def receive(self, data: bytes, now_ns: HostNs) -> list[SessionEvent]:
-        """Take bytes from the port."""
+        """Handle bytes from the port; return the events."""
         ready = State.READY
         if self.state is not ready:
             self._evidence.hear(data)
@@ -194,7 +206,7 @@ class Session:
                 if node is None or event[1][1] == node:
                     self._heard_ns = now_ns
                     if self.state is ready and event[0].__class__ not in handlers:
-                        events.append(_new(Data, (event, now_ns)))  # nearly all of them
+                        events.append(_new(Data, (event, now_ns)))  # the usual case
                     else:
                         self._handle(event, now_ns)
                 elif self.state is State.OPENING:
@@ -206,9 +218,9 @@ class Session:
         return self._drain()
 
     def poll(self, now_ns: HostNs) -> list[SessionEvent]:
-        """Do what time asks for: hellos, questions, pings, retries, and noticing silence."""
+        """Handle what is due: hellos, questions, pings, retries, timeouts; return the events."""
         state = self.state
-        if (  # what it nearly always is, said first: this is asked at every turn of a loop
+        if (  # the usual case first: every pass of the loop gets here
             state is State.READY
             and now_ns < self._next_ns
             and now_ns - self._heard_ns <= LOST_AFTER_NS
@@ -223,7 +235,7 @@ class Session:
         return self._drain()
 
     def _notice(self, now_ns: HostNs) -> None:
-        """Draw conclusions from silence, and from what was heard by now."""
+        """Handle silence and the end of waiting times."""
         if self.state in {State.READY, State.AGREEING}:
             if now_ns - self._heard_ns > LOST_AFTER_NS:
                 self._lose(now_ns)
@@ -244,16 +256,16 @@ class Session:
                 self._fail(
                     "give_up",
                     EventKind.DEAF,
-                    "the device is heard but does not answer; check the wire from this host's TX "
-                    "to its RX",
+                    "the device is received but does not answer; check the wire from the host's TX "
+                    "to the device's RX",
                 )
 
     def data_to_send(self) -> bytes:
-        """Bytes for the port."""
+        """Take the bytes to write to the port."""
         return self.link.data_to_send()
 
     def next_deadline(self) -> HostNs | None:
-        """When :meth:`poll` has work next; None where nothing is awaited."""
+        """Return the next time at which :meth:`poll` is due; None if closed or failed."""
         state = self.state
         if state is State.CLOSED or state is State.FAILED:
             return None
@@ -269,55 +281,64 @@ class Session:
 
     @property
     def heard_ns(self) -> HostNs:
-        """When the device's last intact frame came; 0: never."""
+        """Arrival time of the device's last intact frame, ns; 0: none."""
         return self._heard_ns
 
-    # ---- what its user asks for -----------------------------------------------------------
+    # ---- commands ---------------------------------------------------------------------------
 
     @property
     def node(self) -> int | None:
-        """The device's node; None until one has answered, or while any will do."""
+        """The device's node; None before the first answer if any node is accepted."""
         return self._outbox.node
 
     @property
     def commands(self) -> CommandSender:
-        """Commands on their way."""
+        """The commands that wait for an answer."""
         return self._outbox.commands
 
     @property
     def command_counts(self) -> CommandCounts:
-        """What became of all commands so far."""
+        """Number of commands by result."""
         return self._outbox.counts
 
     def setpoint(self, v_m_s: float, yaw_rate_rad_s: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send a velocity; it replaces one that still waits to be written.
+        """Send a velocity setpoint; it replaces one that is not written yet.
 
-        What is faster than the wire can say is sent as the fastest that it can.
+        Args:
+            v_m_s: Forward speed, m/s; limited to the range of the wire format.
+            yaw_rate_rad_s: Yaw rate, rad/s; limited likewise.
+            ttl_ms: Time to live on the device, ms.
+            now_ns: Host time.
+
+        Raises:
+            ValueError: a velocity is NaN.
+
         """
         self._outbox.setpoint(v_m_s, yaw_rate_rad_s, ttl_ms, now_ns)
 
     def duty(self, left: float, right: float, ttl_ms: int, now_ns: HostNs) -> None:
-        """Send motor duties, -1..1, which a device obeys in bring-up mode only, capped."""
+        """Send motor duties, -1..1. The device limits them and obeys in bring-up mode only."""
         self._outbox.duty(left, right, ttl_ms, now_ns)
 
     def stop(self, cause: int, now_ns: HostNs) -> int:
-        """Latch a stop, repeated until the device has said yes, in a later session if need be.
+        """Latch a stop of this cause and repeat it until the device confirms it.
 
-        It is sent at once in any state: a device obeys a stop outside a session too.
+        It is sent in any state, because a device obeys a stop outside a session too. An unconfirmed
+        stop is sent again in the next session. Returns the command id.
         """
         self._open_stop = max(cause, self._open_stop or 0)
         return self._command(Stop, cause, now_ns, forever=True)
 
     def clear_stop(self, cause: int, now_ns: HostNs) -> int:
-        """Release a latched stop of this cause."""
+        """Release a latched stop of this cause; return the command id."""
         return self._command(ClearStop, cause, now_ns)
 
     def set_mode(self, mode: int, now_ns: HostNs) -> int:
-        """Choose what moves the wheels."""
+        """Choose the source of motion; return the command id."""
         return self._command(SetMode, mode, now_ns)
 
     def command(self, kind: type[Message], fields: tuple[int, ...], now_ns: HostNs) -> int:
-        """Send any other command, its fields after the id; gives the id."""
+        """Send another command with these fields after the id; return the id."""
         type_id = self._catalogue.by_class[kind].type_id
         return self._outbox.command(lambda i: kind(i, *fields), type_id, now_ns, forever=False)  # type: ignore[call-arg]  # a command's first field is its id
 
@@ -333,17 +354,17 @@ class Session:
         return self._outbox.command(lambda i: message(i, value), type_id, now_ns, forever=forever)
 
     def set_key(self, key: bytes | None, now_ns: HostNs) -> None:
-        """Sign with this key from now on, and ask for the challenge; None: sign nothing."""
+        """Sign with this key from now on and request a challenge; None: sign nothing."""
         self._key.use(key)
         if key is not None and self.state is State.READY:
             self._send_hello(now_ns, agreed=1)
 
     @property
     def signs(self) -> bool:
-        """Whether what moves the robot is signed: there is a key, and the device's challenge."""
+        """True if motion commands are signed: a key is set and its challenge has arrived."""
         return self.link.key is not None and self.link.key.begun
 
-    # ---- inside ---------------------------------------------------------------------------
+    # ---- state ------------------------------------------------------------------------------
 
     def _drain(self) -> list[SessionEvent]:
         events = self._events
@@ -384,15 +405,15 @@ class Session:
         elif self.state is State.AGREEING and self._agreement.settled and self._joined:
             if not self._key.allows(self.hello):
                 return  # the next hello brings the challenge
-            # Telemetry flows once the device knows that we agree; but what comes before it has
-            # named our session may still be of an earlier one.
+            # Telemetry starts after the device has confirmed this session. Frames received before
+            # that confirmation may belong to an earlier session.
             self._ready(now_ns)
             self.round_trip.begin(now_ns)
         state = self.state
         if state is State.READY or (state is State.AGREEING and handler == self._hello):
             self._events.append(Data(event, now_ns))
 
-    def _reply(self, reply: Ack | Nack, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+    def _reply(self, reply: Ack | Nack, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every handler
         outcome = self._outbox.commands.reply(reply, now_ns // 1000)
         if outcome is not None:
             message = outcome.message
@@ -414,12 +435,12 @@ class Session:
 
     @property
     def _others_talk(self) -> bool:
-        """On a bus that we are about to use, another host does."""
+        """Another host sends on the bus that this session is about to use."""
         bus = self.link.medium is Medium.CAN
         return bus and self.state is State.OPENING and self._evidence.echoes > 0
 
     def _lose(
-        self, now_ns: HostNs, what: str = "silence", why: str = "nothing heard for 1 s"
+        self, now_ns: HostNs, what: str = "silence", why: str = "nothing received for 1 s"
     ) -> None:
         self._tries = 0
         self._next_ns = now_ns
@@ -430,7 +451,7 @@ class Session:
         kind, text = self._evidence.verdict(self.link.medium, self.link.statistics.damaged)
         self._fail("no_device", kind, text)
 
-    # ---- who is there ---------------------------------------------------------------------
+    # ---- handshake --------------------------------------------------------------------------
 
     def _send_hello(self, now_ns: HostNs, *, agreed: int) -> None:
         self._outbox.send(
@@ -450,11 +471,11 @@ class Session:
             return
         self._accept(hello, event.frame.node, now_ns)
 
-    def _challenge(self, message: Challenge, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+    def _challenge(self, message: Challenge, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every handler
         self._key.take(message, self.hello, self.session_id)
 
     def _choose(self, now_ns: HostNs) -> None:
-        """Everybody on the bus has had time to answer: go on where it was one."""
+        """Continue with the only device on the bus; fail if there are several."""
         chosen = self._answers.choose()
         if isinstance(chosen, str):
             self._fail("no_device", EventKind.SEVERAL, chosen)
@@ -467,7 +488,8 @@ class Session:
             self._fail(
                 "other_device",
                 EventKind.OTHER_DEVICE,
-                f"another device answered: uid {hello.uid.hex()}, expected {known.uid.hex()}",
+                f"another device answered: uid {hello.uid.hex()}, expected {known.uid.hex()}; "
+                "connect the expected device or open a new session",
             )
             return
         if self.state in {State.OPENING, State.LOST}:
@@ -479,7 +501,7 @@ class Session:
             if rebooted or hello.session_id != self.session_id:
                 self._move(
                     "rebooted" if rebooted else "forgotten",
-                    "the device booted anew" if rebooted else "the device ended the session",
+                    "the device rebooted" if rebooted else "the device ended the session",
                 )
                 self._agree(hello, now_ns)
         elif self.state is State.AGREEING:
@@ -494,9 +516,9 @@ class Session:
                 self._joined = True
 
     def _agree(self, hello: Hello, now_ns: HostNs) -> None:
-        """Start agreement with the device that says ``hello``, always in a new session.
+        """Start schema negotiation with the device that sent ``hello``, in a new session.
 
-        Where it begins anew too often, it is answered once a second.
+        The rate limit delays it if the device restarts too often.
         """
         self._renew = self._renew or self.hello is not None
         if self._boot_known is not None and self._boot_known != hello.boot_id:
@@ -518,7 +540,7 @@ class Session:
             self._events.append(Restless(RESTLESS))
 
     def _greet(self, now_ns: HostNs) -> None:
-        """Say hello in a session of its own, and ask the first questions."""
+        """Send the hello of this handshake and the first questions."""
         self._pace.take(now_ns)
         self._greeted = True
         if self._renew:
@@ -528,40 +550,40 @@ class Session:
         self._ask(now_ns)
         self._next_ns = now_ns + ANSWER_PERIOD_NS
 
-    def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - of every handler
+    def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every handler
         agreement = self._agreement
         if self.state is not State.AGREEING or not self._greeted or not agreement.answer(reply):
             return
         if not agreement.settled:
-            # One answer, one new question; what is lost is asked again by the clock.
+            # One reply, one new question. Lost questions are repeated by `poll`.
             for question in agreement.questions()[QUESTIONS_AT_ONCE - 1 :]:
                 self._outbox.send(question, now_ns)
             return
         broken = agreement.apply()
         if broken is not None:
             self._fail(
-                "disagree", EventKind.DISAGREEMENT, f"no common ground with the device: {broken}"
+                "disagree", EventKind.DISAGREEMENT, f"host and device are incompatible: {broken}"
             )
             return
         self._ask(now_ns)
 
     def _ready(self, now_ns: HostNs) -> None:
         hello = self.hello
-        assert hello is not None  # noqa: S101 - set when agreement began
-        assert self.node is not None  # noqa: S101 - set when agreement began
+        assert hello is not None  # noqa: S101 - set at the start of the negotiation
+        assert self.node is not None  # noqa: S101 - set at the start of the negotiation
         again = self._boot_known is not None
         rebooted = again and self._boot_known != hello.boot_id
         other_schema = again and self._schema_known != hello.catalogue_hash
         self._boot_known, self._schema_known = hello.boot_id, hello.catalogue_hash
         self._tries = 0
         self._next_ns = now_ns
-        self._move("agreed", "both ends agree")
+        self._move("agreed", "host and device are compatible")
         differences = self._agreement.differences
         self._events.append(Agreed(hello, self.node, rebooted, differences, again, other_schema))
         if self._open_stop is not None:
             self.stop(self._open_stop, now_ns)
 
-    # ---- moves ----------------------------------------------------------------------------
+    # ---- transitions ------------------------------------------------------------------------
 
     def _move(self, what: str, why: str) -> None:
         new = TRANSITIONS.get((self.state, what))

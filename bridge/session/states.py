@@ -1,4 +1,4 @@
-"""Where a session may stand, how it may move, and what it tells."""
+"""States, transitions and events of a session."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class State(Enum):
-    """Where a session stands."""
+    """State of a session."""
 
     CLOSED = "closed"
     OPENING = "opening"
@@ -48,12 +48,12 @@ TRANSITIONS: dict[tuple[State, str], State] = {
     (State.READY, "other_device"): State.FAILED,
     **{(state, "close"): State.CLOSED for state in State},
 }
-"""Every legal move: (state, what happened) → next state."""
+"""Transition table: (state, cause) → next state."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """The session moved."""
+    """The session changed its state."""
 
     old: State
     new: State
@@ -62,43 +62,43 @@ class StateChanged:
 
 @dataclass(frozen=True, slots=True)
 class Agreed:
-    """Both ends know what they share; streams and commands may start."""
+    """The session is ready: streams and commands may start."""
 
     hello: Hello
     node: int
     rebooted: bool
-    """True where the device is not in the boot that we knew."""
+    """True if the device has a new boot id."""
     differences: tuple[MessageAgreement, ...] = ()
     again: bool = False
-    """True where a session with this device was ready before."""
+    """True if a session with this device was ready before."""
     other_schema: bool = False
-    """True where it declares its messages otherwise than it did then."""
+    """True if the device's catalogue differs from that of the previous session."""
 
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """The session cannot go on."""
+    """The session cannot continue."""
 
     kind: EventKind
-    """Of those that say why a session cannot go on."""
+    """A kind that is the reason of a failed session."""
     text: str
 
 
 RESTLESS = (
-    "the device begins anew again and again: each hello has another boot id or session; it is "
-    "answered once a second; check its supply and its reset line"
+    "the device restarts repeatedly: each hello has another boot id or session; the host answers "
+    "once a second; check the device's supply and its reset line"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Restless:
-    """The device begins anew so often that it is not answered each time; said once."""
+    """The device restarts so often that its handshakes are rate-limited; emitted once."""
 
     text: str
 
 
 class Data(NamedTuple):
-    """A telemetry message; a bare tuple, for it is made for each one that comes."""
+    """A telemetry message. A plain tuple, because there is one for each message."""
 
     received: Received
     arrived_ns: HostNs
@@ -106,7 +106,7 @@ class Data(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """A time exchange is complete."""
+    """A completed time exchange."""
 
     sent_ns: HostNs
     received_us: int
@@ -115,7 +115,7 @@ class Ping:
 
 
 class CommandEnded(NamedTuple):
-    """A command was accepted, refused or never answered."""
+    """A command was accepted or rejected, or got no answer."""
 
     outcome: Outcome
 

@@ -1,7 +1,7 @@
-"""One stop, repeated until a device confirms it; needs no session. Sans-I/O.
+"""A stop that is repeated until a device confirms it; needs no session. Sans-I/O.
 
-A device obeys a stop from any sender at any time. A program that has no session, or whose loop
-has failed, sends this one.
+A device obeys a stop from any sender at any time. A program without a session, or with a failed
+loop, uses this one.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
     from protocol.values import StopCause
 
 REPEAT_NS = 50_000_000
-"""Interval of the repeated stop, nanoseconds: above an FTDI adapter's 16 ms, so that an answer
+"""Interval of the repeated stop, ns: above an FTDI adapter's latency of 16 ms, so that a reply
 arrives before the next stop leaves."""
 _STOP = CATALOGUE.by_class[Stop].type_id
 
 
 class StopRequest:
-    """Feed bytes and time in, carry bytes out, until :attr:`confirmed_by` is a node."""
+    """Sends a stop until :attr:`confirmed_by` is a node."""
 
     def __init__(
         self, link: type[LinkBase], cause: StopCause, command_id: int, node: int | None = None
     ) -> None:
-        """``node`` stops one device; without it every device on the port is stopped."""
+        """Stop ``node``; None: every device on the port."""
         self.confirmed_by: int | None = None
-        """Node of the device that has confirmed the stop."""
+        """Node of the device that confirmed the stop; None before that."""
         self._link = link(Direction.HOST)
         self._stop = Stop(command_id & 0xFFFF, cause)
         self._node = node
         self._due_ns = 0
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
-        """Give the stop's bytes where it is due; none before that."""
+        """Return the stop's bytes if it is due, else no bytes."""
         if now_ns < self._due_ns:
             return b""
         self._due_ns = now_ns + REPEAT_NS
@@ -47,11 +47,11 @@ class StopRequest:
         return self._link.data_to_send()
 
     def next_deadline(self) -> HostNs:
-        """When the stop is due again."""
+        """Return the time of the next repetition, ns."""
         return HostNs(self._due_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Take bytes from the port."""
+        """Handle bytes from the port."""
         if not data:
             return
         for event in self._link.receive(data, now_ns // 1000):

@@ -1,11 +1,11 @@
-"""Device microseconds to host time, with a bound on the error of every sample.
+"""Synchronisation of device time to host time, with an error bound for every sample.
 
-Host time is a straight line over device time, and every exchange fences it in. A device
-stamp can never be later than its arrival (upper fence; every telemetry frame gives one),
-and a device's receive stamp never earlier than our sending (lower fence; pings give those).
-The line must pass below all upper and above all lower fences. What remains is a slope
-interval and, at any moment, an offset interval; its middle is the estimate and its half
-width an honest bound.
+Host time is a linear function of device time. Every exchange constrains it. A device stamp is
+never later than its arrival at the host: an upper constraint from every telemetry frame. The
+device's receive stamp is never earlier than the host's transmission: a lower constraint from every
+ping. The feasible lines lie below all upper and above all lower constraints. They give an interval
+of slopes and, at any time, an interval of offsets. Its middle is the estimate, its half-width a
+strict error bound.
 """
 
 from __future__ import annotations
@@ -18,19 +18,21 @@ from protocol.clock import DeviceUs, HostNs, extend_us
 _new = tuple.__new__
 
 MAX_DRIFT_PPM = 300.0
-"""Two crystals of ±100 ppm, with room."""
+"""Maximum relative drift, ppm: two crystals of ±100 ppm, with margin."""
 BUCKET_US = 500_000
+"""Device time per constraint kept, µs."""
 BUCKETS = 60
-"""Half a minute of history: longer and a crystal's own drift with temperature shows."""
+"""Number of constraints kept on each side: 30 s. Crystal drift with temperature limits it."""
 STAMP_NS = 1_000
-"""A device's stamp is up to this much before the moment that it names."""
+"""Resolution of a device stamp, ns: the stamp is truncated to whole microseconds."""
 STEP_NS = 1_000_000
+"""Minimum contradiction that counts towards a clock step, ns."""
 STEP_SAMPLES = 5
-"""Five contradictions of over 1 ms are a clock that jumped; one is a damaged stamp."""
+"""Consecutive contradictions that count as a clock step. A single one is a damaged stamp."""
 
 
 class Mapped(NamedTuple):
-    """A device moment in host time."""
+    """A device time converted to host time, with its error bound."""
 
     host_ns: HostNs
     bound_ns: int
@@ -38,44 +40,48 @@ class Mapped(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """The line at its reference moment, and how far it may be off."""
+    """The fitted line at its reference time, and its error bounds."""
 
     device_us: int
     host_ns: float
     drift: float
-    """Host seconds per device second, less 1."""
+    """Host seconds per device second, minus 1."""
     bound_ns: float
     drift_bound: float
 
 
 class TimeSync:
-    """Fences, line and bounds of one boot of one device."""
+    """Constraints, line and bounds for one boot of one device."""
 
     def __init__(self, min_up_ns: int = 0, min_down_ns: int = 0) -> None:
-        """Know nothing yet.
+        """Create an empty synchronisation.
 
-        ``min_up_ns`` and ``min_down_ns`` declare what no frame to the device, and none from
-        it, is quicker than: the time on a wire of a known baud rate, an adapter's own. The
-        fences move together by as much, and the bound halves or better; a declaration that is
-        not true makes it dishonest, so the default declares nothing.
+        The declared delays tighten the constraints, which at least halves the bound. Too large a
+        delay makes the bound wrong; the default 0 is always valid.
+
+        Args:
+            min_up_ns: Minimum delay of a frame to the device, ns: the transmission time at a known
+                baud rate, plus the adapter's latency.
+            min_down_ns: Minimum delay of a frame from the device, ns.
+
         """
         self._min_up_ns = min_up_ns
         self._min_down_ns = min_down_ns
         self.fit: Fit | None = None
         self.samples = 0
         self.steps = 0
-        """Clock steps found so far."""
+        """Number of clock steps found."""
         self.round_trip_ns = 0
         self._last: DeviceUs | None = None
         self._upper: dict[int, tuple[int, int]] = {}
         self._lower: dict[int, tuple[int, int]] = {}
         self._upper_corners: list[tuple[int, int]] | None = None
         self._lower_corners: list[tuple[int, int]] | None = None
-        """Of the fences, until one changes."""
+        """Convex hulls of the constraints, None after a change."""
         self._contradictions = 0
 
     def reset(self) -> None:
-        """Forget everything: another boot, or the clock has stepped."""
+        """Discard all data after a reboot or a clock step."""
         self.fit = None
         self._last = None
         self._upper.clear()
@@ -84,14 +90,14 @@ class TimeSync:
         self._contradictions = 0
 
     def extend(self, low32: int) -> DeviceUs:
-        """Undo the wrap of a 32-bit device stamp."""
+        """Extend a 32-bit device stamp over its wraps."""
         self._last = DeviceUs(low32) if self._last is None else extend_us(self._last, low32)
         return self._last
 
     def observe(self, low32: int, arrived_ns: HostNs) -> tuple[DeviceUs, Mapped | None]:
-        """Take a frame's stamp and arrival; its moment on the device and on the host.
+        """Add a frame's stamp and arrival; return its device time and host time.
 
-        :meth:`extend`, :meth:`arrival` and :meth:`map` in one: every message passes here.
+        It combines :meth:`extend`, :meth:`arrival` and :meth:`map`: it runs for every message.
         """
         last = self._last
         self._last = device_us = DeviceUs(low32) if last is None else extend_us(last, low32)
@@ -110,7 +116,7 @@ class TimeSync:
         return device_us, _new(Mapped, (host_ns, bound_ns))
 
     def arrival(self, device_us: DeviceUs, host_ns: HostNs) -> None:
-        """A frame stamped ``device_us`` was here at ``host_ns``."""
+        """Add the upper constraint of a frame stamped ``device_us`` that arrived at ``host_ns``."""
         latest_ns = host_ns - self._min_down_ns
         if self._fence(self._upper, device_us, latest_ns, keep_smaller=True):
             self._upper_corners = None
@@ -118,7 +124,7 @@ class TimeSync:
     def exchange(
         self, sent_ns: HostNs, received_us: DeviceUs, replied_us: DeviceUs, arrived_ns: HostNs
     ) -> bool:
-        """A ping and its reply; False where the clock was found to have stepped."""
+        """Add a ping and its reply. Return False if the device's clock has stepped."""
         self.samples += 1
         self.round_trip_ns = arrived_ns - sent_ns - (replied_us - received_us) * 1000
         if self._contradicts(sent_ns, received_us, replied_us, arrived_ns):
@@ -129,8 +135,8 @@ class TimeSync:
                 return False
             return True
         self._contradictions = 0
-        # The stamp is cut, so the moment that it names may be just before our sending. Without
-        # room for that, two fences close together bend the slope by thousands of ppm.
+        # The stamp is truncated, so it may be just before the transmission. Without this margin,
+        # two close constraints change the slope by thousands of ppm.
         floor_ns = HostNs(sent_ns + self._min_up_ns - STAMP_NS - 1)
         if self._fence(self._lower, received_us, floor_ns, keep_smaller=False):
             self._lower_corners = None
@@ -139,9 +145,9 @@ class TimeSync:
         return True
 
     def _is_future(self, device_us: int, arrived_ns: int) -> bool:
-        """Whether a stamp is later than its arrival: one stream's fault, which bends no line.
+        """Return True if a stamp is later than its arrival.
 
-        A clock that steps is found by the pings.
+        That is an error of one stream, which must not change the line. Pings detect clock steps.
         """
         if self.fit is None:
             return False
@@ -149,9 +155,9 @@ class TimeSync:
         return mapped.host_ns - mapped.bound_ns - STEP_NS > arrived_ns
 
     def map(self, device_us: DeviceUs) -> Mapped | None:
-        """Host time of a device moment, or None while nothing is known, or all is in doubt.
+        """Convert a device time to host time; None before the first fit or in a possible step.
 
-        A device's stamp is the moment cut to whole microseconds; the bound has room for that.
+        The bound includes the truncation of the device's stamps to whole microseconds.
         """
         fit = self.fit
         if fit is None or self._contradictions:
@@ -165,13 +171,13 @@ class TimeSync:
         bound_ns = fit.bound_ns + abs(elapsed_ns) * fit.drift_bound
         return _new(Mapped, (HostNs(round(host_ns)), round(bound_ns) + STAMP_NS))
 
-    # ---- fences ---------------------------------------------------------------------------
+    # ---- constraints ------------------------------------------------------------------------
 
     @staticmethod
     def _fence(
         side: dict[int, tuple[int, int]], device_us: int, host_ns: int, *, keep_smaller: bool
     ) -> bool:
-        """Keep, per bucket of device time, the tightest fence; whether that is this one."""
+        """Keep the tightest constraint of each time bucket; return True if it is the new one."""
         bucket = device_us // BUCKET_US
         known = side.get(bucket)
         if known is not None:
@@ -203,26 +209,25 @@ class TimeSync:
         upper = _around(self._upper_corners, at_us, base_ns)
         lower = _around(self._lower_corners, at_us, base_ns)
         slow, fast = _slopes(upper, lower)
-        # Each fence carried to the moment of the fit along whichever slope is the laxer.
+        # Each constraint, moved to the time of the fit along the slope that loosens it most.
         high_ns = min(ns - min(at * (1 + slow), at * (1 + fast)) for at, ns in upper)
         low_ns = max(ns - max(at * (1 + slow), at * (1 + fast)) for at, ns in lower)
-        # Where they cross, they contradict each other by as much as that.
+        # If the constraints cross, the crossing is the size of the contradiction.
         middle, half = 0.5 * (high_ns + low_ns), 0.5 * abs(high_ns - low_ns)
         self.fit = Fit(at_us, base_ns + middle, 0.5 * (slow + fast), half, 0.5 * (fast - slow))
 
 
 def _corners(fences: dict[int, tuple[int, int]], *, side: int) -> list[tuple[int, int]]:
-    """The fences that a line can touch: the corners of their convex hull on its side.
+    """Return the constraints that can touch the line: the corners of their convex hull.
 
-    A handful of the 60, which is what makes the fit cheap. ``side`` is 1 for fences above the
-    line and -1 below it.
+    There are few, which makes the fit fast. ``side`` is 1 for upper and -1 for lower constraints.
     """
     corners: list[tuple[int, int]] = []
     ordered = sorted(fences.values())
     first_us, first_ns = ordered[0]
     for device_us, host_ns in ordered:
         x = (device_us - first_us) * 1000
-        y = side * (host_ns - first_ns - x)  # less the slope of 1: the hull is of small numbers
+        y = side * (host_ns - first_ns - x)  # minus slope 1, to keep the numbers small
         while len(corners) > 1:
             (x1, y1), (x2, y2) = corners[-2:]
             if (x2 - x1) * (y - y1) > (y2 - y1) * (x - x1):
@@ -233,14 +238,14 @@ def _corners(fences: dict[int, tuple[int, int]], *, side: int) -> list[tuple[int
 
 
 def _around(corners: list[tuple[int, int]], at_us: int, base_ns: int) -> list[tuple[float, float]]:
-    """Corners in device and host nanoseconds, from the moment of the fit."""
+    """Return the corners in device and host nanoseconds relative to the time of the fit."""
     return [(float((us - at_us) * 1000), float(ns - base_ns)) for us, ns in corners]
 
 
 def _slopes(
     upper: list[tuple[float, float]], lower: list[tuple[float, float]]
 ) -> tuple[float, float]:
-    """Least and greatest drift of a line below all upper and above all lower fences."""
+    """Return the minimum and maximum drift of a line that meets all constraints."""
     fast = MAX_DRIFT_PPM * 1e-6
     slow = -fast
     for upper_at, upper_ns in upper:
@@ -253,6 +258,6 @@ def _slopes(
                 fast = min(fast, slope)
             else:
                 slow = max(slow, slope)
-    if slow > fast:  # rounding of stamps to whole microseconds
+    if slow > fast:  # caused by the truncation of stamps to whole µs
         slow = fast = 0.5 * (slow + fast)
     return slow, fast

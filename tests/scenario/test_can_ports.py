@@ -204,7 +204,7 @@ def test_robots_and_a_host_in_processes_of_their_own_over_udp(tmp_path: Path) ->
             again = ("--node", "1", "--duration", "1", "--json", "--out", "again.mcap")
             second = connect(tmp_path, one.port, *again)
             assert second.status == 3
-            assert "another host talks on this bus" in second.complaint
+            assert "another host sends on this bus" in second.complaint
             ended = stopped_after_a_while(host)
         assert ended.status == 0, ended.err
         assert ended.json["path_m"] > 0.1

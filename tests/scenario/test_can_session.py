@@ -173,7 +173,7 @@ def test_two_robots_with_one_node_are_reported() -> None:
     assert ends.run(5.0, lambda: host.session.state is State.FAILED)
     (failed,) = host.of(Failed)
     assert failed.kind == "several"
-    assert "two of them may not share a node" in failed.text
+    assert "two have the same node" in failed.text
 
 
 def test_a_second_host_is_rejected_and_changes_nothing() -> None:

@@ -117,7 +117,7 @@ def test_connect_shows_and_starts_only_when_asked_twice(served: Served, tmp_path
     file.write_text("wheel_base_m = 0.25\n")
     with OnTerminal("connect", served.port, "--robot", file, cwd=tmp_path) as terminal:
         terminal.shows("wheel_base: the device has 0.23 m, the robot file 0.25 m")
-        for text in ("run waiting", "battery", "front", "lost", "events", "both ends agree"):
+        for text in ("run waiting", "battery", "front", "lost", "events", "are compatible"):
             terminal.shows(text)
         terminal.press(b"g")
         terminal.shows("g again lets the plan begin")

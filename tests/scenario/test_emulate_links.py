@@ -85,7 +85,7 @@ def tcp_one_client_and_a_reason_for_the_second(tmp_path: Path) -> None:
             with talking(first):
                 ended = connect(tmp_path, device.port, "--json", "--out", "refused.mcap")
             assert ended.status == 3
-            assert "the other end says: refused: this sweeper has a host already" in ended.complaint
+            assert "text instead of frames: refused: this sweeper has a host" in ended.complaint
             reported = [line for line in ended.err.splitlines() if "session: opened" not in line]
             assert reported == [ended.complaint], "one line, and no tries to open it again"
             assert first.recv(100), "the first hears the device all the same"
@@ -169,7 +169,7 @@ def a_port_pulled_and_put_back(tmp_path: Path) -> None:
     with Emulator(tmp_path, "--pty-link", link, "--control", control) as device:
         arguments = (link, "--duration", "5", "--json", "--out", "run.mcap")
         with Command("connect", *arguments, cwd=tmp_path) as host:
-            host.prints("both ends agree")
+            host.prints("host and device are compatible")
             assert ask_control(control, "start unplug:1.5")["ok"]
             device.prints("the port is unplugged")
             assert not os.path.lexists(link)
@@ -180,7 +180,7 @@ def a_port_pulled_and_put_back(tmp_path: Path) -> None:
         assert ended.json["reason"] == "the time asked for is over"
         assert "is gone" in ended.err
         assert "sweeper is back" in ended.err
-        assert ended.err.count("both ends agree") == 2
+        assert ended.err.count("host and device are compatible") == 2
         assert device.stop().status == 0
     assert not os.path.lexists(link)
 

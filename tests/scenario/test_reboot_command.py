@@ -22,7 +22,7 @@ def test_a_device_boots_anew_and_is_back(tmp_path: Path) -> None:
         first = sweepctl("reboot", device.port, "--json")
         again = sweepctl("reboot", device.port, "--json")
     assert (first.status, again.status) == (0, 0), first.err + again.err
-    assert "has booted anew (cause: software)" in again.err
+    assert "has rebooted (cause: software)" in again.err
     boots = [done.json["device"]["boot_id"] for done in (first, again)]
     assert boots[0] != boots[1]
 
@@ -30,10 +30,10 @@ def test_a_device_boots_anew_and_is_back(tmp_path: Path) -> None:
 def test_an_owner_is_asked_and_rejects_while_the_robot_may_move(tmp_path: Path) -> None:
     with Emulator(tmp_path) as device:
         with Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner:
-            owner.prints("both ends agree")
+            owner.prints("host and device are compatible")
             done = sweepctl("reboot", device.port, "--json")
             assert done.status == 0, done.err
-            owner.prints("the device booted anew")
+            owner.prints("the device rebooted")
             owner.send(signal.SIGINT)
             assert owner.end().status == 0
         moving = ("--plan", "paper", "--out", "moving.mcap")
@@ -52,7 +52,7 @@ def test_a_monitor_beside_an_owner_is_a_picture_on_a_terminal(tmp_path: Path) ->
         Emulator(tmp_path) as device,
         Command("connect", device.port, "--out", "watched.mcap", cwd=tmp_path) as owner,
     ):
-        owner.prints("both ends agree")
+        owner.prints("host and device are compatible")
         with OnTerminal("monitor", device.port, "--duration", "3", cwd=tmp_path) as terminal:
             terminal.shows("what another sweepctl knows of it")
             for text in ("session", "ready, run waiting", "battery", "ranges", "Ctrl-C: end"):

@@ -53,7 +53,7 @@ def test_what_was_injected_is_on_record(tmp_path: Path) -> None:
         ("unplug@4", 3, "fault", "the device was lost for 30 s"),
         ("unplug@4:3", 5, "stopped", "the device was lost and is back"),
         ("reset@4", 5, "stopped", "the device was lost and is back"),
-        ("unplug@0", 3, "fault", "nothing was heard"),
+        ("unplug@0", 3, "fault", "nothing received"),
     ],
 )
 def test_a_device_that_is_lost(

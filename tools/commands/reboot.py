@@ -40,7 +40,7 @@ def command(*, port: PortAsked, as_json: bool) -> int:
         except KeyboardInterrupt as error:
             error.add_note("the device took the command and was not back yet")
             raise
-        inform(f"{port.name}: the device has booted anew (cause: {after['reset_cause']})")
+        inform(f"{port.name}: the device has rebooted (cause: {after['reset_cause']})")
         if as_json:
             write_json({"port": port.name, "device": after})
         set_done()

@@ -179,7 +179,7 @@ def test_a_duration_does_not_hide_that_nobody_answers(scene: Scene) -> None:
     ending = scene.host.mission.ending
     assert ending is not None
     assert ending.exit_status == 3
-    assert "nothing was heard" in ending.reason
+    assert "nothing received" in ending.reason
 
 
 def test_a_duration_ends_the_run(scene: Scene) -> None:

@@ -84,7 +84,7 @@ def test_a_vanished_port_is_reported_by_name(wire: Pty) -> None:
 @pytest.mark.parametrize(
     ("sent", "reason"),
     [
-        (b"refused: busy with another host\r\n", ": the other end says: refused: busy with"),
+        (b"refused: busy with another host\r\n", ": the peer sent text instead of frames: refused"),
         (b"", " is gone: it was unplugged"),
         (b"\x00\x10\x11frame\x00", " is gone: it was unplugged"),
         (b"boot of something\n\x00\x10\x11\n", " is gone: it was unplugged"),

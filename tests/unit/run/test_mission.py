@@ -261,9 +261,9 @@ def test_watching_goes_on_when_the_device_is_back() -> None:
 
 def test_a_failed_session_is_the_end() -> None:
     mission = planned()
-    mission.on_failed("nothing was heard", 3, 3.0)
+    mission.on_failed("nothing received", 3, 3.0)
     assert phase(mission) is Phase.DONE
-    assert ending(mission) == Ending("fault", "nothing was heard", 3)
+    assert ending(mission) == Ending("fault", "nothing received", 3)
 
 
 def test_a_plan_may_come_long_after_the_device() -> None:

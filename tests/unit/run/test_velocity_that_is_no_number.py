@@ -20,9 +20,9 @@ BAD = [(math.nan, 0.0), (0.0, math.nan)]
 def test_nothing_is_queued(pair: tuple[float, float]) -> None:
     link = Link(Direction.HOST)
     outbox = Outbox(link, None)
-    with pytest.raises(ValueError, match="not a velocity"):
+    with pytest.raises(ValueError, match="velocity is not a number"):
         outbox.setpoint(*pair, 200, HostNs(0))
-    with pytest.raises(ValueError, match="not a duty"):
+    with pytest.raises(ValueError, match="duty is not a number"):
         outbox.duty(*pair, 200, HostNs(0))
     assert link.data_to_send() == b""
 
@@ -32,7 +32,7 @@ def test_no_robot_moves_for_it(pair: tuple[float, float]) -> None:
     sweeper = SimulatedSweeper(Settings(room="empty"))
     sweeper.enable()
     before = sweeper.truth
-    with pytest.raises(ValueError, match="not a velocity"):
+    with pytest.raises(ValueError, match="velocity is not a number"):
         sweeper.drive(*pair, for_s=1.0)
     after = sweeper.truth
     assert (after.pose, after.collisions) == (before.pose, before.collisions)

@@ -31,4 +31,4 @@ def test_words(pieces: list[bytes], words: str | None) -> None:
     assert evidence.received == sum(map(len, pieces))
     kind, text = evidence.verdict(Medium.UART, 0)
     assert (kind == "words") == (words is not None)
-    assert words is None or text == f"the other end says: {words}"
+    assert words is None or text == f"the peer sent text instead of frames: {words}"

@@ -123,10 +123,10 @@ def test_a_link_that_is_slow_from_the_first_byte_moves_nothing(
     assert not asks_for_motion(ends)
     end = ending(host)
     assert (end.outcome, end.exit_status, end.cause) == ("stopped", 5, StopCause.LINK)
-    measured = f"its round trip is {2 * each_way_ms} ms"
-    assert measured in end.reason or f"its round trip is {2 * each_way_ms + 1} ms" in end.reason
+    measured = f"round-trip time is {2 * each_way_ms} ms"
+    assert measured in end.reason or f"round-trip time is {2 * each_way_ms + 1} ms" in end.reason
     assert "limit 100 ms" in end.reason
-    assert "use a quicker one" in end.reason
+    assert "use a cable instead" in end.reason
     assert ends.device.firmware.latch.cause is StopCause.LINK
 
 
@@ -142,7 +142,7 @@ def test_a_delay_that_begins_in_a_run_stops_it(driver: str, each_way_ms: int) ->
     ends.run(STOP_S, lambda: host.mission.ending is not None)
     end = ending(host)
     assert (end.outcome, end.exit_status, end.cause) == ("stopped", 5, StopCause.LINK)
-    assert "too slow to drive over" in end.reason
+    assert "too slow for motion" in end.reason
     assert ends.run(2.0, lambda: ends.device.firmware.latch.latched)
     assert ends.device.firmware.latch.cause is StopCause.LINK
     ends.run(3.0)
@@ -256,7 +256,7 @@ def test_the_bench_moves_nothing_over_a_slow_link() -> None:
     desk, wire = desk_on(sweeper())
     wire.latency_us = 150_000
     desk.run(1.0)
-    with pytest.raises(StoppedForSafetyError, match=r"round trip is 300 ms \(limit 100 ms\)"):
+    with pytest.raises(StoppedForSafetyError, match=r"round-trip time is 300 ms \(limit 100 ms\)"):
         desk.enable(Mode.VELOCITY)
     assert wire.device.firmware.mode is Mode.IDLE
 
@@ -268,7 +268,7 @@ def test_the_bench_stops_what_moves_when_the_link_becomes_slow() -> None:
     desk.run(1.0)
     wire.latency_us = 150_000
     began_s = desk.now_s
-    with pytest.raises(StoppedForSafetyError, match="too slow to drive over"):
+    with pytest.raises(StoppedForSafetyError, match="too slow for motion"):
         desk.run(LINK_S)
     assert desk.now_s - began_s < STOP_S
     desk.close()

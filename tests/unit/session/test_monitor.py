@@ -77,7 +77,7 @@ def test_broken_bytes_are_given_whole_and_counted_once() -> None:
     assert seen[0].raw == bytes(spoilt).strip(b"\0")
     assert monitor.damaged == 1
     assert monitor.newest_damage == seen[0]
-    assert "no frame (crc)" in seen[0].text
+    assert "not a frame (crc)" in seen[0].text
 
 
 def test_a_type_that_nobody_declared_is_reported_once() -> None:
@@ -91,7 +91,7 @@ def test_types_that_were_not_asked_for_are_counted_and_not_reported() -> None:
     monitor = Monitor(types=["encoders"])
     assert monitor.receive(RANGE, HostNs(0)) == []
     assert monitor.types["range"].count == 1
-    with pytest.raises(UnknownTypeError, match="'rangee' is no message"):
+    with pytest.raises(UnknownTypeError, match="unknown message 'rangee'"):
         Monitor(types=["rangee"])
 
 
