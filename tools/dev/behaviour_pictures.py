@@ -60,14 +60,16 @@ _VIOLET, _SWEPT, _FORBIDDEN = "#7a4ea3", "#d9efe5", "#f3c9a0"
 _ROBOT: dict[str, Any] = {"fill": False, "ec": "#30343b", "lw": 1.2, "zorder": 7}
 _STATES = {
     "approach": ("transit", _GREY),
-    "travel": ("transit", _GREY),
-    "recovery-travel": ("transit", _GREY),
-    "outline": ("perimeter pass", _BLUE),
+    "transit": ("transit", _GREY),
+    "recovery-transit": ("transit", _GREY),
+    "perimeter": ("perimeter pass", _BLUE),
     "lane": ("lane", _GREEN),
     "recovery-lane": ("recovery lane", _ORANGE),
-    "sight": ("heading fix", _VIOLET),
+    "heading-fix": ("heading fix", _VIOLET),
 }
 """Legend text and colour of the planner's states."""
+_STANDING = frozenset({"idle", "think", "finished"})
+"""States in which the robot stands still."""
 
 
 class Sample(NamedTuple):
@@ -270,7 +272,7 @@ def _by_state(axes: Axes, samples: Sequence[Sample], *, states: Sequence[str] = 
         state = samples[begin].state
         part = samples[begin : min(k + 1, len(samples))]
         begin = k
-        if state not in _STATES or (states and state not in states):
+        if state in _STANDING or (states and state not in states):
             continue
         if sum(a.obs.pose.distance_m(b.obs.pose) for a, b in itertools.pairwise(part)) < _SHORT_M:
             continue
@@ -650,8 +652,8 @@ def _norm(top_m_s: float) -> Any:  # noqa: ANN401 - matplotlib's
 def control_follow() -> Figure:
     """Wall following round the corners of a box."""
     run = recovery_run("case-1")
-    begin_s = run.first("outline-begin", 60.0)[0]
-    end_s = run.first("outline-end", begin_s)[0]
+    begin_s = run.first("perimeter-begin", 60.0)[0]
+    end_s = run.first("perimeter-end", begin_s)[0]
     samples = run.between(begin_s, end_s)
     figure, (floor, gaps) = _panels(8.2, 3.5, 2, width_ratios=[1.1, 1.0])
     _floor(floor, run.plan)
@@ -689,7 +691,7 @@ def control_limits() -> Figure:
     figure, (floor, curve) = _panels(8.2, 3.6, 2, width_ratios=[1.25, 1.0])
     _floor(floor, run.plan)
     samples = [
-        s for s in run.between(begin_s, end_s) if s.state in {"lane", "travel", "recovery-lane"}
+        s for s in run.between(begin_s, end_s) if s.state in {"lane", "transit", "recovery-lane"}
     ]
     begin = 0
     for k in range(1, len(samples) + 1):
@@ -732,7 +734,7 @@ def control_limits() -> Figure:
 def recovery_phases() -> Figure:
     """Perimeter passes first, lanes between them after."""
     run = recovery_run("case-2")
-    first_end_s = run.first("outline-end")[0]
+    first_end_s = run.first("perimeter-end")[0]
     end_s = run.first("finish")[0]
     figure, panels = _panels(8.2, 4.3, 2)
     for axes, (begin, end) in zip(panels, ((0.0, first_end_s), (first_end_s, end_s)), strict=True):
@@ -751,7 +753,7 @@ def recovery_occluded() -> Figure:
     from matplotlib.patches import Polygon
 
     run = recovery_run("case-2")
-    found_s, found = run.first("shadow")
+    found_s, found = run.first("occlusion")
     lane_s = max(t for t, e in run.events if e.kind == "lane" and t < found_s)
     cut_s = max(t for t, e in run.events if e.kind == "lane-end" and t < found_s)
     back_s, _ = run.first("recovery-begin", found_s)
@@ -825,9 +827,9 @@ def recovery_bump() -> Figure:
 def recovery_heading() -> Figure:
     """A heading fix along a known wall."""
     run = recovery_run("two-rooms", "harsh", 1)
-    begin_s, chosen = run.first("sight")
+    begin_s, chosen = run.first("heading-fix")
     samples = run.between(begin_s, begin_s + 25.0)
-    last = max(k for k, sample in enumerate(samples) if sample.state == "sight")
+    last = max(k for k, sample in enumerate(samples) if sample.state == "heading-fix")
     samples = samples[: last + 1]
     figure, (floor, sigma) = _panels(8.2, 3.6, 2, width_ratios=[1.1, 1.0])
     _floor(floor, run.plan)
@@ -839,7 +841,7 @@ def recovery_heading() -> Figure:
         label="transit",
         zorder=5,
     )
-    _by_state(floor, samples, states=["sight"])
+    _by_state(floor, samples, states=["heading-fix"])
     x = float(chosen.data["x_m"])
     _robot(floor, samples[-1].obs.pose)
     floor.set_xlim(-0.06, 1.2)
@@ -878,7 +880,7 @@ def recovery_cliff() -> Figure:
     figure, (floor, near) = _panels(8.2, 4.0, 2, width_ratios=[1.2, 1.0])
     _floor(floor, run.plan)
     _swept(floor, run, end_s)
-    drawn = ["outline", "lane", "recovery-lane"]
+    drawn = ["perimeter", "lane", "recovery-lane"]
     _by_state(floor, run.between(0.0, end_s), states=drawn)
     _title(floor, "the room empty with a pit of 0.7 m × 0.6 m")
     _legend(floor, 3, bbox_to_anchor=(0.5, -0.13))
@@ -899,7 +901,7 @@ def recovery_stuck() -> Figure:
     """A place that blocked the robot twice, and the way along what blocked it."""
     run = recovery_run("comprehensive")
     shut_s, shut = run.first("passage-shut")
-    end_s = run.first("outline-end", shut_s)[0]
+    end_s = run.first("perimeter-end", shut_s)[0]
     begin_s = shut_s - 14.0
     figure, panels = _panels(8.2, 4.3, 2)
     x, y = float(shut.data["x_m"]), float(shut.data["y_m"])
