@@ -148,7 +148,7 @@ class CommandRejectedError(BridgeError):
     exit_status = 4
 
     def __init__(self, command: str, reason: str) -> None:
-        super().__init__(f"the device refused {command}: {reason}")
+        super().__init__(f"the device rejected {command}: {reason}")
         self.command = command
         self.reason = reason
 

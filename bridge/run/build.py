@@ -1,4 +1,4 @@
-"""Puts a run together, live or virtual: what drives, the host, and its supervision."""
+"""Construction of a run, live or simulated: runner, host and supervision."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from protocol.values import OnboardPlanner
 
 
-def build_run(  # noqa: PLR0913 - what a run can be asked for
+def build_run(  # noqa: PLR0913 - the options of a run
     model: RobotModel,
     sink: Sink,
     options: HostOptions,
@@ -33,19 +33,19 @@ def build_run(  # noqa: PLR0913 - what a run can be asked for
     max_time_s: float | None = None,
     resume: Resume = Resume.NEVER,
 ) -> Host:
-    """Make the host of a run.
+    """Create the host of a run.
 
     Args:
         model: The robot.
-        sink: Takes every record of the run.
+        sink: Receives every record of the run.
         options: Clock, port and device.
-        new_session_id: Gives a random number that is not 0, for each session.
-        runner: Drives the robot from the host; None: nothing on the host does.
-        onboard: The device's planner, which drives instead.
-        supervise: Rules for a run that moves; None: it is not supervised.
-        clear_stop: A stop of any cause may be cleared when the run begins.
-        max_time_s: The drive ends with outcome ``timeout`` after this time.
-        resume: What becomes of the run after the device was lost.
+        new_session_id: Returns a random 32-bit number other than 0 for each session.
+        runner: Drives the robot from the host; None: the host does not drive.
+        onboard: The device's planner that drives instead.
+        supervise: Rules for a run with motion; None: no supervision.
+        clear_stop: Clear a latched stop of any cause at the start of the run.
+        max_time_s: Maximum time of the drive, s; the run then ends with outcome ``timeout``.
+        resume: What happens to the run after a loss of the device.
 
     """
     mission = (

@@ -1,7 +1,7 @@
-"""Acknowledged commands to a device: each call waits for its answer.
+"""Acknowledged commands to a device; each call waits for its answer.
 
-Used by a robot that a program drives, by the socket through which other processes ask, and by the
-bring-up procedures. How a call waits is the business of its :class:`Exchange`.
+The Python API, the owner's socket and the bring-up procedures use it. An :class:`Exchange` defines
+how a call waits.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 AT_ONCE = 8
-"""Half of the replies that a device remembers."""
+"""Maximum number of parameter requests at once: half of the replies that a device remembers."""
 _TRIES = 3
-"""A parameter's value may be lost where its acknowledgement is not."""
+"""Number of requests for a parameter. Its value may be lost although its acknowledgement
+arrives."""
 _NAMES = {
     GetParameter: "get parameter",
     SetParameter: "set parameter",
@@ -64,17 +65,17 @@ R = TypeVar("R")
 
 @contextmanager
 def noted(what: str | None) -> Iterator[None]:
-    """Have a Ctrl-C meanwhile say what it leaves unknown; None: nothing."""
+    """Add a note to Ctrl-C that the result of command ``what`` is unknown; None: no note."""
     try:
         yield
     except KeyboardInterrupt as error:
         if what is not None:
-            error.add_note(f"the device may have carried out {what}: no answer has come")
+            error.add_note(f"{what}: no answer received; the device may have executed it")
         raise
 
 
 class Exchange(Protocol):
-    """Where commands are sent, and how to wait for what becomes of them."""
+    """Access to the session: where commands are sent, and how a call waits for the outcome."""
 
     @property
     def session(self) -> Session:
@@ -82,7 +83,7 @@ class Exchange(Protocol):
 
     @property
     def commands(self) -> Dialogue:
-        """The session's commands under way."""
+        """The commands that wait for an answer."""
 
     @property
     def status(self) -> Status | None:
@@ -92,39 +93,44 @@ class Exchange(Protocol):
         """Host time."""
 
     def call(self, action: Callable[[], R]) -> R:
-        """Run something where the session lives; gives its result.
+        """Run ``action`` in the session's thread and return its result.
 
         Raises:
-            DeviceLostError: what serves the session has ended, or hangs.
-            Exception: what the action raised.
+            DeviceLostError: the session's thread has ended or does not respond.
+            Exception: whatever ``action`` raises.
 
         """
 
     def wait(self, begin: Callable[[Callable[[], None]], None], what: str) -> None:
-        """Run ``begin`` where the session lives, and wait until it has called its argument.
+        """Run ``begin`` in the session's thread and wait until it calls its argument.
 
         Raises:
-            DeviceLostError: it was not called in time; ``what`` names the command.
+            DeviceLostError: no call in time; the text names the command ``what``.
 
         """
 
 
 class DeviceClient:
-    """Sends acknowledged commands and waits for how they end."""
+    """Sends acknowledged commands and waits for their outcomes."""
 
     def __init__(self, exchange: Exchange) -> None:
-        """``exchange`` reaches the session."""
+        """Use ``exchange`` to reach the session."""
         self._exchange = exchange
 
     # ---- commands -------------------------------------------------------------------------
 
     def command(self, kind: type[Message], *fields: int, what: str | None = None) -> None:
-        """Send one command and wait; ``what`` names it in errors.
+        """Send one command and wait for its outcome.
+
+        Args:
+            kind: Message class of the command.
+            *fields: Its raw fields after the command id.
+            what: Name of the command in errors.
 
         Raises:
             ParameterError: a value does not fit its field; nothing was sent.
-            CommandRejectedError: the device refused; the text has its reason.
-            DeviceLostError: it did not answer, or is not there.
+            CommandRejectedError: the device rejected the command; the text has the reason.
+            DeviceLostError: no answer, or no device.
 
         """
         name = what or _NAMES.get(kind, kind.__name__)
@@ -147,11 +153,11 @@ class DeviceClient:
     # ---- parameters -----------------------------------------------------------------------
 
     def list_parameters(self) -> list[Parameter]:
-        """Ask for every parameter; by number.
+        """Read all parameters, sorted by number.
 
         Raises:
-            CommandRejectedError: the device has none.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device has no parameters.
+            DeviceLostError: the device did not answer.
 
         """
         first = self._fetch([0])
@@ -160,11 +166,11 @@ class DeviceClient:
         return [found[number] for number in sorted(found)]
 
     def get_parameter(self, name: str | int) -> Parameter:
-        """Ask for one, by name or number.
+        """Read one parameter by name or number.
 
         Raises:
-            ParameterError: there is none of this name, or a number that no parameter can have.
-            CommandRejectedError: there is none of this number.
+            ParameterError: unknown name, or a number outside the field's range.
+            CommandRejectedError: unknown number.
             DeviceLostError: the device did not answer.
 
         """
@@ -172,27 +178,31 @@ class DeviceClient:
         return self._fetch([number])[number]
 
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
-        """Change one until the next boot; gives what the device has then.
+        """Set a parameter until the next boot; return it as the device reports it.
+
+        Args:
+            name: Name or number.
+            value: New value in the parameter's unit.
 
         Raises:
-            ParameterError: no such parameter, or it does not take the value.
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
+            ParameterError: unknown parameter, or a value of the wrong kind or range.
+            CommandRejectedError: the device rejected the value.
+            DeviceLostError: the device did not answer.
 
         """
         known = self.get_parameter(name)
         if known.kind.upper() not in ParameterKind.__members__:
-            raise ParameterError(f"{known.name}: this program cannot set a value of {known.kind}")
+            raise ParameterError(f"{known.name}: cannot set a value of kind {known.kind}")
         kind = ParameterKind[known.kind.upper()]
         self.command(SetParameter, known.number, kind, known.raw(value))
         return self.get_parameter(known.number)
 
     def save_parameters(self) -> None:
-        """Make the present values the next boot's.
+        """Save the current values, so that they survive a reboot.
 
         Raises:
-            CommandRejectedError: the device refused; while it may move, for one.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            DeviceLostError: the device did not answer.
 
         """
         self.command(SaveParameters)
@@ -208,7 +218,7 @@ class DeviceClient:
         return names[name]
 
     def _fetch(self, numbers: Iterable[int]) -> dict[int, Parameter]:
-        """Ask for these parameters; what the device answered to this very question."""
+        """Read these parameters; only values received after the request count."""
         what, missing = _NAMES[GetParameter], list(numbers)
         for number in missing:
             check_fields(what, GetParameter, (number,))
@@ -219,7 +229,7 @@ class DeviceClient:
             missing = [number for number in missing if number not in found]
             if not missing:
                 return found
-        raise DeviceLostError(f"the device did not tell parameter {missing[0]}")
+        raise DeviceLostError(f"no value for parameter {missing[0]} from the device; try again")
 
     def _fetch_some(self, numbers: Sequence[int]) -> dict[int, Parameter]:
         exchange, name = self._exchange, _NAMES[GetParameter]
@@ -240,15 +250,19 @@ class DeviceClient:
             check_outcome(name, outcome)
         return {found.number: found for _, found in answers if found is not None}
 
-    # ---- the rest -------------------------------------------------------------------------
+    # ---- other commands -------------------------------------------------------------------
 
     def stream_rate(self, stream: str, rate_hz: float) -> None:
-        """Have a stream sent this often until the session ends; 0: not at all.
+        """Set the rate of a stream until the session ends.
+
+        Args:
+            stream: Name of the stream's message.
+            rate_hz: Rate, 0.1 to 1000 Hz; 0 switches the stream off.
 
         Raises:
-            BridgeError: no stream has this name, or the wire cannot say the rate.
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
+            ParameterError: unknown stream, or a rate outside the range.
+            CommandRejectedError: the device rejected the rate.
+            DeviceLostError: the device did not answer.
 
         """
         streams = {
@@ -257,8 +271,8 @@ class DeviceClient:
             if s.direction is Direction.DEVICE and s.rate is RateClass.STREAM
         }
         if stream not in streams:
-            raise ParameterError(f"{shown(stream)} is no stream; there are {', '.join(streams)}")
-        if not 0.0 <= rate_hz <= 1000.0:  # noqa: PLR2004 - as declared
+            raise ParameterError(f"unknown stream {shown(stream)}; use one of {', '.join(streams)}")
+        if not 0.0 <= rate_hz <= 1000.0:  # noqa: PLR2004 - the range of SetStreamRate
             raise ParameterError(f"{shown(rate_hz)} Hz is not in 0 to 1000 Hz")
         tenths = round(rate_hz * 10.0)
         if rate_hz and not tenths:
@@ -266,27 +280,27 @@ class DeviceClient:
         self.command(SetStreamRate, streams[stream], tenths)
 
     def reboot(self, *, factory_reset: bool = False) -> None:
-        """Have the device boot anew; ``factory_reset`` forgets what was saved.
+        """Reboot the device; ``factory_reset`` deletes its saved parameters and keys.
 
         Raises:
-            CommandRejectedError: the device refused; while it may move, for one.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            DeviceLostError: the device did not answer.
 
         """
         self.command(Reboot, RebootKind.FACTORY_RESET if factory_reset else RebootKind.NORMAL)
 
     def clear_stop(self) -> StopCause:
-        """Release the latched stop, whatever its cause; gives the cause.
+        """Clear the latched stop of any cause; return the cause.
 
         Raises:
-            BridgeError: nothing is known of the device's status yet.
-            CommandRejectedError: the device refused; what stopped it still holds, for one.
-            DeviceLostError: it did not answer.
+            BridgeError: no status received yet.
+            CommandRejectedError: the device rejected it, for example because the cause persists.
+            DeviceLostError: the device did not answer.
 
         """
         status = self._exchange.call(lambda: self._exchange.status)
         if status is None:
-            raise BridgeError("the device has not told its status yet")
+            raise BridgeError("no status received from the device yet; try again")
         if status.stop_cause == StopCause.NONE:
             return StopCause.NONE
         self.command(ClearStop, status.stop_cause)
@@ -298,8 +312,8 @@ class DeviceClient:
         """Start, pause, resume or abort the device's own planner.
 
         Raises:
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device rejected the action.
+            DeviceLostError: the device did not answer.
 
         """
         self.command(PlannerCommand, action, planner)

@@ -1,7 +1,7 @@
-"""Commands that somebody waits for, and what the device told of its parameters.
+"""Commands with a waiting caller, and the device's reported parameters.
 
-The run itself (:mod:`bridge.run.mission`) asks for motion; whatever else a device can be asked for
-passes here: each command with the one who wants to know how it ended.
+:mod:`bridge.run.mission` requests motion. All other commands to a device pass through this module,
+each with the callback that receives its outcome.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def carry_out(request: Request, session: Session, now_ns: HostNs) -> None:
-    """Send what a run asks for."""
+    """Send a request of the run."""
     match request.kind:
         case "clear":
             session.clear_stop(request.value, now_ns)
@@ -40,20 +40,20 @@ def carry_out(request: Request, session: Session, now_ns: HostNs) -> None:
 
 @dataclass(slots=True, eq=False)
 class Fetch:
-    """One question for a parameter that is under way."""
+    """A parameter request that waits for its answer."""
 
     number: int
     found: Parameter | None = None
-    """What the device has told since the question."""
+    """The parameter as reported since the request."""
 
 
 class Dialogue:
-    """One host's commands under way beyond those of its run; lives in the loop's thread."""
+    """A host's open commands except those of its run. Used in the loop's thread only."""
 
     def __init__(self, session: Session) -> None:
         self.parameters: Mapping[int, Parameter] = {}
-        """By number, as last told; of another boot they are forgotten. Replaced as a whole, never
-        changed: another thread may read what it holds."""
+        """Parameters by number, as last reported in this boot. The mapping is replaced, never
+        changed, because other threads read it."""
         self.parameter_count: int | None = None
         self._session = session
         self._waiting: dict[int, Callable[[Outcome | None], None]] = {}
@@ -66,9 +66,9 @@ class Dialogue:
         now_ns: HostNs,
         done: Callable[[Outcome | None], None],
     ) -> None:
-        """Send a command, its fields after the id; ``done`` is called once, here or later.
+        """Send a command with these fields after the id; ``done`` is called exactly once.
 
-        It is told how the command ended; None: the device was lost, or is not there.
+        Its argument is the outcome, or None if the device is lost or not connected.
         """
         if self._session.state is not State.READY:
             done(None)
@@ -81,9 +81,9 @@ class Dialogue:
         now_ns: HostNs,
         done: Callable[[Outcome | None, Parameter | None], None],
     ) -> None:
-        """Ask for one parameter; ``done`` gets how the command ended, and what came for it.
+        """Request one parameter; ``done`` receives the outcome and the value.
 
-        A value that does not come before the command's acknowledgement is None.
+        The value is None if it does not arrive before the acknowledgement.
         """
         fetching = Fetch(number)
         self._fetching.append(fetching)
@@ -99,7 +99,7 @@ class Dialogue:
             raise
 
     def ended(self, outcome: Outcome) -> bool:
-        """Take a command's outcome; False for one that was not asked here."""
+        """Handle a command's outcome. Return False if the command is not from this object."""
         done = self._waiting.pop(cast("Command", outcome.message).command_id, None)
         if done is None:
             return False
@@ -107,18 +107,18 @@ class Dialogue:
         return True
 
     def lost(self) -> None:
-        """The session is over: nothing is answered any more."""
+        """End all open commands after the end of the session."""
         waiting, self._waiting = self._waiting, {}
         for done in waiting.values():
             done(None)
 
     def forget(self) -> None:
-        """Another boot: parameters may have other values."""
+        """Discard the parameters after a reboot."""
         self.parameters = {}
         self.parameter_count = None
 
-    def parameter(self, message: ParameterValue, *_: Any) -> None:  # noqa: ANN401 - times, of every listener
-        """Take what the device told of one parameter."""
+    def parameter(self, message: ParameterValue, *_: Any) -> None:  # noqa: ANN401 - the times of every listener
+        """Store a reported parameter."""
         if message.name is not None:
             found = Parameter.from_message(message)
             self.parameter_count = message.parameter_count

@@ -1,12 +1,12 @@
-"""Driving by hand with a dead man: what moves only while somebody says so. Pure.
+"""Dead-man switch for manual driving: the robot moves only while an input is held. Pure.
 
-Where the terminal tells of releases (the kitty keyboard protocol), a key drives while it is
-held; the keyboard's own repeats must go on coming, or it counts as let go: a terminal that
-hangs tells of no release. Elsewhere a press drives for 0.7 s at no more than 0.1 m/s, and any
-other key stops. A gamepad drives while its dead man button is held and it goes on talking.
+If the terminal reports key releases (kitty keyboard protocol), a key drives while it is held. Its
+repeats must continue, because a hung terminal reports no release. In other terminals a press
+drives for 0.7 s at up to 0.1 m/s, and any other key stops. A gamepad drives while its dead-man
+button is held and it sends reports.
 
-The keyboard and the gamepad have threads of their own, and the velocity is read by the loop's:
-a lock makes each call whole.
+The keyboard and the gamepad have their own threads, and the loop's thread reads the velocity. A
+lock makes each call atomic.
 """
 
 from __future__ import annotations
@@ -17,15 +17,22 @@ from dataclasses import dataclass, field
 from bridge.motion.observation import HALT, VelocityCommand
 
 PRESS_S = 0.7
+"""Time that a press drives in a terminal without key releases, s."""
 PRESS_M_S = 0.1
+"""Maximum speed in a terminal without key releases, m/s."""
 PRESS_RAD_S = 0.6
+"""Yaw rate in a terminal without key releases, rad/s."""
 HELD_S = 1.2
-"""Without a repeat or another key's event a held key is let go: the slowest usual keyboard
-begins to repeat after 0.66 s."""
+"""Maximum time without a key event before a held key counts as released, s. The slowest usual
+keyboard starts to repeat after 0.66 s."""
 STICK_S = 0.5
+"""Maximum age of a gamepad report, s."""
 TURN_RAD_S = 1.0
+"""Yaw rate at full deflection, rad/s."""
 _SPEED_STEP = 1.25
+"""Factor of one speed step."""
 _SLOWEST_M_S = 0.03
+"""Minimum speed setting, m/s."""
 
 DIRECTIONS: dict[str, tuple[float, float]] = {
     "up": (1.0, 0.0),
@@ -37,73 +44,73 @@ DIRECTIONS: dict[str, tuple[float, float]] = {
     "j": (0.0, 1.0),
     "l": (0.0, -1.0),
 }
-"""Key → share of the speed ahead, and of the yaw rate counter-clockwise."""
+"""Key → share of the speed forward, and share of the yaw rate counter-clockwise."""
 
 
 @dataclass(slots=True)
 class DeadMan:
-    """Keys and sticks in, the velocity that holds now out. Times are of one clock, seconds."""
+    """Converts keys and sticks to the current velocity. All times are of one clock, s."""
 
     max_speed_m_s: float
     speed_m_s: float
     releases: bool = False
-    """The terminal tells of releases."""
+    """True if the terminal reports key releases."""
     _held: dict[str, float] = field(default_factory=dict)
-    """Key → when it was pressed."""
+    """Key → time of its press, s."""
     _event_s: float = -1e9
     _stick: tuple[float, float, float] | None = None
-    """Share ahead, share of the yaw rate, and when."""
+    """Forward share, yaw-rate share and time (s)."""
     _lock: threading.RLock = field(
         default_factory=threading.RLock, init=False, repr=False, compare=False
     )
 
     def press(self, key: str, time_s: float) -> None:
-        """Take a key that went down, or is repeated; one that drives nowhere stops."""
+        """Handle a key press or repeat; a key without a direction stops."""
         with self._lock:
             if key not in DIRECTIONS:
                 self.let_go()
                 return
             if not self.releases:
-                self._held.clear()  # the newest press alone counts
+                self._held.clear()  # only the newest press counts
             elif key not in self._held and self._opposes(key):
                 self._held.clear()
             self._held[key] = time_s
             self._event_s = time_s
 
     def release(self, key: str, time_s: float) -> None:
-        """Take a key that came up."""
+        """Handle a key release."""
         with self._lock:
             self._held.pop(key, None)
             self._event_s = time_s
 
     def stick(self, ahead: float, turn: float, time_s: float, *, held: bool) -> None:
-        """Take a gamepad's sticks, -1..1; ``held``: its dead man button is down."""
+        """Handle a gamepad's sticks, -1..1; ``held``: its dead-man button is pressed."""
         with self._lock:
             self._stick = (_share(ahead), _share(turn), time_s) if held else None
 
     def let_go(self) -> None:
-        """Stop: nothing is held any more."""
+        """Stop: release all keys and sticks."""
         with self._lock:
             self._held.clear()
             self._stick = None
 
     @property
     def key_m_s(self) -> float:
-        """What a key drives at: less than a stick where no release would be told."""
+        """Speed of a key press, m/s; limited if the terminal reports no releases."""
         return self.speed_m_s if self.releases else min(self.speed_m_s, PRESS_M_S)
 
     def faster(self) -> None:
-        """Drive faster, up to the robot's limit."""
+        """Increase the speed by one step, up to the robot's limit."""
         with self._lock:
             self.speed_m_s = min(self.max_speed_m_s, self.speed_m_s * _SPEED_STEP)
 
     def slower(self) -> None:
-        """Drive slower."""
+        """Decrease the speed by one step."""
         with self._lock:
             self.speed_m_s = max(_SLOWEST_M_S, self.speed_m_s / _SPEED_STEP)
 
     def wanted(self, time_s: float) -> VelocityCommand:
-        """The velocity that holds now; a halt where nobody says so."""
+        """Return the velocity at ``time_s``; a halt if nothing is held."""
         with self._lock:
             if self._stick is not None:
                 ahead, turn, since_s = self._stick
@@ -131,6 +138,6 @@ class DeadMan:
 
 
 def _share(value: float) -> float:
-    if value != value:  # noqa: PLR0124 - not a number
+    if value != value:  # noqa: PLR0124 - NaN
         return 0.0
     return max(-1.0, min(1.0, value))

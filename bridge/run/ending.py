@@ -1,4 +1,4 @@
-"""How a run ends: outcome, reason, exit status and the stop that is latched for it."""
+"""End of a run: outcome, reason, exit status and latched stop."""
 
 from __future__ import annotations
 
@@ -17,68 +17,68 @@ from protocol.values import StopCause
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """How a run ended."""
+    """Result of a run."""
 
     outcome: str
     """``complete``, ``timeout``, ``stopped`` or ``fault``."""
     reason: str
     exit_status: int
     cause: StopCause = StopCause.SESSION_END
-    """What is latched on the device for it."""
+    """Stop cause that the host latches on the device at the end."""
     latched: StopCause = StopCause.NONE
-    """What the device has latched by itself, where that ended the run."""
+    """Stop cause that the device latched itself, if that ended the run."""
     remedy: Remedy | None = None
-    """What the caller can do, where something can be done."""
+    """What the caller can do, if anything."""
 
     @property
     def gravity(self) -> StopCause:
-        """The cause by which this end is judged: the graver of the host's and the device's."""
+        """The higher of the host's and the device's stop cause."""
         return max(self.cause, self.latched)
 
     def outranks(self, other: Ending | None) -> bool:
-        """Whether this end takes the place of another one that it coincides with.
+        """Return True if this end replaces ``other``, which occurred at the same time.
 
-        The order of gravity is the protocol's (:func:`protocol.values.by_gravity`), here as on
-        the device. Of two causes of equal gravity the first one stays.
+        The order is that of the protocol and the device (:func:`protocol.values.by_gravity`). The
+        first of two equal causes stays.
         """
         return other is None or self.gravity > other.gravity
 
 
 def cannot_move(ending: Ending | None) -> BridgeError:
-    """Why a robot does not obey a velocity: how its run has ended; None: none was begun."""
+    """Return the error for a velocity that the robot does not obey; None: no run was started."""
     if ending is None:
         return StoppedForSafetyError("the robot is not enabled: call enable() first")
     error: BridgeError = StoppedForSafetyError(ending.reason)
-    if ending.exit_status == 3:  # noqa: PLR2004 - the contract's status for a lost device
+    if ending.exit_status == 3:  # noqa: PLR2004 - exit status of a lost device
         error = DeviceLostError(ending.reason)
-    elif ending.exit_status == 4:  # noqa: PLR2004 - the contract's status for a refusal
+    elif ending.exit_status == 4:  # noqa: PLR2004 - exit status of a rejected command
         error = CommandRejectedError("to move", ending.reason)
     error.remedy = ending.remedy
     return error
 
 
 CRASH_CAUSE = StopCause.SUPERVISE
-"""What a loop that has failed latches: a person looks before the robot moves again."""
+"""Stop cause that a failed loop latches: an operator must check the robot before it moves again."""
 
 
 def crash_ending(error: BaseException, cause: StopCause, confirmed: StopCause | None) -> Ending:
-    """The end of such a run, as a fault; ``confirmed`` is None where there was no device."""
+    """Return the end of a run whose loop failed; ``confirmed`` is None without a device."""
     if confirmed is None:
         how = "no device was connected"
     elif confirmed < cause:
-        how = "the device did not confirm the stop; see that the robot stands"
+        how = "the device did not confirm the stop; check that the robot stands still"
     else:
         how = "the device has confirmed the stop"
     return Ending("fault", f"the run's loop failed ({described(error)}); {how}", 1, cause)
 
 
 def described(error: BaseException) -> str:
-    """An exception in one line: its kind and the first line of its text."""
+    """Return an exception as one line: its class and the first line of its text."""
     lines = str(error).splitlines()
     text = f": {lines[0][:200]}" if lines else ""
     return f"{type(error).__name__}{text}"
 
 
 def traced(error: BaseException) -> str:
-    """Its traceback, for the log."""
+    """Return the traceback as text, for the log."""
     return "".join(traceback.format_exception(error))

@@ -1,7 +1,7 @@
-"""The host's core: session, time, estimate, run and records joined; sans-I/O.
+"""The host's core, sans-I/O: session, time synchronisation, estimator, run and records.
 
-Bytes and host time go in, bytes and records come out. The same object runs in virtual time
-against the emulated device, over a pseudo-terminal, and on a robot.
+Bytes and host time go in; bytes and records come out. The same class runs in virtual time against
+the emulated device, over a pseudo-terminal and on a robot.
 """
 
 from __future__ import annotations
@@ -82,22 +82,27 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 CONTROL_PERIOD_NS = 20_000_000
+"""Control period, ns."""
 SETPOINT_TTL_MS = 200
-"""Ten control periods, below the device's limit of 250."""
+"""Time to live of a setpoint, ms: ten control periods, below the device's limit of 250 ms."""
 LATE_NS = 50_000_000
-"""A control step later than this drives nothing: a blocked host must not jump."""
+"""Maximum delay of a control step that sends a setpoint, ns. A host that was blocked must not send
+stale motion."""
 SILENT_NS = 100_000_000
-"""Ten frames of the quickest stream: the wire is silent, not one of the sensors."""
+"""Silence that counts as a loss of the link, ns: ten frames of the fastest stream. A shorter gap
+can be the fault of one sensor."""
 MAP_PERIOD_NS = 2_000_000_000
+"""Interval of recorded maps, ns."""
 CLOCK_PERIOD_NS = 1_000_000_000
+"""Interval of clock records, ns."""
 COUNT_PERIOD_NS = 100_000_000
-"""Time between two copies of the link's counts for other threads, ns: a person reads no more."""
+"""Interval of copies of the link's counts for other threads, ns. A person cannot read faster."""
 _AFTER_SILENCE_NS = round(STALE_S * 1e9)
 _EXIT = {EventKind.DISAGREEMENT: 4, EventKind.VERSION: 4, EventKind.SEVERAL: 2}
 
 
 class Host:
-    """One robot's host end, from opening the session to the end of the run."""
+    """The host's side of one robot, from the opening of the session to the end of the run."""
 
     def __init__(
         self,
@@ -107,7 +112,7 @@ class Host:
         mission: Mission,
         new_session_id: Callable[[], int],
     ) -> None:
-        """Make everything, closed; :meth:`open` begins."""
+        """Create a host with a closed session; :meth:`open` starts it."""
         self.model = model
         self.localisation = Localisation(model, options.start)
         self.mission = mission
@@ -120,35 +125,35 @@ class Host:
         self.hello: Hello | None = None
         self.path_m = 0.0
         self.drive_pose: Pose2 | None = None
-        """Estimate at the newest control step of the drive; None: it has not begun."""
+        """Estimate at the newest control step of the drive; None before the drive."""
         self.supervision: Supervision | None = None
-        """Of the run, where it is supervised."""
+        """Supervision of the run; None: not supervised."""
         self.on_drive_pose: Callable[[float, Pose2], None] = lambda _time_s, _pose: None
-        """Told time (s, host) and estimate of every control step of the drive."""
+        """Called with host time (s) and pose estimate at every control step of the drive."""
         self.wire = WireStatistics()
         self._pings = Pings(self.wire, sum(options.min_delay_ns), self.event)
         self._sink = sink
         bus = self.session.link.medium is Medium.CAN
         self._records = HostRecords(sink, options.unix_offset_ns, options.planner, bus=bus)
         self._tap = self._records.can if bus else self._records.uart
-        """Puts on record exactly what the port gave or takes."""
+        """Records the bytes that the port received or sent."""
         self._control_ns = HostNs(0)
         self._map_ns = 0
         self._clock_ns = 0
         self._silent_ns = 0
-        """When the wire was last found silent."""
+        """Time of the last silence on the link."""
         self._counts: LinkSnapshot | None = None
         self._counted_ns = 0
-        """When the link's counts were last copied."""
+        """Time of the last copy of the link's counts."""
         self._slow = False
-        """The link was last found too slow to drive over."""
+        """The last check found the link too slow for motion."""
         self.mission.link = self.session.round_trip.trouble(HostNs(0))
         self._jumps = 0
-        """Jumps of the device's clock that the estimate knows of."""
+        """Number of device clock jumps that the estimator has handled."""
         self._missing: list[str] = []
-        """What driving needs and the device does not share."""
+        """Messages that driving requires and the device lacks."""
         self._partial = True
-        """Messages may come without some of the fields that we know."""
+        """Messages may lack fields that the host expects."""
         self._listeners: dict[type[Message], Callable[[Any, DeviceUs, HostNs], None]] = {
             Imu: self.localisation.imu,
             Encoders: self.localisation.encoders,
@@ -163,41 +168,41 @@ class Host:
 
     @property
     def sync(self) -> TimeSync:
-        """Maps the device's clock to ours."""
+        """Time synchronisation from the device's clock to the host's."""
         return self.ingest.sync
 
     @property
     def state(self) -> RobotState:
-        """The newest of everything that the device has sent."""
+        """Newest data from the device."""
         return self.localisation.state
 
     @property
     def estimator(self) -> PoseEstimator:
-        """The estimate of pose; another object after the device booted anew."""
+        """The pose estimator; replaced after a reboot of the device."""
         return self.localisation.estimator
 
-    # ---- in and out -----------------------------------------------------------------------
+    # ---- input and output ------------------------------------------------------------------
 
     def open(self, now_ns: HostNs) -> None:
-        """Start to look for the device."""
+        """Start to search for the device."""
         self._control_ns = now_ns
         self.session.open(now_ns)
-        # On record at this moment, not at that of the first bytes: the session's times begin here.
+        # Record the state now, not with the first bytes: the session's times start here.
         self._digest(self.session.receive(b"", now_ns), now_ns)
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Take bytes from the port."""
+        """Handle bytes from the port."""
         if not data:
             return
         try:
             events = self.session.receive(data, now_ns)
             self._digest(events, now_ns)
-        finally:  # somebody may wait for an answer among them, and nobody for the log
+        finally:  # after the events: a caller may wait for an answer
             self._tap(data, now_ns, outgoing=False)
         self.wire.hear((events, now_ns))
 
     def poll(self, now_ns: HostNs) -> None:
-        """Do what time asks for, the control step included."""
+        """Do what is due at ``now_ns``, including the control step."""
         events = self.session.poll(now_ns)
         if events:
             self._digest(events, now_ns)
@@ -208,8 +213,8 @@ class Host:
             self._control_ns = HostNs(self._control_ns + CONTROL_PERIOD_NS)
             if late_ns > LATE_NS:
                 self._control_ns = HostNs(now_ns + CONTROL_PERIOD_NS)
-                self._silent_ns = now_ns  # what came meanwhile may be lost, or still unread
-                text = f"the host was held up for {late_ns / 1e6:.0f} ms; this step drives nothing"
+                self._silent_ns = now_ns  # data of this time may be lost or unread
+                text = f"the host was late by {late_ns / 1e6:.0f} ms; no setpoint in this step"
                 self.event(now_ns, Severity.WARNING, "session", EventKind.LATE, text)
             else:
                 self._control(now_ns)
@@ -222,29 +227,29 @@ class Host:
                 self._records.link(self.wire, now_ns)
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
-        """Bytes for the port; the caller writes them at once."""
+        """Return the bytes for the port; the caller writes them at once."""
         data = self.session.link.data_to_send()
         self.sent(data, now_ns)
         return data
 
     def sent(self, data: bytes, now_ns: HostNs) -> None:
-        """Take what :attr:`session` gave for the port as written, which puts it on record."""
+        """Record bytes from :attr:`session` that the caller has written to the port."""
         if data:
             self._tap(data, now_ns, outgoing=True)
 
     def discard_output(self) -> None:
-        """Forget what waits to be written: there is no port, and it must not come late."""
+        """Discard unsent bytes: the port is gone, and they must not be sent late."""
         self.session.data_to_send()
 
     def next_deadline(self) -> HostNs:
-        """When :meth:`poll` has work next."""
+        """Return the next time at which :meth:`poll` is due."""
         deadline = self.session.next_deadline()
         if deadline is None or self._control_ns < deadline:
             return self._control_ns
         return deadline
 
     def snapshot(self, now_ns: int | None = None) -> Snapshot:
-        """What is known now, for other threads; asked in the loop's thread.
+        """Return the current state for other threads; call it in the loop's thread.
 
         The link's counts are copied every 0.1 s, or at every call without a time.
         """
@@ -285,45 +290,45 @@ class Host:
         )
 
     def supervise(self, supervisor: Supervisor) -> None:
-        """Have the run supervised from its next control step on."""
+        """Supervise the run from its next control step on."""
         mission = self.mission
         onboard = mission.planner if isinstance(mission, OnboardMission) else None
         self.supervision = Supervision(supervisor, self.model, self.commands, onboard)
 
     def go_on(self, now_ns: HostNs) -> bool:
-        """Let a run go on that lost its device, or that was paused: a person has looked.
+        """Continue a run after a loss or a pause, once the operator has checked the robot.
 
-        False where nothing waits for that.
+        Returns False if no run waits for it.
         """
         paused = self.supervision is not None and self.supervision.resume(now_ns)
         self._obey_supervision(now_ns)
         return self.mission.resume(now_ns / 1e9) or paused
 
     def end(self, ending: Ending, now_ns: HostNs) -> None:
-        """Ask for an orderly end: the robot stops first."""
+        """Request a clean end of the run: the robot stops first."""
         if self.session.state is State.READY:
             self.mission.request_end(ending, now_ns / 1e9)
         elif ending.outranks(self.mission.ending):
-            if self.hello is not None:  # not heard is not the same as not hearing
+            if self.hello is not None:  # a silent device may still receive
                 self.session.stop(ending.cause, now_ns)
             self.mission.end_unheard(ending, now_ns / 1e9)
         self._serve(now_ns)
 
-    # ---- events of the session ------------------------------------------------------------
+    # ---- session events ---------------------------------------------------------------------
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         ingest, listeners = self.ingest, self._listeners
         take, write = ingest.take, self._sink.write
         damaged: list[DamagedFrame] = []
         for event in events:
-            if event.__class__ is Data:  # nearly all of them
+            if event.__class__ is Data:  # the usual case
                 received = event[0]
                 write(take(received, now_ns))
                 message = received[0]
                 listener = listeners.get(message.__class__)
                 if listener is not None and (not self._partial or understood(message)):
                     listener(message, ingest.device_us, now_ns)
-            elif event.__class__ is DamagedFrame:  # of noise there may be ten times as many
+            elif event.__class__ is DamagedFrame:  # noise can give ten times as many
                 damaged.append(event)
             else:
                 self._happened(event, now_ns)
@@ -334,7 +339,7 @@ class Host:
 
     def _happened(self, event: SessionEvent, now_ns: HostNs) -> None:
         match event:
-            case CommandEnded():  # first, for somebody waits for it
+            case CommandEnded():  # first: a caller may wait for it
                 if not self.commands.ended(event.outcome):
                     self._answered(event.outcome, now_ns)
                 self._obey_supervision(now_ns)
@@ -348,7 +353,7 @@ class Host:
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
                 remedy = Remedy.NODE if event.kind is EventKind.SEVERAL else None
-                if self.mission.under_way:  # whoever is there now, and whatever it understands
+                if self.mission.under_way:  # for any device that may receive it
                     self.session.stop(StopCause.LINK, now_ns)
                 self.mission.on_failed(event.text, status, now_ns / 1e9, remedy)
             case Restless():
@@ -414,7 +419,7 @@ class Host:
 
     def _check_needs(self, now_ns: HostNs) -> None:
         if self._missing and self.mission.runner is not None and self.mission.ending is None:
-            text = f"the device cannot be driven: it lacks {', '.join(self._missing)}"
+            text = f"the device cannot be driven: missing {', '.join(self._missing)}"
             self.mission.request_end(Ending("fault", text, 4), now_ns / 1e9)
 
     def _range(self, message: Range, device_us: DeviceUs, now_ns: HostNs) -> None:
@@ -422,7 +427,7 @@ class Host:
         if fresh and self.mission.phase is Phase.DRIVING:
             self.localisation.see_walls(message, device_us)
 
-    def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
+    def _log_text(self, message: LogText, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every listener
         self._records.log_text(message, now_ns)
 
     def _status(self, status: Status, device_us: DeviceUs, now_ns: HostNs) -> None:
@@ -474,7 +479,7 @@ class Host:
     def _supervised(
         self, supervision: Supervision, command: VelocityCommand | None, now_ns: HostNs
     ) -> VelocityCommand | None:
-        """Let supervision judge a control step; the velocity to send."""
+        """Supervise a control step; return the velocity to send."""
         mission, state, estimator = self.mission, self.state, self.estimator
         if isinstance(mission, OnboardMission) and state.planner is not None:
             mission.on_planner(state.planner)
@@ -506,7 +511,7 @@ class Host:
         return command
 
     def _obey_supervision(self, now_ns: HostNs) -> None:
-        """Carry out what supervision has decided."""
+        """Execute the decisions of the supervision."""
         if self.supervision is None:
             return
         mission = self.mission
@@ -525,20 +530,20 @@ class Host:
                     mission.on_command(decision, now_ns / 1e9)
 
     def _stale(self, now_ns: HostNs) -> str | None:
-        """Name what the run depends on and lacks, if anything."""
+        """Return the name of required data that is stale; None if all are fresh."""
         if self.state.times.jumps != self._jumps:
             self._jumps = self.state.times.jumps
-            text = "the device's clock was set anew; the estimate begins again where it stood"
+            text = "the device's clock was reset; the estimator restarts at the current pose"
             self.event(now_ns, Severity.WARNING, "clock", EventKind.SET, text)
             self.localisation.begin_again()
         stale = self.state.stale(now_ns / 1e9, self.mission.needs)
         return "odometry" if stale is None and not self.estimator.known else stale
 
     def _judge_link(self, now_ns: HostNs) -> None:
-        """Let the run know whether the link is quick enough to move; report each change."""
+        """Pass the state of the link to the run; record each change."""
         session = self.session
         if session.state is not State.READY or now_ns - session.heard_ns > SILENT_NS:
-            return  # nothing is driven on a silence, and the session judges it
+            return  # silence: no motion; the session handles it
         mission = self.mission
         trouble = mission.link = session.round_trip.trouble(now_ns)
         slow = trouble is not None and trouble.known
@@ -547,13 +552,13 @@ class Host:
             if trouble is not None:
                 self.event(now_ns, Severity.WARNING, "link", EventKind.SLOW, trouble.text)
             else:
-                text = "the link is quick enough to drive over again"
+                text = "the link is fast enough for motion again"
                 self.event(now_ns, Severity.INFO, "link", EventKind.QUICK, text)
         if trouble is None or mission.runner is not None:
             return
         status = self.state.status
         if status and status.mode == Mode.ONBOARD and status.stop_cause == StopCause.NONE:
-            # The device plans for itself, and no run of ours supervises it.
+            # The device uses its own planner, and no run of this host supervises it.
             ending = Ending("stopped", trouble.text, 5, StopCause.LINK)
             mission.request_end(ending, now_ns / 1e9)
 
@@ -568,9 +573,9 @@ class Host:
             self.record_map(now_ns)
 
     def _is_silent(self, now_ns: HostNs) -> bool:
-        """Whether the wire is silent, or was until now, so that old data accuse no sensor.
+        """Return True if the link is or was just silent: old data then mean no sensor fault.
 
-        Nothing is driven meanwhile; the session judges a silence, within a second.
+        There is no motion meanwhile, and the session detects a lost device within 1 s.
         """
         if now_ns - self.session.heard_ns > SILENT_NS:
             self._silent_ns = now_ns
@@ -587,14 +592,14 @@ class Host:
         text: str,
         **data: float | str | bool,
     ) -> None:
-        """Put an event on record."""
+        """Record an event."""
         self._records.event(now_ns, severity, source, kind, text, **data)
 
     def use_unix_offset(self, unix_offset_ns: int) -> None:
-        """Give records another Unix time from now on: a log begins, and no other is under way."""
+        """Set the Unix time offset of later records, for a new log; no other log may be open."""
         self.ingest.unix_offset_ns = self._records.unix_offset_ns = unix_offset_ns
 
     def record_map(self, now_ns: HostNs) -> None:
-        """Put the swept map on record, and what was gathered until now."""
+        """Record the map of the swept floor and the collected link errors."""
         self._records.flush(now_ns, at_once=True)
         self._records.swept(self.swept, now_ns)

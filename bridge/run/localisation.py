@@ -1,4 +1,4 @@
-"""Localisation: a robot's samples to its newest state and its estimated pose."""
+"""Localisation: updates the robot's state and pose estimate from its samples."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ if TYPE_CHECKING:
 
 
 class Localisation:
-    """Takes a robot's samples, and estimates where it is."""
+    """Holds the robot's newest samples and its pose estimate."""
 
     def __init__(self, model: RobotModel, start: Pose2) -> None:
         self._model = model
         self.state = RobotState()
         self.estimator = PoseEstimator(model, start)
         self.encoders_us = 0
-        """Device time of the newest encoder sample: the estimate's position is of then."""
+        """Device time of the newest encoder sample, µs: the time of the estimated position."""
         self._walls = Relocaliser(model, self.estimator)
 
     def begin_again(self) -> None:
-        """Its clock and its wheel counts began anew; the robot has not moved for that."""
+        """Restart the estimator at the current pose after a reset of clock and counts."""
         self.estimator = PoseEstimator(self._model, self.estimator.pose)
         self._walls = Relocaliser(self._model, self.estimator)
 
     def keep(self, message: Message, device_us: DeviceUs, now_ns: HostNs) -> None:
-        """Take a message that only the state needs."""
+        """Store a message that only the state needs."""
         self.state.take(message, device_us, now_ns / 1e9)
 
-    def time_reply(self, message: TimeReply, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - of every listener
-        """Take the device's clock."""
+    def time_reply(self, message: TimeReply, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every listener
+        """Update the clock mapping with a ping reply."""
         self.state.times.hear(device_us, now_ns / 1e9)
 
     def imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
-        """Take a sample of the inertial sensor."""
+        """Update the estimator with an IMU sample."""
         if not self.state.take(message, device_us, now_ns / 1e9):
             return
         self.estimator.on_imu(
@@ -54,7 +54,7 @@ class Localisation:
         )
 
     def encoders(self, message: Encoders, device_us: DeviceUs, now_ns: HostNs) -> None:
-        """Take wheel counts."""
+        """Update the estimator with wheel counts."""
         if not self.state.take(message, device_us, now_ns / 1e9):
             return
         self.encoders_us = device_us
@@ -62,11 +62,11 @@ class Localisation:
 
     @property
     def heading_sigma_rad(self) -> float:
-        """Standard deviation of the heading against the walls found square; 0: there are none."""
+        """Heading standard deviation relative to the orthogonal walls, rad; 0 if there are none."""
         return self._walls.walls.heading_sigma_rad
 
     def see_walls(self, message: Range, device_us: DeviceUs) -> None:
-        """Let walls that are seen again correct the estimate."""
+        """Correct the estimate with a range sample of known walls."""
         self._walls.update(
             message.ultrasonic_m,
             message.infrared_left_m,

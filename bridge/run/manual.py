@@ -1,8 +1,8 @@
-"""A run in a person's hands: a plan that is started, held and taken over, and a drive by hand.
+"""Runner for an operator: start, pause and take over a plan, or drive manually.
 
-One runner for the whole run, so that the device is asked once for leave to move. It decides
-what drives: nothing, the plan, or the hand. Whatever else the run has - stops, staleness, the
-orderly end - stays with :class:`bridge.run.mission.Mission`.
+It is one runner for the whole run, so that motion is enabled once. It selects what drives: nothing,
+the plan, or the operator. Stops, stale data and the end of the run remain with
+:class:`bridge.run.mission.Mission`.
 """
 
 from __future__ import annotations
@@ -24,16 +24,18 @@ if TYPE_CHECKING:
     from bridge.run.dead_man import DeadMan
 
 _STEP_S = 0.02
+"""Control period, s."""
 _LOWPASS = 0.6
+"""Weight of the low-pass filter of the velocity smoothing."""
 
 
 class Hand(Enum):
-    """What drives now."""
+    """What drives the robot."""
 
     NOTHING = "nothing"
     PLAN = "plan"
     HELD = "held"
-    """A plan that waits to go on."""
+    """The plan is paused."""
     MANUAL = "manual"
 
 
@@ -41,10 +43,10 @@ _STATES = {hand: PlannerState(hand.value) for hand in Hand}
 
 
 class Operator:
-    """The runner.
+    """Runner that an operator controls.
 
-    What a person asks for may be called from another thread than the loop's, which steps it: a
-    lock makes each call and each step whole.
+    The operator's calls may come from another thread than the loop, which calls :meth:`step`. A
+    lock makes each call atomic.
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class Operator:
         make_plan: Callable[[], PlanRunner] | None = None,
         manual: bool = False,
     ) -> None:
-        """With a ``plan`` it runs at once; ``make_plan`` makes one when it is asked for."""
+        """Run ``plan`` at once if given; ``make_plan`` creates a plan at :meth:`start`."""
         self.dead_man = dead_man
         self._plan, self._make_plan = plan, make_plan
         self._hand = Hand.PLAN if plan is not None else Hand.NOTHING
@@ -70,23 +72,23 @@ class Operator:
         if self._hand is Hand.MANUAL and self._plan is not None:
             self._plan.pause()
 
-    # ---- what a person asks for -----------------------------------------------------------
+    # ---- operator's requests --------------------------------------------------------------
 
     @property
     def hand(self) -> Hand:
-        """What drives now."""
+        """What drives the robot now."""
         return self._hand
 
     @property
     def has_plan(self) -> bool:
-        """Whether there is a plan, or one could be made."""
+        """True if a plan exists or can be created."""
         return self._plan is not None or self._make_plan is not None
 
     def start(self) -> None:
-        """Let the plan drive, from its beginning or from where it was held."""
+        """Start the plan, or resume it."""
         made = None
         if self._plan is None and self._make_plan is not None:
-            made = self._make_plan()  # without the lock: it takes seconds, and the loop goes on
+            made = self._make_plan()  # without the lock: it takes seconds, and the loop must run
         with self._lock:
             if self._plan is None:
                 self._plan = made
@@ -97,55 +99,55 @@ class Operator:
             self._go(Hand.PLAN, "the plan drives")
 
     def pause(self) -> None:
-        """Hold the plan; again: let it go on."""
+        """Pause the plan; if paused, resume it."""
         with self._lock:
             if self._hand is Hand.PLAN and self._plan is not None:
                 self._plan.pause()
-                self._go(Hand.HELD, "the plan is held")
+                self._go(Hand.HELD, "the plan is paused")
             elif self._hand is Hand.HELD:
                 self.start()
 
     def take_over(self) -> None:
-        """Drive by hand; again: no more."""
+        """Switch to manual driving; if already manual, switch back."""
         with self._lock:
             if self._hand is Hand.MANUAL:
                 self.dead_man.let_go()
                 held = self._plan is not None
-                self._go(Hand.HELD if held else Hand.NOTHING, "no longer driven by hand")
+                self._go(Hand.HELD if held else Hand.NOTHING, "manual driving ended")
                 return
             if self._plan is not None:
                 self._plan.pause()
-            self._go(Hand.MANUAL, "driven by hand")
+            self._go(Hand.MANUAL, "manual driving")
 
     def _go(self, hand: Hand, text: str) -> None:
         self._hand = hand
         self._events.append(PlannerEvent("operator", text))
 
-    # ---- a runner -------------------------------------------------------------------------
+    # ---- runner -----------------------------------------------------------------------------
 
     @property
     def finished(self) -> bool:
-        """Whether the plan has ended."""
+        """True if the plan has ended."""
         return self._hand is Hand.PLAN and self._plan is not None and self._plan.finished
 
     @property
     def finish_reason(self) -> str | None:
-        """Why it ended."""
+        """Reason of the plan's end."""
         return None if self._plan is None else self._plan.finish_reason
 
     @property
     def turns(self) -> int:
-        """Turns in place that the plan began."""
+        """Number of turns in place of the plan."""
         return 0 if self._plan is None else self._plan.turns
 
     @property
     def lane_length_m(self) -> float:
-        """Sum of the plan's lanes (eq. 8)."""
+        """Total length of the plan's lanes, m (eq. 8)."""
         return 0.0 if self._plan is None else self._plan.lane_length_m
 
     @property
     def state(self) -> PlannerState:
-        """The plan's, or what drives instead."""
+        """State of the plan, or of what drives instead."""
         if self._plan is None or self._hand is Hand.NOTHING:
             return _STATES[self._hand]
         if self._hand is Hand.PLAN:
@@ -154,13 +156,13 @@ class Operator:
 
     @property
     def target(self) -> VelocityCommand:
-        """The velocity wanted, before smoothing."""
+        """Target velocity before smoothing."""
         if self._hand is Hand.PLAN and self._plan is not None:
             return self._plan.target
         return self._target
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """The velocity for one control step."""
+        """Return the velocity setpoint of one control step."""
         with self._lock:
             return self._step(obs)
 
@@ -172,10 +174,10 @@ class Operator:
             return self._halt()
         wanted = self.dead_man.wanted(obs.time_s)
         if wanted.v_m_s > 0.0 and (obs.bumper_left or obs.bumper_right or obs.cliff):
-            wanted = VelocityCommand(0.0, wanted.yaw_rate_rad_s)  # backwards is the way out
+            wanted = VelocityCommand(0.0, wanted.yaw_rate_rad_s)  # only backwards leads away
         self._target = wanted
         if wanted == HALT:
-            return self._halt()  # the device's own ramp is the quickest to rest
+            return self._halt()  # the device's own ramp stops fastest
         return VelocityCommand(
             self._smooth_v.update(wanted.v_m_s, _STEP_S),
             self._smooth_w.update(wanted.yaw_rate_rad_s, _STEP_S),
@@ -188,7 +190,7 @@ class Operator:
         return HALT
 
     def drain_events(self) -> list[PlannerEvent]:
-        """Decisions since the last call."""
+        """Return the events since the last call."""
         with self._lock:
             events, self._events = self._events, []
         return events if self._plan is None else [*events, *self._plan.drain_events()]

@@ -1,7 +1,7 @@
-"""One run with motion: from asking leave to move, through the plan, to an orderly end.
+"""One run with motion: from enabling motion, through the plan, to a clean end.
 
-Pure: it is told the time, the session's news and an observation, and answers with requests.
-Nothing moves unless the device has confirmed every step before it.
+Pure: it takes time, session events and observations, and returns requests. Each step needs the
+device's confirmation of the step before.
 """
 
 from __future__ import annotations
@@ -28,32 +28,34 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 AT_REST_S = 2.5
-"""At rest before the first move: the gyro's bias is averaged over 250 samples."""
+"""Standstill before the first move, s: the gyro bias is averaged over 250 samples."""
 DATA_TIMEOUT_S = 3.0
-"""For the first status, and after settling for the data that driving needs: thirty periods."""
+"""Maximum wait for the first status, and after settling for data, s: thirty periods."""
 END_TIMEOUT_S = 1.0
+"""Maximum wait for the confirmation of the final stop, s."""
 SLOW_LIMIT_S = 4.0
-"""Time for which the link may be too slow before a run's first move, s: both ends may be held up
-while they start, on a busy machine for seconds. Nothing moves meanwhile."""
+"""Maximum time of a slow link before a run's first move, s. Both sides may be slow while they
+start, on a busy machine for seconds. There is no motion meanwhile."""
 LOST_TIMEOUT_S = 30.0
+"""Maximum time that a run waits for a lost device, s."""
 
 
 class Resume(Enum):
-    """What becomes of a run with motion whose device was lost and is back."""
+    """What happens to a run with motion after its device was lost and is back."""
 
     NEVER = "never"
-    """It ends."""
+    """The run ends."""
     ASK = "ask"
-    """It holds until a person says to go on, and ends where nobody does."""
+    """The run waits until the operator continues it, and ends after a timeout."""
     AUTO = "auto"
-    """It goes on by itself; for simulated runs, which hurt nobody."""
+    """The run continues by itself. Only for simulated runs."""
 
 
 class Phase(Enum):
-    """Where the run stands."""
+    """Phase of a run."""
 
     WAITING = "waiting"
-    """For the session and the first status."""
+    """The run waits for the session and the first status."""
     CLEARING = "clearing"
     ENABLING = "enabling"
     SETTLING = "settling"
@@ -61,31 +63,31 @@ class Phase(Enum):
     HOLDING = "holding"
     """The device is lost."""
     ENDING = "ending"
-    """A stop is on its way."""
+    """A stop is sent but not confirmed."""
     DONE = "done"
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What the run asks of the session: ``clear``, ``mode``, ``planner`` or ``stop``."""
+    """A request to the session: ``clear``, ``mode``, ``planner`` or ``stop``."""
 
     kind: str
     value: int
-    """A stop's cause, a mode, or what the device's own planner is to do."""
+    """Stop cause, mode, or action of the device's planner."""
     planner: int = 0
-    """Which of the device's own planners."""
+    """Number of the device's planner."""
 
 
 _BEFORE_MOTION = {Phase.WAITING, Phase.CLEARING, Phase.ENABLING, Phase.SETTLING}
 
 
 def _too_slow(link: LinkTrouble) -> Ending:
-    """End a run whose link does not allow motion."""
+    """Return the end of a run whose link does not allow motion."""
     return Ending("stopped", link.text, 5, StopCause.LINK)
 
 
 class Mission:
-    """The phases of a run; without a plan it only watches."""
+    """State machine of a run; without a runner it only monitors."""
 
     def __init__(
         self,
@@ -96,9 +98,15 @@ class Mission:
         at_rest_s: float = AT_REST_S,
         resume: Resume = Resume.NEVER,
     ) -> None:
-        """``clear_stop`` allows causes other than an orderly end to be cleared.
+        """Create a waiting run.
 
-        ``resume`` says what becomes of the run after a loss.
+        Args:
+            runner: Decides the velocity; None: monitor only.
+            clear_stop: Clear a latched stop of any cause, not only of a clean end.
+            max_time_s: Maximum time of the drive, s; None: unlimited.
+            at_rest_s: Standstill before the first move, s.
+            resume: What happens to the run after a loss of the device.
+
         """
         self.runner = runner
         self.phase = Phase.WAITING
@@ -106,81 +114,81 @@ class Mission:
         self.drive_started_s: float | None = None
         self.drive_ended_s: float | None = None
         self.stop_cause = StopCause.NONE
-        """The gravest cause whose stop this run has asked for at its end."""
+        """Highest cause of the stops that this run has requested at its end."""
         self.confirmed = StopCause.NONE
-        """The gravest cause whose stop the device has acknowledged at this run's end."""
+        """Highest cause of the stops that the device has confirmed at the run's end."""
         self.signed = False
-        """What is asked for is signed with a key, which may be another than the device's."""
+        """Commands are signed with a key, which may differ from the device's."""
         self.link: LinkTrouble | None = None
-        """Why nothing may move over the link now; the host sets it at each control step."""
+        """Reason why the link allows no motion; the host updates it at each control step."""
         self.asking = False
-        """The device is back, and a person is asked whether to go on."""
+        """The device is back, and the operator must decide whether to continue."""
         self._resume = resume
         self._resumed = False
-        """Somebody said so: the stop that the loss has latched may be cleared."""
+        """The operator has continued the run: the stop latched by the loss may be cleared."""
         self._clear_any = clear_stop
         self._max_time_s = max_time_s
         self._at_rest_s = at_rest_s
         self._since_s = 0.0
         self._asked_s: float | None = None
-        """Since when there is a plan that waits for the device's status."""
+        """Time since which a runner waits for the device's status."""
         self._slow_s: float | None = None
-        """Since when the link is too slow for a first move."""
+        """Time since which the link is too slow for the first move."""
         self._ready = False
         self._was_ready = False
         self._latched = False
-        """The newest status of the device shows a latched stop."""
+        """The device's newest status has a latched stop."""
         self.pending: list[Request] = []
-        """What :meth:`requests` would give: asked at every turn of a loop."""
+        """Requests not fetched yet; public because the loop checks it in every pass."""
 
     @property
     def _drives_in(self) -> Mode | None:
-        """Mode in which the device must be while the run drives; None: it may change it."""
+        """Mode that the device must have while the run drives; None: any."""
         return Mode.VELOCITY
 
     @property
     def needs(self) -> Mapping[type[Message], float]:
-        """Streams that the run depends on now, with the age (s) at which a sample is stale."""
+        """Streams that the run depends on, with the age (s) at which a sample is stale."""
         return NEEDS
 
     @property
     def done(self) -> bool:
-        """True when nothing is left to do."""
+        """True if the run has ended."""
         return self.phase is Phase.DONE
 
     @property
     def under_way(self) -> bool:
-        """True from the first move until the run has ended."""
+        """True from the first move to the end of the run."""
         return self.drive_started_s is not None and not self.done
 
     @property
     def ends_s(self) -> float | None:
-        """When a run that lost its device ends by itself; None: it does not hold."""
+        """Time at which a run with a lost device ends (s); None: the device is not lost."""
         return self._since_s + LOST_TIMEOUT_S if self.phase is Phase.HOLDING else None
 
     def start(self, runner: Runner, *, clear_stop: bool = False) -> None:
-        """Give a run that only watched something to do; begins with the next status."""
+        """Give a runner to a run that only monitored; it starts with the next status."""
         if self.runner is None and self.phase is Phase.WAITING:
             self.runner = runner
             self._clear_any = clear_stop
 
     @property
     def stop_confirmed(self) -> bool:
-        """True when the device has acknowledged the stop of the gravest cause that came up."""
+        """True if the device has confirmed the stop of the highest cause."""
         return self.ending is not None and self.confirmed >= self.stop_cause
 
     def requests(self) -> list[Request]:
-        """Fetch and forget what the session should do."""
+        """Return and remove the requests for the session."""
         requests = self.pending
         if requests:
             self.pending = []
             return requests
         return []
 
-    # ---- news -----------------------------------------------------------------------------
+    # ---- events -----------------------------------------------------------------------------
 
     def on_ready(self, now_s: float) -> None:
-        """The session has agreed with a device."""
+        """Handle the start of a session."""
         self._ready, self._latched = True, False
         self._slow_s = None
         if self._was_ready and self.runner is not None and self.ending is None:
@@ -191,9 +199,9 @@ class Mission:
             self._go(Phase.WAITING, now_s)
 
     def _back(self, now_s: float) -> None:
-        """The device that a run depends on is there again, and stands."""
+        """Handle the return of the device that the run depends on."""
         if self._resume is Resume.NEVER:
-            ending = Ending("stopped", "the device was lost and is back; look, then start anew", 5)
+            ending = Ending("stopped", "the device was lost and is back; check it, then restart", 5)
             self._end(now_s, ending)
         elif self._resume is Resume.ASK:
             self._go(Phase.HOLDING, now_s)
@@ -203,7 +211,7 @@ class Mission:
             self._go(Phase.WAITING, now_s)
 
     def resume(self, now_s: float) -> bool:
-        """Go on after a loss: a person has looked. False where nothing was asked."""
+        """Continue after a loss, once the operator has checked. Return False if nothing waits."""
         if not (self.asking and self._ready and self.phase is Phase.HOLDING):
             return False
         self.asking, self._resumed = False, True
@@ -211,7 +219,7 @@ class Mission:
         return True
 
     def on_lost(self, now_s: float) -> None:
-        """The device fell silent or forgot us."""
+        """Handle the loss of the device or of its session."""
         self._ready = self.asking = False
         if self.phase is Phase.ENDING:
             self._unconfirmed()
@@ -226,7 +234,7 @@ class Mission:
     def on_failed(
         self, text: str, exit_status: int, now_s: float, remedy: Remedy | None = None
     ) -> None:
-        """The session cannot go on."""
+        """Handle the failure of the session."""
         if self.ending is None:
             self.ending = Ending("fault", text, exit_status, remedy=remedy)
             if self.under_way:
@@ -234,7 +242,7 @@ class Mission:
         self._finish(now_s)
 
     def on_status(self, status: Status, now_s: float) -> None:
-        """The device's own account of itself."""
+        """Handle the device's status."""
         self._latched = status.stop_cause != StopCause.NONE
         if self.runner is None or not self._ready:
             return
@@ -252,14 +260,14 @@ class Mission:
             self._check_mode(status.mode, self._drives_in, now_s)
 
     def _check_mode(self, mode: int, wanted: Mode, now_s: float) -> None:
-        """End a drive whose device is in another mode than the one that it acknowledged."""
+        """End a drive whose device is not in the confirmed mode."""
         if mode != wanted:
             found, needed = label(Mode, mode), label(Mode, wanted)
-            text = f"the device is in mode {found}, and the run needs {needed}"
+            text = f"the device is in mode {found}, but the run needs {needed}"
             self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
 
     def on_command(self, outcome: Outcome, now_s: float) -> None:
-        """A command of ours ended."""
+        """Handle the outcome of a command."""
         message = outcome.message
         if isinstance(message, Stop):
             self._stopped(message.cause, now_s, accepted=outcome.accepted)
@@ -269,10 +277,10 @@ class Mission:
         if not outcome.accepted:
             what = "clear stop" if isinstance(message, ClearStop) else "velocity mode"
             if outcome.reason is None:
-                hint = "; is this the key that it has?" if self.signed else ""
+                hint = "; check that the key is the device's key" if self.signed else ""
                 ending = Ending("fault", f"the device did not answer {what}{hint}", 4)
             else:
-                text = f"the device refused {what}: {refusal(outcome.reason)}"
+                text = f"the device rejected {what}: {refusal(outcome.reason)}"
                 stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}
                 ending = Ending("stopped", text, 5) if stopped else Ending("fault", text, 4)
                 ending = replace(ending, remedy=refusal_remedy(outcome.reason))
@@ -283,7 +291,7 @@ class Mission:
             self._go(Phase.SETTLING, now_s)
 
     def _stopped(self, cause: int, now_s: float, *, accepted: bool) -> None:
-        """The device's answer to a stop; that of a lesser cause than the end's ends nothing."""
+        """Handle the answer to a stop. A lower cause than the end's does not end the run."""
         if accepted:
             self.confirmed = latched_cause(self.confirmed, cause)
         if self.phase is Phase.ENDING and cause >= self.stop_cause:
@@ -292,21 +300,21 @@ class Mission:
             self._finish(now_s)
 
     def request_end(self, ending: Ending, now_s: float) -> None:
-        """End the run in order: the robot stops first.
+        """Request a clean end: the robot stops first.
 
-        A graver cause replaces the one that the run ends for, while its stop is on its way and
-        after it: the stop of the graver one is sent too, and its own confirmation awaited.
+        A higher cause replaces the current one, even after its stop was sent. The higher stop is
+        sent too and needs its own confirmation.
         """
         if self.phase is Phase.DONE and not self._ready:
             return
         present = self.ending
         if present is None or ending.outranks(present):
             self._end(now_s, ending)
-        elif ending.cause > present.cause:  # the device has latched a graver one by itself
+        elif ending.cause > present.cause:  # the device itself latched a higher cause
             self._stop(now_s, ending.cause)
 
     def end_unheard(self, ending: Ending, now_s: float) -> None:
-        """End a run whose device is not there to confirm a stop."""
+        """End a run whose device cannot confirm a stop."""
         if self.phase is not Phase.DONE:
             self.on_lost(now_s)
         self.ending = ending
@@ -315,21 +323,21 @@ class Mission:
         self._finish(now_s)
 
     def crashed(self, ending: Ending, confirmed: StopCause, now_s: float) -> None:
-        """The loop has failed and ended the run without this object's help."""
+        """Record that the loop failed and ended the run itself."""
         self.ending = ending
         if self.drive_started_s is not None and self.drive_ended_s is None:
             self.drive_ended_s = now_s
         self.confirmed = max(self.confirmed, confirmed)
         self.phase = Phase.DONE
 
-    # ---- time -----------------------------------------------------------------------------
+    # ---- control ----------------------------------------------------------------------------
 
     def step(
         self, obs: Observation | None, stale: str | None, now_s: float
     ) -> VelocityCommand | None:
-        """One control step; a velocity to send, or None where none may be sent."""
+        """Execute one control step; return a velocity to send, or None to send none."""
         link = self.link
-        if self.phase is Phase.DRIVING:  # nearly always
+        if self.phase is Phase.DRIVING:  # the usual case
             if link is None:
                 return self._drive(obs, stale, now_s)
             self._end(now_s, _too_slow(link))
@@ -358,14 +366,14 @@ class Mission:
         if elapsed_s <= LOST_TIMEOUT_S:
             return
         if self.asking:
-            text = "the device was lost and is back, and nobody said to go on"
+            text = "the device was lost and is back, but the operator did not continue the run"
             self._end(now_s, Ending("stopped", text, 5))
             return
         self.ending = Ending("fault", "the device was lost for 30 s", 3)
         self._finish(now_s)
 
     def _await_quicker(self, link: LinkTrouble, now_s: float) -> None:
-        """The link is too slow before the first move: end the run where it stays so."""
+        """End a run whose link stays too slow before the first move."""
         if self.runner is None or not self._ready or self.phase not in _BEFORE_MOTION:
             self._slow_s = None
         elif self._slow_s is None:
@@ -375,7 +383,7 @@ class Mission:
 
     @property
     def _may_start(self) -> bool:
-        """Whether the link allows to ask for leave to move; before motion it is judged again."""
+        """True if the link allows enabling motion; it is checked again before the first move."""
         return self.link is None or not self.link.known
 
     def _wait(self, now_s: float) -> None:
@@ -432,7 +440,7 @@ class Mission:
             return HALT
         return command
 
-    # ---- inside ---------------------------------------------------------------------------
+    # ---- transitions ------------------------------------------------------------------------
 
     def _go(self, phase: Phase, now_s: float) -> None:
         self.phase = phase
@@ -455,7 +463,7 @@ class Mission:
                 now_s,
                 Ending(
                     "stopped",
-                    f"the robot holds a stop (cause: {name}); see that it is safe",
+                    f"the robot has a latched stop (cause: {name}); check that it is safe to move",
                     5,
                     latched=latched_cause(StopCause.NONE, cause),
                     remedy=Remedy.CLEAR_STOP,
@@ -482,15 +490,15 @@ class Mission:
             self._go(Phase.ENDING, now_s)
 
     def _unconfirmed(self) -> None:
-        """The run ends without the device's word that it stands; its own watchdog stops it."""
+        """End the run without a confirmed stop; the device's watchdog stops the robot."""
         ending = self.ending
         if ending is None:
             return
         reason = f"{ending.reason}; the device did not confirm the stop"
         self.ending = replace(ending, reason=reason)
         if self._latched:
-            return  # it did not answer, and its own status shows that it stands
-        # Before the first move as well, where the end was one in order: the device may be enabled.
+            return  # its status shows that it has stopped
+        # Also before the first move of a run with a clean end: the device may be enabled.
         if self.drive_started_s is not None or not (self.runner is None or ending.exit_status):
             self.ending = replace(self.ending, outcome="fault", exit_status=3)
 

@@ -1,7 +1,7 @@
-"""A run in which the device plans for itself: started, followed by what it tells, and ended.
+"""A run of the device's own planner: the host starts it, monitors it and ends it.
 
-The host sends no velocity. It keeps the session alive, estimates the pose from the device's
-telemetry as in any run, and ends the run when the device's planner has, or when it is told to.
+The host sends no velocity. It keeps the session alive, estimates the pose from telemetry as in any
+run, and ends the run when the device's planner ends or on request.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ if TYPE_CHECKING:
     from protocol.values import OnboardPlanner
 
 _HALF_COUNT = 128
+"""Half the range of the 8-bit turn count. A larger increase is a restart of the count."""
 PLAN_STALE_S = 2.0
-"""Age at which the device's planner state is stale, s: ten of them. It ends a plan that is not seen
-any more, and outlasts a few lost frames on a bad line."""
+"""Maximum age of the device's planner state, s: ten periods. It ends a run whose plan is not
+visible, and tolerates a few lost frames."""
 _REPORTS: Mapping[type[Message], float] = MappingProxyType(
     {Status: STATUS_STALE_S, PlannerState: PLAN_STALE_S}
 )
 LEFT_S = 1.0
-"""Ten statuses, five planner states: out of its mode for so long without an end is an abort."""
+"""Maximum time outside onboard mode without a reported end, s: ten statuses, five planner
+states."""
 
 
 class OnboardRun:
-    """The device's plan as the host's records see any: by what the device tells of it."""
+    """The device's planner as a runner, from its reported states."""
 
     target = HALT
     lane_length_m = 0.0
@@ -53,16 +55,16 @@ class OnboardRun:
         self._events: list[PlannerEvent] = []
 
     def take(self, message: PlannerState) -> None:
-        """A planner state of the device, the same one any number of times."""
+        """Handle a planner state; repeated calls with the same one have no effect."""
         before, self._last_state = self._last_state, message
         if message is before:
             return
         phase = label(PlannerPhase, message.phase)
         if before is not None:
             turned = (message.turn_count - before.turn_count) & 0xFF
-            self.turns += turned if turned < _HALF_COUNT else 0  # T begins anew with a new pass
+            self.turns += turned if turned < _HALF_COUNT else 0  # T restarts with a new pass
         if before is None or before.phase != message.phase:
-            self._events.append(PlannerEvent("phase", f"the device's planner: {phase}"))
+            self._events.append(PlannerEvent("phase", f"the device's planner is {phase}"))
         self.state = RunnerState(
             phase,
             turn_count=message.turn_count,
@@ -73,18 +75,18 @@ class OnboardRun:
             target=(message.target_x_m, message.target_y_m),
         )
 
-    def step(self, obs: Observation) -> VelocityCommand:  # noqa: ARG002 - of every runner
-        """The device moves by itself."""
+    def step(self, obs: Observation) -> VelocityCommand:  # noqa: ARG002 - the signature of every runner
+        """Return a halt: the device moves by itself."""
         return HALT
 
     def drain_events(self) -> list[PlannerEvent]:
-        """Its changes of phase since the last call."""
+        """Return the phase changes since the last call."""
         events, self._events = self._events, []
         return events
 
 
 class OnboardMission(Mission):
-    """Clears what an explicit motion command may, starts the device's planner, and follows it."""
+    """Clears a stop if allowed, starts the device's planner and monitors it."""
 
     def __init__(
         self,
@@ -93,19 +95,19 @@ class OnboardMission(Mission):
         clear_stop: bool = False,
         max_time_s: float | None = None,
     ) -> None:
-        """``clear_stop`` and ``max_time_s`` are those of any mission."""
+        """``clear_stop`` and ``max_time_s`` are those of :class:`Mission`."""
         self.onboard = OnboardRun()
         super().__init__(self.onboard, clear_stop=clear_stop, max_time_s=max_time_s)
         self.planner = planner
         self._left_s: float | None = None
 
     def on_planner(self, message: PlannerState) -> None:
-        """What the device last told of its plan, since this run started it."""
+        """Handle the newest planner state once this run has started the planner."""
         if self.phase in {Phase.SETTLING, Phase.DRIVING}:
             self.onboard.take(message)
 
     def on_command(self, outcome: Outcome, now_s: float) -> None:
-        """A command of ours ended."""
+        """Handle the outcome of a command."""
         message, enabling = outcome.message, self.phase is Phase.ENABLING
         if enabling and isinstance(message, SetMode) and outcome.accepted:
             self.pending.append(Request("planner", PlannerAction.START, self.planner))
@@ -115,13 +117,13 @@ class OnboardMission(Mission):
             else:
                 reason = outcome.reason
                 why = "no answer" if reason is None else refusal(reason)
-                text = f"the device did not start its planner: {why}"
+                text = f"the device rejected the start of its planner: {why}"
                 self._end(now_s, Ending("fault", text, 4, remedy=refusal_remedy(reason)))
         else:
             super().on_command(outcome, now_s)
 
     def on_status(self, status: Status, now_s: float) -> None:
-        """The device's own account of itself."""
+        """Handle the device's status."""
         super().on_status(status, now_s)
         if self.phase is not Phase.DRIVING or status.mode == Mode.ONBOARD:
             self._left_s = None
@@ -130,17 +132,17 @@ class OnboardMission(Mission):
 
     @property
     def needs(self) -> Mapping[type[Message], float]:
-        """Under way the device's own word of its plan; the sensors are for supervision to judge."""
+        """Streams that the run depends on. While driving, supervision checks the sensors."""
         return _REPORTS if self.phase is Phase.DRIVING else super().needs
 
     @property
     def _drives_in(self) -> None:
-        """None: the device leaves its mode by itself once its planner has finished."""
+        """None: the device leaves its mode by itself at the planner's end."""
         return
 
     @property
     def _may_start(self) -> bool:
-        """Once started, the device moves by itself: the link is measured before."""
+        """True if the link allows motion; checked first, as the device then moves by itself."""
         return self.link is None
 
     def _enable(self, now_s: float) -> None:
@@ -161,12 +163,12 @@ class OnboardMission(Mission):
         phase = self.onboard.state.state
         started_s, left_s = self.drive_started_s, self._left_s
         if phase == "finished":
-            self._finished("the device's planner has finished")
-            self._end(now_s, Ending("complete", "the device's planner has finished", 0))
+            self._finished("the device's planner finished")
+            self._end(now_s, Ending("complete", "the device's planner finished", 0))
         elif phase == "aborted":
             self._end(now_s, Ending("stopped", "the device's planner was aborted", 5))
         elif left_s is not None and now_s - left_s > LEFT_S:
-            text = "the device has left its planner without a word"
+            text = "the device left onboard mode without a reported end"
             self._end(now_s, Ending("stopped", text, 5, StopCause.SUPERVISE))
         elif stale is not None and obs is not None:
             text = f"no {stale} data from the device"

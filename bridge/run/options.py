@@ -1,4 +1,4 @@
-"""What a host may be told before its run."""
+"""Options of a host."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _ORIGIN = Pose2(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class HostOptions:
-    """What a run may be told beforehand."""
+    """Options of a host, set before its run."""
 
     unix_offset_ns: int
-    """Unix time less the host's monotonic clock."""
+    """Unix time minus the host's monotonic clock, ns."""
     planner: str = ""
     start: Pose2 = _ORIGIN
-    """Where the robot stands at first, in the frame of the map."""
+    """Start pose in the map frame."""
     node: int | None = None
     link: type[LinkBase] = Link
-    """What the device is connected by."""
+    """Framing of the device's port: serial or CAN."""
     key: bytes | None = field(default=None, repr=False)
-    """Signs what moves the robot, where the device asks for it."""
+    """Key that signs motion commands if the device requires it."""
     min_delay_ns: tuple[int, int] = (0, 0)
-    """Declared: no frame to the device, none from it is quicker (:class:`TimeSync`)."""
+    """Declared minimum delays to and from the device, ns (:class:`TimeSync`)."""

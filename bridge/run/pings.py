@@ -1,4 +1,4 @@
-"""What round trips tell: of the clock, of the line, and of a delay that was declared."""
+"""Use of ping replies: clock synchronisation, round-trip time and check of declared delays."""
 
 from __future__ import annotations
 
@@ -16,36 +16,36 @@ if TYPE_CHECKING:
 
 
 class EventLogger(Protocol):
-    """Puts an event on record."""
+    """Records an event."""
 
     def __call__(
         self, now_ns: HostNs, severity: Severity, source: str, kind: EventKind, text: str, /
     ) -> None:
-        """When, how grave, of what, and in words."""
+        """Record an event: time, severity, source, kind and text."""
 
 
 class Pings:
-    """Takes each answered time request."""
+    """Handles each answered time request."""
 
     def __init__(self, wire: WireStatistics, declared_ns: int, log_event: EventLogger) -> None:
-        """``declared_ns``: least delay of both ways together, as a person has told it."""
+        """``declared_ns`` is the declared minimum delay of both directions together, ns."""
         self._wire, self._log_event = wire, log_event
         self._declared_ns = declared_ns
-        """0 once it was found not to be true."""
+        """0 after a round trip disproved it."""
 
     def take(self, ping: Ping, ingest: Ingest, now_ns: HostNs) -> None:
-        """Fit the clock, count the round trip, and hold the declaration against it."""
+        """Update the clock fit, the round-trip statistics and the check of the declared delay."""
         if not ingest.exchange(ping):
             self._log_event(
-                now_ns, Severity.WARNING, "clock", EventKind.STEP, "the device's clock has jumped"
+                now_ns, Severity.WARNING, "clock", EventKind.STEP, "the device's clock jumped"
             )
         round_trip_ns = ingest.sync.round_trip_ns
         self._wire.round_trip.add(round_trip_ns)
         if round_trip_ns + 2 * STAMP_NS < self._declared_ns:
             text = (
-                f"a round trip took {round_trip_ns / 1e6:.3f} ms, and the delays that "
-                f"were declared come to {self._declared_ns / 1e6:.3f} ms: the bounds on time "
-                "stamps are not true; declare less (--adapter-delay)"
+                f"a round trip took {round_trip_ns / 1e6:.3f} ms, but the declared delays sum to "
+                f"{self._declared_ns / 1e6:.3f} ms, so the error bounds of time stamps are wrong; "
+                "reduce --adapter-delay"
             )
             self._log_event(now_ns, Severity.WARNING, "clock", EventKind.DECLARED, text)
             self._declared_ns = 0

@@ -1,4 +1,4 @@
-"""What a host puts on record, and in which form."""
+"""Records of a host: converts its data and events to records."""
 
 from __future__ import annotations
 
@@ -53,39 +53,40 @@ _LEVELS = {
     LogLevel.ERROR: Severity.ERROR,
 }
 _FELT = {
-    DisturbanceKind.BUMP: "the robot bumped into something and lost {:.3f} m/s at once",
-    DisturbanceKind.STALL: "the robot stands while its wheels turn at {:.3f} m/s",
+    DisturbanceKind.BUMP: "the robot hit an obstacle and lost {:.3f} m/s at once",
+    DisturbanceKind.STALL: "the robot stands still while its wheels turn at {:.3f} m/s",
     DisturbanceKind.SLIP_LEFT: "the left wheel slips, {:.3f} m/s between the wheels",
     DisturbanceKind.SLIP_RIGHT: "the right wheel slips, {:.3f} m/s between the wheels",
 }
 LINK_PERIOD_NS = 10_000_000_000
+"""Interval of the link statistics in the log, ns."""
 GATHER_NS = 250_000_000
-"""Time over which damaged frames, and rejected ones, are gathered into one record, ns. The raw
-bytes are on record by themselves; a full 3 Mbaud line may carry 75 000 damaged frames a second."""
+"""Time over which damaged and rejected frames are collected into one record, ns. The raw bytes are
+recorded separately; a full 3 Mbaud line may carry 75 000 damaged frames per second."""
 SHOWN_BYTES = 16
-"""Bytes of the first damaged frame that its record shows."""
+"""Number of bytes of the first damaged frame that its record shows."""
 _new = tuple.__new__
 
 
 class Tally:
-    """Frames that are gathered into one record.
+    """Collects frames into one record.
 
-    The first is recorded at once, then there is at most one record each :data:`GATHER_NS`.
+    The first frame is recorded at once; after that there is one record per :data:`GATHER_NS`.
     """
 
     def __init__(self) -> None:
-        """None so far."""
+        """Create an empty tally."""
         self.counts: Counter[str] = Counter()
-        """By what is wrong with them."""
+        """Number of frames by error."""
         self.length = 0
-        """Bytes of all of them."""
+        """Number of bytes of all frames."""
         self.first: dict[str, int | str] = {}
-        """Of the first of them."""
+        """Data of the first frame."""
         self.due_ns = 0
-        """When the next record may be written."""
+        """Earliest time of the next record."""
 
     def take(self, now_ns: int) -> tuple[int, int, str, dict[str, int | str]]:
-        """Frames, bytes, what is wrong in words, and all of it as data; begins anew."""
+        """Return and reset the frames, bytes, errors as text and all of it as data."""
         counts, length = self.counts, self.length
         frames = counts.total()
         kinds = next(iter(counts))
@@ -98,12 +99,12 @@ class Tally:
 
 
 class HostRecords:
-    """Writes a host's records; takes the host's clock and gives them Unix time."""
+    """Writes a host's records and converts their times to Unix time."""
 
     def __init__(self, sink: Sink, unix_offset_ns: int, planner: str, *, bus: bool = False) -> None:
         self._write = sink.write
         self.unix_offset_ns = unix_offset_ns
-        """Unix time less the host's clock; one for all records of a log."""
+        """Unix time minus host time, ns; the same for all records of a log."""
         self._planner = planner
         self._planner_state: PlannerState | None = None
         self._bus = bus
@@ -124,7 +125,7 @@ class HostRecords:
         text: str,
         **data: float | str | bool,
     ) -> None:
-        """Something worth finding again."""
+        """Record an event."""
         self.named(now_ns, severity, source, kind, text, data)
 
     def named(  # noqa: PLR0913, PLR0917 - the parts of an event
@@ -136,12 +137,12 @@ class HostRecords:
         text: str,
         data: dict[str, Any],
     ) -> None:
-        """The same, of a source that names its own kinds."""
+        """Record an event of a source that defines its own kinds."""
         log_ns = now_ns + self.unix_offset_ns
         self._write(EventRecord(log_ns, severity, source, kind, text, data))
 
     def damaged(self, found: Sequence[DamagedFrame], now_ns: int) -> None:
-        """Bytes that are no frames, of one moment."""
+        """Count damaged frames that were received together."""
         tally = self._damaged
         tally.counts.update(event.damage.value for event in found)
         tally.length += sum(event.length for event in found)
@@ -152,7 +153,7 @@ class HostRecords:
             self._report_damaged(now_ns)
 
     def rejected(self, event: Rejected, now_ns: int) -> None:
-        """An intact frame that was of no use."""
+        """Count an intact frame that the link rejected."""
         if self._bus and event.reason == "direction" and not self._other_host:
             self._other_host = True
             text = "another host sends on this bus, which allows one host; stop the other host"
@@ -166,7 +167,7 @@ class HostRecords:
             self._report_rejected(now_ns)
 
     def flush(self, now_ns: int, *, at_once: bool = False) -> None:
-        """Put on record what was gathered of damaged and rejected frames, where it is time."""
+        """Record the collected damaged and rejected frames if they are due."""
         if self._damaged.counts and (at_once or now_ns >= self._damaged.due_ns):
             self._report_damaged(now_ns)
         if self._rejected.counts and (at_once or now_ns >= self._rejected.due_ns):
@@ -174,35 +175,35 @@ class HostRecords:
 
     def _report_damaged(self, now_ns: int) -> None:
         frames, length, kinds, data = self._damaged.take(now_ns)
-        stretches = "" if frames == 1 else f" in {frames} stretches"
-        text = f"{length} bytes{stretches} that are no frame ({kinds})"
+        parts = "" if frames == 1 else f" in {frames} parts"
+        text = f"received {length} bytes{parts} that are not a frame ({kinds})"
         self.event(now_ns, Severity.DEBUG, "link", EventKind.DAMAGED, text, **data)
 
     def _report_rejected(self, now_ns: int) -> None:
         frames, _, kinds, data = self._rejected.take(now_ns)
         what = "frame" if frames == 1 else f"{frames} frames, the first"
-        text = f"{what} of type {data['type']:#04x} not used: {kinds}"
+        text = f"{what} of type {data['type']:#04x} rejected: {kinds}"
         self.event(now_ns, Severity.DEBUG, "link", EventKind.REJECTED, text, **data)
 
     def uart(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
-        """What a serial port gave or took, without a key."""
+        """Record bytes of a serial port, without keys."""
         data = self._keys.outgoing(data) if outgoing else self._keys.incoming(data)
         self._write(_new(RawBytes, (now_ns + self.unix_offset_ns, outgoing, data)))
 
     def can(self, data: bytes, now_ns: int, *, outgoing: bool) -> None:
-        """Frames that a bus gave or took, without a key."""
+        """Record frames of a CAN bus, without keys."""
         log_ns = now_ns + self.unix_offset_ns
         for can_id, length, content in RECORD.iter_unpack(data):
             self._write(RawCan(log_ns, outgoing, can_id, redacted_can(can_id, content[:length])))
 
     def log_text(self, message: LogText, now_ns: int) -> None:
-        """A line of the device's own log."""
+        """Record a line of the device's log."""
         severity = _LEVELS.get(LogLevel(message.level & 3), Severity.INFO)
         log_ns = now_ns + self.unix_offset_ns
         self._write(LogRecord(log_ns, severity, "device", message.line))
 
     def status(self, status: Status, now_ns: int) -> None:
-        """What is new in a status: faults and the latch; the message itself is on record."""
+        """Record new faults and a new stop cause."""
         faults = status.faults
         if faults != self._faults:
             new = flag_labels(DeviceFault, faults & ~self._faults)
@@ -212,16 +213,14 @@ class HostRecords:
         if status.stop_cause != self._stop_cause:
             self._stop_cause = status.stop_cause
             name = label(StopCause, status.stop_cause)
-            self.event(
-                now_ns, Severity.INFO, "safety", EventKind.LATCH, f"stop cause is now {name}"
-            )
+            self.event(now_ns, Severity.INFO, "safety", EventKind.LATCH, f"stop cause: {name}")
 
     def link(self, wire: WireStatistics, now_ns: int) -> None:
-        """What the link was like so far, every ten seconds."""
+        """Record the link statistics every :data:`LINK_PERIOD_NS`."""
         if now_ns >= self._link_ns:
             self._link_ns = now_ns + LINK_PERIOD_NS
             log_ns = now_ns + self.unix_offset_ns
-            text = "rate, loss, order and age of each message, and the round trip"
+            text = "rate, loss, order and age of each message; round-trip time"
             self._write(
                 EventRecord(
                     log_ns, Severity.DEBUG, "link", EventKind.STATISTICS, text, wire.to_dict()
@@ -229,28 +228,28 @@ class HostRecords:
             )
 
     def again(self, event: Agreed, now_ns: int) -> None:
-        """The device that was lost is back: the same, in another boot, or with other messages."""
+        """Record the return of a lost device: same boot, new boot, or new schema."""
         hello = event.hello
         if event.rebooted:
             cause = label(ResetCause, hello.reset_cause)
-            text = f"the device has booted anew since (cause: {cause})"
+            text = f"the device rebooted while it was lost (cause: {cause})"
             self.event(
                 now_ns, Severity.WARNING, "session", EventKind.NEW_BOOT, text, reset_cause=cause
             )
         else:
-            text = "the same device is back, in the same boot"
+            text = "the device is back without a reboot"
             self.event(now_ns, Severity.INFO, "session", EventKind.SAME_BOOT, text)
         if event.other_schema:
-            text = f"the device declares its messages otherwise now ({hello.catalogue_hash:08x})"
+            text = f"the device is back with another schema ({hello.catalogue_hash:08x})"
             self.event(now_ns, Severity.WARNING, "session", EventKind.NEW_SCHEMA, text)
 
     def asking(self, now_ns: int) -> None:
-        """A run that lost its device waits for a person."""
-        text = "look at the robot, then press r to let it go on, or s to end the run (30 s)"
+        """Record that the run waits for the operator after a loss."""
+        text = "check the robot, then press r to continue or s to end the run (within 30 s)"
         self.event(now_ns, Severity.WARNING, "session", EventKind.ASKING, text)
 
     def identity(self, event: Agreed, now_ns: int) -> None:
-        """The device that a session agreed with."""
+        """Record the connected device."""
         hello = event.hello
         self._write(
             IdentityRecord(
@@ -266,11 +265,11 @@ class HostRecords:
         )
 
     def command(self, command: VelocityCommand, target: VelocityCommand, now_ns: int) -> None:
-        """A velocity that was sent, and the one wanted before smoothing."""
+        """Record a velocity setpoint and its target before smoothing."""
         self._write(_new(CommandRecord, (now_ns + self.unix_offset_ns, *command, *target)))
 
     def pose(self, pose: Pose2, estimator: PoseEstimator, now_ns: int) -> None:
-        """The estimate of a control step."""
+        """Record the estimate of a control step."""
         (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = estimator.covariance
         self._write(
             _new(
@@ -288,7 +287,7 @@ class HostRecords:
         )
 
     def disturbances(self, found: Sequence[Disturbance], now_ns: int) -> None:
-        """Bumps, stalls and slips that the estimator found since the last call."""
+        """Record the disturbances that the estimator found since the last call."""
         last, self._disturbance = self._disturbance, found[-1] if found else self._disturbance
         fresh = list(takewhile(lambda each: each is not last, reversed(found)))
         for each in reversed(fresh):
@@ -297,7 +296,7 @@ class HostRecords:
             self.named(now_ns, Severity.INFO, "estimator", kind, text, data)
 
     def plan(self, runner: Runner, now_ns: int) -> None:
-        """The planner's decisions since the last call, and its state where that has changed."""
+        """Record the planner's events since the last call, and its state if it changed."""
         for decision in runner.drain_events():
             what = decision.kind, decision.reason, decision.data
             self.named(now_ns, Severity.INFO, "planner", *what)
@@ -307,7 +306,7 @@ class HostRecords:
             self._write(PlannerRecord(now_ns + self.unix_offset_ns, self._planner, state))
 
     def swept(self, swept: SweptMap, now_ns: int) -> None:
-        """The map of the swept floor so far."""
+        """Record the map of the swept floor."""
         grid = swept.to_occupancy()
         self._write(
             CoverageRecord(
@@ -320,7 +319,7 @@ class HostRecords:
         )
 
     def clock(self, sync: TimeSync, hello: Hello, now_ns: int) -> None:
-        """The fit of the device's clock to ours, once there is one."""
+        """Record the clock fit if there is one."""
         fit = sync.fit
         if fit is None:
             return
@@ -339,7 +338,7 @@ class HostRecords:
 
 
 class LogFailureRule:
-    """Decides what happens when a log fails: it is reported at once, and the run ends or not."""
+    """Ends the run or reports an event when the log fails."""
 
     def __init__(
         self,
@@ -348,19 +347,19 @@ class LogFailureRule:
         *,
         stop_on_error: bool,
     ) -> None:
-        """``report`` takes an event: severity, source, kind and text."""
+        """``report`` receives an event: severity, source, kind and text."""
         self._recorder, self._report = recorder, report
         self._stop = stop_on_error
         self._is_reported = False
 
     def __call__(self) -> Ending | None:
-        """Ask at every turn: an end to the run, or None."""
+        """Return an end of the run, or None. Call it in every pass of the loop."""
         error = self._recorder.error
         if error is None or (self._is_reported and not self._stop):
             return None
         if self._stop:
             return Ending("fault", f"the log failed: {error}", 1, StopCause.SUPERVISE)
         self._is_reported = True
-        text = f"the log failed: {error}; the run goes on without it, as asked"
+        text = f"the log failed: {error}; the run continues without a log, as requested"
         self._report(Severity.ERROR, "recorder", EventKind.FAILED, text)
         return None

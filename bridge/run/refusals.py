@@ -1,4 +1,4 @@
-"""What a device's answers come to: its refusals in words, and the errors that carry them."""
+"""Rejected commands: reasons as text, checks and errors."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ if TYPE_CHECKING:
 
 
 def refusal(reason: int) -> str:
-    """The reason by its name, with its cause where the name alone does not give it."""
+    """Return the reason's name, with an explanation if the name alone is not enough."""
     name = label(NackReason, reason)
     if reason == NackReason.NOT_AUTHENTICATED:
-        return f"{name}; the robot has a key"
+        return f"{name}; the robot requires a key"
     return name
 
 
 def refusal_remedy(reason: int | None) -> Remedy | None:
-    """What a caller can do about a refusal."""
+    """Return what the caller can do about a rejection."""
     return Remedy.KEY if reason == NackReason.NOT_AUTHENTICATED else None
 
 
 def check_known(what: str, kind: type[Message], link: LinkBase) -> None:
-    """See that the device's firmware has a command.
+    """Check that the device's firmware has a command.
 
     Raises:
-        CommandRejectedError: it does not; ``what`` names it.
+        CommandRejectedError: the firmware lacks the command ``what``.
 
     """
     if link.codec.catalogue.by_class[kind].type_id in link.disabled:
-        raise CommandRejectedError(what, "its firmware does not have this command")
+        raise CommandRejectedError(what, "the device's firmware lacks this command; update it")
 
 
 def check_fields(what: str, kind: type[Message], fields: Sequence[object]) -> None:
-    """See that the values of a command fit its message.
+    """Check that the values of a command fit its message.
 
     Raises:
-        ParameterError: one does not; names ``what``, the field, its value and its limits.
+        ParameterError: a value does not fit; the text names ``what``, field, value and limits.
 
     """
     spec = CATALOGUE.by_class[kind]
@@ -61,19 +61,19 @@ def check_fields(what: str, kind: type[Message], fields: Sequence[object]) -> No
 
 
 def check_outcome(what: str, outcome: Outcome | None) -> None:
-    """See that a command was carried out; None: there was nobody to ask.
+    """Check that a command was executed; None: no device was connected.
 
     Raises:
-        CommandRejectedError: the device refused it.
-        DeviceLostError: it did not answer.
+        CommandRejectedError: the device rejected it.
+        DeviceLostError: the device did not answer.
 
     """
     if outcome is None:
-        raise DeviceLostError(f"no answer to {what}: the device is not there")
+        raise DeviceLostError(f"no answer to {what}: the device is lost or not connected")
     if outcome.accepted:
         return
     if outcome.reason is None:
-        raise DeviceLostError(f"the device did not answer {what}")
+        raise DeviceLostError(f"the device did not answer {what}; check the link")
     error = CommandRejectedError(what, refusal(outcome.reason))
     error.remedy = refusal_remedy(outcome.reason)
     raise error

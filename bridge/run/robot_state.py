@@ -1,4 +1,4 @@
-"""The newest of everything the device told, in SI units, with its age."""
+"""Newest data from the device, in SI units, with their age."""
 
 from __future__ import annotations
 
@@ -30,13 +30,14 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 STALE_S = 0.3
-"""Six range readings or fifteen encoder readings: more is not jitter but a fault."""
+"""Age at which sensor data are stale, s: six range samples or fifteen encoder samples. Jitter is
+smaller."""
 STATUS_STALE_S = 1.0
-"""Age at which the device's status is stale, s: ten of them."""
+"""Age at which the device's status is stale, s: ten periods."""
 NEEDS: Mapping[type[Message], float] = MappingProxyType(
     {Encoders: STALE_S, Imu: STALE_S, Range: STALE_S, Status: STATUS_STALE_S}
 )
-"""Streams that a drive depends on, with the age (s) at which a sample of each is stale."""
+"""Streams that a drive depends on, with the age (s) at which a sample is stale."""
 
 _NEEDED: dict[type[Message], int] = {
     Imu: 7,
@@ -47,9 +48,9 @@ _NEEDED: dict[type[Message], int] = {
     ClearStop: 2,
     SetMode: 2,
 }
-"""Driving needs these messages, and of each that many leading fields."""
+"""Messages that driving requires, with the number of leading fields that it reads."""
 _READ: dict[type[Message], int] = {**_NEEDED, Power: 1, LogText: 2}
-"""What the host looks into, and how far; the rest it only records."""
+"""Messages that the host reads, with the number of leading fields; all others are only recorded."""
 _KEPT: dict[type[Message], str] = {
     Imu: "imu",
     Encoders: "encoders",
@@ -58,20 +59,20 @@ _KEPT: dict[type[Message], str] = {
     Status: "status",
     PlannerState: "planner",
 }
-# As plain integers: an enumeration's own arithmetic makes a new member each time.
+# Plain integers: arithmetic on an enumeration creates a new member each time.
 _LEFT, _RIGHT = int(Contact.BUMPER_LEFT), int(Contact.BUMPER_RIGHT)
 _CLIFF = int(Contact.CLIFF)
 
 
 def missing_needs(differences: Iterable[MessageAgreement]) -> list[str]:
-    """Names of what driving needs and the device does not have, or has otherwise."""
+    """Return the names of required messages that the device lacks or declares differently."""
     return [d.spec.name for d in differences if d.shared_fields < _NEEDED.get(d.spec.cls, 0)]
 
 
 def understood(message: Message) -> bool:
-    """Whether a device's message has every field that the host looks into.
+    """Return True if a message has every field that the host reads.
 
-    An older device may leave fields out, which are then None.
+    An older device may omit fields, which are then None.
     """
     count = _READ.get(type(message))
     return count is None or None not in tuple(message)[:count]
@@ -79,7 +80,7 @@ def understood(message: Message) -> bool:
 
 @dataclass(slots=True)
 class RobotState:
-    """Latest messages and when their samples were taken (host seconds)."""
+    """Newest messages and the host times (s) of their samples."""
 
     imu: Imu | None = None
     encoders: Encoders | None = None
@@ -87,23 +88,24 @@ class RobotState:
     power: Power | None = None
     status: Status | None = None
     planner: PlannerState | None = None
-    """Of the device's own planner."""
+    """State of the device's own planner."""
     times: SampleTimes = field(default_factory=SampleTimes)
     _came_s: dict[type[Message], float] = field(default_factory=dict, init=False, compare=False)
-    """When the newest message of each kind came, whatever its stamp."""
+    """Arrival time of each type's newest message (s), regardless of its stamp."""
     _seen: Range | None = field(default=None, init=False, compare=False)
-    """The reading that ``_sight`` tells in SI units: several control steps see the same."""
+    """The range sample that ``_sight`` holds in SI units; several control steps use the same
+    one."""
     _sight: tuple[float | None, float | None, float | None, bool, bool, bool] = field(
         default=(None, None, None, False, False, False), init=False, compare=False
     )
 
     @property
     def arrived_s(self) -> Mapping[type[Message], float]:
-        """Host time at which the newest sample of each kind was taken, by its device stamp."""
+        """Host time of each type's newest sample (s), from its device stamp."""
         return self.times.taken_s
 
     def take(self, message: Message, device_us: int, now_s: float) -> bool:
-        """Keep a message if it is one of those kept; False where its stamp is not a newer one."""
+        """Store a message of a known type. Return False if its stamp is not newer than the last."""
         cls = type(message)
         name = _KEPT.get(cls)
         if name is None:
@@ -113,9 +115,9 @@ class RobotState:
         return self.times.take(cls, device_us, now_s)
 
     def stale(self, now_s: float, needs: Mapping[type[Message], float] = NEEDS) -> str | None:
-        """Name of a stream of ``needs`` that has stopped, if any.
+        """Return the name of a stream in ``needs`` that is stale; None if there is none.
 
-        "fresh" stands before it where messages come and their stamps are old or stand still.
+        The prefix "fresh" means that messages arrive but their stamps are old or do not advance.
         """
         get = self.times.taken_s.get
         for cls, limit_s in needs.items():
@@ -125,7 +127,7 @@ class RobotState:
                 return f"fresh {name}" if comes else name
         return None
 
-    def observation(  # noqa: PLR0913, PLR0917 - what an observation is made of
+    def observation(  # noqa: PLR0913, PLR0917 - the parts of an observation
         self,
         now_s: float,
         pose: Pose2,
@@ -134,7 +136,7 @@ class RobotState:
         gyro_bias_sigma_rad_s: float = 0.0,
         heading_sigma_rad: float = 0.0,
     ) -> Observation | None:
-        """What planner and controllers are told; None before the first range reading."""
+        """Return the input of planner and controllers; None before the first range sample."""
         reading = self.range
         if reading is None:
             return None
@@ -160,7 +162,7 @@ class RobotState:
         )
 
     def forget(self) -> None:
-        """Drop everything: another boot or session."""
+        """Discard all data at a new boot or session."""
         self.imu = self.encoders = self.range = self.power = self.status = self.planner = None
         self.times.forget()
         self._came_s.clear()

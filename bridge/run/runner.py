@@ -1,4 +1,4 @@
-"""What a run needs of whatever decides the velocity."""
+"""Interface of whatever decides the velocity of a run."""
 
 from __future__ import annotations
 
@@ -10,57 +10,57 @@ if TYPE_CHECKING:
 
 
 class Runner(Protocol):
-    """What decides the velocity while the robot is free to move."""
+    """Decides the velocity while the robot may move."""
 
     @property
     def finished(self) -> bool:
-        """True when it has come to an end by itself."""
+        """True if the runner has ended by itself."""
 
     @property
     def finish_reason(self) -> str | None:
-        """Why it ended."""
+        """Reason of the end; None before it."""
 
     @property
     def turns(self) -> int:
-        """Turns in place so far."""
+        """Number of turns in place."""
 
     @property
     def lane_length_m(self) -> float:
-        """Sum of the lanes driven (eq. 8)."""
+        """Total length of the lanes driven, m (eq. 8)."""
 
     @property
     def state(self) -> PlannerState:
-        """For the log."""
+        """State for the log."""
 
     @property
     def target(self) -> VelocityCommand:
-        """The velocity wanted, before smoothing."""
+        """Target velocity before smoothing."""
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """The velocity for one control step."""
+        """Return the velocity setpoint of one control step."""
 
     def drain_events(self) -> list[PlannerEvent]:
-        """Decisions since the last call."""
+        """Return the events since the last call."""
 
 
 @runtime_checkable
 class Pausable(Protocol):
-    """A runner whose plan can be held, and gone on with."""
+    """A runner that can pause its plan."""
 
     def pause(self) -> None:
-        """Hold: nothing moves, the plan is kept."""
+        """Stop moving and keep the plan."""
 
     def resume(self) -> None:
-        """Go on where it was held."""
+        """Continue the plan."""
 
 
 def hold(runner: object) -> None:
-    """Hold a plan, where it can be held."""
+    """Pause the runner if it can pause."""
     if isinstance(runner, Pausable):
         runner.pause()
 
 
 def release(runner: object) -> None:
-    """Go on with a plan that was held."""
+    """Resume the runner if it can pause."""
     if isinstance(runner, Pausable):
         runner.resume()

@@ -1,8 +1,7 @@
-"""What is known of a robot now, for other threads and other processes.
+"""Immutable state of a robot, for other threads and processes.
 
-The loop makes a :class:`Snapshot` and replaces it as a whole; nothing in it changes afterwards.
-Every other thread reads the newest one, and none reads the host itself. Its parts have the names of
-the host's.
+The loop replaces its :class:`Snapshot` as a whole and never changes one. Other threads read the
+newest one, not the host. Its attributes have the names of the host's.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class StateSnapshot(NamedTuple):
-    """The newest messages, and when their samples were taken (host seconds)."""
+    """Newest messages and the host times (s) of their samples."""
 
     imu: Imu | None
     encoders: Encoders | None
@@ -38,12 +37,12 @@ class StateSnapshot(NamedTuple):
     power: Power | None
     status: Status | None
     planner: PlannerState | None
-    """Of the device's own planner."""
+    """State of the device's own planner."""
     arrived_s: Mapping[type[Message], float]
 
 
 class RunnerSnapshot(NamedTuple):
-    """What decides the velocity."""
+    """State of the runner."""
 
     state: RunnerState
     turns: int
@@ -51,20 +50,20 @@ class RunnerSnapshot(NamedTuple):
 
 
 class MissionSnapshot(NamedTuple):
-    """Where the run stands."""
+    """State of the run."""
 
     phase: Phase
     ending: Ending | None
     runner: RunnerSnapshot | None
     asking: bool
-    """The device is back, and a person is asked whether to go on."""
+    """The device is back, and the operator must decide whether to continue."""
     link: LinkTrouble | None
-    """Why nothing may move over the link now."""
+    """Reason why the link allows no motion; None: motion is allowed."""
     ends_s: float | None
-    """Host time at which a run that lost its device ends by itself; None: it does not hold."""
+    """Host time at which a run with a lost device ends (s); None: the device is not lost."""
 
     def holds_for_s(self, now_s: float) -> float | None:
-        """Seconds until a run that lost its device ends by itself; None: it does not hold."""
+        """Seconds until a run with a lost device ends; None: the device is not lost."""
         return None if self.ends_s is None else max(0.0, self.ends_s - now_s)
 
 
@@ -75,17 +74,17 @@ class LinkSnapshot(NamedTuple):
 
 
 class SessionSnapshot(NamedTuple):
-    """Where the session stands."""
+    """State of the session."""
 
     state: State
     node: int | None
     link: LinkSnapshot
     signs: bool
-    """What moves the robot is signed: there is a key, and the device's challenge."""
+    """Motion commands are signed: a key is set and its challenge has arrived."""
 
 
 class EstimatorSnapshot(NamedTuple):
-    """The estimate."""
+    """The pose estimate."""
 
     pose: Pose2
     v_m_s: float
@@ -93,14 +92,14 @@ class EstimatorSnapshot(NamedTuple):
 
 
 class SyncSnapshot(NamedTuple):
-    """The clocks."""
+    """State of the time synchronisation."""
 
     round_trip_ns: int
     fit: Fit | None
 
 
 class Snapshot(NamedTuple):
-    """A robot and its run at one moment."""
+    """State of a robot and its run at one time."""
 
     model: RobotModel
     state: StateSnapshot
@@ -111,13 +110,13 @@ class Snapshot(NamedTuple):
     hello: Hello | None
     path_m: float
     holding: bool
-    """Supervision has paused the run, and a person is asked."""
+    """Supervision has paused the run until the operator continues it."""
     swept: SweptMap
-    """The loop's own: only its copy and its area may be asked for."""
+    """The loop's own map: other threads may only copy it and read its area."""
 
 
 def snapshot(seen: Snapshot, now_s: float) -> dict[str, Any]:
-    """Session, device, run, sensors, pose and wire; None for what is not known.
+    """Return session, device, run, sensors, pose and link for JSON; unknown values are None.
 
     ``now_s`` is host time; ages are in seconds since the sample was taken.
     """

@@ -1,8 +1,8 @@
-"""Range readings at rest against a room's walls: does the robot stand at the room's start? Pure.
+"""Check of the start pose: range samples at standstill against the room's walls. Pure.
 
-A reading is compared only where the room leaves one answer: the beam of an infrared sensor, and
-the nearest wall in the cone of the ultrasonic sensor. Furniture that the room file does not have
-gives the same contradiction as a robot that stands elsewhere, so this is grounds for a warning.
+Samples are compared only if the room predicts one value: the beam of an infrared sensor, and the
+nearest wall in the ultrasonic cone. Furniture that the room file lacks has the same effect as a
+wrong start pose, so a contradiction is only a warning.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     Reading = float | None
 
 BASE_ERROR_M = 0.04
-"""Difference of reading and room that is no contradiction: a start pose marked by hand."""
+"""Tolerated difference from the room, m: a start pose marked by hand."""
 SHARE_ERROR = 0.1
-"""The same as a share of the distance: a heading wrong by a few degrees, a dark wall."""
+"""Tolerated difference relative to the distance: a heading error of a few degrees, a dark wall."""
 HEADING_ERROR_RAD = 0.1
-"""Error of the start's heading that is no contradiction: 6°."""
+"""Tolerated error of the start heading, rad: 6°."""
 _BEHIND_M = 0.01
-"""Length by which another wall may be nearer than the one that it does not hide."""
+"""Maximum overlap by which a nearer wall does not hide another, m."""
 _RAYS = 15
-"""Rays across the ultrasonic sensor's cone and the heading's error: 2° apart at 15°."""
+"""Number of rays over the ultrasonic cone and the heading error: 2° apart at 15°."""
 
 
 def contradictions(
@@ -38,9 +38,14 @@ def contradictions(
     pose: Pose2,
     readings: Sequence[tuple[Reading, Reading, Reading]],
 ) -> list[str]:
-    """Sensors whose readings cannot come from ``pose`` in the room; each with both distances.
+    """Return the sensors whose samples cannot come from ``pose``, each with both distances.
 
-    ``readings``: ultrasonic, left and right infrared (m; None: nothing in range), at rest.
+    Args:
+        plan: The room.
+        model: The robot.
+        pose: Assumed pose.
+        readings: Samples at standstill: ultrasonic, left and right infrared, m; None: no echo.
+
     """
     found = []
     edges = plan.edges()
@@ -52,7 +57,7 @@ def contradictions(
             shown = "nothing" if measured is None else f"{measured:.2f} m"
             exact_m = near_m if far_m == math.inf else far_m
             exact = "nothing" if exact_m > mount.max_range_m else f"{exact_m:.2f} m"
-            found.append(f"{name} reads {shown} where the room has {exact}")
+            found.append(f"{name} reads {shown}, expected {exact}")
     return found
 
 
@@ -73,7 +78,7 @@ def _placed(mount: RangerMount, pose: Pose2) -> tuple[Point, float]:
 def _expected(
     edges: list[tuple[Point, Point]], origin: Point, heading: float, mount: RangerMount
 ) -> tuple[float, float]:
-    """Least and greatest distance (m) that the room can give; the greatest may be ``inf``."""
+    """Return the minimum and maximum expected distance, m; the maximum may be ``inf``."""
     if mount.cone_rad == 0.0:
         exact_m = min((_ray_m(origin, heading, a, b) for a, b in edges), default=math.inf)
         return exact_m, exact_m
@@ -84,7 +89,7 @@ def _expected(
         for a, b in edges
         for k in range(_RAYS)
     )
-    # A smooth wall sends sound back only along its perpendicular: else there may be no echo.
+    # A smooth wall reflects sound back along its normal only; other directions may give no echo.
     square = [_square(origin, heading, half, a, b) for a, b in edges]
     visible_m = [
         distance_m
@@ -107,7 +112,7 @@ def _possible(measured: Reading, near_m: float, far_m: float, mount: RangerMount
 
 
 def _ray_m(origin: Point, heading: float, a: Point, b: Point) -> float:
-    """Distance along a ray to a wall; ``inf``: it misses."""
+    """Return the distance along a ray to a wall, m; ``inf`` if it misses."""
     dx, dy = math.cos(heading), math.sin(heading)
     ex, ey = b[0] - a[0], b[1] - a[1]
     det = dx * ey - dy * ex
@@ -119,7 +124,7 @@ def _ray_m(origin: Point, heading: float, a: Point, b: Point) -> float:
 
 
 def _square(origin: Point, heading: float, half: float, a: Point, b: Point) -> tuple[float, float]:
-    """Distance and direction of a wall whose perpendicular is well inside the cone, or ``inf``."""
+    """Return distance and direction of a wall whose normal is well inside the cone, or ``inf``."""
     ex, ey = b[0] - a[0], b[1] - a[1]
     length2 = ex * ex + ey * ey
     if length2 == 0.0:

@@ -1,4 +1,4 @@
-"""A run in one JSON object; what cannot be known is None."""
+"""Summary of a run as one JSON object; unknown values are None."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _COVERAGES = ("mouth_sweepable", "mouth_free", "body_reachable", "body_free", "e
 
 
 def link_summary(host: Host) -> dict[str, Any]:
-    """:func:`wire_summary` with round trip, commands, and each kind of message, counted now.
+    """Return :func:`wire_summary` with round-trip time, commands and message types.
 
-    Only where nobody else counts: in the loop's thread, or after it has ended.
+    It counts the queued events, so call it in the loop's thread or after the loop's end.
     """
     host.wire.count(host.sync)
     return {
@@ -28,7 +28,7 @@ def link_summary(host: Host) -> dict[str, Any]:
     }
 
 
-def run_summary(  # noqa: PLR0913 - a summary's parts
+def run_summary(  # noqa: PLR0913 - the parts of a summary
     host: Host,
     *,
     room: str | None,
@@ -41,9 +41,9 @@ def run_summary(  # noqa: PLR0913 - a summary's parts
     contact_s: float | None = None,
     energy_wh: float | None = None,
 ) -> dict[str, Any]:
-    """The contract's object for a run, finished or not.
+    """Return the JSON object of a run, finished or not.
 
-    ``error_m`` is the distance of estimate and truth at the end, and the greatest.
+    ``error_m`` is the final and the maximum distance between estimate and truth, m.
     """
     mission = host.mission
     ending = mission.ending
@@ -90,7 +90,7 @@ _UNKNOWN = (
 def crash_summary(
     host: Host, *, room: str | None, planner: str | None, seed: int | None, log: str | None
 ) -> dict[str, Any]:
-    """The contract's object for a run whose own objects have failed: its end, and the link."""
+    """Return the JSON object of a run whose own objects failed: its end and the link only."""
     ending = host.mission.ending
     return {
         "room": room,

@@ -1,8 +1,8 @@
-"""A supervised run: what the supervisor's reactions come to, as decisions for the host.
+"""Supervision of a run: converts the supervisor's reactions to decisions for the host.
 
-One :class:`Supervision` per run. The host shows it each control step and carries out what it
-decides. Where the host plans, it scales or withholds the velocities; where the device plans for
-itself, it sets the device's top speed and pauses its planner, by acknowledged commands.
+There is one :class:`Supervision` per run. The host passes each control step and executes the
+decisions. If the host plans, supervision scales or withholds the velocity. If the device plans, it
+sets the device's maximum speed and pauses its planner, by acknowledged commands.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ if TYPE_CHECKING:
     from protocol.values import OnboardPlanner
 
 _SPEED = "max_speed"
+"""Name of the device's parameter for its maximum speed."""
 GIVE_BACK_NS = 900_000_000
-"""After a stop was asked for: longer, and the run would take it for not confirmed."""
+"""Maximum time to restore the device's maximum speed after a stop request, ns. Later, the run would
+count the stop as unconfirmed."""
 _SEVERITY = {
     Level.REPORT: Severity.WARNING,
     Level.SLOW: Severity.WARNING,
@@ -40,7 +42,7 @@ _SEVERITY = {
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """An event of the run's log."""
+    """An event for the log."""
 
     severity: Severity
     kind: str
@@ -50,26 +52,26 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """The run ends."""
+    """End of the run."""
 
     ending: Ending
     first: bool = False
-    """Only where nothing has ended it before."""
+    """Only if the run has no end yet."""
 
 
 class Plan(Enum):
-    """What becomes of the host's plan."""
+    """Action on the host's plan."""
 
     HOLD = "hold"
     RELEASE = "release"
 
 
 Decision = Note | End | Plan | Outcome
-"""An outcome is the device's acknowledgement of the run's stop, which the run waits for."""
+"""Decision for the host. An outcome is the device's confirmation of the run's stop."""
 
 
 class Supervision:
-    """One supervised run."""
+    """Supervision of one run."""
 
     def __init__(
         self,
@@ -78,18 +80,18 @@ class Supervision:
         commands: Dialogue,
         onboard: OnboardPlanner | None = None,
     ) -> None:
-        """Begin with the first step of the drive.
+        """Create the supervision; it starts with the first step of the drive.
 
         Args:
-            supervisor: Judges each control step.
+            supervisor: Checks each control step.
             model: The robot.
             commands: Sends commands to the device.
-            onboard: The device's planner, where the device plans for itself.
+            onboard: The device's planner, if the device plans.
 
         """
         self.supervisor = supervisor
         self.command = HALT
-        """The velocity sent last."""
+        """Velocity sent last."""
         self.onboard = onboard
         self._model = model
         self._commands = commands
@@ -97,20 +99,21 @@ class Supervision:
         self._driving = False
         self._paused = False
         self._speed: Parameter | None = None
-        """The device's top speed, as it was before the run."""
+        """The device's maximum speed before the run."""
         self._asked = False
         self._lacks = False
-        """The device has no top speed that could be set."""
+        """The device has no maximum speed that can be set."""
         self._factor = 1.0
         self._setting = False
-        """A new top speed is on its way: one at a time, so that an old one cannot come last."""
+        """A new maximum speed is being set. Only one at a time, so that an old one cannot arrive
+        last."""
         self._is_rejected = False
         self._stop_ns = 0
         self._confirmed: Outcome | None = None
-        """Of the run's stop, kept from the run until the top speed is as it was."""
+        """Confirmation of the run's stop, withheld until the maximum speed is restored."""
 
     def decisions(self) -> list[Decision]:
-        """Fetch and forget what the host has to carry out, in this order."""
+        """Return and remove the decisions, in the order of execution."""
         decisions = self._decisions
         if decisions:
             self._decisions = []
@@ -119,7 +122,7 @@ class Supervision:
     # ---- each control step ----------------------------------------------------------------
 
     def rest(self, now_ns: HostNs) -> None:
-        """Take note of a control step in which the run does not drive."""
+        """Handle a control step without driving."""
         self._driving = False
         self.command = HALT
         if self._confirmed is not None:
@@ -128,16 +131,16 @@ class Supervision:
     def step(
         self, inputs: RuleInputs, command: VelocityCommand | None, now_ns: HostNs, *, ended: bool
     ) -> VelocityCommand | None:
-        """Judge a control step of the drive; the velocity to send, scaled or withheld.
+        """Check a control step of the drive; return the velocity to send, scaled or withheld.
 
         Args:
-            inputs: What is known of the robot.
-            command: What the plan wants; None where nothing may be sent.
+            inputs: State of the robot.
+            command: Velocity of the plan; None: no velocity may be sent.
             now_ns: Host time.
-            ended: The run's end has been decided.
+            ended: The end of the run is decided.
 
         """
-        if not self._driving:  # the first step, or the link is back
+        if not self._driving:  # the first step, or after a loss
             self._driving = True
             self.supervisor.restart()
         for reaction in self.supervisor.step(inputs):
@@ -147,7 +150,7 @@ class Supervision:
             return command
         if command is None:
             return None
-        if ended or any(isinstance(each, End) for each in self._decisions):  # stopped just now
+        if ended or any(isinstance(each, End) for each in self._decisions):  # stopped in this step
             return HALT
         factor = 0.0 if self.supervisor.holding else self.supervisor.factor
         if factor != 1.0:
@@ -175,22 +178,22 @@ class Supervision:
         if self._paused:
             return
         self._paused = True
-        text = "the run is paused; look, then let it go on (key r), or stop it"
+        text = "the run is paused; check the robot, then resume (key r) or stop the run"
         self._decisions.append(Note(Severity.WARNING, "paused", text))
         self._plan(PlannerAction.PAUSE, Plan.HOLD, now_ns)
 
     def resume(self, now_ns: HostNs) -> bool:
-        """Go on after a pause: a person has looked. False where nothing was paused."""
+        """Continue after a pause, once the operator has checked. Return False if not paused."""
         if not self._paused:
             return False
         self._paused = False
         self.supervisor.resume(now_ns / 1e9)
-        self._decisions.append(Note(Severity.INFO, "resumed", "the run goes on"))
+        self._decisions.append(Note(Severity.INFO, "resumed", "the run is resumed"))
         self._plan(PlannerAction.RESUME, Plan.RELEASE, now_ns)
         return True
 
     def _plan(self, onboard: PlannerAction, own: Plan, now_ns: HostNs) -> None:
-        """Hold or release the plan, the device's or the host's."""
+        """Pause or resume the plan of the device or the host."""
         if self.onboard is None:
             self._decisions.append(own)
             return
@@ -203,17 +206,17 @@ class Supervision:
         )
 
     def _ended(self, what: str, outcome: Outcome | None) -> None:
-        """A pause that the device does not obey leaves only the stop."""
+        """End the run if the device rejected a command that slows or pauses it."""
         if outcome is not None and outcome.accepted:
             return
         reason = None if outcome is None else outcome.reason
         why = "no answer" if reason is None else label(NackReason, reason)
-        self._end(f"the device did not obey {what}: {why}", first=True)
+        self._end(f"the device rejected {what}: {why}", first=True)
 
-    # ---- the device's top speed -----------------------------------------------------------
+    # ---- the device's maximum speed ---------------------------------------------------------
 
     def _limit(self, now_ns: HostNs) -> None:
-        """Have the device keep to the supervisor's factor."""
+        """Set the device's maximum speed to the supervisor's factor."""
         commands = self._commands
         if self._speed is None:
             known = {p.name: p for p in commands.parameters.values()}
@@ -222,26 +225,26 @@ class Supervision:
                 self._asked = True
                 self._find(0, now_ns)
             if self._lacks and self.supervisor.factor != 1.0:
-                self._end(f"the device cannot be slowed down: it has no {_SPEED}")
+                self._end(f"the device cannot be slowed down: it has no parameter {_SPEED}")
             return
         self._set(self.supervisor.factor, now_ns)
 
     def stopping(self, now_ns: HostNs) -> None:
-        """A stop of the run is being sent; its own acknowledgement is the one that counts."""
+        """Note that a stop is sent; only its own confirmation counts."""
         self._stop_ns = now_ns
         self._confirmed = None
 
     def keeps(self, outcome: Outcome, stop_cause: StopCause, now_ns: HostNs) -> bool:
-        """Take over the device's acknowledgement of the stop that ends the run.
+        """Withhold the device's confirmation of the stop that ends the run.
 
-        Only now the device's top speed is set back. True: the run is given the acknowledgement
-        (:meth:`decisions`) when that is done or has taken too long.
+        The device's maximum speed is restored only now. Returns True if the confirmation is
+        withheld; the run gets it from :meth:`decisions` after that, or after a timeout.
         """
         message = outcome.message
         if self._speed is None or not isinstance(message, Stop) or not outcome.accepted:
             return False
         if message.cause < stop_cause:
-            return False  # a graver stop is on its way
+            return False  # a stop of a higher cause was sent
         self._confirmed = outcome
         self._give_back(outcome, now_ns)
         return True
@@ -250,11 +253,11 @@ class Supervision:
         if not self._is_rejected and now_ns - self._stop_ns < GIVE_BACK_NS:
             self._set(1.0, now_ns)
             if self._setting:
-                return  # asked again at the next control step
+                return  # checked again at the next control step
         self._confirmed = None
         if self._setting or self._factor != 1.0:
             text = (
-                f"the device was not told its own {_SPEED} again: it drives slowly until a reboot"
+                f"the device's own {_SPEED} could not be restored; it drives slowly until a reboot"
             )
             self._decisions.append(Note(Severity.WARNING, "slow_left", text))
         self._decisions.append(confirmed)
@@ -278,7 +281,7 @@ class Supervision:
         self._commands.ask(SetParameter, (speed.number, ParameterKind.F32, raw), now_ns, ended)
 
     def _find(self, number: int, now_ns: HostNs) -> None:
-        """Ask for one parameter after the other until it is the one, or there are no more."""
+        """Read the parameters one by one until the maximum speed is found or none is left."""
 
         def next_one(outcome: Outcome | None) -> None:
             known = self._commands.parameters.get(number)

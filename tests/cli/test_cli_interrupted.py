@@ -126,7 +126,7 @@ def test_what_a_device_may_have_done_is_reported(monkeypatch: pytest.MonkeyPatch
     client = DeviceClient(LoopExchange(Host(), call))  # type: ignore[arg-type]  # it is not looked at
     with pytest.raises(KeyboardInterrupt) as caught:
         client.save_parameters()
-    printed = ["the device may have carried out save parameters: no answer has come"]
+    printed = ["save parameters: no answer received; the device may have executed it"]
     assert caught.value.__notes__ == printed
     monkeypatch.setattr("bridge.api.remote.ask", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:

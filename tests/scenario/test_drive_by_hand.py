@@ -126,7 +126,7 @@ def test_connect_shows_and_starts_only_when_asked_twice(served: Served, tmp_path
         terminal.shows("run driving")
         until(lambda: served.device.truth.path_m > 0.05)
         terminal.press(b"p")
-        terminal.shows("the plan is held")
+        terminal.shows("the plan is paused")
         until(lambda: rests(served))
         terminal.press(b"s")
         assert terminal.end() == 5

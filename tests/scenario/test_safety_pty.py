@@ -128,7 +128,7 @@ def a_host_that_is_stopped_and_goes_on(tmp_path: Path) -> None:
         time.sleep(0.5)
         assert device.stop().status == 0
     assert ended.status == 5, ended.err
-    assert "look, then start anew" in ended.json["reason"]
+    assert "check it, then restart" in ended.json["reason"]
     comes_to_rest(truth(world), before_s, frozen_s)
 
 
@@ -163,7 +163,7 @@ def a_plug_that_is_pulled_and_put_back(tmp_path: Path) -> None:
             assert ask_control(control, "start unplug:1.5")["ok"]
             pulled_s = time.time()
             host.prints("is gone: it was unplugged")
-            host.prints("the same device is back, in the same boot")
+            host.prints("the device is back without a reboot")
             host.prints("press r")
             time.sleep(1.0)
             again_s = time.time()

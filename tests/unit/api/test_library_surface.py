@@ -45,11 +45,11 @@ def test_a_message_shows_itself_in_si_units() -> None:
 
 
 def test_an_error_has_the_callers_own_words() -> None:
-    ending = Ending("stopped", "the robot holds a stop", 5, remedy=Remedy.CLEAR_STOP)
+    ending = Ending("stopped", "the robot has a latched stop", 5, remedy=Remedy.CLEAR_STOP)
     error = cannot_move(ending)
     assert isinstance(error, StoppedForSafetyError)
-    assert str(error) == "the robot holds a stop, then call enable(clear_stop=True)"
-    assert error_line(error) == "the robot holds a stop, then add --clear-stop"
+    assert str(error) == "the robot has a latched stop, then call enable(clear_stop=True)"
+    assert error_line(error) == "the robot has a latched stop, then add --clear-stop"
     exists = OutputExistsError(Path("a.mcap"))
     assert "force=True" in str(exists)
     assert "--" not in str(exists)
@@ -58,7 +58,7 @@ def test_an_error_has_the_callers_own_words() -> None:
 
 def test_an_error_without_a_remedy_is_the_same_for_all() -> None:
     error = CommandRejectedError("reboot", "moving")
-    assert str(error) == error_line(error) == "the device refused reboot: moving"
+    assert str(error) == error_line(error) == "the device rejected reboot: moving"
 
 
 def test_every_remedy_has_words_for_both() -> None:

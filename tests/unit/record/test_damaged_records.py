@@ -93,7 +93,7 @@ def test_the_record_names_what_was_wrong_and_shows_the_first() -> None:
     assert len(sink.records) == 1
     records.flush(5 * MS + GATHER_NS)
     one, many = events(sink, "damaged")
-    assert one.text == "40 bytes that are no frame (crc)"
+    assert one.text == "received 40 bytes that are not a frame (crc)"
     assert one.data == {
         "offset": 100,
         "first": bytes(range(1, SHOWN_BYTES + 1)).hex(),
@@ -101,7 +101,7 @@ def test_the_record_names_what_was_wrong_and_shows_the_first() -> None:
         "bytes": 40,
         "crc": 1,
     }
-    assert many.text == "58 bytes in 7 stretches that are no frame (cobs 6, crc 1)"
+    assert many.text == "received 58 bytes in 7 parts that are not a frame (cobs 6, crc 1)"
     assert many.data == {
         "offset": 141,
         "first": "020107",

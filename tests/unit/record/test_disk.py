@@ -175,7 +175,7 @@ def test_stop_or_go_on_when_the_log_fails(tmp_path: Path) -> None:
         assert LogReader(tmp_path / f"{stop}.mcap").truncated is False
     ((severity, source, kind, text),) = reported
     assert (severity, source, kind) == (Severity.ERROR, "recorder", "failed")
-    assert "the run goes on without it" in text
+    assert "the run continues without a log" in text
 
 
 class Volatile:

@@ -121,7 +121,7 @@ def test_a_stop_latched_meanwhile_ends_the_run() -> None:
     ("outcome", "ended", "exit_status", "word"),
     [
         (Outcome(ClearStop(1, 1), False, NackReason.OTHER_CAUSE), "stopped", 5, "other_cause"),  # noqa: FBT003 - refused
-        (Outcome(ClearStop(1, 1), False, NackReason.FAULT), "fault", 4, "refused"),  # noqa: FBT003 - refused
+        (Outcome(ClearStop(1, 1), False, NackReason.FAULT), "fault", 4, "rejected"),  # noqa: FBT003 - refused
         (Outcome(ClearStop(1, 1), False, None), "fault", 4, "did not answer"),  # noqa: FBT003 - refused
     ],
 )
@@ -140,7 +140,7 @@ def test_a_rejected_clear_ends_the_run(
     ("signed", "text"),
     [
         (False, "the device did not answer clear stop"),
-        (True, "the device did not answer clear stop; is this the key that it has?"),
+        (True, "the device did not answer clear stop; check that the key is the device's key"),
     ],
 )
 def test_a_host_that_signs_is_asked_about_the_key(signed: bool, text: str) -> None:  # noqa: FBT001 - a case

@@ -199,7 +199,7 @@ def test_what_was_rejected_or_not_answered_is_named(
         assert mission.ending is not None
         assert mission.ending.exit_status == 4
         assert text is None or mission.ending.reason == text
-        assert text or mission.ending.reason.startswith(f"the device refused {what}: ")
+        assert text or mission.ending.reason.startswith(f"the device rejected {what}: ")
 
 
 def test_a_plan_is_given_once_and_only_to_a_run_that_waits() -> None:
@@ -341,7 +341,7 @@ def test_a_question_that_nobody_answers_ends_the_run() -> None:
     mission.step(None, None, 50.0)
     assert ending(mission) is None
     mission.step(None, None, 50.25)
-    text = "the device was lost and is back, and nobody said to go on"
+    text = "the device was lost and is back, but the operator did not continue the run"
     assert ending(mission) == Ending("stopped", text, 5)
     assert mission.requests() == [Request("stop", StopCause.SESSION_END)]
     assert mission.resume(51.0) is False

@@ -65,8 +65,8 @@ def test_a_robot_elsewhere_is_noticed(pose: Pose2, sensors: set[str]) -> None:
 
 def test_both_distances_are_named() -> None:
     (front, right) = contradictions(BOX, MODEL, BOX.start, [(1.0, None, None)] * 5)
-    assert front == "ultrasonic reads 1.00 m where the room has 3.58 m"
-    assert right == "infrared_right reads nothing where the room has 0.20 m"
+    assert front == "ultrasonic reads 1.00 m, expected 3.58 m"
+    assert right == "infrared_right reads nothing, expected 0.20 m"
 
 
 def test_single_strange_readings_are_no_contradiction() -> None:

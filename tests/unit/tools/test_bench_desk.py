@@ -45,7 +45,7 @@ def _asked(monkeypatch: pytest.MonkeyPatch) -> Any:  # noqa: ANN401 - in the pla
         (StoppedForSafetyError("the link was lost"), f"{PORT}: the link was lost"),
         (
             CommandRejectedError("mode", "stop latched"),
-            f"{PORT}: the device refused mode: stop latched",
+            f"{PORT}: the device rejected mode: stop latched",
         ),
         (DeviceLostError(f"{PORT} is gone"), f"{PORT} is gone"),
         (BridgeError("no distance was measured"), "no distance was measured"),
