@@ -25,7 +25,7 @@ from bridge.api.exchange import LoopExchange
 from bridge.api.owner_service import OwnerService
 from bridge.api.pump import Pump, Result
 from bridge.api.recording import Recording
-from bridge.api.robot_parts import LET_GO_S, EventTap, Latest, ManualDrive, OwnPlanner
+from bridge.api.robot_parts import SETPOINT_TIMEOUT_S, EventTap, Latest, ManualDrive, OwnPlanner
 from bridge.config import parse_robot, to_toml
 from bridge.errors import (
     BridgeError,
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from bridge.session.parameters import Parameter
     from bridge.session.records import EventRecord
 
-__all__ = ["LET_GO_S", "Latest", "ManualDrive", "Robot"]
+__all__ = ["SETPOINT_TIMEOUT_S", "Latest", "ManualDrive", "Robot"]
 
 OPEN_TIMEOUT_S = 5.0
 ENABLE_TIMEOUT_S = 10.0

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from protocol.messages import Status
     from protocol.schema.message import Message
 
-LET_GO_S = 0.5
+SETPOINT_TIMEOUT_S = 0.5
 EVENTS_KEPT = 1000
 T = TypeVar("T", bound="Message")
 
@@ -81,7 +81,7 @@ class ManualDrive:
         since_s, command = newest
         if since_s < 0.0:
             self._command = (obs.time_s, command)
-        elif obs.time_s - since_s > LET_GO_S:
+        elif obs.time_s - since_s > SETPOINT_TIMEOUT_S:
             self._command = None
             self.target = HALT
             return HALT

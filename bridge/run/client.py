@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from bridge.errors import BridgeError, DeviceLostError, ParameterError, shown
-from bridge.run.refusals import check_fields, check_known, check_outcome
+from bridge.run.rejections import check_fields, check_known, check_outcome
 from bridge.session.parameters import Parameter, closest
 from protocol.messages import (
     ClearStop,

@@ -68,7 +68,7 @@ class DeadMan:
         """Handle a key press or repeat; a key without a direction stops."""
         with self._lock:
             if key not in DIRECTIONS:
-                self.let_go()
+                self.release_all()
                 return
             if not self.releases:
                 self._held.clear()  # only the newest press counts
@@ -88,7 +88,7 @@ class DeadMan:
         with self._lock:
             self._stick = (_share(ahead), _share(turn), time_s) if held else None
 
-    def let_go(self) -> None:
+    def release_all(self) -> None:
         """Stop: release all keys and sticks."""
         with self._lock:
             self._held.clear()

@@ -29,7 +29,7 @@ _LOWPASS = 0.6
 """Weight of the low-pass filter of the velocity smoothing."""
 
 
-class Hand(Enum):
+class DriveMode(Enum):
     """What drives the robot."""
 
     NOTHING = "nothing"
@@ -39,7 +39,7 @@ class Hand(Enum):
     MANUAL = "manual"
 
 
-_STATES = {hand: PlannerState(hand.value) for hand in Hand}
+_STATES = {drive_mode: PlannerState(drive_mode.value) for drive_mode in DriveMode}
 
 
 class Operator:
@@ -61,23 +61,23 @@ class Operator:
         """Run ``plan`` at once if given; ``make_plan`` creates a plan at :meth:`start`."""
         self.dead_man = dead_man
         self._plan, self._make_plan = plan, make_plan
-        self._hand = Hand.PLAN if plan is not None else Hand.NOTHING
+        self._drive_mode = DriveMode.PLAN if plan is not None else DriveMode.NOTHING
         if manual:
-            self._hand = Hand.MANUAL
+            self._drive_mode = DriveMode.MANUAL
         self._target = HALT
         self._smooth_v = VelocitySmoother(model.max_accel_m_s2, _LOWPASS)
         self._smooth_w = VelocitySmoother(model.max_yaw_accel_rad_s2, _LOWPASS)
         self._events: list[PlannerEvent] = []
         self._lock = threading.RLock()
-        if self._hand is Hand.MANUAL and self._plan is not None:
+        if self._drive_mode is DriveMode.MANUAL and self._plan is not None:
             self._plan.pause()
 
     # ---- operator's requests --------------------------------------------------------------
 
     @property
-    def hand(self) -> Hand:
+    def drive_mode(self) -> DriveMode:
         """What drives the robot now."""
-        return self._hand
+        return self._drive_mode
 
     @property
     def has_plan(self) -> bool:
@@ -94,33 +94,33 @@ class Operator:
                 self._plan = made
             if self._plan is None:
                 return
-            self.dead_man.let_go()
+            self.dead_man.release_all()
             self._plan.resume()
-            self._go(Hand.PLAN, "the plan drives")
+            self._go(DriveMode.PLAN, "the plan drives")
 
     def pause(self) -> None:
         """Pause the plan; if paused, resume it."""
         with self._lock:
-            if self._hand is Hand.PLAN and self._plan is not None:
+            if self._drive_mode is DriveMode.PLAN and self._plan is not None:
                 self._plan.pause()
-                self._go(Hand.HELD, "the plan is paused")
-            elif self._hand is Hand.HELD:
+                self._go(DriveMode.HELD, "the plan is paused")
+            elif self._drive_mode is DriveMode.HELD:
                 self.start()
 
     def take_over(self) -> None:
         """Switch to manual driving; if already manual, switch back."""
         with self._lock:
-            if self._hand is Hand.MANUAL:
-                self.dead_man.let_go()
+            if self._drive_mode is DriveMode.MANUAL:
+                self.dead_man.release_all()
                 held = self._plan is not None
-                self._go(Hand.HELD if held else Hand.NOTHING, "manual driving ended")
+                self._go(DriveMode.HELD if held else DriveMode.NOTHING, "manual driving ended")
                 return
             if self._plan is not None:
                 self._plan.pause()
-            self._go(Hand.MANUAL, "manual driving")
+            self._go(DriveMode.MANUAL, "manual driving")
 
-    def _go(self, hand: Hand, text: str) -> None:
-        self._hand = hand
+    def _go(self, drive_mode: DriveMode, text: str) -> None:
+        self._drive_mode = drive_mode
         self._events.append(PlannerEvent("operator", text))
 
     # ---- runner -----------------------------------------------------------------------------
@@ -128,7 +128,7 @@ class Operator:
     @property
     def finished(self) -> bool:
         """True if the plan has ended."""
-        return self._hand is Hand.PLAN and self._plan is not None and self._plan.finished
+        return self._drive_mode is DriveMode.PLAN and self._plan is not None and self._plan.finished
 
     @property
     def finish_reason(self) -> str | None:
@@ -148,16 +148,16 @@ class Operator:
     @property
     def state(self) -> PlannerState:
         """State of the plan, or of what drives instead."""
-        if self._plan is None or self._hand is Hand.NOTHING:
-            return _STATES[self._hand]
-        if self._hand is Hand.PLAN:
+        if self._plan is None or self._drive_mode is DriveMode.NOTHING:
+            return _STATES[self._drive_mode]
+        if self._drive_mode is DriveMode.PLAN:
             return self._plan.state
-        return replace(self._plan.state, state=self._hand.value)
+        return replace(self._plan.state, state=self._drive_mode.value)
 
     @property
     def target(self) -> VelocityCommand:
         """Target velocity before smoothing."""
-        if self._hand is Hand.PLAN and self._plan is not None:
+        if self._drive_mode is DriveMode.PLAN and self._plan is not None:
             return self._plan.target
         return self._target
 
@@ -167,10 +167,10 @@ class Operator:
             return self._step(obs)
 
     def _step(self, obs: Observation) -> VelocityCommand:
-        hand = self._hand
-        if hand is Hand.PLAN and self._plan is not None:
+        drive_mode = self._drive_mode
+        if drive_mode is DriveMode.PLAN and self._plan is not None:
             return self._plan.step(obs)
-        if hand is not Hand.MANUAL:
+        if drive_mode is not DriveMode.MANUAL:
             return self._halt()
         wanted = self.dead_man.wanted(obs.time_s)
         if wanted.v_m_s > 0.0 and (obs.bumper_left or obs.bumper_right or obs.cliff):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from bridge.errors import Remedy
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.run.ending import Ending
-from bridge.run.refusals import refusal, refusal_remedy
+from bridge.run.rejections import rejection_remedy, rejection_text
 from bridge.run.robot_state import NEEDS
 from bridge.run.runner import hold, release
 from protocol.messages import ClearStop, SetMode, Status, Stop
@@ -280,10 +280,10 @@ class Mission:
                 hint = "; check that the key is the device's key" if self.signed else ""
                 ending = Ending("fault", f"the device did not answer {what}{hint}", 4)
             else:
-                text = f"the device rejected {what}: {refusal(outcome.reason)}"
+                text = f"the device rejected {what}: {rejection_text(outcome.reason)}"
                 stopped = outcome.reason in {NackReason.STOP_LATCHED, NackReason.OTHER_CAUSE}
                 ending = Ending("stopped", text, 5) if stopped else Ending("fault", text, 4)
-                ending = replace(ending, remedy=refusal_remedy(outcome.reason))
+                ending = replace(ending, remedy=rejection_remedy(outcome.reason))
             self._end(now_s, ending)
         elif isinstance(message, ClearStop):
             self._enable(now_s)

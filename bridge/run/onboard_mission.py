@@ -14,7 +14,7 @@ from bridge.coverage.planner import PlannerState as RunnerState
 from bridge.motion.observation import HALT
 from bridge.run.ending import Ending
 from bridge.run.mission import DATA_TIMEOUT_S, Mission, Phase, Request
-from bridge.run.refusals import refusal, refusal_remedy
+from bridge.run.rejections import rejection_remedy, rejection_text
 from bridge.run.robot_state import STATUS_STALE_S
 from protocol.messages import PlannerCommand, PlannerState, SetMode, Status
 from protocol.values import Mode, PlannerAction, PlannerPhase, StopCause, label
@@ -116,9 +116,9 @@ class OnboardMission(Mission):
                 self._go(Phase.SETTLING, now_s)
             else:
                 reason = outcome.reason
-                why = "no answer" if reason is None else refusal(reason)
+                why = "no answer" if reason is None else rejection_text(reason)
                 text = f"the device rejected the start of its planner: {why}"
-                self._end(now_s, Ending("fault", text, 4, remedy=refusal_remedy(reason)))
+                self._end(now_s, Ending("fault", text, 4, remedy=rejection_remedy(reason)))
         else:
             super().on_command(outcome, now_s)
 

@@ -61,7 +61,7 @@ def run_summary(  # noqa: PLR0913 - the parts of a summary
         "outcome": ending.outcome if ending else "stopped",
         "reason": ending.reason if ending else None,
         "duration_s": duration_s,
-        "path_m": _round(report.path_m if report else _way_m(host), 3),
+        "path_m": _round(report.path_m if report else _distance_m(host), 3),
         "turns": runner.turns if runner else None,
         "collisions": collisions,
         "contact_s": _round(contact_s, 3),
@@ -106,7 +106,7 @@ def crash_summary(
     }
 
 
-def _way_m(host: Host) -> float | None:
+def _distance_m(host: Host) -> float | None:
     return None if host.drive_pose is None else host.path_m
 
 

@@ -41,7 +41,7 @@ class Measured:
 
     def restart(self) -> None:
         """Forget the references: what was between is not known."""
-        self.way_m = 0.0
+        self.distance_m = 0.0
         """By both wheels' mean, signed."""
         self.travel_m = 0.0
         """The same, without its sign: grows in either direction."""
@@ -116,5 +116,5 @@ class Measured:
         self.right_m = scale * encoder_delta(before.right, encoders.right)
         self.wheel_turn_rad = (self.right_m - self.left_m) / self._base_m
         way = 0.5 * (self.left_m + self.right_m)
-        self.way_m += way
+        self.distance_m += way
         self.travel_m += abs(way)

@@ -13,7 +13,7 @@ import pytest
 
 import bridge
 from bridge.api.remote import RemoteRobot, reach
-from bridge.api.robot import LET_GO_S, Latest, ManualDrive, Robot
+from bridge.api.robot import SETPOINT_TIMEOUT_S, Latest, ManualDrive, Robot
 from bridge.errors import (
     BridgeError,
     CommandRejectedError,
@@ -192,7 +192,7 @@ def test_a_velocity_holds_for_half_a_second() -> None:
     command = VelocityCommand(0.1, 0.5)
     drive.drive(command)
     steps = [drive.step(observed(20.0 + 0.02 * i)) for i in range(60)]
-    assert steps.count(command) == round(LET_GO_S / 0.02) + 1
+    assert steps.count(command) == round(SETPOINT_TIMEOUT_S / 0.02) + 1
     assert steps[:25] == [command] * 25
     assert steps[26:] == [HALT] * 34
     assert drive.target == HALT

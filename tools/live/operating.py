@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from bridge.io import clock
 from bridge.run.dead_man import DIRECTIONS, DeadMan
 from bridge.run.ending import Ending
-from bridge.run.manual import Hand, Operator
+from bridge.run.manual import DriveMode, Operator
 from bridge.run.mission import Phase
 from bridge.run.onboard_mission import OnboardMission
-from bridge.run.refusals import refusal
+from bridge.run.rejections import rejection_text
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from protocol.messages import PlannerCommand
@@ -38,10 +38,10 @@ _ORDERLY = {StopCause.NONE, StopCause.SESSION_END}
 
 
 _SAID = {
-    Hand.NOTHING: "nothing drives",
-    Hand.PLAN: "the plan drives",
-    Hand.HELD: "the plan is held; p lets it go on",
-    Hand.MANUAL: "you drive, with the arrow keys",
+    DriveMode.NOTHING: "nothing drives",
+    DriveMode.PLAN: "the plan drives",
+    DriveMode.HELD: "the plan is held; p lets it go on",
+    DriveMode.MANUAL: "you drive, with the arrow keys",
 }
 
 
@@ -96,17 +96,17 @@ class Operating:
         elif name in DIRECTIONS:
             self._direct(name, time_s)
         elif key.kind == "press":
-            self.dead_man.let_go()  # any other key stops
+            self.dead_man.release_all()  # any other key stops
             self._act(name)
 
     def stop(self, why: str) -> None:
         """Stop and latch, and end the run."""
-        self.dead_man.let_go()
+        self.dead_man.release_all()
         self._end(Ending("stopped", why, 5, StopCause.OPERATOR))
 
     def pad_gone(self, path: str) -> None:
         """Let go and say so: the gamepad was unplugged. Keys may drive on."""
-        self.dead_man.let_go()
+        self.dead_man.release_all()
         self.message = f"the gamepad {path} is gone: the robot stands; keys still drive"
         self._pump.call(lambda: self._log_gone(path))
 
@@ -118,7 +118,7 @@ class Operating:
         self._pump.request_end(ending)
 
     def _direct(self, name: str, time_s: float) -> None:
-        if self.operator.hand is Hand.MANUAL:
+        if self.operator.drive_mode is DriveMode.MANUAL:
             self.dead_man.press(name, time_s)
         else:
             self.message = "d: drive by hand first"
@@ -181,7 +181,7 @@ class Operating:
             if key == "g" and not self._twice(key, "g again lets the plan drive"):
                 return
             then()
-            self.message = _SAID[self.operator.hand]
+            self.message = _SAID[self.operator.drive_mode]
         elif self._pump.snapshot.mission.phase is not Phase.WAITING:
             self.message = "the run cannot begin now"
         elif self._reason_against() is None and self._twice(key, f"{key} again lets {what} begin"):
@@ -214,7 +214,7 @@ class Operating:
             self._pause_onboard(mission)
         else:
             self.operator.pause()
-            self.message = _SAID[self.operator.hand]
+            self.message = _SAID[self.operator.drive_mode]
 
     def _pause_onboard(self, mission: OnboardMission) -> None:
         state = self._pump.snapshot.state.planner
@@ -229,7 +229,7 @@ class Operating:
                 self.message = f"the device's planner: {what}"
                 return
             reason = None if outcome is None else outcome.reason
-            why = "it did not answer" if reason is None else refusal(reason)
+            why = "it did not answer" if reason is None else rejection_text(reason)
             self.message = f"the device did not {what} its planner ({why}); space stops it"
             host.event(clock.now(), Severity.ERROR, "operator", failed, self.message)
 
@@ -248,7 +248,7 @@ class Operating:
 
     def help(self, width: int) -> str:
         """The keys, for the picture's last line: as many words as so many columns take."""
-        if self.operator.hand is Hand.MANUAL:
+        if self.operator.drive_mode is DriveMode.MANUAL:
             held = "hold" if self.dead_man.releases else "tap"
             each = "" if self.dead_man.releases else " (0.7 s each)"
             speed = f"{self.dead_man.key_m_s:.2f} m/s"

@@ -125,9 +125,9 @@ class Bump:
         if reading is not None:
             pressed = reading.contacts & _BUMPERS
             if pressed and not self._pressed:
-                if not self._follows(now_s, measured.way_m):
+                if not self._follows(now_s, measured.distance_m):
                     self._onsets.append(now_s)
-                self._touch = now_s, measured.way_m
+                self._touch = now_s, measured.distance_m
             for half in (0, 1):
                 if not pressed >> half & 1:
                     self._since_s[half] = math.inf
@@ -139,12 +139,12 @@ class Bump:
         self._held_s = now_s - min(self._since_s)
         return self._held_s >= self._rule.held_s or len(self._onsets) >= self._rule.count
 
-    def _follows(self, now_s: float, way_m: float) -> bool:
+    def _follows(self, now_s: float, distance_m: float) -> bool:
         """Whether a touch goes on with the one before."""
         if self._touch is None:
             return False
         before_s, before_m = self._touch
-        made_m, (min_m, max_m) = way_m - before_m, FOLLOWS_M
+        made_m, (min_m, max_m) = distance_m - before_m, FOLLOWS_M
         return min_m < made_m < min(max_m, FOLLOWS_M_S * (now_s - before_s))
 
     def evidence(self) -> Evidence:
@@ -182,8 +182,8 @@ class Cliff:
             self.restart()
             return False
         if self._seen_m is None:
-            self._seen_m = measured.way_m
-        self._ahead_m = max(self._ahead_m, measured.way_m - self._seen_m)
+            self._seen_m = measured.distance_m
+        self._ahead_m = max(self._ahead_m, measured.distance_m - self._seen_m)
         self.grave = self._ahead_m > self._rule.ahead_m
         return True
 

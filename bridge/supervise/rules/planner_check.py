@@ -132,7 +132,7 @@ class PlannerCheck:
                 self._note(now_s, text, T=reported.turn_count, T_before=before.turn_count)
         if reported.phase != _LANE:
             # A turn in place makes no way: the lane begins where the turn before it ended.
-            self._lane = _Lane(now_s, measured.way_m, measured.way_m, inputs.pose)
+            self._lane = _Lane(now_s, measured.distance_m, measured.distance_m, inputs.pose)
         elif not whole:
             self._lane = None
 
@@ -235,7 +235,7 @@ class PlannerCheck:
 
 def _go_on(lane: _Lane, inputs: RuleInputs, measured: Measured) -> None:
     """A step further along a lane."""
-    lane.far_m = max(lane.far_m, measured.way_m)
+    lane.far_m = max(lane.far_m, measured.distance_m)
     lane.made_m = max(lane.made_m, _along(lane.start, inputs.pose))
     if abs(measured.slip_m_s) > SLIPS_M_S:
         lane.uncertain_m += abs(measured.slip_m_s) * measured.step_s

@@ -67,10 +67,10 @@ class Slip:
             self._forget()
         if not readings:
             self._turn_rad = measured.turn_rad
-        elif measured.way_m == readings[-1][0]:
+        elif measured.distance_m == readings[-1][0]:
             return  # it stands: nothing to be learnt
-        readings.append((measured.way_m, range_m))
-        if measured.way_m - readings[0][0] >= RUN_M and len(readings) >= MIN_READINGS:
+        readings.append((measured.distance_m, range_m))
+        if measured.distance_m - readings[0][0] >= RUN_M and len(readings) >= MIN_READINGS:
             self._lost = _lost(list(readings))
             readings.popleft()
 
@@ -81,8 +81,8 @@ class Slip:
 
     def _goes_on(self, range_m: float, measured: Measured) -> bool:
         """Whether it drives straight ahead, towards the same thing as at the last reading."""
-        way_m, before_m = self._readings[-1]
-        made_m = measured.way_m - way_m
+        distance_m, before_m = self._readings[-1]
+        made_m = measured.distance_m - distance_m
         straight = abs(measured.turn_rad - self._turn_rad) <= STRAIGHT_RAD
         return straight and made_m >= 0.0 and abs(before_m - range_m) <= JUMP_M + made_m
 

@@ -90,7 +90,7 @@ def test_the_dead_man_switch_between_keyboard_gamepad_and_loop() -> None:
         for _ in range(60_000):
             switch.stick(pad.uniform(-1, 1), pad.uniform(-1, 1), 0.0, held=pad.random() < 0.3)
             if pad.random() < 0.1:
-                switch.let_go()
+                switch.release_all()
 
     def look() -> None:
         for _ in range(60_000):
@@ -99,7 +99,7 @@ def test_the_dead_man_switch_between_keyboard_gamepad_and_loop() -> None:
             assert abs(wanted.yaw_rate_rad_s) <= TURN_RAD_S + 1e-9
 
     assert together(press, steer, look) == []
-    switch.let_go()
+    switch.release_all()
     assert switch.wanted(0.0) == (0.0, 0.0)
 
 

@@ -20,7 +20,7 @@ from bridge.motion.legs import Drive, LegResult
 from bridge.motion.observation import HALT, Observation, VelocityCommand
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man import DIRECTIONS, HELD_S, PRESS_M_S, PRESS_S, DeadMan
-from bridge.run.manual import Hand, Operator
+from bridge.run.manual import DriveMode, Operator
 from support.observed import AT_REST
 
 if TYPE_CHECKING:
@@ -37,26 +37,26 @@ def dead_man(*, releases: bool) -> DeadMan:
 
 
 def test_a_press_drives_for_seven_tenths_at_a_tenth() -> None:
-    hand = dead_man(releases=False)
-    hand.press("up", 10.0)
-    assert hand.wanted(10.0) == VelocityCommand(0.1, 0.0)
-    assert hand.wanted(10.7) == VelocityCommand(0.1, 0.0)
-    assert hand.wanted(10.71) == HALT
-    assert hand.wanted(10.2) == HALT, "once let go it stays so"
+    drive_mode = dead_man(releases=False)
+    drive_mode.press("up", 10.0)
+    assert drive_mode.wanted(10.0) == VelocityCommand(0.1, 0.0)
+    assert drive_mode.wanted(10.7) == VelocityCommand(0.1, 0.0)
+    assert drive_mode.wanted(10.71) == HALT
+    assert drive_mode.wanted(10.2) == HALT, "once let go it stays so"
 
 
 def test_any_other_key_stops() -> None:
-    hand = dead_man(releases=False)
-    hand.press("up", 10.0)
-    hand.press("q", 10.1)
-    assert hand.wanted(10.1) == HALT
+    drive_mode = dead_man(releases=False)
+    drive_mode.press("up", 10.0)
+    drive_mode.press("q", 10.1)
+    assert drive_mode.wanted(10.1) == HALT
 
 
 def test_only_the_newest_press_counts() -> None:
-    hand = dead_man(releases=False)
-    hand.press("up", 10.0)
-    hand.press("left", 10.3)
-    found = hand.wanted(10.4)
+    drive_mode = dead_man(releases=False)
+    drive_mode.press("up", 10.0)
+    drive_mode.press("left", 10.3)
+    found = drive_mode.wanted(10.4)
     assert found.v_m_s == 0.0
     assert found.yaw_rate_rad_s > 0.0
 
@@ -65,46 +65,46 @@ def test_only_the_newest_press_counts() -> None:
 
 
 def test_a_held_key_drives_until_it_comes_up() -> None:
-    hand = dead_man(releases=True)
-    hand.press("up", 0.0)
+    drive_mode = dead_man(releases=True)
+    drive_mode.press("up", 0.0)
     for i in range(1, 50):
-        hand.press("up", 0.1 * i)
-        assert hand.wanted(0.1 * i).v_m_s == pytest.approx(0.2)
-    hand.release("up", 4.95)
-    assert hand.wanted(4.96) == HALT
+        drive_mode.press("up", 0.1 * i)
+        assert drive_mode.wanted(0.1 * i).v_m_s == pytest.approx(0.2)
+    drive_mode.release("up", 4.95)
+    assert drive_mode.wanted(4.96) == HALT
 
 
 def test_two_held_keys_make_a_curve_and_one_goes_on() -> None:
-    hand = dead_man(releases=True)
-    hand.press("up", 0.0)
-    hand.press("left", 0.1)
-    assert hand.wanted(0.2) == VelocityCommand(0.2, 1.0)
-    hand.release("left", 0.3)
-    assert hand.wanted(0.35) == VelocityCommand(0.2, 0.0)
+    drive_mode = dead_man(releases=True)
+    drive_mode.press("up", 0.0)
+    drive_mode.press("left", 0.1)
+    assert drive_mode.wanted(0.2) == VelocityCommand(0.2, 1.0)
+    drive_mode.release("left", 0.3)
+    assert drive_mode.wanted(0.35) == VelocityCommand(0.2, 0.0)
 
 
 def test_a_terminal_that_hangs_lets_go() -> None:
-    hand = dead_man(releases=True)
-    hand.press("down", 0.0)
-    assert hand.wanted(HELD_S).v_m_s == pytest.approx(-0.2)
-    assert hand.wanted(HELD_S + 0.01) == HALT
+    drive_mode = dead_man(releases=True)
+    drive_mode.press("down", 0.0)
+    assert drive_mode.wanted(HELD_S).v_m_s == pytest.approx(-0.2)
+    assert drive_mode.wanted(HELD_S + 0.01) == HALT
 
 
 def test_the_other_way_wins_at_once() -> None:
-    hand = dead_man(releases=True)
-    hand.press("up", 0.0)
-    hand.press("down", 0.1)
-    assert hand.wanted(0.1).v_m_s == pytest.approx(-0.2)
+    drive_mode = dead_man(releases=True)
+    drive_mode.press("up", 0.0)
+    drive_mode.press("down", 0.1)
+    assert drive_mode.wanted(0.1).v_m_s == pytest.approx(-0.2)
 
 
 def test_the_speed_stays_within_the_robots() -> None:
-    hand = dead_man(releases=True)
+    drive_mode = dead_man(releases=True)
     for _ in range(20):
-        hand.faster()
-    assert hand.speed_m_s == 0.3
+        drive_mode.faster()
+    assert drive_mode.speed_m_s == 0.3
     for _ in range(30):
-        hand.slower()
-    assert hand.speed_m_s == pytest.approx(0.03)
+        drive_mode.slower()
+    assert drive_mode.speed_m_s == pytest.approx(0.03)
 
 
 EVENTS = st.lists(
@@ -125,23 +125,23 @@ def test_whatever_is_pressed_it_never_drives_long_alone(
     events: list[tuple[str, str, float, float, bool]], *, releases: bool
 ) -> None:
     """Without a further event everything is at rest, and the limits hold all the time."""
-    hand, now_s = dead_man(releases=releases), 0.0
+    drive_mode, now_s = dead_man(releases=releases), 0.0
     for what, key, wait_s, share, held in events:
         now_s += wait_s
         match what:
             case "press":
-                hand.press(key, now_s)
+                drive_mode.press(key, now_s)
             case "release":
-                hand.release(key, now_s)
+                drive_mode.release(key, now_s)
             case "stick":
-                hand.stick(share, -share, now_s, held=held)
+                drive_mode.stick(share, -share, now_s, held=held)
             case _:
                 pass
-        found = hand.wanted(now_s)
+        found = drive_mode.wanted(now_s)
         assert abs(found.v_m_s) <= 0.2 + 1e-12
         if not releases and not any(e[0] == "stick" for e in events):
             assert abs(found.v_m_s) <= PRESS_M_S
-    assert hand.wanted(now_s + max(HELD_S, PRESS_S) + 0.01) == HALT
+    assert drive_mode.wanted(now_s + max(HELD_S, PRESS_S) + 0.01) == HALT
 
 
 # ---- the gamepad ------------------------------------------------------------------------
@@ -240,7 +240,7 @@ def test_a_plan_is_held_taken_over_and_goes_on() -> None:
     person = operator()
     assert run(person, 0.0, 30).v_m_s > 0.05
     person.pause()
-    assert person.hand is Hand.HELD
+    assert person.drive_mode is DriveMode.HELD
     assert run(person, 1.0, 5) == HALT
     assert person.state.state == "held"
     person.take_over()
@@ -249,7 +249,7 @@ def test_a_plan_is_held_taken_over_and_goes_on() -> None:
     assert turning.v_m_s == 0.0
     assert turning.yaw_rate_rad_s > 0.5
     person.take_over()
-    assert person.hand is Hand.HELD
+    assert person.drive_mode is DriveMode.HELD
     assert run(person, 3.0, 5) == HALT
     person.start()
     assert run(person, 4.0, 30).v_m_s > 0.05

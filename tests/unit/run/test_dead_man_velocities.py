@@ -95,7 +95,7 @@ def test_a_stick_stops_when_its_button_is_released_or_all_is_let_go() -> None:
     assert pad.wanted(8.1) == HALT
     pad.stick(0.5, 0.5, 8.2, held=True)
     assert pad.wanted(8.2) != HALT
-    pad.let_go()
+    pad.release_all()
     assert pad.wanted(8.2) == HALT
 
 

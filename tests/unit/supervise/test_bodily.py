@@ -184,7 +184,7 @@ def test_the_same_reading_twice_is_one() -> None:
 def test_a_touch_that_creeps_along_is_one(made_m: float, after_s: float, counts: int) -> None:
     rule, measured = Bump(BumpRule(count=9.0, window_s=8.0, held_s=5.0)), Measured(MODEL)
     for time_s, contacts in ((1.0, LEFT), (1.1, 0), (1.0 + after_s, LEFT)):
-        measured.way_m = made_m * (time_s > 1.1)
+        measured.distance_m = made_m * (time_s > 1.1)
         inputs = RuleInputs(
             *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0), range=reading(contacts=contacts)
         )

@@ -20,12 +20,12 @@ def test_ways_are_the_wheels_mean_by_eq_3() -> None:
     walk = Walk()
     walk.step(1)
     walk.step(10, left_m=10 * PER_COUNT_M, right_m=20 * PER_COUNT_M)
-    assert walk.measured.way_m == pytest.approx(150 * PER_COUNT_M)
+    assert walk.measured.distance_m == pytest.approx(150 * PER_COUNT_M)
     assert walk.measured.left_m == pytest.approx(10 * PER_COUNT_M)
     assert walk.measured.right_m == pytest.approx(20 * PER_COUNT_M)
     assert walk.measured.wheel_turn_rad == pytest.approx(10 * PER_COUNT_M / 0.23)
     walk.step(10, left_m=-10 * PER_COUNT_M, right_m=-20 * PER_COUNT_M)
-    assert walk.measured.way_m == pytest.approx(0.0, abs=1e-9)
+    assert walk.measured.distance_m == pytest.approx(0.0, abs=1e-9)
     assert walk.measured.travel_m == pytest.approx(300 * PER_COUNT_M)
 
 
@@ -33,7 +33,7 @@ def test_the_scale_of_the_estimate_counts() -> None:
     walk = Walk()
     walk.step(1, wheel_scale=1.5)
     walk.step(2, left_m=10 * PER_COUNT_M, right_m=10 * PER_COUNT_M, wheel_scale=1.5)
-    assert walk.measured.way_m == pytest.approx(30 * PER_COUNT_M)
+    assert walk.measured.distance_m == pytest.approx(30 * PER_COUNT_M)
 
 
 def test_counts_wrap_at_16_bits_in_both_directions() -> None:
@@ -41,9 +41,9 @@ def test_counts_wrap_at_16_bits_in_both_directions() -> None:
     walk.left_m = walk.right_m = 0xFFFE * PER_COUNT_M
     walk.step(1)
     walk.step(1, left_m=5 * PER_COUNT_M, right_m=5 * PER_COUNT_M)
-    assert walk.measured.way_m == pytest.approx(5 * PER_COUNT_M)
+    assert walk.measured.distance_m == pytest.approx(5 * PER_COUNT_M)
     walk.step(1, left_m=-9 * PER_COUNT_M, right_m=-9 * PER_COUNT_M)
-    assert walk.measured.way_m == pytest.approx(-4 * PER_COUNT_M)
+    assert walk.measured.distance_m == pytest.approx(-4 * PER_COUNT_M)
 
 
 def test_the_turn_is_the_gyros() -> None:
@@ -62,26 +62,26 @@ def test_a_gap_is_not_known() -> None:
     walk.time_s += 0.3
     walk.step(1, left_m=1.0, right_m=1.0, yaw_rate_rad_s=1.0)
     assert walk.measured.step_s == 0.0
-    assert walk.measured.way_m == walk.measured.turn_rad == walk.measured.slip_m_s == 0.0
+    assert walk.measured.distance_m == walk.measured.turn_rad == walk.measured.slip_m_s == 0.0
     walk.time_s += 0.3 - STEP_S
     walk.step(1, left_m=100 * PER_COUNT_M, right_m=100 * PER_COUNT_M, yaw_rate_rad_s=1.0)
     assert walk.measured.step_s == pytest.approx(0.3), "just short enough"
-    assert walk.measured.way_m == pytest.approx(100 * PER_COUNT_M)
+    assert walk.measured.distance_m == pytest.approx(100 * PER_COUNT_M)
     assert walk.measured.turn_rad == pytest.approx(0.3)
 
 
 def test_no_count_no_way_and_the_same_count_no_way() -> None:
     walk = Walk()
     walk.step(2, encoders=None, left_m=0.01, right_m=0.01)
-    assert walk.measured.way_m == 0.0
+    assert walk.measured.distance_m == 0.0
     same = Encoders(5, 5)
     walk.step(1, encoders=same)
     walk.step(1, encoders=Encoders(25, 25))
-    way_m = walk.measured.way_m
+    way_m = walk.measured.distance_m
     assert way_m == pytest.approx(20 * PER_COUNT_M)
     held = Encoders(45, 45)
     walk.step(3, encoders=held)
-    assert walk.measured.way_m == pytest.approx(way_m + 20 * PER_COUNT_M)
+    assert walk.measured.distance_m == pytest.approx(way_m + 20 * PER_COUNT_M)
     assert walk.measured.left_m == walk.measured.right_m == walk.measured.wheel_turn_rad == 0.0
 
 
@@ -152,10 +152,10 @@ def test_restart_forgets() -> None:
     walk.step(5, left_m=0.004, right_m=0.006, yaw_rate_rad_s=1.0, range=reading(1.0))
     walk.measured.restart()
     m = walk.measured
-    assert (m.way_m, m.travel_m, m.turn_rad, m.slip_m_s, m.step_s) == (0.0,) * 5
+    assert (m.distance_m, m.travel_m, m.turn_rad, m.slip_m_s, m.step_s) == (0.0,) * 5
     assert (m.left_m, m.right_m, m.wheel_turn_rad, m.new_range) == (0.0, 0.0, 0.0, False)
     walk.step(1, left_m=0.1)
-    assert walk.measured.way_m == 0.0, "the reference is forgotten too"
+    assert walk.measured.distance_m == 0.0, "the reference is forgotten too"
     assert walk.measured.step_s == 0.0
 
 
@@ -165,7 +165,7 @@ def test_the_longest_step_that_counts_is_0_3_s() -> None:
         measured = Measured(MODEL)
         for time_s, counts in ((0.0, 0), (limit_s, 40)):
             measured.step(_step(time_s, encoders=Encoders(counts, counts), yaw_rate_rad_s=1.0))
-        assert measured.way_m == pytest.approx(way * PER_COUNT_M)
+        assert measured.distance_m == pytest.approx(way * PER_COUNT_M)
         assert measured.turn_rad == pytest.approx(0.3 if way else 0.0)
 
 
@@ -177,7 +177,7 @@ def test_counts_may_be_old_though_steps_are_not() -> None:
         for step in range(steps):
             measured.step(_step(0.02 * step, encoders=first))
         measured.step(_step(0.02 * steps, encoders=Encoders(30, 30)))
-        assert measured.way_m == pytest.approx(way * PER_COUNT_M), steps
+        assert measured.distance_m == pytest.approx(way * PER_COUNT_M), steps
 
 
 def test_a_step_without_counts_after_some() -> None:
@@ -187,7 +187,7 @@ def test_a_step_without_counts_after_some() -> None:
     measured.step(_step(0.14, encoders=None))
     assert measured.left_m == measured.right_m == 0.0
     measured.step(_step(0.16, encoders=Encoders(18, 18)))
-    assert measured.way_m == pytest.approx(13 * PER_COUNT_M)
+    assert measured.distance_m == pytest.approx(13 * PER_COUNT_M)
 
 
 def test_counts_that_leap_are_taken_the_short_way_round() -> None:
@@ -195,7 +195,7 @@ def test_counts_that_leap_are_taken_the_short_way_round() -> None:
         measured = Measured(MODEL)
         measured.step(_step(0.0, encoders=Encoders(40_000, 7)))
         measured.step(_step(0.02, encoders=Encoders((40_000 + leap) & 0xFFFF, (7 + leap) & 0xFFFF)))
-        assert measured.way_m == pytest.approx(leap * PER_COUNT_M)
+        assert measured.distance_m == pytest.approx(leap * PER_COUNT_M)
 
 
 def test_a_gap_ends_the_slip_that_was() -> None:

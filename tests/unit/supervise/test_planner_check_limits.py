@@ -66,7 +66,7 @@ class Hand:
         )
         self.at(0.0, turn)
         self.at(0.25, lane)
-        self.measured.way_m = way_m
+        self.measured.distance_m = way_m
         self.at(0.5, lane)
         return self.at(0.75, after)
 
@@ -97,7 +97,7 @@ def test_the_evidence_is_in_millimetres_and_hundredths() -> None:
     hand = Hand()
     hand.at(1.0, planner(TURN))
     hand.at(1.126, planner(LANE))
-    hand.measured.way_m = 1.23456
+    hand.measured.distance_m = 1.23456
     hand.at(1.313, planner(TURN, distance=1000, previous=1000, case=1))
     assert hand.planner_check.evidence()[1] == {"D_m": 1.0, "odometry_m": 1.235, "for_s": 0.31}
     hand.planner_check.restart()
@@ -106,13 +106,13 @@ def test_the_evidence_is_in_millimetres_and_hundredths() -> None:
 
 def test_a_lane_begins_where_the_odometry_was() -> None:
     hand = Hand()
-    hand.measured.way_m = 5.0
+    hand.measured.distance_m = 5.0
     hand.at(0.0, planner(TURN))
     hand.at(0.25, planner(LANE))
-    hand.measured.way_m = 6.0
+    hand.measured.distance_m = 6.0
     assert hand.at(0.5, planner(TURN, distance=1000, previous=1000, case=1)) is False
     hand.at(0.75, planner(LANE, distance=1000, previous=1000, case=1))
-    hand.measured.way_m = 7.1
+    hand.measured.distance_m = 7.1
     assert hand.at(1.0, planner(TURN, distance=1000, previous=1000, case=1)) is True
     assert hand.planner_check.evidence()[1]["odometry_m"] == 1.1
 
@@ -147,7 +147,7 @@ def test_how_much_path_becomes_uncertain(
     hand.at(0.0, planner(TURN))
     hand.at(0.25, planner(LANE))
     measured = hand.measured
-    measured.way_m, measured.slip_m_s, measured.step_s = 1.0, slip_m_s, 0.25
+    measured.distance_m, measured.slip_m_s, measured.step_s = 1.0, slip_m_s, 0.25
     measured.left_m = measured.right_m = 0.0625
     hand.at(0.5, planner(LANE), contacts=contacts)
     measured.slip_m_s = measured.left_m = measured.right_m = 0.0
@@ -160,7 +160,7 @@ def test_a_slip_inflates_from_its_limit_on() -> None:
         hand = Hand()
         hand.at(0.0, planner(TURN))
         hand.at(0.25, planner(LANE))
-        hand.measured.way_m, hand.measured.slip_m_s, hand.measured.step_s = 1.0, slip_m_s, 2.0
+        hand.measured.distance_m, hand.measured.slip_m_s, hand.measured.step_s = 1.0, slip_m_s, 2.0
         hand.at(0.5, planner(LANE))
         hand.measured.slip_m_s = 0.0
         assert hand.at(0.75, planner(TURN, distance=950, previous=950, case=1)) is found
@@ -172,7 +172,7 @@ def test_a_push_inflates_by_the_wheels_mean() -> None:
         hand = Hand()
         hand.at(0.0, planner(TURN))
         hand.at(0.25, planner(LANE))
-        hand.measured.way_m, hand.measured.left_m = 1.0, 0.08
+        hand.measured.distance_m, hand.measured.left_m = 1.0, 0.08
         hand.at(0.5, planner(LANE), contacts=int(Contact.BUMPER_RIGHT))
         hand.measured.left_m = 0.0
         reported = 1000 - off_mm

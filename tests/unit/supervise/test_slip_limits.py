@@ -21,7 +21,7 @@ class Hand:
         self.measured.new_range = True
 
     def at(self, way_m: float, range_m: float, *, turn_rad: float = 0.0) -> bool:
-        self.measured.way_m, self.measured.turn_rad = way_m, turn_rad
+        self.measured.distance_m, self.measured.turn_rad = way_m, turn_rad
         seen = reading(range_m)
         return self.rule.holds(
             RuleInputs(0.0, Pose2(0.0, 0.0, 0.0), 0.0, 0.0, range=seen), self.measured

@@ -14,7 +14,7 @@ from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
 from bridge.run.dead_man import DeadMan
 from bridge.run.host import Host
-from bridge.run.manual import Hand, Operator
+from bridge.run.manual import DriveMode, Operator
 from bridge.run.mission import Mission
 from bridge.run.onboard_mission import OnboardMission
 from bridge.run.options import HostOptions
@@ -96,18 +96,18 @@ class Bench:
     def begun(self) -> bool:
         return self.host.mission.runner is not None
 
-    def hand(self) -> str:
-        return self.keys.operator.hand.value
+    def drive_mode(self) -> str:
+        return self.keys.operator.drive_mode.value
 
 
 def test_what_moves_begins_with_the_second_press() -> None:
-    for key, hand in (("g", Hand.PLAN), ("d", Hand.MANUAL)):
+    for key, drive_mode in (("g", DriveMode.PLAN), ("d", DriveMode.MANUAL)):
         bench = Bench()
         assert "again" in bench.press(key)
         assert not bench.begun()
         bench.press(key)
         assert bench.begun()
-        assert bench.hand() == hand.value
+        assert bench.drive_mode() == drive_mode.value
 
 
 def test_a_gamepad_that_goes_stops_and_is_reported() -> None:
@@ -141,13 +141,13 @@ def test_a_plan_after_a_drive_by_hand_needs_two_presses_too() -> None:
     bench = Bench()
     bench.press("d", "d")
     bench.press("g")
-    assert bench.hand() == Hand.MANUAL.value
+    assert bench.drive_mode() == DriveMode.MANUAL.value
     bench.press("g")
-    assert bench.hand() == Hand.PLAN.value
+    assert bench.drive_mode() == DriveMode.PLAN.value
     bench.press("p")
-    assert bench.hand() == Hand.HELD.value
+    assert bench.drive_mode() == DriveMode.HELD.value
     bench.press("d")
-    assert bench.hand() == Hand.MANUAL.value, "taking over stops the plan, at once"
+    assert bench.drive_mode() == DriveMode.MANUAL.value, "taking over stops the plan, at once"
 
 
 @pytest.mark.parametrize("key", ["space", "s"])

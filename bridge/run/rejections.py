@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 
-def refusal(reason: int) -> str:
+def rejection_text(reason: int) -> str:
     """Return the reason's name, with an explanation if the name alone is not enough."""
     name = label(NackReason, reason)
     if reason == NackReason.NOT_AUTHENTICATED:
@@ -30,7 +30,7 @@ def refusal(reason: int) -> str:
     return name
 
 
-def refusal_remedy(reason: int | None) -> Remedy | None:
+def rejection_remedy(reason: int | None) -> Remedy | None:
     """Return what the caller can do about a rejection."""
     return Remedy.KEY if reason == NackReason.NOT_AUTHENTICATED else None
 
@@ -74,6 +74,6 @@ def check_outcome(what: str, outcome: Outcome | None) -> None:
         return
     if outcome.reason is None:
         raise DeviceLostError(f"the device did not answer {what}; check the link")
-    error = CommandRejectedError(what, refusal(outcome.reason))
-    error.remedy = refusal_remedy(outcome.reason)
+    error = CommandRejectedError(what, rejection_text(outcome.reason))
+    error.remedy = rejection_remedy(outcome.reason)
     raise error
