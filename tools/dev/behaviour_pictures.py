@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
+import random
 import sys
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -22,6 +23,7 @@ import numpy as np
 from bridge.coverage.planner import ScriptedPlanner
 from bridge.coverage.recovery.evidence_kernels import SURE
 from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.coverage.registry import make_planner
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.relocalise import Relocaliser
@@ -62,6 +64,10 @@ _STATES = {
     "approach": ("transit", _GREY),
     "transit": ("transit", _GREY),
     "recovery-transit": ("transit", _GREY),
+    "step": ("transit", _GREY),
+    "recovery-back": ("transit", _GREY),
+    "recovery-step": ("transit", _GREY),
+    "recovery-return": ("transit", _GREY),
     "perimeter": ("perimeter pass", _BLUE),
     "lane": ("lane", _GREEN),
     "recovery-lane": ("recovery lane", _ORANGE),
@@ -658,13 +664,13 @@ def control_follow() -> Figure:
     figure, (floor, gaps) = _panels(8.2, 3.5, 2, width_ratios=[1.1, 1.0])
     _floor(floor, run.plan)
     lines = _coloured(floor, samples)
-    figure.colorbar(lines, ax=floor, label="speed (m/s)", shrink=0.8)
+    figure.colorbar(lines, ax=floor, shrink=0.8).ax.set_title("m/s", fontsize=8)
     _robot(floor, samples[0].obs.pose)
     floor.set_xlim(0.38, 1.75)
     floor.set_ylim(0.4, 1.56)
-    _title(floor, "case-1: perimeter pass of the box")
+    _title(floor, "case-1: speed along the box")
     times = [s.t_s - begin_s for s in samples]
-    hull = MODEL.infrared_right.hull_distance_m(MODEL.radius_m)
+    hull = MODEL.radius_m - abs(MODEL.infrared_right.y_m)
     gaps.plot(
         times,
         [
@@ -673,7 +679,7 @@ def control_follow() -> Figure:
         ],
         color=_ORANGE,
         lw=1.0,
-        label="infrared range beyond the rim (cm)",
+        label="infrared range less that of a wall in contact (cm)",
     )
     gaps.plot(
         times, [100.0 * s.obs.v_m_s for s in samples], color=_BLUE, lw=1.2, label="speed (cm/s)"
@@ -700,7 +706,7 @@ def control_limits() -> Figure:
         if k - begin > 1:
             lines = _coloured(floor, samples[begin:k])
         begin = k
-    figure.colorbar(lines, ax=floor, label="speed (m/s)", shrink=0.8)
+    figure.colorbar(lines, ax=floor, shrink=0.8).ax.set_title("m/s", fontsize=8)
     floor.set_xlim(0.8, 2.5)
     floor.set_ylim(0.1, 1.85)
     _title(floor, "table-and-chair: lanes and transit between the legs")
@@ -888,7 +894,7 @@ def recovery_cliff() -> Figure:
     samples = run.between(t_s - 6.0, t_s + 6.0)
     _floor(near, run.plan)
     lines = _coloured(near, samples)
-    figure.colorbar(lines, ax=near, label="speed (m/s)", shrink=0.8)
+    figure.colorbar(lines, ax=near, shrink=0.8).ax.set_title("m/s", fontsize=8)
     _robot(near, _true_at(run, t_s))
     x, y = _true_at(run, t_s)[:2]
     near.set_xlim(x - 0.6, x + 0.6)
@@ -934,6 +940,24 @@ def recovery_stuck() -> Figure:
     return figure
 
 
+def paper_lanes() -> Figure:
+    """The paper's lanes, and its return to the region that a box occluded."""
+    room = load_room("case-1", MODEL.radius_m)
+    run = _simulate(room, make_planner("paper", MODEL, random.Random(1)), "paper", 1)
+    back_s = run.first("recovery-begin")[0]
+    end_s = run.first("recovery-end", back_s)[0]
+    figure, panels = _panels(8.2, 4.6, 2)
+    for axes, (begin, end) in zip(panels, ((0.0, back_s), (back_s, end_s)), strict=True):
+        _floor(axes, run.plan)
+        _swept(axes, run, end)
+        _by_state(axes, run.between(begin, end))
+        _robot(axes, run.between(begin, end)[-1].obs.pose)
+        _legend(axes, 3, bbox_to_anchor=(0.5, -0.13))
+    _title(panels[0], f"until {back_s:.0f} s: lanes, until one is longer again (case 3)")
+    _title(panels[1], f"until {end_s:.0f} s: back by Length, and the occluded region")
+    return figure
+
+
 def _named(*groups: Sequence[Artist]) -> list[Artist]:
     """Handles of all panels, one of each name."""
     return list({str(artist.get_label()): artist for group in groups for artist in group}.values())
@@ -953,6 +977,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "recovery-heading": recovery_heading,
     "recovery-cliff": recovery_cliff,
     "recovery-stuck": recovery_stuck,
+    "paper-lanes": paper_lanes,
 }
 
 
