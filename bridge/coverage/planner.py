@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Generator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from reprlib import repr as shortened
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -78,16 +78,16 @@ class Planner(Protocol):
 
 
 @runtime_checkable
-class Watcher(Protocol):
-    """A planner that looks at every observation, not only at the ends of legs."""
+class ObservingPlanner(Protocol):
+    """A planner that takes every observation, not only those at the ends of legs."""
 
     @property
     def speed_limit_m_s(self) -> float:
-        """Fastest forward speed allowed by what is known ahead, as of the last observation."""
+        """Fastest forward speed that the last observation allows, m/s."""
         ...
 
-    def watch(self, obs: Observation) -> bool:
-        """Take an observation; true: the leg under way is to be cancelled."""
+    def observe(self, obs: Observation) -> bool:
+        """Take an observation; true: cancel the leg under way."""
         ...
 
 
@@ -96,10 +96,11 @@ class PlannerError(TypeError):
 
 
 def check_planner(planner: object) -> None:
-    """See that an object has everything that a run asks a planner for.
+    """Check that an object has everything that a run asks of a planner.
 
     Raises:
-        PlannerError: it lacks a method or an attribute, or has only half of a watcher's.
+        PlannerError: it lacks a method or an attribute, or has only one of ``observe`` and
+            ``speed_limit_m_s``.
 
     """
     kind = type(planner).__name__
@@ -110,13 +111,15 @@ def check_planner(planner: object) -> None:
         lacks.append("state")
     if lacks:
         raise PlannerError(f"{kind} is no planner: it lacks {', '.join(lacks)}")
-    if callable(getattr(planner, "watch", None)) != hasattr(planner, "speed_limit_m_s"):
+    if callable(getattr(planner, "observe", None)) != hasattr(planner, "speed_limit_m_s"):
         has, other = (
-            ("watch()", "speed_limit_m_s")
-            if hasattr(planner, "watch")
-            else ("speed_limit_m_s", "watch()")
+            ("observe()", "speed_limit_m_s")
+            if hasattr(planner, "observe")
+            else ("speed_limit_m_s", "observe()")
         )
-        raise PlannerError(f"{kind} has {has} and lacks {other}: a watcher needs both")
+        raise PlannerError(
+            f"{kind} has {has} and lacks {other}: a planner that observes needs both"
+        )
 
 
 def check_leg(planner: object, leg: object) -> None:
@@ -178,57 +181,72 @@ Script = Generator[Leg, Step, str]
 """A plan as a coroutine: yields legs, is sent how they ended, returns why it finished."""
 
 
+class PlannerRecord:
+    """What a planner reports: its state, its decisions and the figures of its end."""
+
+    def __init__(self) -> None:
+        """Begin with the state ``idle`` and no decision."""
+        self.state = PlannerState()
+        self.end_figures: dict[str, Scalar] = {}
+        """Figures of the event ``finish``, beside its reason."""
+        self._events: list[PlannerEvent] = []
+
+    def change(self, **fields: Any) -> None:  # noqa: ANN401 - the fields of PlannerState
+        """Replace fields of the state."""
+        self.state = replace(self.state, **fields)
+
+    def decide(self, kind: str, reason: str, **data: Scalar) -> None:
+        """Record a decision."""
+        self.emit(PlannerEvent(kind, reason, data))
+
+    def emit(self, event: PlannerEvent) -> None:
+        """Record an event."""
+        self._events.append(event)
+
+    def drain(self) -> list[PlannerEvent]:
+        """Return the events since the last call, oldest first."""
+        events, self._events = self._events, []
+        return events
+
+
 class ScriptedPlanner(ABC):
-    """A planner written as a coroutine, so that an algorithm reads as its pseudo-code does."""
+    """A planner written as a coroutine, so that an algorithm reads like its pseudo-code."""
 
     def __init__(self, model: RobotModel) -> None:
-        """Nothing begins before ``start``."""
+        """Plan for a robot; nothing begins before ``start``."""
         self.model = model
-        self._state = PlannerState()
-        self.end_figures: dict[str, Scalar] = {}
-        """What the event of the end says beside its reason."""
-        self._events: list[PlannerEvent] = []
+        self.record = PlannerRecord()
         self._script: Script | None = None
 
     @abstractmethod
     def script(self, obs: Observation) -> Script:
-        """The plan from the pose in ``obs``."""
+        """Plan from the pose in ``obs``."""
 
     @property
     def state(self) -> PlannerState:
-        """Where the planner stands."""
-        return self._state
+        """The paper's variables and the phase of the plan."""
+        return self.record.state
 
     def start(self, obs: Observation) -> Leg | Finish:
-        """Begin anew."""
-        self._state = PlannerState()
-        self.end_figures = {}
+        """Begin the plan anew and return its first leg."""
+        self.record.state, self.record.end_figures = PlannerState(), {}
         self._script = self.script(obs)
         return self._resume(self._script, None)
 
     def next(self, result: LegResult, obs: Observation) -> Leg | Finish:
-        """Leg after ``result``; ``Finish`` if the plan was never started."""
+        """Return the leg after ``result``; ``Finish`` if the plan was never started."""
         if self._script is None:
             return Finish("not started")
         return self._resume(self._script, Step(result, obs))
 
     def drain_events(self) -> list[PlannerEvent]:
-        """Decisions since the last call, oldest first."""
-        events, self._events = self._events, []
-        return events
-
-    def decide(self, kind: str, reason: str, **data: Scalar) -> None:
-        """Put a decision on record."""
-        self.emit(PlannerEvent(kind, reason, data))
-
-    def emit(self, event: PlannerEvent) -> None:
-        """The same of one that is ready."""
-        self._events.append(event)
+        """Return the decisions since the last call, oldest first."""
+        return self.record.drain()
 
     def _resume(self, script: Script, step: Step | None) -> Leg | Finish:
         try:
             return next(script) if step is None else script.send(step)
         except StopIteration as stop:
             reason = str(stop.value)
-            self.decide("finish", reason, **self.end_figures)
+            self.record.decide("finish", reason, **self.record.end_figures)
             return Finish(reason)

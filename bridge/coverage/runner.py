@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from bridge.coverage.planner import (
     Finish,
+    ObservingPlanner,
     Planner,
     PlannerEvent,
     PlannerState,
-    Watcher,
     check_leg,
     check_planner,
 )
@@ -48,7 +48,7 @@ class PlanRunner:
         """
         check_planner(planner)
         self._planner = planner
-        self._watcher = planner if isinstance(planner, Watcher) else None
+        self._observing = planner if isinstance(planner, ObservingPlanner) else None
         self._executor = LegExecutor(model, tuning)
         self._rest = GyroRest()
         self._rests: list[PlannerEvent] = []
@@ -127,15 +127,15 @@ class PlanRunner:
         executor = self._executor
         if self._paused or self._finish is not None:
             return executor.brake(obs)
-        if self._watcher is not None:
-            if self._watcher.watch(obs):
+        if self._observing is not None:
+            if self._observing.observe(obs):
                 executor.cancel(obs)
-            executor.speed_limit_m_s = self._watcher.speed_limit_m_s
+            executor.speed_limit_m_s = self._observing.speed_limit_m_s
         if self._started and not self._rest.held:
             command = executor.step(obs)
             if executor.result is None:
                 return command
-        if self._watcher is not None and self._holds(obs):
+        if self._observing is not None and self._holds(obs):
             return executor.brake(obs)
         for _ in range(_MAX_DECISIONS):
             self._decide(obs)

@@ -25,7 +25,7 @@ _FEW = 256
 """Rows below which zlib, a frame at a time, is quicker than a few numpy calls per byte."""
 
 
-class Stretches(NamedTuple):
+class WallSegments(NamedTuple):
     """What stands between the delimiters of some bytes; nothing empty, nothing overlong."""
 
     starts: NDArray[np.int64]
@@ -37,7 +37,7 @@ class Stretches(NamedTuple):
     overlong_lengths: NDArray[np.int64]
 
 
-def find_stretches(data: bytes) -> Stretches:
+def find_stretches(data: bytes) -> WallSegments:
     """Cut ``data``, which ends with a delimiter or is empty."""
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == 0)
     gaps = np.diff(ends, prepend=-1)
@@ -48,9 +48,9 @@ def find_stretches(data: bytes) -> Stretches:
     starts -= lengths
     overlong = lengths > MAX_ENCODED
     if not overlong.any():
-        return Stretches(starts, lengths, starts[:0], lengths[:0])
+        return WallSegments(starts, lengths, starts[:0], lengths[:0])
     usable = ~overlong
-    return Stretches(starts[usable], lengths[usable], starts[overlong], lengths[overlong])
+    return WallSegments(starts[usable], lengths[usable], starts[overlong], lengths[overlong])
 
 
 def decode_frames(

@@ -26,7 +26,7 @@ import gc
 import itertools
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,15 +41,13 @@ from support.fast_world import LEVELS, STEP_S, FastWorld
 from tools.experiment.room_generator import column, rectangle, turned
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
+    from collections.abc import Sequence
 
-    from bridge.coverage.planner import Finish, Step
+    from bridge.coverage.planner import Finish
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.motion.legs import Leg, LegResult
     from bridge.motion.observation import Observation
     from support.fast_world import PoseNoise
-
-    Found = TypeVar("Found")
 
 
 def flat() -> FloorPlan:
@@ -98,10 +96,10 @@ class Timed(RecoveryPlanner):
         super().__init__(model, options)
         self.calls_ns: list[int] = []
         self.watch_ns = 0
-        """Of the last call of ``watch``."""
+        """CPU time of the last call of ``observe``, ns."""
         self.decisions: list[Decision] = []
         self._open: Decision | None = None
-        self._searching = False
+        self._searches = 0
 
     def start(self, obs: Observation) -> Leg | Finish:
         begun = time.thread_time_ns()
@@ -115,22 +113,18 @@ class Timed(RecoveryPlanner):
         self._take(leg, obs, time.thread_time_ns() - begun)
         return leg
 
-    def watch(self, obs: Observation) -> bool:
+    def observe(self, obs: Observation) -> bool:
         begun = time.thread_time_ns()
-        done = super().watch(obs)
+        done = super().observe(obs)
         self.watch_ns = time.thread_time_ns() - begun
         return done
-
-    def _slices(self, search: Generator[None, None, Found]) -> Generator[Leg, Step, Found]:
-        self._searching = True
-        return (yield from super()._slices(search))
 
     def _take(self, leg: Leg | Finish, obs: Observation, cpu_ns: int) -> None:
         self.calls_ns.append(cpu_ns)
         decision = self._open or Decision(obs.time_s)
         decision.cpu_ns += cpu_ns
-        decision.searched |= self._searching
-        self._searching = False
+        decision.searched |= self.context.searches > self._searches
+        self._searches = self.context.searches
         if isinstance(leg, Rest) and leg.purpose == "think":
             self._open = decision
             return
@@ -200,7 +194,7 @@ def report(done: Run) -> None:
     print(row("decision that searches: stood", [d.stood for d in searched], "steps of 20 ms"))
     stood_s = STEP_S * sum(decision.stood for decision in searched)
     print(f"stood for searches: {stood_s:.1f} s of {done.duration_s:.0f}")
-    memory = planner.memory
+    memory = planner.context.map
     print(f"the longest control step: {max(done.asked_ns + done.unasked_ns) / 1e6:.2f} ms of 20")
     print(
         f"map at rest, 2 bits a cell: {memory.packed().size_bytes} B; the layers that the planner"

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from bridge.coverage.planner import Finish
-    from bridge.coverage.recovery.evidence import EvidenceMap
+    from bridge.coverage.recovery.map import EvidenceMap
     from bridge.floor_plan.floor_plan import FloorPlan
     from bridge.motion.legs import Leg, LegResult
     from bridge.motion.observation import Observation
@@ -122,7 +122,7 @@ class Forgetful(RecoveryPlanner):
         if self._keep is not None and not searching:
             self._ended += 1
             if self._ended % self._every == 0:
-                self._keep(self.memory)
+                self._keep(self.context.map)
         return super().next(result, obs)
 
 

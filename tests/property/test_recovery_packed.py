@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.coverage.recovery import packed
-from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.evidence_kernels import SURE
+from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.window import Buffers, Window
 from bridge.motion.geometry import Pose2
@@ -63,9 +63,9 @@ def remembered(reported: list[tuple[str, tuple[float, float, float], float, bool
         elif act == "block":
             memory.block(pose.x_m, pose.y_m, 0.5 * size_m)
         elif act == "vain":
-            memory.give_up(pose.x_m, pose.y_m, size_m)
+            memory.abandon(pose.x_m, pose.y_m, size_m)
             if flag:
-                memory.give_up(pose.x_m, pose.y_m, size_m)
+                memory.abandon(pose.x_m, pose.y_m, size_m)
         else:
             memory.add_point(pose.x_m, pose.y_m, 1 if act == "hint" else 2)
     return memory

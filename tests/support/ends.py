@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from bridge.coverage.planner import PlannerState, ScriptedPlanner
+from bridge.coverage.planner import ScriptedPlanner
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import wrap_angle
 from bridge.motion.legs import Turn
@@ -120,7 +120,7 @@ class Spinning(ScriptedPlanner):
     """Turns to and fro for ever: motion that never meets a wall."""
 
     def script(self, obs: Observation) -> Script:
-        self._state = PlannerState("spinning")
+        self.record.change(state="spinning")
         heading = obs.pose.theta_rad
         while True:
             heading = wrap_angle(heading + 2.0)

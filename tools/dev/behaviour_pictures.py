@@ -120,7 +120,7 @@ class Run:
         if not self.map_span_s[0] <= t_s <= self.map_span_s[1]:
             return
         if isinstance(self.planner, RecoveryPlanner):
-            memory = self.planner.memory
+            memory = self.planner.context.map
             (left, bottom), (rows, columns) = memory.to_metres(0, 0), memory.shape
             right, top = memory.to_metres(columns, rows)
             forbidden, _ = memory.places()

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from abc import ABC
 from collections.abc import Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from bridge.coverage.planner import ScriptedPlanner, Step
+from bridge.coverage.planner import Step
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import Drive, Leg, LegResult, Rest, StopReason, Turn
 
@@ -63,39 +62,32 @@ class LaneOptions:
     """Bound on a run in which the ends above are never met."""
 
 
-class LanePlanner(ScriptedPlanner, ABC):
-    """Base of the planners that sweep in lanes."""
+class LaneSweep:
+    """Parallel lanes along the heading of the start, each a step of W beside the last."""
 
-    def __init__(self, model: RobotModel, options: LaneOptions) -> None:
-        """Nothing begins before ``start``."""
-        super().__init__(model)
-        self._lane_options = options
-        self._origin = Pose2(0.0, 0.0, 0.0)
-        self._step_heading = 0.0
-        self._line_m = 0.0
+    def __init__(self, model: RobotModel, options: LaneOptions, start: Pose2) -> None:
+        """Begin at a pose; ``options.side`` decides to which side the lanes proceed."""
+        self._model, self._options = model, options
+        self._origin = start
+        turn = math.pi / 2 if options.side == "left" else -math.pi / 2
+        self._step_heading = wrap_angle(start.theta_rad + turn)
+        self.line_m = 0.0
+        """Offset of the last lane's line from the first, m."""
+        self.blocked_steps = 0
+        """Side steps blocked in a row."""
         self._lanes = 0
-        self._blocked_steps = 0
 
-    def _begin(self, pose: Pose2) -> None:
-        """Lanes run along the start heading and are stepped to the chosen side of it."""
-        self._origin = pose
-        turn = math.pi / 2 if self._lane_options.side == "left" else -math.pi / 2
-        self._step_heading = wrap_angle(pose.theta_rad + turn)
-        self._line_m = 0.0
-        self._lanes = 0
-        self._blocked_steps = 0
-
-    def _offset_m(self, pose: Pose2) -> float:
+    def offset_m(self, pose: Pose2) -> float:
         """How far a pose lies from the first lane, along the stepping direction."""
         return (pose.x_m - self._origin.x_m) * math.cos(self._step_heading) + (
             pose.y_m - self._origin.y_m
         ) * math.sin(self._step_heading)
 
-    def _lane(self, heading_rad: float) -> Part:
+    def lane(self, heading_rad: float) -> Part:
         """Turn to the lane and drive it until something says stop."""
         self._lanes += 1
         yield Turn(heading_rad)
-        options = self._lane_options
+        options = self._options
         lane = yield from self._drive(
             Drive(heading_rad, stop_range_m=options.stop_range_m, purpose="lane"),
         )
@@ -103,16 +95,16 @@ class LanePlanner(ScriptedPlanner, ABC):
             yield Rest(options.rest_s)
         return lane
 
-    def _side_step(self, pose: Pose2, distance_m: float) -> Part:
+    def side_step(self, pose: Pose2, distance_m: float) -> Part:
         """Turn across the lanes and drive to the line ``distance_m`` on, or back if negative.
 
         ``pose`` is where the robot stands; the line of the last lane decides how far that is.
         """
-        options = self._lane_options
+        options = self._options
         if options.step_from == "here":
-            self._line_m = self._offset_m(pose)
-        self._line_m += distance_m
-        way_m = self._line_m - self._offset_m(pose)
+            self.line_m = self.offset_m(pose)
+        self.line_m += distance_m
+        way_m = self.line_m - self.offset_m(pose)
         if distance_m < 0.0:
             way_m = -way_m
         turn = 0.0 if distance_m >= 0.0 else math.pi
@@ -126,44 +118,45 @@ class LanePlanner(ScriptedPlanner, ABC):
                 purpose="step",
             ),
         )
-        if self._is_short(result):
-            self._line_m = self._offset_m(result.pose)
+        if self.is_short(result):
+            self.line_m = self.offset_m(result.pose)
         return result
 
     def _drive(self, leg: Drive) -> Part:
         """Drive a leg; after a bump or a cliff, back off far enough to turn."""
         result = (yield leg).result
-        yield from self._back_off(leg.heading_rad, result)
+        yield from self.back_off(leg.heading_rad, result)
         return result
 
-    def _back_off(self, heading_rad: float, result: LegResult) -> Generator[Leg, Step]:
-        options = self._lane_options
+    def back_off(self, heading_rad: float, result: LegResult) -> Generator[Leg, Step]:
+        """Back off after a bump or a cliff, on the heading of the leg, rad."""
+        options = self._options
         if result.reason is StopReason.BUMPER:
             yield Drive(heading_rad, -options.back_off_m, speed_m_s=0.05, purpose="back-off")
         elif result.reason is StopReason.CLIFF:
             yield Drive(heading_rad, -options.cliff_back_off_m, speed_m_s=0.1, purpose="back-off")
 
-    def _is_short(self, result: LegResult) -> bool:
+    def is_short(self, result: LegResult) -> bool:
         """Whether a step ended before its length for a reason in the world."""
         wanted_m = result.leg.distance_m if isinstance(result.leg, Drive) else None
         lacking = (wanted_m or 0.0) - result.distance_m
-        return result.reason.blocked and lacking > self._lane_options.short_step_m
+        return result.reason.blocked and lacking > self._options.short_step_m
 
-    def _stuck(self, lane: LegResult, *, blocked: bool) -> str | None:
+    def stuck(self, lane: LegResult, *, blocked: bool) -> str | None:
         """Why the sweep ends after a lane and a side step, if it does."""
-        options = self._lane_options
+        options = self._options
         if self._lanes >= options.max_lanes:
             return f"{self._lanes} lanes driven, the limit"
         if not blocked:
-            self._blocked_steps = 0
+            self.blocked_steps = 0
             return None
-        self._blocked_steps += 1
+        self.blocked_steps += 1
         if options.end == "never":
             return None
         if options.end == "blocked_step":
             return "side step blocked: the robot could not go further"
-        two_ends_m = options.both_ends_widths * self.model.cleaning_width_m
-        both_ends = self._blocked_steps > 1 and lane.distance_m >= two_ends_m
-        if both_ends or self._blocked_steps > options.max_blocked:
+        two_ends_m = options.both_ends_widths * self._model.cleaning_width_m
+        both_ends = self.blocked_steps > 1 and lane.distance_m >= two_ends_m
+        if both_ends or self.blocked_steps > options.max_blocked:
             return "side step blocked at both ends of the last lane"
         return None

@@ -7,10 +7,11 @@ open is an option with a name; the defaults are those that reproduce its tables.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from bridge.coverage.baselines.lanes import LaneOptions, LanePlanner
+from bridge.coverage.baselines.lanes import LaneOptions, LaneSweep
+from bridge.coverage.planner import ScriptedPlanner
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.legs import GoTo, Leg, LegResult
 
@@ -46,7 +47,7 @@ class PaperOptions(LaneOptions):
     the shadow ended."""
 
 
-class PaperPlanner(LanePlanner):
+class PaperPlanner(ScriptedPlanner):
     """Sweeping by the paper's cases 1 to 3.
 
     Case 1, D = Prev-D: count the turn. Case 2, D + Φ < Prev-D: an obstacle, count anew.
@@ -56,41 +57,42 @@ class PaperPlanner(LanePlanner):
 
     def __init__(self, model: RobotModel, options: PaperOptions | None = None) -> None:
         """Nothing begins before ``start``."""
+        super().__init__(model)
         self.options = options or PaperOptions()
-        super().__init__(model, self.options)
+        self._sweep = LaneSweep(model, self.options, Pose2(0.0, 0.0, 0.0))
         self._first_lane = True
 
     def script(self, obs: Observation) -> Script:
         """The plan from the pose in ``obs``."""
         width = self.model.cleaning_width_m
-        self._begin(obs.pose)
+        self._sweep = LaneSweep(self.model, self.options, obs.pose)
         self._first_lane = True
         heading = obs.pose.theta_rad
-        self.decide("start", "lanes along the start heading", side=self.options.side)
+        self.record.decide("start", "lanes along the start heading", side=self.options.side)
         while True:
-            self._state = replace(self._state, state="lane")
-            lane = yield from self._lane(heading)
+            self.record.change(state="lane")
+            lane = yield from self._sweep.lane(heading)
             case = self._compare(lane)
             if case == 3:  # noqa: PLR2004 - the paper's own number
                 yield from self._recover(heading, lane)
-            self._state = replace(self._state, state="step", target=None)
-            step = yield from self._side_step(lane.pose, width)
-            blocked = self._is_short(step)
+            self.record.change(state="step", target=None)
+            step = yield from self._sweep.side_step(lane.pose, width)
+            blocked = self._sweep.is_short(step)
             if blocked:
                 self._report_blocked(step)
-            reason = self._stuck(lane, blocked=blocked)
+            reason = self._sweep.stuck(lane, blocked=blocked)
             if reason is not None:
                 return reason
             counting = self.options.count_turns
             if counting == "every_turn" or (counting == "whole_step" and not blocked):
-                self._state = replace(self._state, turn_count=self._state.turn_count + 1)
+                self.record.change(turn_count=self.record.state.turn_count + 1)
             heading = wrap_angle(heading + math.pi)
 
     # -- the three cases -------------------------------------------------------------------
 
     def _compare(self, lane: LegResult) -> int:
         """Record D, judge it against Prev-D, keep T; returns the case, 0 for none."""
-        options, state = self.options, self._state
+        options, state = self.options, self.record.state
         distance = lane.distance_m
         previous = distance if self._first_lane else state.previous_lane_distance_m
         self._first_lane = False
@@ -112,15 +114,14 @@ class PaperPlanner(LanePlanner):
             if counting:
                 turns = {"count": turns + 1, "keep": turns, "reset": 0}[options.between]
             reason = "D and Prev-D differ, by less than Φ: none of the cases"
-        self._state = replace(
-            state,
+        self.record.change(
             turn_count=turns,
             lane_distance_m=distance,
             previous_lane_distance_m=distance,
             length_m=length,
             case=case,
         )
-        self.decide(
+        self.record.decide(
             "lane",
             reason,
             case=case,
@@ -136,9 +137,9 @@ class PaperPlanner(LanePlanner):
     def _recover(self, heading: float, lane: LegResult) -> Generator[Leg, Step]:
         """Drive back by Length, sweep the strip up to the lane that was left, return."""
         leave = lane.pose
-        length = self._state.length_m
+        length = self.record.state.length_m
         width = self.model.cleaning_width_m
-        self.decide(
+        self.record.decide(
             "recovery-begin",
             "driving back into the area that the obstacle hid",
             length_m=length,
@@ -146,20 +147,20 @@ class PaperPlanner(LanePlanner):
             y_m=leave.y_m,
         )
         if length > 0.0:
-            self._state = replace(self._state, state="recovery-back")
-            line_m = self._line_m
-            back = yield from self._side_step(leave, -length)
-            if self._is_short(back):
+            self.record.change(state="recovery-back")
+            line_m = self._sweep.line_m
+            back = yield from self._sweep.side_step(leave, -length)
+            if self._sweep.is_short(back):
                 self._report_blocked(back)
             pose = yield from self._sweep_occlusion(
-                wrap_angle(heading + math.pi), back.pose, self._offset_m(leave) - 0.5 * width
+                wrap_angle(heading + math.pi), back.pose, self._sweep.offset_m(leave) - 0.5 * width
             )
             if self.options.return_by == "leave_point":
                 yield from self._return_to(leave, pose)
-                self._line_m = line_m
+                self._sweep.line_m = line_m
         if self.options.clear_after_recovery:
-            self._state = replace(self._state, turn_count=0)
-        self.decide("recovery-end", "the shadow is swept as far as it could be")
+            self.record.change(turn_count=0)
+        self.record.decide("recovery-end", "the shadow is swept as far as it could be")
 
     def _sweep_occlusion(
         self,
@@ -169,43 +170,43 @@ class PaperPlanner(LanePlanner):
     ) -> Generator[Leg, Step, Pose2]:
         """Lanes from the pose on until the side step reaches ``until_m`` or is blocked twice."""
         width = self.model.cleaning_width_m
-        self._blocked_steps = 0
-        while self._offset_m(pose) < until_m:
-            self._state = replace(self._state, state="recovery-lane")
-            lane = yield from self._lane(heading)
+        self._sweep.blocked_steps = 0
+        while self._sweep.offset_m(pose) < until_m:
+            self.record.change(state="recovery-lane")
+            lane = yield from self._sweep.lane(heading)
             if self.options.recovery_lanes == "observed":
                 self._compare(lane)
             else:
-                self.decide(
+                self.record.decide(
                     "recovery-lane",
                     f"lane in the shadow ended: {lane.reason}",
                     distance_m=lane.distance_m,
                 )
-            self._state = replace(self._state, state="recovery-step")
-            step = yield from self._side_step(lane.pose, width)
+            self.record.change(state="recovery-step")
+            step = yield from self._sweep.side_step(lane.pose, width)
             pose = step.pose
-            blocked = self._is_short(step)
+            blocked = self._sweep.is_short(step)
             if blocked:
                 self._report_blocked(step)
-            if self._stuck(lane, blocked=blocked) is not None:
+            if self._sweep.stuck(lane, blocked=blocked) is not None:
                 break
             heading = wrap_angle(heading + math.pi)
-        self._blocked_steps = 0
+        self._sweep.blocked_steps = 0
         return pose
 
     def _return_to(self, leave: Pose2, pose: Pose2) -> Generator[Leg, Step]:
         """Back to where case 3 fired, as far as nothing is in the way."""
         if leave.distance_m(pose) < self.options.short_step_m:
             return
-        self._state = replace(self._state, state="recovery-return", target=(leave.x_m, leave.y_m))
+        self.record.change(state="recovery-return", target=(leave.x_m, leave.y_m))
         leg = GoTo(leave.x_m, leave.y_m, stop_range_m=self.options.stop_range_m, purpose="return")
         step = yield leg
         if step.result.reason.blocked:
             self._report_blocked(step.result)
-        yield from self._back_off(step.obs.pose.theta_rad, step.result)
+        yield from self._sweep.back_off(step.obs.pose.theta_rad, step.result)
 
     def _report_blocked(self, result: LegResult) -> None:
-        self.decide(
+        self.record.decide(
             "blocked",
             f"{result.leg.purpose} ended early: {result.reason}",
             distance_m=result.distance_m,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from bridge.coverage.planner import Script, ScriptedPlanner
@@ -55,9 +55,9 @@ class RandomPlanner(ScriptedPlanner):
         options = self.options
         heading = obs.pose.theta_rad
         begin_s = obs.time_s
-        self.decide("start", "straight on along the start heading")
+        self.record.decide("start", "straight on along the start heading")
         while True:
-            self._state = replace(self._state, state="drive")
+            self.record.change(state="drive")
             left_s = begin_s + options.max_time_s - obs.time_s
             result, obs = yield Drive(
                 heading,
@@ -65,11 +65,10 @@ class RandomPlanner(ScriptedPlanner):
                 timeout_s=max(left_s, 0.0) if math.isfinite(left_s) else None,
                 purpose="lane",
             )
-            self._state = replace(
-                self._state,
-                previous_lane_distance_m=self._state.lane_distance_m,
+            self.record.change(
+                previous_lane_distance_m=self.record.state.lane_distance_m,
                 lane_distance_m=result.distance_m,
-                turn_count=self._state.turn_count + 1,
+                turn_count=self.record.state.turn_count + 1,
             )
             if result.reason is StopReason.BUMPER:
                 _, obs = yield Drive(
@@ -82,6 +81,6 @@ class RandomPlanner(ScriptedPlanner):
             spread = math.pi - options.min_turn_rad
             turn = math.pi + self._rng.uniform(-spread, spread)
             heading = wrap_angle(heading + turn)
-            self.decide("bounce", f"drive ended: {result.reason}", heading_rad=heading)
-            self._state = replace(self._state, state="turn")
+            self.record.decide("bounce", f"drive ended: {result.reason}", heading_rad=heading)
+            self.record.change(state="turn")
             _, obs = yield Turn(heading)

@@ -59,4 +59,6 @@ class RecoveryOptions:
     stands for some steps."""
     tries: int = 2
     """A place that so often gave nothing is set aside."""
+    heading_fix_apart_s: float = 20.0
+    """Least time between two heading fixes, s; it doubles after each that did not help."""
     max_decisions: int = 4000

@@ -17,7 +17,7 @@ from bridge.coverage.recovery.window_kernels import copy_window
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from bridge.coverage.recovery.evidence import EvidenceMap
+    from bridge.coverage.recovery.map import EvidenceMap
     from bridge.motion.geometry import Pose2
 
     Layer = NDArray[np.uint8]
@@ -79,7 +79,7 @@ class Window:
         self.dist = buffers.ints("dist", shape)
         self.target = buffers.layer("target", shape)
         self.ways = buffers.ints("ways", shape)
-        self._edges = memory.edges.rims
+        self._cliffs = memory.cliffs.rims
         self._buffers = buffers
         self.settled = 0
         self._search = Search()
@@ -106,11 +106,11 @@ class Window:
     @property
     def perimeter_lengths(self) -> Ints:
         """The ways, without those to places beside which the floor ends: no wall to follow."""
-        if not self._edges:
+        if not self._cliffs:
             return self.ways
         ways = self.ways.copy()
         rows, cols = np.ogrid[: ways.shape[0], : ways.shape[1]]
-        for point in self._edges:
+        for point in self._cliffs:
             row, col = self.cell(*point)
             ways[(rows - row) ** 2 + (cols - col) ** 2 < (_EDGE_M / self.cell_m) ** 2] = -1
         return ways

@@ -67,7 +67,7 @@ def test_a_planner_that_keeps_all_is_the_planner() -> None:
     done = driven(forgetful)
     assert done.poses != plain.poses
     assert done.finish_reason == plain.finish_reason
-    assert not forgetful.memory.tried.any()
+    assert not forgetful.context.map.tried.any()
 
 
 def test_a_block_remembers_what_half_of_its_cells_hold() -> None:

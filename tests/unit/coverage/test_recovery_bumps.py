@@ -9,21 +9,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from bridge.coverage.planner import Step
-from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.planner import Finish, Step
+from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter
+from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.coverage.recovery.planner import Behaviours, RecoveryPlanner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import FollowWall, LegResult, StopReason, Turn
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
+from support.recovery import context_at, kinds
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from bridge.coverage.recovery.choice import Choice
+    from bridge.coverage.recovery.context import RecoveryContext
+    from bridge.coverage.recovery.search import Choice
     from bridge.motion.legs import Leg
-    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 OPTIONS = RecoveryOptions()
@@ -115,8 +117,8 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
     memory = empty()
     memory.add_point(0.5, 0.5)
     standing(memory, 0.0)
-    memory.give_up(0.2, 0.0, 0.05)
-    memory.give_up(1.5, 1.5, 0.05)
+    memory.abandon(0.2, 0.0, 0.05)
+    memory.abandon(1.5, 1.5, 0.05)
     memory.add_bump(HERE, left=True, right=True)
     walls = memory.wall.copy()
     assert memory.clear_bumps(0.2)
@@ -127,43 +129,53 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
     assert not memory.clear_bumps(0.2)
 
 
-class Following(RecoveryPlanner):
-    """On an outline, the wall on the right, and bumped at one place again and again."""
+class Following:
+    """On a perimeter pass, the wall on the right, and bumped at one place again and again."""
 
-    def __init__(self, bearing_deg: float, *, brisk: bool = False) -> None:
-        super().__init__(MODEL)
-        self._brisk_s = 0.6 if brisk else 0.4  # the outline ends at 1 s
-        self._memory = empty()
-        self._obs = AT_REST._replace(pose=HERE)
-        standing(self._memory, -75.0, 0.002)  # the wall that is followed
-        standing(self._memory, bearing_deg)
+    def __init__(
+        self, bearing_deg: float = 0.0, *, brisk: bool = False, model: RobotModel = MODEL
+    ) -> None:
+        self.context = context_at(AT_REST._replace(pose=HERE), model)
+        self.context.lookout.wall.brisk_s = 0.6 if brisk else 0.4  # the leg ends at 1 s
+        if bearing_deg:
+            standing(self.context.map, -75.0, 0.002)  # the wall that is followed
+            standing(self.context.map, bearing_deg)
 
-    def brisk_after(self, time_s: float, v_m_s: float, following: int) -> float:
+    def brisk_after(self, time_s: float, v_m_s: float, side: int) -> float:
         """When it was brisk last, after one more observation."""
-        self._following = following
-        self.watch(AT_REST._replace(time_s=time_s, pose=HERE, v_m_s=v_m_s))
-        return self._brisk_s
+        self.context.lookout.wall.side = side
+        self.context.lookout.observe(AT_REST._replace(time_s=time_s, pose=HERE, v_m_s=v_m_s))
+        return self.context.lookout.wall.brisk_s
+
+    def speed_limit_m_s(self, side: int, v_m_s: float, yaw_rate_rad_s: float) -> float:
+        """Speed limit at an observation along a wall on a side."""
+        lookout = self.context.lookout
+        lookout.wall.side = side
+        seen = AT_REST._replace(time_s=5.0, pose=HERE)
+        lookout.observe(seen._replace(v_m_s=v_m_s, yaw_rate_rad_s=yaw_rate_rad_s))
+        return lookout.speed_limit_m_s
 
     def turns_deg(self, way_m: float, count: int, rest_s: float = 0.0) -> list[float]:
         """By how much it turns away from the wall, bumped each time after such a way.
 
-        ``rest_s``: for the gyro's sake, between the end of an outline and what comes next.
+        ``rest_s``: for the gyro's sake, between the end of a leg and what comes next.
         """
         turns: list[float] = []
-        script = self._follow_perimeter(left=False)
+        lookout = self.context.lookout
+        script = follow_perimeter(self.context, left=False)
         leg = next(script)
         while len(turns) < count:
             bumped = False
             if isinstance(leg, FollowWall):
-                self._followed_m += way_m
+                lookout.wall.distance_m += way_m
                 bumped = True
             elif isinstance(leg, Turn):
                 turns.append(math.degrees(leg.heading_rad))
             reason = StopReason.BUMPER if bumped else StopReason.DISTANCE
             result = LegResult(leg, reason, way_m, 1.0, HERE, bumper_right=bumped)
             if bumped and rest_s:
-                self._obs = self._seen._replace(time_s=1.0 + rest_s)
-            leg = script.send(Step(result, self._seen))
+                lookout.obs = lookout.obs._replace(time_s=1.0 + rest_s)
+            leg = script.send(Step(result, lookout.obs))
         return turns
 
 
@@ -179,44 +191,32 @@ def test_a_rest_before_the_next_leg_does_not_hide_that_it_was_brisk() -> None:
 
 def test_a_brisk_pace_is_remembered_while_a_wall_is_followed() -> None:
     planner = Following(-45.0)
-    assert planner.brisk_after(5.0, 0.2, following=0) == 0.4
-    assert planner.brisk_after(6.0, 0.2, following=-1) == 6.0
-    assert planner.brisk_after(7.0, 0.1, following=-1) == 6.0
+    assert planner.brisk_after(5.0, 0.2, side=0) == 0.4
+    assert planner.brisk_after(6.0, 0.2, side=-1) == 6.0
+    assert planner.brisk_after(7.0, 0.1, side=-1) == 6.0
 
 
 @pytest.mark.parametrize(
-    ("following", "yaw_rad_s", "speed_limit_m_s"),
+    ("side", "yaw_rad_s", "speed_limit_m_s"),
     [(-1, 0.0, 0.3), (-1, 0.29, 0.3), (-1, -0.31, 0.2), (1, 0.6, 0.2), (0, 0.6, 0.3)],
 )
 def test_along_a_bend_it_is_slower_than_along_a_straight_wall(
-    following: int, yaw_rad_s: float, speed_limit_m_s: float
+    side: int, yaw_rad_s: float, speed_limit_m_s: float
 ) -> None:
-    planner = Following(-45.0)
-    planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
-    planner._following = following  # noqa: SLF001 - as within an outline
-    seen = AT_REST._replace(time_s=5.0, pose=HERE, v_m_s=0.2, yaw_rate_rad_s=yaw_rad_s)
-    planner.watch(seen)
-    assert planner.speed_limit_m_s == pytest.approx(speed_limit_m_s)
+    limit_m_s = Following().speed_limit_m_s(side, 0.2, yaw_rad_s)
+    assert limit_m_s == pytest.approx(speed_limit_m_s)
 
 
 def test_a_bend_is_followed_no_faster_than_the_robot_cruises() -> None:
-    planner = Following(-45.0)
-    planner.model = replace(MODEL, cruise_speed_m_s=0.1)
-    planner._memory = empty()  # noqa: SLF001 - nothing known is in the way
-    planner._following = -1  # noqa: SLF001 - as within an outline
-    planner.watch(AT_REST._replace(time_s=5.0, pose=HERE, v_m_s=0.1, yaw_rate_rad_s=0.5))
-    assert planner.speed_limit_m_s == pytest.approx(0.1)
+    slow = replace(MODEL, cruise_speed_m_s=0.1)
+    assert Following(model=slow).speed_limit_m_s(-1, 0.1, 0.5) == pytest.approx(0.1)
 
 
 def test_a_straight_wall_is_followed_a_little_faster_than_the_robot_cruises() -> None:
-    leg = next(Following(-45.0)._follow_perimeter(left=True))  # noqa: SLF001 - the part itself
-    assert isinstance(leg, FollowWall)
-    assert leg.speed_m_s == pytest.approx(0.24)
-    conservative = Following(-45.0)
-    conservative.model = replace(MODEL, cruise_speed_m_s=0.1)
-    leg = next(conservative._follow_perimeter(left=True))  # noqa: SLF001 - the part itself
-    assert isinstance(leg, FollowWall)
-    assert leg.speed_m_s == pytest.approx(0.12)
+    for model, speed_m_s in ((MODEL, 0.24), (replace(MODEL, cruise_speed_m_s=0.1), 0.12)):
+        leg = next(follow_perimeter(Following(model=model).context, left=True))
+        assert isinstance(leg, FollowWall)
+        assert leg.speed_m_s == pytest.approx(speed_m_s)
 
 
 def test_a_slow_robot_may_have_grazed_a_corner_abeam_but_not_twice() -> None:
@@ -232,47 +232,37 @@ def test_repeated_contact_turns_farther_each_time() -> None:
     assert Following(-57.0, brisk=True).turns_deg(0.1, 5)[3:] == pytest.approx(turns[:1] * 2)
 
 
-class Ending(RecoveryPlanner):
-    """Has nothing more to do."""
-
-    def __init__(self) -> None:
-        super().__init__(MODEL)
-        self._memory = empty()
-        self._obs = AT_REST._replace(pose=HERE)
-
-    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - bumped
-        self.memory.add_bump(HERE, left=True, right=True)
-        yield from ()
-
-    def _think(self) -> Generator[Leg, Step, Choice | None]:
-        yield from ()
-        return None
-
-    def run(self) -> list[str]:
-        """What it decides, to the end."""
-        assert list(self.script(self._seen)) == []
-        return [event.kind for event in self.drain_events()]
-
-    def goes_on(self) -> bool:
-        """Whether it thinks again, and tells so."""
-        again = self._think_again()
-        assert [event.kind for event in self.drain_events()] == ["clear"] * again
-        return again
+def goes_on(context: RecoveryContext) -> bool:
+    """Whether it chooses again before the end, and reports so."""
+    again = context.stuck.clear_bumps()
+    assert kinds(context) == ["clear"] * again
+    return again
 
 
 def test_before_the_end_bumps_are_cleared_once_and_again_after_new_floor() -> None:
-    planner = Ending()
-    assert not planner.goes_on()  # no bump, nothing to doubt
-    planner = Ending()
-    planner.memory.add_bump(HERE, left=True, right=True)
-    assert planner.goes_on()
-    planner.memory.add_bump(HERE, left=True, right=True)
-    assert not planner.goes_on()
-    planner.memory.new_cells += 249
-    assert not planner.goes_on()
-    planner.memory.new_cells += 1
-    assert planner.goes_on()
+    assert not goes_on(context_at())  # no bump, nothing to clear
+    context = context_at()
+    context.map.add_bump(HERE, left=True, right=True)
+    assert goes_on(context)
+    context.map.add_bump(HERE, left=True, right=True)
+    assert not goes_on(context)
+    context.map.new_cells += 249
+    assert not goes_on(context)
+    context.map.new_cells += 1
+    assert goes_on(context)
 
 
-def test_a_plan_does_not_end_before_it_thought_again() -> None:
-    assert Ending().run() == ["start", "clear"]
+def bump(context: RecoveryContext) -> Generator[Leg, Step]:
+    context.map.add_bump(HERE, left=True, right=True)
+    yield from ()
+
+
+def nothing(_context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
+    yield from ()
+    return None
+
+
+def test_a_plan_does_not_end_before_it_chose_again() -> None:
+    planner = RecoveryPlanner(MODEL, behaviours=Behaviours(approach=bump, choose=nothing))
+    assert isinstance(planner.start(AT_REST._replace(pose=HERE)), Finish)
+    assert [event.kind for event in planner.drain_events()] == ["start", "clear", "finish"]

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from bridge.coverage.planner import Step
-from bridge.coverage.recovery import planner_events
-from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery import events
+from bridge.coverage.recovery.behaviours.contact import drive
 from bridge.coverage.recovery.occlusions import OccludedRegion
-from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.coverage.recovery.planner import RecoveryPlanner
 from bridge.evaluation.metrics import CoverageMeter
 from bridge.motion.geometry import Pose2
@@ -21,9 +20,11 @@ from bridge.motion.legs import Drive, LegResult, StopReason
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import LEVELS, FastRun, run_fast
 from support.observed import AT_REST
+from support.recovery import context_at
 from tools.experiment.room_generator import generate_room
 
 if TYPE_CHECKING:
+    from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
@@ -67,9 +68,9 @@ def test_lanes_report_what_they_swept_and_the_end_what_is_left(driven: FastRun) 
 
 def test_a_second_plan_does_not_report_the_end_of_the_first() -> None:
     planner = RecoveryPlanner(MODEL)
-    planner.end_figures = {"swept_m2": 1.0}
+    planner.record.end_figures = {"swept_m2": 1.0}
     planner.start(observed(0.0))
-    assert planner.end_figures == {}
+    assert planner.record.end_figures == {}
 
 
 def observed(uncertainty_deg: float, time_s: float = 0.0) -> Observation:
@@ -77,42 +78,35 @@ def observed(uncertainty_deg: float, time_s: float = 0.0) -> Observation:
     return AT_REST._replace(time_s=time_s, heading_sigma_rad=math.radians(uncertainty_deg))
 
 
-class Watching(RecoveryPlanner):
-    """Has a map, and looks."""
-
-    def __init__(self) -> None:
-        super().__init__(MODEL)
-        self._memory = EvidenceMap(MODEL, RecoveryOptions(), Pose2(0.0, 0.0, 0.0))
-
-    def sees(self, *uncertainties_deg: float) -> list[tuple[float, float]]:
-        """Doubts before and after, as told."""
-        for k, uncertainty_deg in enumerate(uncertainties_deg):
-            self.watch(observed(uncertainty_deg, 0.02 * k))
-        reported = [event for event in self.drain_events() if event.kind == "re-zero"]
-        return [(float(e.data["before_deg"]), float(e.data["uncertainty_deg"])) for e in reported]
+def seen(context: RecoveryContext, *uncertainties_deg: float) -> list[tuple[float, float]]:
+    """Standard deviations before and after, as reported."""
+    for k, uncertainty_deg in enumerate(uncertainties_deg):
+        context.lookout.observe(observed(uncertainty_deg, 0.02 * k))
+    reported = [event for event in context.record.drain() if event.kind == "re-zero"]
+    return [(float(e.data["before_deg"]), float(e.data["uncertainty_deg"])) for e in reported]
 
 
 def test_a_wall_that_gives_the_heading_is_reported_once() -> None:
-    planner = Watching()
-    assert planner.sees(0.2, 0.4, 0.8, 0.39, 0.38, 0.3) == [(0.8, 0.39)]
-    assert planner.sees(0.5, 0.2) == [(0.5, 0.2)], "and again, once it has grown again"
+    context = context_at()
+    assert seen(context, 0.2, 0.4, 0.8, 0.39, 0.38, 0.3) == [(0.8, 0.39)]
+    assert seen(context, 0.5, 0.2) == [(0.5, 0.2)], "and again, once it has grown again"
 
 
 def test_a_heading_that_was_hardly_uncertain_or_hardly_helped_is_not_reported() -> None:
-    assert Watching().sees(0.29, 0.05) == []
-    assert Watching().sees(0.8, 0.41) == []
+    assert seen(context_at(), 0.29, 0.05) == []
+    assert seen(context_at(), 0.8, 0.41) == []
 
 
 @pytest.mark.parametrize("reason", [StopReason.RANGE, StopReason.BUMPER, StopReason.CLIFF])
 def test_what_ended_a_lane_early_is_reported_once_as_an_obstacle_there(reason: StopReason) -> None:
-    planner, leg = Watching(), Drive(0.0, 1.0, purpose="lane")
-    planner.watch(observed(0.0))
-    part = planner._drive(leg)  # noqa: SLF001 - one leg of a plan
+    context, leg = context_at(), Drive(0.0, 1.0, purpose="lane")
+    context.lookout.observe(observed(0.0))
+    part = drive(context, leg)
     assert next(part) is leg
     step = Step(LegResult(leg, reason, 0.5, 2.0, Pose2(0.5, 0.25, 0.0)), observed(0.0))
     with suppress(StopIteration):
         part.send(step)
-    reported = [(event.kind, event.reason) for event in planner.drain_events()]
+    reported = [(event.kind, event.reason) for event in context.record.drain()]
     assert reported == [
         ("lane-end", f"ended early: {reason}"),
         ("obstacle", f"lane ended: {reason}"),
@@ -122,10 +116,10 @@ def test_what_ended_a_lane_early_is_reported_once_as_an_obstacle_there(reason: S
 def test_what_ends_a_leg_is_reported_with_its_place() -> None:
     leg = Drive(0.0, 1.0, purpose="lane")
     result = LegResult(leg, StopReason.RANGE, 0.5, 2.0, Pose2(0.5, 0.25, 0.0))
-    ended = planner_events.lane_ended(result, 0.0123)
+    ended = events.lane_ended(result, 0.0123)
     assert (ended.kind, ended.reason) == ("lane-end", "ended early: range")
     assert ended.data == {"length_m": 0.5, "new_cm2": 123}
-    met = planner_events.obstacle_met(result)
+    met = events.obstacle_met(result)
     assert (met.kind, met.reason) == ("obstacle", "lane ended: range")
     assert met.data == {"x_m": 0.5, "y_m": 0.25}
 
@@ -140,6 +134,6 @@ def test_what_ends_a_leg_is_reported_with_its_place() -> None:
 )
 def test_what_going_back_gave(reason: str, *, arrived: bool, closed: bool) -> None:
     occlusion = OccludedRegion(4, 0.0, 0.0, 0.0, 1.0, -0.1)
-    reported = planner_events.recovery_ended(occlusion, 0.02, arrived=arrived, closed=closed)
+    reported = events.recovery_ended(occlusion, 0.02, arrived=arrived, closed=closed)
     assert (reported.kind, reported.reason) == ("recovery-end", reason)
     assert reported.data == {"occlusion": 4, "left_m": 0.0, "new_cm2": 200}

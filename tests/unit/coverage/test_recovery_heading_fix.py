@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from bridge.coverage.planner import Step
-from bridge.coverage.recovery import driving
-from bridge.coverage.recovery.choice import Choice, Chooser
-from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.behaviours.heading_fix import HeadingFix
+from bridge.coverage.recovery.behaviours.transit import transit
+from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.planner import RecoveryPlanner
-from bridge.coverage.recovery.stretches import OFF_M, Start
+from bridge.coverage.recovery.planner import Behaviours, RecoveryPlanner
+from bridge.coverage.recovery.search import Choice, Chooser
+from bridge.coverage.recovery.wall_segments import OFF_M, Start
 from bridge.coverage.runner import PlanRunner
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, Leg, LegResult, StopReason
@@ -23,12 +24,14 @@ from bridge.motion.observation import HALT
 from bridge.motion.robot_model import RobotModel
 from support.fast_world import FastWorld
 from support.observed import AT_REST
+from support.recovery import context_at
 from tools.experiment.room_generator import generate_room
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.planner import PlannerEvent
+    from bridge.coverage.recovery.context import RecoveryContext
     from bridge.floor_plan.floor_plan import FloorPlan
 
     Found = TypeVar("Found")
@@ -92,53 +95,30 @@ def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far()
     assert found[0] == 1
 
 
-class Open(RecoveryPlanner):
-    """Shows what it keeps of walls, and follows one by hand."""
+class CountedFix(HeadingFix):
+    """Notes whether each run along a wall was driven."""
 
-    blocked = False
-    """Somebody stands in the way to every wall."""
-
-    def __init__(self, model: RobotModel) -> None:
-        super().__init__(model)
+    def __init__(self, *, blocked: bool) -> None:
+        """``blocked``: somebody stands in the path to every wall."""
+        super().__init__()
+        self.blocked = blocked
         self.driven: list[bool] = []
-        """Whether each run along a wall was driven."""
 
-    def _travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        if self.blocked and choice.kind == "heading-fix":
-            return False
-        return (yield from super()._travel(choice))
-
-    def _sight(
-        self, start: Start, way: tuple[tuple[float, float], ...]
+    def drive_along(
+        self, context: RecoveryContext, start: Start, path: tuple[tuple[float, float], ...]
     ) -> Generator[Leg, Step, float | None]:
-        there_rad = yield from super()._sight(start, way)
-        self.driven.append(there_rad is not None)
-        return there_rad
-
-    @property
-    def starts(self) -> list[Start]:
-        return self._stretches.starts()
-
-    @property
-    def due_s(self) -> float:
-        return self._sight_due_s
-
-    def follow(self, side: int) -> None:
-        self._following = side
-
-    def end(self) -> None:
-        self._stretches.end(self._pose, self._following)
-
-    def travel(self, choice: Choice) -> Generator[Leg, Step, bool]:
-        return self._travel(choice)
+        begun_rad = None
+        if not self.blocked:
+            begun_rad = yield from super().drive_along(context, start, path)
+        self.driven.append(begun_rad is not None)
+        return begun_rad
 
 
-def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> Open:
-    """A planner that went along a wall on the left through places on a line, 1 cm at a time."""
-    planner = Open(MODEL)
+def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> RecoveryContext:
+    """A plan that followed a wall on the left through places on a line, 1 cm at a time."""
     begun = Pose2(*poses[0], 0.0)
-    planner.start(AT_REST._replace(pose=begun, v_m_s=0.2))
-    planner.follow(LEFT)
+    context = context_at(AT_REST._replace(pose=begun, v_m_s=0.2))
+    context.lookout.wall.side = LEFT
     time_s = 0.0
     for (x0, y0), (x1, y1) in pairwise(poses):
         steps = max(round(math.dist((x0, y0), (x1, y1)) / 0.01), 1) if y0 == y1 else 1
@@ -147,21 +127,21 @@ def followed(*poses: tuple[float, float], yaw_rate_rad_s: float = 0.0) -> Open:
             at = Pose2(x0 + k / steps * (x1 - x0), y0 + k / steps * (y1 - y0), 0.0)
             rate = yaw_rate_rad_s if abs(at.x_m - 0.6) < 0.02 else 0.0
             seen = AT_REST._replace(time_s=time_s, pose=at, v_m_s=0.2, yaw_rate_rad_s=rate)
-            planner.watch(seen._replace(ultrasonic_m=0.9, infrared_left_m=0.1))
-    planner.end()
-    return planner
+            context.lookout.observe(seen._replace(ultrasonic_m=0.9, infrared_left_m=0.1))
+    context.lookout.end_segment()
+    return context
 
 
 def test_a_pose_set_right_parts_a_stretch() -> None:
-    forth, _ = followed((0.0, 0.0), (0.3, 0.0), (0.3, 0.03), (1.2, 0.03)).starts
+    forth, _ = followed((0.0, 0.0), (0.3, 0.0), (0.3, 0.03), (1.2, 0.03)).wall_segments.starts()
     assert forth.heading_rad == pytest.approx(0.0, abs=1e-6)
     assert forth.x_m == pytest.approx(0.3, abs=0.02)
 
 
 @pytest.mark.parametrize(("rate", "kept"), [(0.0, 1), (0.45, 1), (0.54, 2), (0.9, 2)])
 def test_a_corner_gone_round_parts_a_stretch_and_a_wriggle_does_not(rate: float, kept: int) -> None:
-    planner = followed((0.0, 0.0), (1.2, 0.0), yaw_rate_rad_s=rate)
-    assert len(planner.starts) == 2 * kept
+    context = followed((0.0, 0.0), (1.2, 0.0), yaw_rate_rad_s=rate)
+    assert len(context.wall_segments.starts()) == 2 * kept
 
 
 @pytest.mark.parametrize(
@@ -178,13 +158,13 @@ def test_a_corner_gone_round_parts_a_stretch_and_a_wriggle_does_not(rate: float,
 def test_what_is_met_near_the_walls_beginning_is_that_wall(
     reason: StopReason, short_m: float, *, there: bool
 ) -> None:
-    planner = followed((0.0, 0.0), (1.2, 0.0))
-    way = planner.travel(Choice("heading-fix", ((2.2, 0.0),), QUARTER, 0.48))
+    context = followed((0.0, 0.0), (1.2, 0.0))
+    way = transit(context, Choice("heading-fix", ((2.2, 0.0),), QUARTER, 0.48))
     leg = next(way)
     assert isinstance(leg, Drive)
     pose = Pose2(2.2 - short_m, 0.0, 0.0)
     obs = AT_REST._replace(time_s=9.0, pose=pose, ultrasonic_m=0.04)
-    planner.watch(obs)
+    context.lookout.observe(obs)
     result = LegResult(leg, reason, 1.0 - short_m, 5.0, pose)
     arrived = None
     try:
@@ -197,7 +177,7 @@ def test_what_is_met_near_the_walls_beginning_is_that_wall(
     assert arrived is there
 
 
-class Doubting:
+class Uncertain:
     """A robot in a room that doubts its heading more and more, until it went along a wall."""
 
     def __init__(  # noqa: PLR0913 - what may be wrong with a robot
@@ -210,6 +190,8 @@ class Doubting:
         off_m: tuple[float, float] = (0.0, 0.0),
         deg_s: float = 0.01,
         max_time_s: float = 4000.0,
+        apart_s: float = 20.0,
+        blocked: bool = False,
     ) -> None:
         """Run to the end.
 
@@ -218,7 +200,9 @@ class Doubting:
         leaves no more than this. ``off_m``: by how much the robot's own place is wrong; ``deg_s``:
         how fast it begins to doubt.
         """
-        self.planner = Open(MODEL)
+        self.fix = CountedFix(blocked=blocked)
+        options = RecoveryOptions(heading_fix_apart_s=apart_s)
+        self.planner = RecoveryPlanner(MODEL, options, Behaviours(heading_fix=lambda: self.fix))
         self.measurements: list[list[tuple[float, float, float]]] = []
         self.reported: list[tuple[float, PlannerEvent]] = []
         self.max_rad, self.max_starts = 0.0, 0
@@ -250,12 +234,17 @@ class Doubting:
             if state == "transit" and self.times("heading-fix"):
                 uncertainty_rad = min(uncertainty_rad, math.radians(way_leaves_deg))
             if was == "heading-fix" != state:
-                self.waits_s.append(self.planner.due_s - world.time_s)
+                self.waits_s.append(self.fix.due_s - world.time_s)
             was = state
             self.max_rad = max(self.max_rad, uncertainty_rad)
-            self.max_starts = max(self.max_starts, len(self.planner.starts))
+            self.max_starts = max(self.max_starts, self.starts)
             self.reported += [(world.time_s, event) for event in runner.drain_events()]
         self.time_s, self.end = world.time_s, runner.finish_reason
+
+    @property
+    def starts(self) -> int:
+        """Places where a run along a wall could begin."""
+        return len(self.planner.context.wall_segments.starts())
 
     def times(self, kind: str) -> list[float]:
         return [time_s for time_s, event in self.reported if event.kind == kind]
@@ -281,12 +270,12 @@ def sure() -> float:
 def test_an_uncertain_robot_follows_a_wall_and_sweeps_on(
     sure: float, off_m: tuple[float, float]
 ) -> None:
-    run = Doubting(room(), off_m=off_m)
+    run = Uncertain(room(), off_m=off_m)
     assert run.end is not None
     assert run.end.startswith("no reachable")
-    assert len(run.planner.driven) == len(run.times("heading-fix"))
-    assert len(run.measurements) == sum(run.planner.driven) >= 2
-    assert all(run.planner.driven), "no way to a wall ends too far from it"
+    assert len(run.fix.driven) == len(run.times("heading-fix"))
+    assert len(run.measurements) == sum(run.fix.driven) >= 2
+    assert all(run.fix.driven), "no way to a wall ends too far from it"
     assert run.max_rad < math.radians(1.6), "a doubt is not carried about for long"
     assert run.time_s < sure + 30.0 * len(run.measurements) + 500.0 * max(map(abs, off_m))
     edges = [(a, b) for a, b in room().edges() if a != b]
@@ -304,7 +293,7 @@ def test_an_uncertain_robot_follows_a_wall_and_sweeps_on(
 
 
 def test_uncertainty_that_no_wall_reduces_does_not_delay_the_robot(sure: float) -> None:
-    run = Doubting(room(), cured_from=99)
+    run = Uncertain(room(), cured_from=99)
     assert run.end is not None
     assert run.end.startswith("no reachable")
     begun = run.times("heading-fix")
@@ -313,13 +302,10 @@ def test_uncertainty_that_no_wall_reduces_does_not_delay_the_robot(sure: float) 
     assert run.time_s < sure + 30.0 * len(begun)
 
 
-def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(driving, "_APART_S", 0.01)
-    run = Doubting(room(), cured_from=99, deg_s=0.1)
+def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again() -> None:
+    run = Uncertain(room(), cured_from=99, deg_s=0.1, apart_s=0.01)
     assert len(run.measurements) >= 6
-    assert len(run.planner.starts) < run.max_starts
+    assert run.starts < run.max_starts
     assert run.end is not None
 
 
@@ -335,26 +321,22 @@ def test_a_wall_that_gave_nothing_twice_is_not_gone_to_again(
 def test_a_wall_is_credited_with_its_own_run(
     way_leaves_deg: float, cured_deg: float, *, credited: bool
 ) -> None:
-    run = Doubting(
+    run = Uncertain(
         room(), cured_deg=cured_deg, way_leaves_deg=way_leaves_deg, deg_s=0.08, max_time_s=270.0
     )
     assert len(run.measurements) >= 4
-    assert (len(run.planner.starts) == run.max_starts) is credited
+    assert (run.starts == run.max_starts) is credited
 
 
-def test_a_blocked_path_does_not_count_against_the_wall(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(driving, "_APART_S", 0.01)
-    monkeypatch.setattr(Open, "blocked", True)
-    run = Doubting(room(), deg_s=0.1, max_time_s=200.0)
+def test_a_blocked_path_does_not_count_against_the_wall() -> None:
+    run = Uncertain(room(), deg_s=0.1, max_time_s=200.0, apart_s=0.01, blocked=True)
     assert len(run.times("heading-fix")) >= 6
     assert run.measurements == []
-    assert len(run.planner.starts) == run.max_starts > 0
+    assert run.starts == run.max_starts > 0
 
 
 def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
-    run = Doubting(room(), cured_from=1, deg_s=0.08, max_time_s=290.0)
+    run = Uncertain(room(), cured_from=1, deg_s=0.08, max_time_s=290.0)
     assert run.waits_s[0] == pytest.approx(40.0, abs=0.5), "the first gave nothing"
     assert run.waits_s[1:] == pytest.approx([20.0] * (len(run.measurements) - 1), abs=0.5)
     first, second = run.times("heading-fix")[:2]
@@ -365,7 +347,7 @@ def test_after_one_that_helped_the_next_is_due_as_soon_as_ever() -> None:
 @pytest.mark.parametrize(("left_deg", "enough"), [(0.0, True), (0.59, True), (0.61, False)])
 def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: bool) -> None:
     """To three quarters of what sends the robot to a wall, however doubtful it set out."""
-    run = Doubting(room(), way_leaves_deg=left_deg, deg_s=0.02, max_time_s=200.0)
+    run = Uncertain(room(), way_leaves_deg=left_deg, deg_s=0.02, max_time_s=200.0)
     uncertainties = [
         float(event.data["uncertainty_deg"])
         for _, event in run.reported
@@ -377,7 +359,7 @@ def test_a_path_that_gives_the_heading_is_enough(left_deg: float, *, enough: boo
 
 
 def test_a_robot_that_has_swept_all_does_not_ask_for_its_heading() -> None:
-    kinds = [event.kind for _, event in Doubting(room()).reported]
+    kinds = [event.kind for _, event in Uncertain(room()).reported]
     last = max(k for k, kind in enumerate(kinds) if kind == "heading-fix")
     assert {"lane", "perimeter"} & set(kinds[last:])
 

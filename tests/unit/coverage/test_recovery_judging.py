@@ -5,59 +5,65 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
-from bridge.coverage.recovery.choice import Choice
-from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.planner import Finish
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.coverage.recovery.planner import Behaviours, RecoveryPlanner
+from bridge.coverage.recovery.search import Choice
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, LegResult, StopReason
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
+from support.recovery import context_at, kinds
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.planner import Scalar, Step
+    from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.legs import Leg
-    from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
 PLACE = (1.5, 0.0)
 
 
-class Judge(RecoveryPlanner):
-    """Stands somewhere, and judges."""
+def fruitless(context: RecoveryContext, count: int) -> None:
+    """Let so many perimeter passes in a row sweep just too little."""
+    for _ in range(count):
+        choice = Choice("perimeter", (PLACE,), 0.0, 0.5)
+        context.stuck.take(choice, 6, Pose2(*PLACE, 0.0), arrived=False)
+    for row, column in np.argwhere(context.map.tried).tolist():
+        context.map.tried[row, column] = 0
+    context.record.drain()
 
-    def __init__(self, x_m: float) -> None:
-        super().__init__(MODEL)
-        pose = Pose2(x_m, 0.0, 0.0)
-        self._memory = EvidenceMap(MODEL, RecoveryOptions(), pose)
-        self._obs = AT_REST._replace(pose=pose)
 
-    def blames(self, *, arrived: bool, fruitless: int = 0, new_cells: int = 0) -> bool:
-        """Whether the place that was gone for has one try less."""
-        choice = Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
-        self._judge(choice, new_cells, fruitless, arrived=arrived)
-        column, row = self.memory.to_cells(*PLACE)
-        reported = [event.kind for event in self.drain_events()] == ["abandon"]
-        assert reported == bool(self.memory.tried[int(row), int(column)])
-        return reported
+def blames(x_m: float, *, arrived: bool, fruitless_before: int = 0, new_cells: int = 0) -> bool:
+    """Whether the target has one try less after an attempt that ended at ``x_m``."""
+    pose = Pose2(x_m, 0.0, 0.0)
+    context = context_at(AT_REST._replace(pose=pose))
+    fruitless(context, fruitless_before)
+    choice = Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
+    context.stuck.take(choice, new_cells, pose, arrived=arrived)
+    column, row = context.map.to_cells(*PLACE)
+    reported = kinds(context) == ["abandon"]
+    assert reported == bool(context.map.tried[int(row), int(column)])
+    return reported
 
 
 @pytest.mark.parametrize(("x_m", "blamed"), [(0.0, False), (1.0, False), (1.2, True), (1.5, True)])
 def test_a_block_far_off_does_not_count_against_the_target(x_m: float, *, blamed: bool) -> None:
-    assert Judge(x_m).blames(arrived=False) is blamed
+    assert blames(x_m, arrived=False) is blamed
 
 
 def test_a_place_that_gave_nothing_is_blamed_wherever_the_robot_ended() -> None:
-    assert Judge(0.0).blames(arrived=True)
-    assert not Judge(0.0).blames(arrived=True, new_cells=100)
+    assert blames(0.0, arrived=True)
+    assert not blames(0.0, arrived=True, new_cells=100)
 
 
 def test_it_is_spared_eight_times_in_a_row_so_that_the_plan_comes_to_an_end() -> None:
-    assert [Judge(0.0).blames(arrived=False, fruitless=n) for n in (0, 7, 8, 19)] == [
+    assert [blames(0.0, arrived=False, fruitless_before=n) for n in (0, 7, 8, 19)] == [
         False,
         False,
         True,
@@ -65,48 +71,49 @@ def test_it_is_spared_eight_times_in_a_row_so_that_the_plan_comes_to_an_end() ->
     ]
 
 
-class Blocked(RecoveryPlanner):
-    """Goes for a far place again and again, and is bumped at one place on the way each time."""
+class Blocked:
+    """Goes for a far place again and again, and is bumped at one place on the path each time."""
 
     def __init__(self, floor: int = 0) -> None:
-        """``floor``: new cells by each attempt's way."""
-        super().__init__(MODEL)
+        """``floor``: new cells by each attempt."""
         self.floor = floor
         self.tries = 0
         self.uncertain_m: set[Scalar | None] = set()
-        """Where evidence was doubted."""
+        """Where evidence was cleared."""
         self.why: set[str] = set()
         """... and why, before the colon."""
 
-    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
+    def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
+        """No wall is near."""
+        self.context = context
         yield from ()
 
-    def _think(self) -> Generator[Leg, Step, Choice | None]:
+    def choose(self, context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
+        """Always the same lane."""
+        del context
         yield from ()
         return Choice("lane", (PLACE,), 0.0, 0.5, new_m2=0.06)
 
-    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:
+    def lane(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
+        """It does not arrive."""
         yield from ()
         self.tries += 1
-        self.memory.new_cells += self.floor
+        context.map.new_cells += self.floor
         leg = Drive(choice.heading_rad, 1.0)
-        self._on_blocked(LegResult(leg, StopReason.BUMPER, 0.1, 1.0, Pose2(0.1, 0.0, 0.0)), 0.0)
+        bumped = LegResult(leg, StopReason.BUMPER, 0.1, 1.0, Pose2(0.1, 0.0, 0.0))
+        context.stuck.blocked(bumped, 0.0)
         return False
 
-    def run(self, maximum: int) -> tuple[str | None, Counter[str]]:
-        """Why it ended, if it did in so many attempts; and what was decided how often."""
-        here = AT_REST
-        self.options = RecoveryOptions(max_decisions=maximum)
-        end: str | None = None
-        script = self.script(here)
-        try:
-            next(script)
-        except StopIteration as stop:
-            end = stop.value
-        events = self.drain_events()
+    def run(self, maximum: int) -> tuple[str, Counter[str]]:
+        """Why it ended after at most so many attempts; and what was decided how often."""
+        behaviours = Behaviours(self.approach, self.choose, self.lane)
+        planner = RecoveryPlanner(MODEL, RecoveryOptions(max_decisions=maximum), behaviours)
+        end = planner.start(AT_REST)
+        assert isinstance(end, Finish)
+        *events, _ = planner.drain_events()
         self.uncertain_m = {e.data.get("x_m") for e in events if e.kind == "clear"}
         self.why = {e.reason.split(":")[0] for e in events if e.kind == "clear"}
-        return end, Counter(event.kind for event in events)
+        return end.reason, Counter(event.kind for event in events)
 
 
 def test_a_place_that_blocks_seven_times_is_cleared_before_the_target_is_abandoned() -> None:
@@ -138,28 +145,31 @@ def test_abandoned_targets_do_not_count_after_new_floor() -> None:
 
 
 class AmongLegs(Blocked):
-    """A leg is known beside where it is refused, and another farther off."""
+    """A leg is known beside where it is blocked, and another farther off."""
 
     LEGS = ((0.1, 0.25), (0.1, 0.55))
 
-    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
+    def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
+        """Both legs are known."""
         for leg in self.LEGS:
-            self.memory.add_point(*leg)
-        yield from ()
+            context.map.add_point(*leg)
+        return super().approach(context)
 
     def known(self) -> list[int]:
         """Cells of each leg that are still occupied."""
-        return [self.memory.occupied(*leg, 0.03) for leg in self.LEGS]
+        return [self.context.map.occupied(*leg, 0.03) for leg in self.LEGS]
 
     def shut(self) -> bool:
-        """Whether any place is still forbidden because the robot was refused."""
-        return bool(self.memory.lens.any())
+        """Whether any place is still forbidden because the robot was blocked."""
+        return bool(self.context.map.lens.any())
 
 
 class Fruitless(AmongLegs):
-    """Nothing refuses it, and nothing comes of anything."""
+    """Nothing blocks it, and nothing comes of anything."""
 
-    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:  # noqa: ARG002 - any
+    def lane(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
+        """It does not arrive."""
+        del context, choice
         yield from ()
         return False
 
@@ -170,7 +180,7 @@ def test_after_one_block_only_evidence_near_it_is_cleared() -> None:
     assert (reported["clear"], planner.known(), planner.shut()) == (0, [1, 1], True)
     _, reported = planner.run(8)
     assert (reported["clear"], planner.known(), planner.shut()) == (1, [0, 1], False)
-    assert planner.why == {"it refuses the robot"}
+    assert planner.why == {"the robot is blocked again and again"}
     shut_in = Fruitless()
     _, reported = shut_in.run(21)
     assert (reported["clear"], shut_in.known()) == (1, [0, 0])
@@ -180,16 +190,22 @@ def test_after_one_block_only_evidence_near_it_is_cleared() -> None:
 class Wavering(Blocked):
     """Nothing comes of twenty lanes; then nothing is worth it, then something is."""
 
-    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:
-        self.memory.add_bump(obs.pose, left=True, right=True)
-        yield from ()
+    thoughts = 0
 
-    def _think(self) -> Generator[Leg, Step, Choice | None]:
-        self.thoughts = getattr(self, "thoughts", 0) + 1
-        choice = yield from super()._think()
+    def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
+        """It bumps into something at once."""
+        context.map.add_bump(context.pose, left=True, right=True)
+        return super().approach(context)
+
+    def choose(self, context: RecoveryContext) -> Generator[Leg, Step, Choice | None]:
+        """At the 21st time nothing."""
+        self.thoughts += 1
+        choice = yield from super().choose(context)
         return None if self.thoughts == 21 else choice
 
-    def _lane(self, choice: Choice) -> Generator[Leg, Step, bool]:  # noqa: ARG002 - any
+    def lane(self, context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
+        """It does not arrive."""
+        del context, choice
         yield from ()
         self.tries += 1
         return False

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.evidence_kernels import (
     add_wall,
     beam,
@@ -19,6 +18,7 @@ from bridge.coverage.recovery.evidence_kernels import (
     pace,
     sweep,
 )
+from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
 from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2

@@ -7,20 +7,24 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from bridge.coverage.planner import Step
-from bridge.coverage.recovery.choice import Choice, Chooser
-from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.planner import Finish, Step
+from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter
+from bridge.coverage.recovery.behaviours.transit import transit
+from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.coverage.recovery.planner import Behaviours, RecoveryPlanner
+from bridge.coverage.recovery.search import Choice, Chooser
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason, Turn
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
+from support.recovery import context_at, kinds
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
     from bridge.coverage.planner import PlannerEvent
+    from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
@@ -35,20 +39,20 @@ def seen(pose: Pose2 = HERE, v_m_s: float = 0.0) -> Observation:
     return AT_REST._replace(pose=pose, v_m_s=v_m_s)
 
 
-class AtDoor(RecoveryPlanner):
+class AtDoor:
     """Stands before a door 1 m from which there is floor; what lies here is swept."""
 
     def __init__(self) -> None:
-        super().__init__(MODEL)
-        self._memory = EvidenceMap(MODEL, OPTIONS, HERE)
-        self._memory.swept[:] = 1
+        self.context = context_at(seen())
+        self.map = self.context.map
+        self.map.swept[:] = 1
         self.stand(HERE)
 
     def stand(self, pose: Pose2, wall_m: float = 0.6) -> None:
         """Be somewhere, so much of a wall known ahead, but not at the rim."""
-        self._obs = seen(pose)
+        self.context.lookout.obs = seen(pose)
         for k in range(round(wall_m / OPTIONS.cell_m)):
-            self.memory.add_point(*pose.transform(0.25, 0.5 * wall_m - k * OPTIONS.cell_m))
+            self.map.add_point(*pose.transform(0.25, 0.5 * wall_m - k * OPTIONS.cell_m))
 
     def goes(
         self,
@@ -58,48 +62,49 @@ class AtDoor(RecoveryPlanner):
         right: bool = False,
         new_m2: float = 0.1,
     ) -> tuple[list[Leg], list[str]]:
-        """Sets out for what lies beyond and is refused: its legs, and what it decided."""
-        script = self._travel(Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=new_m2))
+        """Sets out for what lies beyond and is blocked: its legs, and what it decided."""
+        script = transit(self.context, Choice("lane", (BEYOND,), 0.0, 0.5, new_m2=new_m2))
         legs: list[Leg] = [next(script)]
+        pose = self.context.pose
         while not isinstance(leg := legs[-1], FollowWall):
             ahead = isinstance(leg, Drive) and (leg.distance_m or 0.0) > 0.0
             if ahead:
-                result = LegResult(leg, reason, 0.0, 1.0, self._pose, left, right)
+                result = LegResult(leg, reason, 0.0, 1.0, pose, left, right)
             else:
-                result = LegResult(leg, StopReason.DONE, 0.0, 1.0, self._pose)
+                result = LegResult(leg, StopReason.DONE, 0.0, 1.0, pose)
             try:
-                legs.append(script.send(Step(result, self._seen)))
+                legs.append(script.send(Step(result, self.context.obs)))
             except StopIteration:
                 break
-        return legs, [event.kind for event in self.drain_events()]
+        return legs, kinds(self.context)
 
     def blames(self, choice: Choice) -> bool:
-        """Whether it sets the place aside after a way that did not arrive there."""
-        self._judge(choice, 0, 0, arrived=False)
-        return [event.kind for event in self.drain_events()] == ["abandon"]
+        """Whether it abandons the place after a path that did not arrive there."""
+        self.context.stuck.take(choice, 0, self.context.pose, arrived=False)
+        return kinds(self.context) == ["abandon"]
 
     def follows(self, min_m: float) -> float:
         """How far it follows a swept wall on its right, in steps of 1 cm."""
-        next(self._follow_perimeter(left=False, min_m=min_m))
-        return self.inputs()
+        next(follow_perimeter(self.context, left=False, min_m=min_m))
+        return self.closed_m()
 
     def goes_on(self, followed_m: float) -> bool:
         """Whether it does after a bump so far along a swept wall."""
-        script = self._follow_perimeter(left=False, min_m=0.4)
+        script = follow_perimeter(self.context, left=False, min_m=0.4)
         leg = next(script)
-        self._followed_m = followed_m
+        self.context.lookout.wall.distance_m = followed_m
         bumped = LegResult(leg, StopReason.BUMPER, followed_m, 1.0, HERE, bumper_right=True)
         for _ in range(9):
             try:
-                leg = script.send(Step(bumped, self._seen))
+                leg = script.send(Step(bumped, self.context.obs))
             except StopIteration:
                 return False
         return True
 
-    def inputs(self) -> float:
+    def closed_m(self) -> float:
         """How far it follows from here on."""
         for k in range(200):
-            if self.watch(seen(Pose2(0.01 * k, 0.0, 0.0), 0.1)):
+            if self.context.lookout.observe(seen(Pose2(0.01 * k, 0.0, 0.0), 0.1)):
                 return 0.01 * k
         return math.inf
 
@@ -141,7 +146,7 @@ def test_a_sliver_is_not_worth_it() -> None:
 
 def test_a_leg_leads_only_round_itself() -> None:
     planner = AtDoor()
-    planner.memory.wall[:] = 0
+    planner.map.wall[:] = 0
     planner.stand(HERE, 0.16)
     for _ in range(4):
         assert "passage-sought" not in planner.goes(left=True)[1]
@@ -165,7 +170,7 @@ def test_what_may_lead_to_a_passage_is_followed_farther_though_it_is_swept() -> 
     planner = AtDoor()
     planner.goes(left=False, right=True)
     planner.goes(left=False, right=True)
-    assert planner.inputs() == pytest.approx(0.45, abs=0.03)
+    assert planner.closed_m() == pytest.approx(0.45, abs=0.03)
     assert planner.follows(0.25) == pytest.approx(0.3, abs=0.03)  # the next outline is any other
 
 
@@ -182,7 +187,7 @@ def parted(cells: int) -> EvidenceMap:
     memory.been[row, column - 10 - cells : column - 10] = 1
     memory.lens[:, column - 8] = 1
     x_m, _ = memory.to_metres(column - 10 - cells, row)
-    memory._low = [memory.to_cells(x_m, 0.0)[0], row]  # noqa: SLF001 - as if driven there
+    memory.include(x_m, 0.0)  # as if driven there
     return memory
 
 
@@ -216,19 +221,19 @@ def test_a_past_separation_is_not_reported_for_the_next_search() -> None:
     assert chooser.parted_at is None
 
 
-class ShutIn(RecoveryPlanner):
+class ShutIn:
     """Parted from where it was, 70 cells of it to the left, by a line of a layer 50 cm off."""
 
     def __init__(self, layer: str) -> None:
-        super().__init__(MODEL)
         self.layer = layer
 
-    def _first_wall(self, obs: Observation) -> Generator[Leg, Step]:  # noqa: ARG002 - none is near
-        memory = self.memory
+    def approach(self, context: RecoveryContext) -> Generator[Leg, Step]:
+        """Find the line, and no wall."""
+        memory = context.map
         row, column = (int(v) for v in memory.to_cells(0.0, 0.0)[::-1])
         memory.swept[:] = 1
         memory.been[row, column - 110 : column - 40] = 1
-        memory._low[0] = column - 110  # noqa: SLF001 - as if driven there
+        memory.include(*memory.to_metres(column - 110, row))  # as if driven there
         if self.layer == "lens":
             memory.lens[:, column - 25] = 1
         else:
@@ -238,9 +243,10 @@ class ShutIn(RecoveryPlanner):
 
     def run(self) -> tuple[str, list[PlannerEvent]]:
         """Why it ended, and what it decided."""
-        with pytest.raises(StopIteration) as end:
-            next(self.script(seen()))
-        return end.value.value, self.drain_events()
+        planner = RecoveryPlanner(MODEL, behaviours=Behaviours(self.approach))
+        end = planner.start(seen())
+        assert isinstance(end, Finish)
+        return end.reason, planner.drain_events()[:-1]
 
 
 def test_evidence_of_bumps_alone_is_cleared_first() -> None:
@@ -270,9 +276,9 @@ def test_a_place_is_followed_once_on_a_side_until_there_is_new_floor() -> None:
     assert [sought(left=True) for _ in range(3)] == [False, True, False]
     planner.stand(HERE)
     assert not sought(left=True)
-    planner.memory.new_cells += 249
+    planner.map.new_cells += 249
     assert not sought(left=True)
-    planner.memory.new_cells += 1
+    planner.map.new_cells += 1
     assert sought(left=True)
 
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bridge.coverage.recovery.choice import Chooser
-from bridge.coverage.recovery.evidence import EvidenceMap
 from bridge.coverage.recovery.lane_kernels import BestLane, LanePrices, scan_lanes
+from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.search import Chooser
 from bridge.coverage.recovery.travel_kernels import RING, Search, clear_line, travel, way_back
 from bridge.coverage.recovery.window_kernels import (
     GIVEN_UP,

@@ -74,7 +74,7 @@ class Watching(Legs):
 
     speed_limit_m_s = 1.0
 
-    def watch(self, _obs: Observation) -> bool:
+    def observe(self, _obs: Observation) -> bool:
         return False
 
 

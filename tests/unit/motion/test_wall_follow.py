@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from bridge.coverage.recovery.watch import ROUND_RAD_S
+from bridge.coverage.recovery.lookout import ROUND_RAD_S
 from bridge.floor_plan.floor_plan import FloorPlan, Polygon
 from bridge.motion.control.smoothing import VelocitySmoother
 from bridge.motion.control.wall_follow import FollowState, FollowStep, Side, WallFollower

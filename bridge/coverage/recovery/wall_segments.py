@@ -13,7 +13,7 @@ from bridge.motion.geometry import wrap_angle
 if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
-SIGHT_M = 0.48
+HEADING_RUN_M = 0.48
 """One sight of 40 cm, which tells the direction to a third of a degree by a noisy infrared, and
 what it takes to come onto the line."""
 OFF_M = 0.035
@@ -33,7 +33,7 @@ class Start(NamedTuple):
     heading_rad: float
 
 
-class _Stretch(NamedTuple):
+class _Segment(NamedTuple):
     length_m: float
     x_m: float
     y_m: float
@@ -52,14 +52,14 @@ class _Stretch(NamedTuple):
         )
 
 
-class Stretches:
+class WallSegments:
     """Keeps the longest ones."""
 
     def __init__(self) -> None:
         """None yet."""
         self._begun: Pose2 | None = None
-        self._kept: list[_Stretch] = []
-        self._fails: dict[_Stretch, int] = {}
+        self._kept: list[_Segment] = []
+        self._fails: dict[_Segment, int] = {}
 
     def follow(self, pose: Pose2, side: int, *, straight: bool) -> None:
         """Take a step along a wall on the left (1) or right (-1)."""
@@ -80,20 +80,20 @@ class Stretches:
         if length < _MIN_M:
             return
         heading = math.atan2(pose.y_m - begun.y_m, pose.x_m - begun.x_m)
-        self._kept.append(_Stretch(length, begun.x_m, begun.y_m, heading, side))
+        self._kept.append(_Segment(length, begun.x_m, begun.y_m, heading, side))
         if len(self._kept) > _MOST:
             self._kept.remove(min(self._kept))
 
     def starts(self) -> list[Start]:
         """Where one could begin: of every stretch both ends."""
-        return [start for stretch in self._kept for start in stretch.starts()]
+        return [start for segment in self._kept for start in segment.starts()]
 
     def tried(self, start: Start, *, helped: bool) -> None:
         """Take what going along a stretch gave: nothing twice in a row, and it is forgotten."""
-        for stretch in [stretch for stretch in self._kept if start in stretch.starts()]:
+        for segment in [segment for segment in self._kept if start in segment.starts()]:
             if helped:
-                self._fails.pop(stretch, None)
+                self._fails.pop(segment, None)
                 continue
-            self._fails[stretch] = self._fails.get(stretch, 0) + 1
-            if self._fails[stretch] >= _TRIES:
-                self._kept.remove(stretch)
+            self._fails[segment] = self._fails.get(segment, 0) + 1
+            if self._fails[segment] >= _TRIES:
+                self._kept.remove(segment)

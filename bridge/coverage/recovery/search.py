@@ -26,7 +26,7 @@ from bridge.coverage.recovery.window_kernels import (
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
-    from bridge.coverage.recovery.evidence import EvidenceMap
+    from bridge.coverage.recovery.map import EvidenceMap
     from bridge.coverage.recovery.options import RecoveryOptions
     from bridge.motion.geometry import Pose2
 

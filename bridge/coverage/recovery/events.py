@@ -11,8 +11,8 @@ from bridge.coverage.planner import PlannerEvent, Scalar
 from bridge.motion.legs import StopReason
 
 if TYPE_CHECKING:
-    from bridge.coverage.recovery.choice import Choice
     from bridge.coverage.recovery.occlusions import OccludedRegion
+    from bridge.coverage.recovery.search import Choice
     from bridge.motion.legs import LegResult
 
 _LANE_ENDS = {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bridge.coverage.recovery import packed
-from bridge.coverage.recovery.edges import SPAN_RAD, WHEEL_M, Edges
+from bridge.coverage.recovery.cliffs import SPAN_RAD, WHEEL_M, Cliffs
 from bridge.coverage.recovery.evidence_kernels import (
     MOST,
     SURE,
@@ -21,6 +21,7 @@ from bridge.coverage.recovery.evidence_kernels import (
     sweep,
 )
 from bridge.motion.control.hidden_ahead import TOUCH_M_S
+from bridge.motion.legs import StopReason
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from bridge.coverage.recovery.packed import PackedMap
     from bridge.motion.control.braking import Braking
     from bridge.motion.geometry import Pose2
+    from bridge.motion.legs import LegResult
     from bridge.motion.observation import Observation
     from bridge.motion.robot_model import RangerMount, RobotModel
 
@@ -83,7 +85,7 @@ class EvidenceMap:
         self._last = (x, y, pose.theta_rad)
         self._been_at = (x, y)
         self._low, self._high = [x, y], [x, y]
-        self.edges = Edges(model.radius_m)
+        self.cliffs = Cliffs(model.radius_m)
         self._guessed: list[tuple[float, float]] = []
         """Where something was put for a bump alone, metres."""
         self._readings: tuple[float | None, float | None] = (None, None)
@@ -123,6 +125,10 @@ class EvidenceMap:
 
     # -- evidence ----------------------------------------------------------------------------
 
+    def include(self, x_m: float, y_m: float) -> None:
+        """Extend the searched part of the map to a point, m, as if the robot had been there."""
+        self._extend(*self.to_cells(x_m, y_m))
+
     def update(self, obs: Observation) -> None:
         """Take one observation: the mouth's way, the body's place, the side infrared."""
         pose = obs.pose
@@ -137,8 +143,8 @@ class EvidenceMap:
             bx, by = self._been_at
             if abs(x - bx) + abs(y - by) > 0.5:  # noqa: PLR2004 - half a cell
                 self._move(x, y)
-        if self.edges and not obs.cliff:
-            self.edges.see_floor(pose)
+        if self.cliffs and not obs.cliff:
+            self.cliffs.see_floor(pose)
         readings = (obs.infrared_left_m, obs.infrared_right_m)
         if readings != self._readings or obs.time_s - self._read_s >= _READING_S:
             self._readings = readings
@@ -167,6 +173,19 @@ class EvidenceMap:
         seen = self._touched(pose, low, high)
         return 0.5 * (low + high) if seen is None else seen
 
+    def bearing_rad(self, result: LegResult, beside: int = 0) -> float:
+        """Return the bearing from the heading, rad, of what ended a leg; 0: straight ahead.
+
+        Args:
+            result: how the leg ended.
+            beside: a wall that is followed on the left (1) or right (-1), and is not the contact.
+
+        """
+        left, right = result.bumper_left, result.bumper_right
+        if result.reason is not StopReason.BUMPER or left == right:
+            return 0.0
+        return self.contact_rad(result.pose, left=left, right=right, beside=beside)
+
     def occupied(self, x_m: float, y_m: float, radius_m: float) -> int:
         """Number of cells so near to a point that count as occupied."""
         return int((self.wall[self._disc(x_m, y_m, radius_m)] >= SURE).sum())
@@ -193,26 +212,28 @@ class EvidenceMap:
 
     def add_cliff(self, pose: Pose2) -> None:
         """No floor is ahead at a pose."""
-        self.edges.add(pose, lambda x_m, y_m: bool(self.been[self._disc(x_m, y_m, _KNOWN_M)].any()))
+        self.cliffs.add(
+            pose, lambda x_m, y_m: bool(self.been[self._disc(x_m, y_m, _KNOWN_M)].any())
+        )
 
     def places(self) -> tuple[Layer, Layer]:
         """Where the axle cannot be for what only bumps or the missing floor tell; where it was.
 
         That it was there overrules what bumps tell, and not an edge: it has been over one.
         """
-        if not self.edges:
+        if not self.cliffs:
             return self.lens, self.been
         shut = np.zeros_like(self.lens)
         reach = self._model.radius_m * self._per_m
-        for pose in self.edges.poses:
+        for pose in self.cliffs.poses:
             x, y = self.to_cells(pose.x_m, pose.y_m)
             theta = pose.theta_rad
             bump_lens(shut, x, y, theta - SPAN_RAD, theta + SPAN_RAD, reach)
-        for mark in self.edges.marks:
+        for mark in self.cliffs.marks:
             shut[self._disc(mark.x_m, mark.y_m, WHEEL_M)] = 1
         return self.lens | shut, self.been & (1 - shut)
 
-    def give_up(self, x_m: float, y_m: float, radius_m: float) -> None:
+    def abandon(self, x_m: float, y_m: float, radius_m: float) -> None:
         """A place was gone for in vain: one try less for its unswept cells."""
         square, _ = self._square(*self.to_cells(x_m, y_m), radius_m)
         part = self.tried[square]
@@ -222,12 +243,12 @@ class EvidenceMap:
         """Hold a disc to be no place for the axle, but for where it was."""
         self.lens[self._disc(x_m, y_m, radius_m)] = 1
 
-    def forget(self, pose: Pose2, things_m: float, places_m: float) -> None:
+    def clear(self, pose: Pose2, things_m: float, places_m: float) -> None:
         """Drop the things so near to a pose, and that places so near to it are forbidden."""
         x, y = self.to_cells(pose.x_m, pose.y_m)
         part, _ = self._square(x, y, places_m)
         self.lens[part] = 0
-        self.edges.forget(pose, places_m)
+        self.cliffs.clear(pose, places_m)
         part, (r0, c0) = self._square(x, y, things_m)
         for row, col in np.argwhere(self.wall[part]).tolist():
             add_wall(self.wall, self.near, row + r0, col + c0, -MOST, self._reach)
@@ -300,7 +321,7 @@ class EvidenceMap:
             brake.latency_s,
             self._model.max_speed_m_s,
         )
-        return min(known, self.edges.pace(pose)) if self.edges else known
+        return min(known, self.cliffs.pace(pose)) if self.cliffs else known
 
     def packed(self) -> PackedMap:
         """The map as a microcontroller would hold it between two legs: 2 bits a cell."""
@@ -373,10 +394,13 @@ class EvidenceMap:
         """Whether what is touched there is only what a bump before put there."""
         return any(math.dist(point, guess) < self._options.cell_m for guess in self._guessed)
 
-    def _move(self, x: float, y: float) -> None:
-        self._been_at = (x, y)
+    def _extend(self, x: float, y: float) -> None:
         self._low = [min(self._low[0], x), min(self._low[1], y)]
         self._high = [max(self._high[0], x), max(self._high[1], y)]
+
+    def _move(self, x: float, y: float) -> None:
+        self._been_at = (x, y)
+        self._extend(x, y)
         clear_body(self.wall, self.near, self.been, x, y, self._inner, self._reach)
         rim = _NEAR_M * self._per_m + self._options.margin_m * self._per_m
         rows, cols = self.shape

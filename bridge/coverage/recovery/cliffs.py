@@ -31,7 +31,7 @@ _NEAR_M, _SLOW_M_S = 0.35, 0.10
 the 9 that the outer spots look ahead of the wheels."""
 
 
-class Edges:
+class Cliffs:
     """The poses at which no floor was seen ahead, and where it may be missing."""
 
     def __init__(self, radius_m: float) -> None:
@@ -71,7 +71,7 @@ class Edges:
             mark for mark in self.marks if not any(_beyond(mark, *spot) for spot in spots)
         ]
 
-    def forget(self, pose: Pose2, radius_m: float) -> None:
+    def clear(self, pose: Pose2, radius_m: float) -> None:
         """Drop what was seen so near to a pose."""
         self.poses = [known for known in self.poses if known.distance_m(pose) > radius_m]
         self.rims = [known.transform(self._radius_m, 0.0) for known in self.poses]

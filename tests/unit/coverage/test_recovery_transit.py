@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from bridge.coverage.recovery.choice import Choice
-from bridge.coverage.recovery.way import BEND_RAD, course, end_speed
+from bridge.coverage.recovery.behaviours.transit import BEND_RAD, course, end_speed
+from bridge.coverage.recovery.search import Choice
 from bridge.motion.geometry import Pose2
 
 

@@ -8,21 +8,24 @@ from typing import TYPE_CHECKING
 import pytest
 
 from bridge.coverage.planner import Step
-from bridge.coverage.recovery.choice import Chooser
-from bridge.coverage.recovery.edges import SPAN_RAD, WHEEL_M, Edges
-from bridge.coverage.recovery.evidence import EvidenceMap
+from bridge.coverage.recovery.behaviours.contact import drive, follow_obstacle
+from bridge.coverage.recovery.behaviours.perimeter import follow_perimeter
+from bridge.coverage.recovery.cliffs import SPAN_RAD, WHEEL_M, Cliffs
+from bridge.coverage.recovery.map import EvidenceMap
 from bridge.coverage.recovery.options import RecoveryOptions
-from bridge.coverage.recovery.planner import RecoveryPlanner
+from bridge.coverage.recovery.search import Chooser
 from bridge.coverage.recovery.window import Buffers, Window
 from bridge.motion.control.braking import Braking
 from bridge.motion.geometry import Pose2
 from bridge.motion.legs import Drive, FollowWall, Leg, LegResult, StopReason
 from bridge.motion.robot_model import RobotModel
 from support.observed import AT_REST
+from support.recovery import context_at
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
+    from bridge.coverage.recovery.context import RecoveryContext
     from bridge.motion.observation import Observation
 
 MODEL = RobotModel()
@@ -49,7 +52,7 @@ def open_at(memory: EvidenceMap, x_m: float, y_m: float) -> bool:
 
 
 def test_the_spots_may_all_be_without_a_floor() -> None:
-    edges = Edges(MODEL.radius_m)
+    edges = Cliffs(MODEL.radius_m)
     assert not edges
     edges.add(ORIGIN, nowhere)
     assert edges
@@ -65,11 +68,11 @@ def test_the_spots_may_all_be_without_a_floor() -> None:
 
 
 def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
-    edges = Edges(MODEL.radius_m)
+    edges = Cliffs(MODEL.radius_m)
     edges.add(ORIGIN, lambda _x, y: y > 0.05)
     assert len(edges.marks) == 2
     assert all(mark.y_m < 0.05 for mark in edges.marks)
-    edges = Edges(MODEL.radius_m)
+    edges = Cliffs(MODEL.radius_m)
     edges.add(ORIGIN, lambda _x, _y: True)
     assert len(edges.marks) == 3, "one of them is wrong"
 
@@ -87,7 +90,7 @@ def test_a_spot_where_the_robot_was_has_a_floor_unless_all_had() -> None:
 )
 def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -> None:
     for turned in (0.0, 2.0):
-        edges = Edges(MODEL.radius_m)
+        edges = Cliffs(MODEL.radius_m)
         edges.add(Pose2(1.0, 2.0, turned), nowhere)
         at = Pose2(1.0, 2.0, turned).transform(x_m, y_m)
         edges.see_floor(Pose2(*at, turned))
@@ -95,10 +98,10 @@ def test_floor_that_is_seen_beyond_is_there(x_m: float, y_m: float, left: int) -
 
 
 def test_what_is_abandoned_is_gone() -> None:
-    edges = Edges(MODEL.radius_m)
+    edges = Cliffs(MODEL.radius_m)
     edges.add(ORIGIN, nowhere)
     edges.add(Pose2(1.0, 0.0, 0.0), nowhere)
-    edges.forget(Pose2(0.1, 0.0, 0.0), 0.3)
+    edges.clear(Pose2(0.1, 0.0, 0.0), 0.3)
     assert edges.poses == [Pose2(1.0, 0.0, 0.0)]
     assert edges.rims == [pytest.approx((1.0 + MODEL.radius_m, 0.0))]
     assert len(edges.marks) == 3
@@ -135,10 +138,10 @@ def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> No
     assert not memory.clear_bumps(0.2), "it is no bump"
     assert not open_at(memory, AHEAD_M, ASIDE_M + WHEEL_M - 0.03)
     # which spot it was may become known: that it was one of them stays
-    memory.edges.marks.clear()
+    memory.cliffs.marks.clear()
     assert not open_at(memory, 0.10, 0.01)
     assert open_at(memory, 0.10, 0.15)
-    memory.forget(ORIGIN, 0.3, 0.6)
+    memory.clear(ORIGIN, 0.3, 0.6)
     assert open_at(memory, 0.10, 0.01)
 
 
@@ -146,7 +149,7 @@ def test_the_wheels_keep_off_what_may_be_missing_also_where_the_axle_was() -> No
 def test_where_the_robot_was_beside_a_spot_there_is_floor(y_m: float, marks: int) -> None:
     memory = driven(to_m=0.3, way_m=0.6, y_m=y_m)
     memory.add_cliff(ORIGIN)
-    assert len(memory.edges.marks) == marks
+    assert len(memory.cliffs.marks) == marks
 
 
 def test_floor_beyond_opens_what_was_shut() -> None:
@@ -181,7 +184,7 @@ def test_beside_a_cliff_a_lane_is_chosen_and_no_perimeter_pass() -> None:
         choice = Chooser(RecoveryOptions()).choose(memory, Pose2(-0.1, 0.01, 0.0), 0.0)
         assert choice is not None
         kinds.append(choice.kind)
-        memory.forget(ORIGIN, 0.0, 0.5)
+        memory.clear(ORIGIN, 0.0, 0.5)
     assert kinds == ["perimeter", "lane"]
 
 
@@ -202,36 +205,14 @@ def test_no_perimeter_pass_is_begun_beside_a_cliff() -> None:
     assert window.ways[rim] == 7, "lanes may begin there"
 
 
-class Driver(RecoveryPlanner):
-    """Goes by hand."""
-
-    def drive(self, leg: Drive) -> Generator[Leg, Step, LegResult]:
-        """A leg, with what is made of its end."""
-        return self._drive(leg)
-
-    def perimeter(self) -> Generator[Leg, Step]:
-        """Follow a wall on the left."""
-        return self._follow_perimeter(left=True)
-
-    def meet(self, result: LegResult) -> Generator[Leg, Step, bool]:
-        """What is done where a leg ended early."""
-        return self._meet(result)
-
-
-def begun() -> Driver:
-    planner = Driver(MODEL)
-    planner.start(seen(ORIGIN))
-    return planner
-
-
-def ends(planner: Driver, leg: Leg, x_m: float, time_s: float, *, cliff: bool) -> Step:
+def ends(context: RecoveryContext, leg: Leg, x_m: float, time_s: float, *, cliff: bool) -> Step:
     """The leg ends there."""
     reason = StopReason.CLIFF if isinstance(leg, FollowWall) else StopReason.DISTANCE
     if isinstance(leg, Drive) and (leg.distance_m or 1.0) > 0.0:
         reason = StopReason.CLIFF
     pose = Pose2(x_m, 0.0, 0.0)
     obs = seen(pose, time_s, cliff=cliff)
-    planner.watch(obs)
+    context.lookout.observe(obs)
     return Step(LegResult(leg, reason, 0.0, 1.0, pose), obs)
 
 
@@ -241,36 +222,36 @@ def test_the_robot_backs_off_until_there_is_floor_and_follows_nothing(
     backs: int, *, follows: bool
 ) -> None:
     """It marks where the floor was first missed, not where it came to a stand."""
-    planner = begun()
-    part: Generator[Leg, Step, object] = planner.perimeter()
+    context = context_at(seen(ORIGIN))
+    part: Generator[Leg, Step, object] = follow_perimeter(context, left=True)
     if not follows:
-        part = planner.drive(Drive(0.0, 2.0, purpose="lane"))
+        part = drive(context, Drive(0.0, 2.0, purpose="lane"))
     leg = next(part)
-    planner.watch(seen(Pose2(0.40, 0.0, 0.0), 1.0))
-    planner.watch(seen(Pose2(0.41, 0.0, 0.0), 1.1, cliff=True))
+    context.lookout.observe(seen(Pose2(0.40, 0.0, 0.0), 1.0))
+    context.lookout.observe(seen(Pose2(0.41, 0.0, 0.0), 1.1, cliff=True))
     legs = []
     try:
-        leg = part.send(ends(planner, leg, 0.45, 1.3, cliff=True))
+        leg = part.send(ends(context, leg, 0.45, 1.3, cliff=True))
         for k in range(1, 9):
             legs.append(leg)
-            leg = part.send(ends(planner, leg, 0.45 - 0.03 * k, 1.3 + k, cliff=k < backs))
+            leg = part.send(ends(context, leg, 0.45 - 0.03 * k, 1.3 + k, cliff=k < backs))
     except StopIteration:
         pass
     ways = [leg.distance_m for leg in legs if isinstance(leg, Drive)]
     assert ways == [-0.03] * backs + [-0.05]
     assert {leg.purpose for leg in legs} == {"back-off"}
-    assert planner.memory.edges.poses == [Pose2(0.41, 0.0, 0.0)]
+    assert context.map.cliffs.poses == [Pose2(0.41, 0.0, 0.0)]
 
 
 def test_backing_off_ends_where_no_floor_comes() -> None:
     """Someone holds the robot up."""
-    planner = begun()
-    part = planner.drive(Drive(0.0, 2.0, purpose="lane"))
+    context = context_at(seen(ORIGIN))
+    part = drive(context, Drive(0.0, 2.0, purpose="lane"))
     leg = next(part)
     count = 0
     try:
         while count < 50:
-            leg = part.send(ends(planner, leg, -0.03 * count, 1.0 + count, cliff=True))
+            leg = part.send(ends(context, leg, -0.03 * count, 1.0 + count, cliff=True))
             count += 1
     except StopIteration:
         pass
@@ -278,8 +259,8 @@ def test_backing_off_ends_where_no_floor_comes() -> None:
 
 
 def test_a_cliff_is_not_followed() -> None:
-    planner = begun()
+    context = context_at(seen(ORIGIN))
     result = LegResult(Drive(0.0, 2.0), StopReason.CLIFF, 0.5, 3.0, Pose2(0.5, 0.0, 0.0))
     with pytest.raises(StopIteration) as ended:
-        next(planner.meet(result))
+        next(follow_obstacle(context, result))
     assert ended.value.value is False

@@ -1,0 +1,1 @@
+"""Parts of the plan, each a generator of legs over one :class:`RecoveryContext`."""

@@ -1,0 +1,68 @@
+"""Driving a leg, and following the obstacle that ended it."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import TYPE_CHECKING
+
+from bridge.coverage.planner import Step
+from bridge.coverage.recovery import events
+from bridge.coverage.recovery.behaviours.obstacle import react
+from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
+from bridge.motion.geometry import Pose2
+from bridge.motion.legs import Leg, LegResult, StopReason
+
+if TYPE_CHECKING:
+    from bridge.coverage.recovery.context import RecoveryContext
+    from bridge.motion.legs import Drive
+
+_AHEAD_M, _BESIDE_M = (0.02, 0.075), (-0.04, 0.04)
+"""Floor before an obstacle, along and across the direction to it, m."""
+_UNSWEPT = 0.4
+"""Unswept share of that floor from which the obstacle's perimeter is followed."""
+
+Part = Generator[Leg, Step, LegResult]
+
+
+def drive(context: RecoveryContext, leg: Drive) -> Part:
+    """Drive a leg; whatever stops it enters the map, and the robot backs off from a contact.
+
+    A lane also ends where a wall beside it appears whose perimeter is unswept, which is then
+    followed.
+    """
+    lookout, is_lane = context.lookout, leg.purpose == "lane"
+    lookout.on_lane, lookout.beside = is_lane, 0
+    before = context.map.new_cells
+    step = yield leg
+    lookout.on_lane = False
+    result = step.result
+    if is_lane:
+        new_m2 = (context.map.new_cells - before) * context.options.cell_m**2
+        context.record.emit(events.lane_ended(result, new_m2))
+    if result.reason is StopReason.CANCELLED:
+        context.record.decide("obstacle", "beside the lane, its perimeter not yet followed")
+        yield from follow_perimeter(context, left=lookout.beside > 0)
+        return result
+    yield from react(context, result, leg.heading_rad)
+    return result
+
+
+def follow_obstacle(context: RecoveryContext, result: LegResult) -> Generator[Leg, Step, bool]:
+    """Follow what ended a drive early, unless the floor before it is swept.
+
+    Returns:
+        Whether its perimeter was followed. A cliff is never followed: no sensor measures it.
+
+    """
+    if not result.reason.blocked or result.reason is StopReason.CLIFF:
+        return False
+    pose = result.pose
+    bearing = context.map.bearing_rad(result)
+    left = bearing > 0.0
+    towards = Pose2(pose.x_m, pose.y_m, pose.theta_rad + bearing)
+    if context.map.fresh(towards, _AHEAD_M, _BESIDE_M) < _UNSWEPT:
+        return False
+    away = bearing + (-QUARTER if left else QUARTER)
+    yield from turn(context, pose.theta_rad + away)
+    yield from follow_perimeter(context, left=left, touching=True)
+    return True

@@ -1,0 +1,103 @@
+"""The heading fix: drive along a known straight wall when the heading is uncertain."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.coverage.recovery.behaviours.contact import drive
+from bridge.coverage.recovery.behaviours.perimeter import turn
+from bridge.coverage.recovery.behaviours.transit import transit
+from bridge.coverage.recovery.search import Choice
+from bridge.coverage.recovery.wall_segments import HEADING_RUN_M
+from bridge.motion.legs import Drive, Rest
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Step
+    from bridge.coverage.recovery.context import RecoveryContext
+    from bridge.coverage.recovery.wall_segments import Start
+    from bridge.coverage.recovery.window import Point
+    from bridge.motion.legs import Leg
+
+_UNCERTAIN_RAD = math.radians(0.8)
+"""Heading standard deviation that makes a fix due, rad: 2 m of a lane end 3 cm aside."""
+_HELPED = 0.75
+"""Remaining share of the standard deviation at which a run along a wall helped."""
+_ENOUGH_RAD = math.radians(0.6)
+"""Heading standard deviation after the transit that makes the run needless, rad."""
+_RUN_M_S = 0.15
+"""Speed along the wall, m/s: slow, for more readings."""
+_READ_S = 0.15
+"""Rest after the run, s: the last reading is on its way when the robot stands."""
+
+
+class HeadingFix:
+    """Decides when to fix the heading, and where."""
+
+    def __init__(self) -> None:
+        """Begin with a fix possible at once."""
+        self.due_s = -math.inf
+        """Time before which no fix is tried, s."""
+        self._failed = 0
+        """Fixes in a row that did not help."""
+
+    def take(self, context: RecoveryContext) -> Generator[Leg, Step, bool]:
+        """Fix the heading if it is uncertain and a known wall is near; whether it was tried."""
+        obs, starts = context.obs, context.wall_segments.starts()
+        apart_s = context.options.heading_fix_apart_s
+        if not starts or obs.heading_sigma_rad < _UNCERTAIN_RAD or obs.time_s < self.due_s:
+            return False
+        points = [(start.x_m, start.y_m) for start in starts]
+        found = yield from context.in_slices(context.chooser.way_to(context.map, obs.pose, points))
+        if found is None:
+            self.due_s = context.obs.time_s + apart_s
+            return False
+        k, path = found
+        start = starts[k]
+        context.record.decide(
+            "heading-fix",
+            "the heading is uncertain: drive along a known wall",
+            x_m=round(start.x_m, 3),
+            y_m=round(start.y_m, 3),
+            uncertainty_deg=round(math.degrees(obs.heading_sigma_rad), 2),
+        )
+        begun_rad = yield from self.drive_along(context, start, path)
+        left_rad = context.obs.heading_sigma_rad
+        helped = left_rad < _HELPED * obs.heading_sigma_rad
+        self._failed = 0 if helped else self._failed + 1
+        if begun_rad is not None:  # a blocked transit does not count against the wall
+            useful = left_rad < max(_HELPED * begun_rad, _ENOUGH_RAD)
+            context.wall_segments.tried(start, helped=useful)
+        self.due_s = context.obs.time_s + apart_s * 2**self._failed
+        return True
+
+    def drive_along(
+        self, context: RecoveryContext, start: Start, path: tuple[Point, ...]
+    ) -> Generator[Leg, Step, float | None]:
+        """Drive straight along a wall, without following it: a noisy infrared would steer.
+
+        Returns:
+            The heading's standard deviation at the beginning of the run, rad; ``None`` if there
+            was no run, because the transit was blocked or fixed the heading.
+
+        """
+        choice = Choice("heading-fix", path, start.heading_rad, HEADING_RUN_M)
+        arrived = yield from transit(context, choice)
+        begun_rad = context.obs.heading_sigma_rad
+        if not arrived or begun_rad < _ENOUGH_RAD:
+            return None
+        yield from turn(context, start.heading_rad)
+        context.enter("heading-fix", path[-1])
+        leg = Drive(
+            start.heading_rad,
+            HEADING_RUN_M,
+            speed_m_s=_RUN_M_S,
+            stop_range_m=context.options.stop_range_m,
+            wary=True,
+            purpose="heading-fix",
+        )
+        yield from drive(context, leg)
+        yield Rest(_READ_S, purpose="heading-fix")
+        return begun_rad

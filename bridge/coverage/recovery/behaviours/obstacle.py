@@ -1,0 +1,57 @@
+"""What the robot does at an obstacle or a cliff: it enters the map, and the robot backs off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from bridge.coverage.recovery import events
+from bridge.motion.legs import Drive, StopReason
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Step
+    from bridge.coverage.recovery.context import RecoveryContext
+    from bridge.motion.legs import Leg, LegResult
+
+_RIM_M = 0.01
+"""Distance beyond the rim at which an obstacle in the ultrasonic's range is mapped, m."""
+_BACK_M_S = 0.05
+"""Speed of backing off, m/s."""
+_MAX_BACKS = 5
+"""Times that the robot backs off from a cliff before it goes on anyway."""
+_CLEAR_M = 0.05
+"""Further path back once there is floor ahead, m, so that no wheel turns over the cliff: between
+two sensors a cliff may be as near as the outer ones look ahead, 9 cm."""
+
+
+def react(context: RecoveryContext, result: LegResult, heading_rad: float) -> Generator[Leg, Step]:
+    """Enter what stopped a leg into the map, and back off on the leg's heading, rad."""
+    if result.reason is StopReason.RANGE:
+        point = result.pose.transform(context.model.radius_m + _RIM_M, 0.0)
+        context.map.add_point(*point)
+        context.record.emit(events.obstacle_met(result))
+    elif result.reason is StopReason.CLIFF:
+        context.map.add_cliff(context.lookout.cliff_at or result.pose)
+        context.record.emit(events.obstacle_met(result))
+        yield from _leave_cliff(context, heading_rad)
+    elif result.reason in {StopReason.BUMPER, StopReason.STALLED}:
+        both = not (result.bumper_left or result.bumper_right)
+        context.map.add_bump(
+            result.pose, left=result.bumper_left or both, right=result.bumper_right or both
+        )
+        context.record.emit(events.obstacle_met(result))
+        back_m = context.options.back_off_m
+        yield Drive(heading_rad, -back_m, speed_m_s=_BACK_M_S, purpose="back-off")
+
+
+def _leave_cliff(context: RecoveryContext, heading_rad: float) -> Generator[Leg, Step]:
+    """Back off until there is floor ahead, and a little farther."""
+    back_m = context.options.cliff_back_off_m
+    back = Drive(heading_rad, -back_m, speed_m_s=_BACK_M_S, purpose="back-off")
+    for _ in range(_MAX_BACKS):
+        yield back
+        if not context.obs.cliff:
+            yield replace(back, distance_m=-_CLEAR_M)
+            return

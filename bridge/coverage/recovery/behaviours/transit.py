@@ -1,0 +1,110 @@
+"""Transit: drive along a path of several pieces to where a choice begins."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.coverage.recovery.behaviours.contact import drive, follow_obstacle
+from bridge.coverage.recovery.behaviours.perimeter import QUARTER, follow_perimeter, turn
+from bridge.motion.geometry import wrap_angle
+from bridge.motion.legs import Drive, StopReason
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import Step
+    from bridge.coverage.recovery.context import RecoveryContext
+    from bridge.coverage.recovery.search import Choice
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.legs import Leg, LegResult
+
+BEND_RAD = math.radians(15.0)
+"""Bend of a path below which the robot steers instead of turning in place, rad."""
+_SLIGHT_RAD = math.radians(10.0)
+"""Planned bend that stays below ``BEND_RAD`` from where it is driven, rad."""
+_BEND_M_S = 0.12
+"""Speed through a slight bend, m/s."""
+_CORNER_M_S = 0.05
+"""Speed into a turn in place, m/s; the turn takes the rest out."""
+_NO_LEG_M = 0.01
+"""Piece of a path that is too short to drive, m."""
+_BLOCKED_M = 0.03
+"""Missing length from which a piece of a path was blocked, m."""
+_NEAR_M = 0.15
+"""Distance from the beginning of a wall within which a contact is that wall, m: the robot's place
+is uncertain, too."""
+_CONTACT = frozenset({StopReason.RANGE, StopReason.BUMPER, StopReason.STALLED})
+_PASSAGE_M = 0.4
+"""Least path along what blocked the robot twice, m: round a door's edge and through."""
+
+
+def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
+    """Return the heading (rad) and the distance (m) from a pose to a point."""
+    dx, dy = x_m - pose.x_m, y_m - pose.y_m
+    return math.atan2(dy, dx), math.hypot(dx, dy)
+
+
+def end_speed(choice: Choice, k: int, heading_rad: float) -> float:
+    """Return the speed (m/s) at the end of the ``k``-th piece of a choice's path."""
+    if k + 1 < len(choice.way):
+        (x, y), (x1, y1) = choice.way[k : k + 2]
+        bend = math.atan2(y1 - y, x1 - x) - heading_rad
+    elif choice.kind == "lane":
+        bend = choice.heading_rad - heading_rad
+    else:  # the direction along the wall is decided there
+        return _CORNER_M_S
+    return _BEND_M_S if abs(wrap_angle(bend)) < _SLIGHT_RAD else _CORNER_M_S
+
+
+def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bool]:
+    """Drive to where a choice begins.
+
+    Returns:
+        Whether the robot arrived. If it is blocked, it follows the obstacle or seeks a passage.
+
+    """
+    context.enter("transit", choice.way[-1])
+    context.stuck.begin_transit()
+    options = context.options
+    for k, (x, y) in enumerate(choice.way):
+        heading, distance = course(context.pose, x, y)
+        if distance < _NO_LEG_M:
+            continue
+        yield from turn(context, heading, BEND_RAD)
+        heading, distance = course(context.pose, x, y)  # it may have rolled on as it turned
+        if distance < _NO_LEG_M:
+            continue
+        leg = Drive(
+            heading,
+            distance,
+            speed_m_s=options.travel_speed_m_s,
+            stop_range_m=options.stop_range_m,
+            end_m_s=end_speed(choice, k, heading),
+            wary=True,
+            purpose="transit",
+        )
+        result = yield from drive(context, leg)
+        if result.reason.blocked and distance - result.distance_m > _BLOCKED_M:
+            reason = f"the path to the {choice.kind} ended early: {result.reason}"
+            context.record.decide("blocked", reason)
+            if choice.kind == "heading-fix":
+                near = math.dist(context.pose[:2], choice.way[-1]) < _NEAR_M
+                return near and result.reason in _CONTACT
+            if not (yield from follow_obstacle(context, result)):
+                context.stuck.blocked(result, heading)
+                yield from _seek_passage(context, result, choice.new_m2)
+            return False
+    return True
+
+
+def _seek_passage(
+    context: RecoveryContext, result: LegResult, new_m2: float
+) -> Generator[Leg, Step]:
+    """Follow what blocked the robot, if the stuck policy finds it worthwhile."""
+    if not context.stuck.seeks_passage(result, new_m2):
+        return
+    left = result.bumper_left
+    away = context.map.bearing_rad(result) + (-QUARTER if left else QUARTER)
+    yield from turn(context, result.pose.theta_rad + away)
+    yield from follow_perimeter(context, left=left, touching=True, min_m=_PASSAGE_M)

@@ -1,0 +1,100 @@
+"""What the behaviours of the recovery planner share during one plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from bridge.coverage.recovery.lookout import Lookout
+from bridge.coverage.recovery.map import EvidenceMap
+from bridge.coverage.recovery.occlusions import OccludedRegion, OccludedRegions
+from bridge.coverage.recovery.stuck import StuckPolicy
+from bridge.coverage.recovery.wall_segments import WallSegments
+from bridge.motion.legs import Rest
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.coverage.planner import PlannerRecord, Step
+    from bridge.coverage.recovery.options import RecoveryOptions
+    from bridge.coverage.recovery.search import Chooser
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.legs import Leg
+    from bridge.motion.observation import Observation
+    from bridge.motion.robot_model import RobotModel
+
+    Found = TypeVar("Found")
+
+
+@dataclass(slots=True, eq=False)
+class RecoveryContext:
+    """The map, the helpers and the progress of one plan."""
+
+    model: RobotModel
+    options: RecoveryOptions
+    map: EvidenceMap
+    chooser: Chooser
+    record: PlannerRecord
+    wall_segments: WallSegments
+    occlusions: OccludedRegions
+    lookout: Lookout
+    stuck: StuckPolicy
+    recovering: OccludedRegion | None = None
+    """Occluded region that the lane under way revisits; ``None``: no revisit."""
+    lane_m: float = 0.0
+    """Length of the last lane, m."""
+    searches: int = 0
+    """Searches begun."""
+
+    @classmethod
+    def begin(
+        cls,
+        model: RobotModel,
+        options: RecoveryOptions,
+        chooser: Chooser,
+        record: PlannerRecord,
+        obs: Observation,
+    ) -> RecoveryContext:
+        """Begin a plan at the pose of ``obs`` with an empty map."""
+        evidence, segments = EvidenceMap(model, options, obs.pose), WallSegments()
+        return cls(
+            model,
+            options,
+            evidence,
+            chooser,
+            record,
+            segments,
+            OccludedRegions(model.cleaning_width_m),
+            Lookout(model, options, evidence, record, segments, obs=obs),
+            StuckPolicy(model, options, evidence, record),
+        )
+
+    @property
+    def obs(self) -> Observation:
+        """The last observation."""
+        return self.lookout.obs
+
+    @property
+    def pose(self) -> Pose2:
+        """The last estimated pose."""
+        return self.lookout.obs.pose
+
+    def enter(self, phase: str, target: tuple[float, float] | None = None) -> None:
+        """Report the phase of the plan, and the point being driven to, m."""
+        if self.recovering is not None and phase in {"transit", "lane"}:
+            phase = f"recovery-{phase}"
+        state = self.record.state
+        if (phase, target) != (state.state, state.target):
+            self.record.change(state=phase, target=target)
+
+    def in_slices(self, search: Generator[None, None, Found]) -> Generator[Leg, Step, Found]:
+        """Run a search and stand still for one control step after each of its slices."""
+        self.searches += 1
+        while True:
+            try:
+                next(search)
+            except StopIteration as stop:
+                found: Found = stop.value
+                return found
+            self.enter("think")
+            yield Rest(0.0, purpose="think")

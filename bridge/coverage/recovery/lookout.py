@@ -1,0 +1,238 @@
+"""What the recovery planner does with each observation: map, speed limit, reasons to end a leg."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from bridge.motion.control.braking import Braking
+
+if TYPE_CHECKING:
+    from bridge.coverage.planner import PlannerRecord
+    from bridge.coverage.recovery.map import EvidenceMap
+    from bridge.coverage.recovery.options import RecoveryOptions
+    from bridge.coverage.recovery.wall_segments import WallSegments
+    from bridge.motion.geometry import Pose2
+    from bridge.motion.observation import Observation
+    from bridge.motion.robot_model import RobotModel
+
+_CHECK_M = 0.05
+"""Path between two checks whether a perimeter pass is closed, m."""
+_AHEAD_M = (0.03, 0.25)
+"""Strip ahead of the axle that such a check looks at, m."""
+_BAND_M = (0.03, 0.065)
+"""Distance of that strip from the axle's line, m: the part of the mouth next to the wall."""
+_SEEN_M = 0.20
+"""Infrared range of a wall that takes a part of the lane's own band, m."""
+_MOSTLY = 0.8
+"""Unswept share of the floor before such a wall that ends a lane."""
+CLOSED_M = 0.25
+"""Path before a perimeter pass can be closed, m: it may begin on floor that a lane has swept."""
+_STRAIGHT_RAD_S = 0.3
+"""Yaw rate below which wall following is straight, rad/s."""
+ROUND_RAD_S = 0.5
+"""Yaw rate from which wall following rounds a corner, rad/s: a corner takes 0.54. Lower rates may
+come from infrared noise."""
+_STEADY_RAD_S = 0.1
+"""Yaw rate below which the heading counts for the walls' main direction, rad/s."""
+_STEADY_M_S = 0.05
+"""Speed above which it counts, m/s."""
+_ON_LANE_M_S = 0.1
+"""Speed from which the robot is on its lane, m/s."""
+_BRAKE_SHARE = 0.75
+"""Share of the acceleration limit that planned braking uses, as the controllers do."""
+_LATENCY_S = 0.10
+"""Time from a command to the wheels, s."""
+_BRISK_M_S = 0.15
+"""Speed above that of any corner, m/s."""
+_JUMP_M = 0.008
+"""Motion of the estimate beyond the driven path that is a pose correction, m: a control step drives
+6 mm at top speed."""
+_REPORTED_RAD = math.radians(0.3)
+"""Heading standard deviation worth an event when a wall reduces it, rad."""
+_REPORTED_SHARE = 0.5
+"""Share of it that remains at such an event."""
+_MOUNT_AHEAD_M = 0.03
+"""Floor ahead of a side infrared that counts as beside the lane, m."""
+_BESIDE_M = (0.015, 0.065)
+"""Distance of that floor from the rim, m."""
+
+
+class WallFollowing:
+    """Progress of a perimeter pass."""
+
+    __slots__ = ("brisk_s", "checked_m", "distance_m", "last_pose", "min_m", "side", "stale")
+
+    def __init__(self) -> None:
+        """Follow nothing yet."""
+        self.side = 0
+        """Side of the wall: left (1), right (-1), or 0 while no wall is followed."""
+        self.distance_m = 0.0
+        """Path of this pass, m."""
+        self.checked_m = 0.0
+        """Path at the last check, m."""
+        self.min_m = CLOSED_M
+        """Path before the pass can be closed, m."""
+        self.stale = 0
+        """Checks in a row that found the floor ahead swept."""
+        self.last_pose: Pose2 | None = None
+        """Pose at the last observation of this leg."""
+        self.brisk_s = -math.inf
+        """Time of the last observation at a speed above that of any corner, s."""
+
+    def begin_pass(self, min_m: float) -> None:
+        """Begin a pass that cannot be closed before ``min_m``, m."""
+        self.min_m = min_m
+        self.distance_m = self.checked_m = 0.0
+
+    def begin_leg(self, side: int) -> None:
+        """Follow a wall on the left (1) or right (-1)."""
+        self.side, self.last_pose, self.stale = side, None, 0
+
+
+class Lookout:
+    """Takes every observation during a plan."""
+
+    def __init__(  # noqa: PLR0913 - what it updates
+        self,
+        model: RobotModel,
+        options: RecoveryOptions,
+        evidence: EvidenceMap,
+        record: PlannerRecord,
+        segments: WallSegments,
+        *,
+        obs: Observation,
+    ) -> None:
+        """Start with the observation at which the plan begins."""
+        self._model, self._options = model, options
+        self._map, self._record, self._segments = evidence, record, segments
+        self._brake = Braking(_BRAKE_SHARE * model.max_accel_m_s2, _LATENCY_S)
+        self.obs = obs
+        """The last observation."""
+        self.speed_limit_m_s = math.inf
+        """Fastest forward speed that touches nothing known hard, m/s."""
+        self.wall = WallFollowing()
+        self.on_lane = False
+        """Whether the leg under way is a lane, so that a wall beside it may end it."""
+        self.beside = 0
+        """Side of the wall that ended the lane: left (1), right (-1), or 0."""
+        self.cliff_at: Pose2 | None = None
+        """Pose at which the floor ahead was first missed; ``None``: the floor is there."""
+        self._direction = 0j
+        """Sum of the followed path as a vector of four times its heading."""
+        self._max_sigma_rad = 0.0
+        """Largest heading standard deviation since the last event about it, rad."""
+
+    def observe(self, obs: Observation) -> bool:
+        """Take an observation; true: the leg under way has nothing left to sweep."""
+        self._see_correction(obs)
+        self._see_heading(obs.heading_sigma_rad)
+        self.obs = obs
+        self._see_cliff(obs)
+        self._map.update(obs)
+        wall = self.wall
+        straight = abs(obs.yaw_rate_rad_s) < _STRAIGHT_RAD_S
+        self.speed_limit_m_s = self._map.pace(obs.pose, wall.side, self._brake, straight=straight)
+        if wall.side and not straight:
+            self.speed_limit_m_s = min(self.speed_limit_m_s, self._model.cruise_speed_m_s)
+        if not wall.side:
+            return self.on_lane and self._sees_wall_beside(obs)
+        return self._follow(obs)
+
+    def end_segment(self) -> None:
+        """End the wall segment under way at the current pose, and the following."""
+        self._segments.end(self.obs.pose, self.wall.side)
+        self.wall.side = 0
+
+    def fresh_along(self, pose: Pose2, side: int) -> float:
+        """Return the unswept share of the strip next to a wall on the left (1) or right (-1)."""
+        low, high = _BAND_M
+        return self._map.fresh(pose, _AHEAD_M, (low, high) if side > 0 else (-high, -low))
+
+    @property
+    def grid_rad(self) -> float:
+        """Main direction of the walls followed so far, rad; 0 before any."""
+        if not self._direction:
+            return 0.0
+        return math.atan2(self._direction.imag, self._direction.real) / 4.0
+
+    # -- inside --------------------------------------------------------------------------------
+
+    def _follow(self, obs: Observation) -> bool:
+        """Take an observation of a perimeter pass; true: the pass is closed."""
+        wall = self.wall
+        if obs.v_m_s > _BRISK_M_S:
+            wall.brisk_s = obs.time_s
+        last, wall.last_pose = wall.last_pose, obs.pose
+        rounds_corner = abs(obs.yaw_rate_rad_s) >= ROUND_RAD_S
+        self._segments.follow(obs.pose, wall.side, straight=not rounds_corner)
+        if last is None:
+            return False
+        step_m = last.distance_m(obs.pose)
+        wall.distance_m += step_m
+        if abs(obs.yaw_rate_rad_s) < _STEADY_RAD_S and obs.v_m_s > _STEADY_M_S:
+            angle = 4.0 * obs.pose.theta_rad
+            self._direction += step_m * complex(math.cos(angle), math.sin(angle))
+        if wall.distance_m - wall.checked_m < _CHECK_M:
+            return False
+        wall.checked_m = wall.distance_m
+        if self.fresh_along(obs.pose, wall.side) < self._options.fresh_share:
+            wall.stale += 1
+        else:
+            wall.stale = 0
+        return wall.stale > 1 and wall.distance_m > wall.min_m
+
+    def _see_cliff(self, obs: Observation) -> None:
+        """Keep where the floor was first missed: the robot stands only farther on."""
+        if not obs.cliff:
+            self.cliff_at = None
+        elif self.cliff_at is None:
+            self.cliff_at = obs.pose
+
+    def _see_correction(self, obs: Observation) -> None:
+        """Report a pose correction: the estimate moved farther than the robot."""
+        last = self.obs
+        dx, dy = obs.pose.x_m - last.pose.x_m, obs.pose.y_m - last.pose.y_m
+        if abs(dx) + abs(dy) < _JUMP_M:
+            return
+        path_m = max(abs(obs.v_m_s), abs(last.v_m_s)) * max(obs.time_s - last.time_s, 0.0)
+        jump_m = math.hypot(dx, dy) - path_m
+        if jump_m > _JUMP_M:
+            if self.wall.side:
+                self._segments.end(last.pose, self.wall.side)
+            self._record.decide(
+                "re-zero", "a wall seen again moved the estimate", jump_m=round(jump_m, 4)
+            )
+
+    def _see_heading(self, sigma_rad: float) -> None:
+        """Report that walls reduced the heading's standard deviation, which grows by itself."""
+        max_rad = self._max_sigma_rad
+        if sigma_rad > max_rad:
+            self._max_sigma_rad = sigma_rad
+        elif max_rad > _REPORTED_RAD and sigma_rad < _REPORTED_SHARE * max_rad:
+            self._max_sigma_rad = sigma_rad
+            self._record.decide(
+                "re-zero",
+                "the walls gave the heading",
+                uncertainty_deg=round(math.degrees(sigma_rad), 2),
+                before_deg=round(math.degrees(max_rad), 2),
+            )
+
+    def _sees_wall_beside(self, obs: Observation) -> bool:
+        """Whether a wall beside the lane appears whose perimeter is unswept."""
+        if abs(obs.yaw_rate_rad_s) > _STEADY_RAD_S or obs.v_m_s < _ON_LANE_M_S:
+            return False
+        for side, mount, range_m in (
+            (1, self._model.infrared_left, obs.infrared_left_m),
+            (-1, self._model.infrared_right, obs.infrared_right_m),
+        ):
+            if range_m is None or range_m > _SEEN_M:
+                continue
+            off = range_m + abs(mount.y_m) - self._model.radius_m
+            low, high = max(off, 0.0) + _BESIDE_M[0], max(off, 0.0) + _BESIDE_M[1]
+            ahead = (0.0, mount.x_m + _MOUNT_AHEAD_M)
+            band = (low, high) if side > 0 else (-high, -low)
+            if self._map.fresh(obs.pose, ahead, band) > _MOSTLY:
+                self.beside = side
+                return True
+        return False

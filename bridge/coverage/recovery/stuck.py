@@ -1,0 +1,238 @@
+"""When the recovery planner gives up: a path, a target, evidence of the map, and the plan."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from bridge.motion.geometry import Pose2
+from bridge.motion.legs import StopReason
+
+if TYPE_CHECKING:
+    from bridge.coverage.planner import PlannerRecord
+    from bridge.coverage.recovery.map import EvidenceMap
+    from bridge.coverage.recovery.options import RecoveryOptions
+    from bridge.coverage.recovery.search import Choice
+    from bridge.coverage.recovery.window import Point
+    from bridge.motion.legs import LegResult
+    from bridge.motion.robot_model import RobotModel
+
+FLOOR_CELLS = 250
+"""New cells after which a fruitless attempt may be repeated: a tenth of a square metre."""
+_MAX_FRUITLESS = 20
+"""Fruitless decisions in a row after which evidence is cleared."""
+_MAX_BLOCKED = 6
+"""Blocks at one place after which evidence is cleared there."""
+_SPARED = 8
+"""Fruitless decisions in a row below which a block far from the target does not count
+against it."""
+_FAR_M = 0.4
+"""Distance of such a block from the target, m."""
+_MAX_CLEARED = 3
+"""Times that evidence is cleared without new floor."""
+_CLEAR_RADIUS_M = 0.6
+"""Radius in which evidence is cleared if nothing leads anywhere, m."""
+_BLOCKED_RADIUS_M = 0.3
+"""Radius in which evidence is cleared where one place blocks, m: farther evidence does not block
+the robot there, and the robot bumps into cleared chair legs again."""
+_BUMP_RADIUS_M = 0.2
+"""Radius around bumps in which targets get one more try, m."""
+_SAME_PLACE_M = 0.15
+"""Distance within which two blocks are at one place, m."""
+_AGAIN = 2
+"""Blocks at one place from which the passage is closed in the map, and followed."""
+_CLOSED_M = 0.03
+"""Radius by which each block closes the passage, m."""
+_WORTH_M2 = 0.03
+"""New floor that makes a search for the passage worth its 5 s, m²."""
+_WALL_M = 0.2
+"""Radius in which wall cells are counted, m."""
+_MIN_WALL_CELLS = 12
+"""Wall cells (24 cm of wall) that make following worthwhile: a chair leg leads round itself."""
+_LITTLE = 0.3
+"""Share of the promised floor below which an attempt is fruitless for its target."""
+_PERIMETER_CELLS = 40.0
+"""New cells that a perimeter pass promises."""
+
+
+class Verdict(Enum):
+    """What the planner does before it carries out a choice."""
+
+    GO_ON = "go on"
+    CLEARED = "evidence was cleared: choose again"
+    SHUT_IN = "end the plan"
+
+
+class StuckPolicy:
+    """Decides what is blocked, abandoned and cleared."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        options: RecoveryOptions,
+        evidence: EvidenceMap,
+        record: PlannerRecord,
+    ) -> None:
+        """Begin with no attempt."""
+        self._model, self._options = model, options
+        self._map, self._record = evidence, record
+        self._fruitless = 0
+        """Decisions in a row that swept next to nothing."""
+        self._cleared = 0
+        """Times that evidence was cleared since the last new floor."""
+        self._cleared_at = 0
+        """New cells at the last time."""
+        self._bumps_cleared_at = -FLOOR_CELLS
+        """New cells when evidence of bumps was cleared last."""
+        self._blocks = 0
+        """Blocks in a row at ``_blocked_at``."""
+        self._blocked_at: Pose2 | None = None
+        self._passages: list[tuple[Pose2, bool, int]] = []
+        """Places where a passage was sought, on which side, and the new cells by then."""
+        self._left_path_at: Pose2 | None = None
+        """Where the transit under way was left to seek a passage."""
+
+    def clear_bumps(self) -> bool:
+        """Clear evidence that only bumps gave, before the end; whether there was any."""
+        if self._map.new_cells - self._bumps_cleared_at < FLOOR_CELLS:
+            return False
+        self._bumps_cleared_at = self._map.new_cells
+        if not self._map.clear_bumps(_BUMP_RADIUS_M):
+            return False
+        self._blocks = self._fruitless = 0
+        self._record.decide("clear", "before the end: evidence that only bumps gave is cleared")
+        return True
+
+    def judge(self, pose: Pose2, *, shut_in: bool, parted_at: Point | None) -> Verdict:
+        """Decide whether to go on from a pose.
+
+        Args:
+            pose: the robot's pose.
+            shut_in: the search found no place for the robot, or separated it from its past.
+            parted_at: the nearest place of its past that the search could not reach, m.
+
+        """
+        stuck = self._fruitless >= _MAX_FRUITLESS or shut_in
+        if not stuck and self._blocks <= _MAX_BLOCKED:
+            return Verdict.GO_ON
+        place = self._uncertain_place(pose, parted_at)
+        self._blocks = 0
+        if self._map.new_cells - self._cleared_at > FLOOR_CELLS:
+            self._cleared = 0
+        if self._cleared < _MAX_CLEARED:
+            radius_m = _CLEAR_RADIUS_M if stuck else _BLOCKED_RADIUS_M
+            self._map.clear(place, radius_m, _CLEAR_RADIUS_M)
+            self._record.decide(
+                "clear",
+                f"{'nothing leads anywhere' if stuck else 'the robot is blocked again and again'}: "
+                "the evidence there is cleared",
+                x_m=round(place.x_m, 3),
+                y_m=round(place.y_m, 3),
+            )
+            self._fruitless, self._cleared_at = 0, self._map.new_cells
+            self._cleared += 1
+            return Verdict.CLEARED
+        return Verdict.SHUT_IN if stuck else Verdict.GO_ON
+
+    def begin_transit(self) -> None:
+        """Forget where the last transit was left."""
+        self._left_path_at = None
+
+    def blocked(self, result: LegResult, heading_rad: float) -> None:
+        """Take a block of a transit on a heading, rad, and close the passage a little more."""
+        pose, last = result.pose, self._blocked_at
+        again = last is not None and pose.distance_m(last) < _SAME_PLACE_M
+        self._blocks = self._blocks + 1 if again else 1
+        self._blocked_at = pose
+        if self._blocks >= _AGAIN:
+            radius_m = min(_CLOSED_M * self._blocks, self._model.radius_m)
+            c, s = math.cos(heading_rad), math.sin(heading_rad)
+            ahead_m = radius_m + self._options.cell_m
+            self._map.block(pose.x_m + ahead_m * c, pose.y_m + ahead_m * s, radius_m)
+            self._record.decide(
+                "passage-shut",
+                "the robot was blocked there again",
+                x_m=round(pose.x_m, 3),
+                y_m=round(pose.y_m, 3),
+                times=self._blocks,
+            )
+
+    def seeks_passage(self, result: LegResult, new_m2: float) -> bool:
+        """Whether to follow what blocked the robot, as the Bug algorithms do.
+
+        A wall leads round a door's edge and through, wherever the estimate puts the door
+        (Lumelsky and Stepanov 1987). Each place is followed once on a side, until there is new
+        floor.
+
+        Args:
+            result: how the transit was blocked.
+            new_m2: new floor that the target promises, m².
+
+        """
+        left, right = result.bumper_left, result.bumper_right
+        if result.reason is not StopReason.BUMPER or left == right:
+            return False
+        if self._blocks < _AGAIN or new_m2 <= _WORTH_M2:
+            return False
+        pose, floor = result.pose, self._map.new_cells
+        bearing, rim_m = self._map.bearing_rad(result), self._model.radius_m
+        contact = pose.transform(rim_m * math.cos(bearing), rim_m * math.sin(bearing))
+        if self._map.occupied(*contact, _WALL_M) < _MIN_WALL_CELLS:
+            return False
+        for before, side, cells in self._passages:
+            near = side == left and before.distance_m(pose) < _SAME_PLACE_M
+            if near and floor - cells < FLOOR_CELLS:
+                return False
+        self._passages.append((pose, left, floor))
+        self._left_path_at = pose
+        self._record.decide("passage-sought", "along what blocked the robot again")
+        return True
+
+    def take(self, choice: Choice, new_cells: int, pose: Pose2, *, arrived: bool) -> None:
+        """Take what a choice gave.
+
+        Args:
+            choice: what was carried out.
+            new_cells: cells that it swept.
+            pose: where it ended.
+            arrived: whether the robot reached the choice's beginning.
+
+        """
+        self._judge_target(choice, new_cells, pose, arrived=arrived)
+        fruitless = new_cells < self._options.min_cells
+        self._fruitless = self._fruitless + 1 if fruitless else 0
+
+    def _judge_target(self, choice: Choice, new_cells: int, pose: Pose2, *, arrived: bool) -> None:
+        """Count a fruitless attempt against its target, and abandon the target in time.
+
+        A block far from the target speaks against the passage, which ``blocked`` closes: there may
+        be another path.
+        """
+        promised = choice.new_m2 / self._options.cell_m**2
+        if choice.kind == "perimeter":
+            promised = _PERIMETER_CELLS
+        if new_cells > _LITTLE * promised:
+            return
+        x, y = choice.way[-1]
+        far = math.dist((self._left_path_at or pose)[:2], (x, y)) > _FAR_M
+        if far and not arrived and self._fruitless < _SPARED:
+            return
+        c, s = math.cos(choice.heading_rad), math.sin(choice.heading_rad)
+        done_m = 0.0
+        if arrived:  # floor beyond an obstacle may be reached from elsewhere
+            done_m = min(max((pose.x_m - x) * c + (pose.y_m - y) * s, 0.0), choice.length_m)
+        at_m, width_m = 0.0, self._model.cleaning_width_m
+        while at_m <= done_m:
+            self._map.abandon(x + at_m * c, y + at_m * s, 0.5 * width_m)
+            at_m += width_m
+        reason = "the target gave next to nothing" if arrived else "no path to it was found"
+        self._record.decide("abandon", reason, x_m=round(x, 3), y_m=round(y, 3))
+
+    def _uncertain_place(self, pose: Pose2, parted_at: Point | None) -> Pose2:
+        """Return the place whose evidence is probably wrong."""
+        if parted_at is not None:
+            return Pose2(*parted_at, 0.0)
+        if self._blocks > _MAX_BLOCKED and self._blocked_at is not None:
+            return self._blocked_at
+        return pose

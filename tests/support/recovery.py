@@ -1,0 +1,45 @@
+"""The recovery planner's context without a run: a robot that stands somewhere with an empty map."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from bridge.coverage.planner import PlannerRecord
+from bridge.coverage.recovery.context import RecoveryContext
+from bridge.coverage.recovery.options import RecoveryOptions
+from bridge.coverage.recovery.search import Chooser
+from bridge.motion.robot_model import RobotModel
+from support.observed import AT_REST
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from bridge.motion.observation import Observation
+
+    Returned = TypeVar("Returned")
+
+
+def context_at(
+    obs: Observation = AT_REST,
+    model: RobotModel | None = None,
+    options: RecoveryOptions | None = None,
+) -> RecoveryContext:
+    """Begin a plan at an observation."""
+    options = options or RecoveryOptions()
+    chooser = Chooser(options)
+    return RecoveryContext.begin(model or RobotModel(), options, chooser, PlannerRecord(), obs)
+
+
+def kinds(context: RecoveryContext) -> list[str]:
+    """Kinds of the events since the last call."""
+    return [event.kind for event in context.record.drain()]
+
+
+def returned(part: Generator[object, object, Returned]) -> Returned:
+    """What a part that drives no leg returns."""
+    try:
+        next(part)
+    except StopIteration as stop:
+        value: Returned = stop.value
+        return value
+    raise AssertionError("it drives a leg")
