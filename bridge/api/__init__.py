@@ -1,1 +1,1 @@
-"""The public interface, safe to use from several threads."""
+"""The public Python API, which is thread-safe."""

@@ -1,4 +1,4 @@
-"""Arguments of the library's calls, checked before anything is sent or opened."""
+"""Checks of API arguments, before anything is sent or opened."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What an argument may be."""
+    """Allowed type and range of an argument."""
 
     wanted: str
-    """For the error, after "it must be"."""
+    """Description for the error text, after "must be"."""
     fits: Callable[[object], bool]
     secret: bool = False
-    """An error does not show the value."""
+    """True if error texts must not show the value."""
 
     def __or__(self, other: Kind) -> Kind:
-        """Either of two."""
+        """Return a kind that allows the values of both."""
         return Kind(
             f"{self.wanted}, or {other.wanted}",
             lambda value: self.fits(value) or other.fits(value),
@@ -43,7 +43,7 @@ class Kind:
 
 
 def checked(**kinds: Kind) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Have a call refuse arguments that are not of these kinds, by an :class:`ArgumentError`."""
+    """Decorator: raise :class:`ArgumentError` for arguments that are not of these kinds."""
 
     def wrap(call: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(call)
@@ -54,7 +54,7 @@ def checked(**kinds: Kind) -> Callable[[Callable[P, R]], Callable[P, R]]:
                 kind = kinds.get(name)
                 if kind is not None and not kind.fits(value):
                     given = name if kind.secret else f"{name} = {shown(value)}"
-                    raise ArgumentError(f"{given}: it must be {kind.wanted}")
+                    raise ArgumentError(f"{given}: must be {kind.wanted}")
             return call(*args, **kwargs)
 
         return checking
@@ -71,7 +71,7 @@ def _is_number(value: object, least: float = -math.inf) -> bool:
         return False
     try:
         return least <= float(value) < math.inf and float(value) > -math.inf
-    except OverflowError:  # an integer beyond every float
+    except OverflowError:  # an integer beyond float range
         return False
 
 
@@ -105,5 +105,5 @@ PARAMETER = Kind(
     lambda value: isinstance(value, str | Integral) and not isinstance(value, bool),
 )
 VALUE = _instance("a number, a text, True or False", Real, str)
-"""Its parameter judges it further."""
+"""Type of a parameter's value; the parameter itself checks the range."""
 HERTZ = Kind("a number", lambda value: isinstance(value, Real) and not isinstance(value, bool))

@@ -1,4 +1,4 @@
-"""Reaching a session that lives in another thread's loop."""
+"""Access to a session from other threads than its loop's."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ if TYPE_CHECKING:
     from protocol.messages import Status
 
 WAIT_S = 8.0
-"""Six tries with the timeout doubling, and a flash that erases: only a dead loop is longer."""
-_HANGS = "the loop that has its port does not answer"
+"""Maximum wait for an answer, s. Six attempts with doubled timeouts and a flash erase take less."""
+_HANGS = "the loop of its port does not respond"
 R = TypeVar("R")
 
 
 class InLoop(Protocol):
-    """What runs something in a loop's own thread."""
+    """A function that runs an action in the loop's thread."""
 
     def __call__(self, action: Callable[[], R]) -> Future[R]:
-        """Have it run at the loop's next turn; what it gives or raises is the answer's."""
+        """Run ``action`` in the loop's next pass; the future gets its result or exception."""
 
 
 class LoopExchange:
-    """A host's session, for any thread but the loop's."""
+    """Access to a host's session, for every thread except the loop's."""
 
     def __init__(self, host: Host, call: InLoop) -> None:
-        """``call`` runs something in the loop's own thread, as :meth:`Pump.call` does."""
+        """``call`` runs an action in the loop's thread, as :meth:`Pump.call` does."""
         self._host = host
         self._call = call
 
     @property
     def session(self) -> Session:
-        """The session; to be touched in the loop only."""
+        """The session; use it in the loop's thread only."""
         return self._host.session
 
     @property
     def commands(self) -> Dialogue:
-        """The session's commands under way; only what it replaces as a whole is read elsewhere."""
+        """The commands that wait for an answer. Other threads read only its mappings."""
         return self._host.commands
 
     @property
@@ -59,25 +59,25 @@ class LoopExchange:
         return clock.now()
 
     def call(self, action: Callable[[], R]) -> R:
-        """Run something in the loop; gives its result.
+        """Run ``action`` in the loop's thread and return its result.
 
         Raises:
-            DeviceLostError: the loop has ended, or hangs.
-            Exception: what the action raised.
+            DeviceLostError: the loop has ended or does not respond.
+            Exception: whatever ``action`` raises.
 
         """
         answer = self._call(action)
         try:
             return answer.result(WAIT_S)
         except TimeoutError:
-            answer.cancel()  # it must not happen late
+            answer.cancel()  # it must not run late
             raise DeviceLostError(_HANGS) from None
 
     def wait(self, begin: Callable[[Callable[[], None]], None], what: str) -> None:
-        """Run ``begin`` in the loop, and wait until it has called its argument.
+        """Run ``begin`` in the loop's thread and wait until it calls its argument.
 
         Raises:
-            DeviceLostError: it was not called in time.
+            DeviceLostError: no call in time.
 
         """
         answered = threading.Event()

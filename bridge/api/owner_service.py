@@ -1,4 +1,4 @@
-"""What a port's owner answers to other processes; see docs/owner-socket.md."""
+"""Requests that a port's owner serves for other processes; see docs/owner-socket.md."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from bridge.session.parameters import Parameter
 
 CONFIRM_S = 3.0
-"""For a stop: longer than the run itself waits for the device's word."""
+"""Maximum wait for a stop, s: longer than the run itself waits for the confirmation."""
 
 
 class OwnerService:
-    """What an owner answers on its socket; see docs/owner-socket.md."""
+    """Executes the requests of other processes on a run."""
 
     def __init__(self, host: Host, pump: Pump) -> None:
         self._host = host
@@ -31,18 +31,18 @@ class OwnerService:
 
     @property
     def over(self) -> bool:
-        """True when the run is done."""
+        """True if the run has ended."""
         return self._pump.result is not None
 
     def snapshot(self) -> dict[str, Any]:
-        """What is known of the robot now."""
+        """Return the robot's current state for JSON."""
         return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
     def answer(self, request: dict[str, Any], requester: str) -> dict[str, Any]:
-        """Do what a request asks for.
+        """Execute a request; return its answer without ``ok``.
 
         Raises:
-            BridgeError: it cannot be done, or is no request.
+            BridgeError: the request is unknown, invalid or fails.
 
         """
         what, ours = request.get("do"), self._client
@@ -73,32 +73,32 @@ class OwnerService:
             case "set":
                 return {"parameter": self._set(request).to_dict()}
             case _:
-                raise BridgeError(f"{shown(what)} is no request")
+                raise BridgeError(f"unknown request {shown(what)}")
 
     def _resume(self) -> None:
-        """Go on after a loss or a pause, in the loop's thread."""
+        """Continue a run after a loss or a pause, in the loop's thread."""
         answer = self._pump.call(lambda: self._host.go_on(clock.now()))
         try:
             goes_on = answer.result(CONFIRM_S)
         except TimeoutError:
-            answer.cancel()  # a person who got no answer is not surprised by a robot that moves
-            raise NoOwnerError("the run does not answer") from None
+            answer.cancel()  # without an answer the robot must not move later
+            raise NoOwnerError("the run does not respond") from None
         if not goes_on:
-            raise BridgeError("nothing waits to go on")
+            raise BridgeError("no paused run to continue")
 
     def _set(self, request: dict[str, Any]) -> Parameter:
         value = request.get("value")
         if isinstance(value, bool) or not isinstance(value, int | float | str):
-            raise BridgeError("set needs a value, a number or a text")
+            raise BridgeError("set: the value must be a number or a text")
         return self._client.set_parameter(_name(request), value)
 
     def _stop(self, requester: str) -> dict[str, Any]:
-        reason = f"stopped from another shell ({requester})"
+        reason = f"stopped by another process ({requester})"
         ending = Ending("stopped", reason, 5, StopCause.OPERATOR)
         self._pump.request_end(ending)
         result = self._pump.wait_over(CONFIRM_S)
         if result is None:
-            raise NoOwnerError("the run did not end in time; stop the robot by hand")
+            raise NoOwnerError("the run did not end in time; switch the robot off")
         confirmed = result.confirmed >= ending.cause
         return {"confirmed": confirmed, "ending": result.ending.reason}
 
@@ -106,7 +106,7 @@ class OwnerService:
 def _name(request: dict[str, Any]) -> str | int:
     name = request.get("name")
     if isinstance(name, bool) or not isinstance(name, str | int):
-        raise BridgeError("a parameter's name is a text, its number an integer")
+        raise BridgeError("a parameter's name must be a text or its number")
     return name
 
 

@@ -1,4 +1,4 @@
-"""The one loop that owns a port: bytes in, timers, bytes out, and reopening."""
+"""The loop that owns a port: reads bytes, handles timers, writes bytes and reopens the port."""
 
 from __future__ import annotations
 
@@ -29,51 +29,50 @@ if TYPE_CHECKING:
     from bridge.run.snapshot import Snapshot
 
 _BACKOFF_NS = (250_000_000, 500_000_000, 1_000_000_000, 2_000_000_000)
+"""Intervals of attempts to reopen the port, ns; the last one repeats."""
 _IDLE_S = 0.25
+"""Maximum wait for bytes in one pass, s."""
 STUCK_NS = 50_000_000
-"""Nothing older goes out: what a port did not take by then is dropped, and told."""
+"""Maximum age of unsent bytes, ns. The loop drops older ones and records an event."""
 CRASH_STOP_NS = 1_000_000_000
-"""How long a loop that has failed repeats its stop, nanoseconds: as long as an orderly end
-waits for the device's confirmation."""
+"""Maximum time for which a failed loop repeats its stop, ns: that of a clean end."""
 LOOK_PERIOD_NS = 2_000_000
-"""Shortest time between two snapshots for other threads, ns: each takes the loop some 10 µs, and a
-line at 3 Mbaud wakes it a thousand times a second."""
+"""Minimum interval of snapshots for other threads, ns. Each takes 10 µs, and a 3 Mbaud link wakes
+the loop a thousand times per second."""
 R = TypeVar("R")
 
 
 class Result(NamedTuple):
-    """How a loop ended; made once, when its port is closed."""
+    """Result of a loop; created once, when its port is closed."""
 
     ending: Ending
     confirmed: StopCause
-    """The gravest cause whose stop the device has acknowledged; ``NONE``: it has confirmed no
-    stop."""
+    """Highest cause of the stops that the device confirmed; ``NONE``: no stop confirmed."""
 
 
 class Pump:
-    """Runs a host on a port until its run is done.
+    """Runs a host on a port until its run has ended.
 
-    Everything that the host is made of belongs to the loop's thread. Another thread asks for an
-    end (:meth:`request_end`), has something run in the loop (:meth:`call`), and looks at
-    :attr:`result`.
+    The host belongs to the loop's thread. Other threads may request an end (:meth:`request_end`),
+    run an action in the loop (:meth:`call`) and read :attr:`snapshot` and :attr:`result`.
     """
 
     def __init__(self, host: Host, port: BytePort, reopen: Callable[[], BytePort]) -> None:
-        """``reopen`` opens the same device again after its port has vanished."""
+        """``reopen`` opens the same device again after a loss of its port."""
         self.host = host
         self.watch: Callable[[], Ending | None] = lambda: None
-        """Asked at every turn whether something outside demands an end."""
+        """Called in every pass; returns an end that something outside demands, or None."""
         self.on_reopened: Callable[[str], None] = lambda _name: None
-        """Told the name under which a port that had vanished was opened again."""
+        """Called with the name of a port that was reopened."""
         self.crash: BaseException | None = None
-        """The exception that has ended the loop; None: it ended in order, or runs."""
+        """Exception that ended the loop; None: no exception."""
         self.result: Result | None = None
-        """How the loop ended; None: it has not begun, or runs."""
+        """Result of the loop; None: not ended."""
         self.snapshot = host.snapshot()
-        """What is known of the robot and its run, made in the loop; for any thread to read."""
+        """Newest state of the robot and its run, for any thread."""
         self._looked_ns = 0
         self.turn_ns = clock.now()
-        """When the loop's newest turn began; old where the loop hangs."""
+        """Start time of the newest pass; old if the loop does not respond."""
         self._over = threading.Event()
         self._port: BytePort | None = port
         self._reopen = reopen
@@ -87,19 +86,19 @@ class Pump:
         self._retry_ns = HostNs(0)
 
     def request_end(self, ending: Ending) -> None:
-        """End the run in order; from a signal handler or another thread.
+        """Request a clean end of the run, from a signal handler or another thread.
 
-        Of several the one with the gravest cause counts (:meth:`Ending.outranks`). What is asked
-        of a loop that has ended comes too late: :attr:`result` tells what the device confirmed.
+        The highest of several causes counts (:meth:`Ending.outranks`). A request after the loop's
+        end has no effect; :attr:`result` has the confirmed stop.
         """
         self._endings.append(ending)
         self._wake()
 
     def call(self, action: Callable[[], R]) -> Future[R]:
-        """Run something in the loop's own thread, at its next turn; the answer is its result.
+        """Run ``action`` in the loop's next pass and return a future of its result.
 
-        An exception of the action is the answer's, not the loop's; one that is not meant for a
-        user is put on record too. After the loop's end every answer is a ``DeviceLostError``.
+        The future gets the exception of an action. If that is no ``BridgeError``, it is recorded
+        too. After the loop's end every future gets a ``DeviceLostError``.
         """
         answer: Future[R] = Future()
         self._calls.append((action, answer))
@@ -109,28 +108,27 @@ class Pump:
         return answer
 
     def wait_over(self, timeout_s: float) -> Result | None:
-        """Wait until the loop has ended and its port is closed; None: it has not by then."""
+        """Wait until the loop has ended and its port is closed; None after a timeout."""
         self._over.wait(timeout_s)
         return self.result
 
     def end_after(self, duration_s: float) -> None:
-        """End the run in order after this long; not before a device was found or given up."""
+        """End the run after ``duration_s``, but not before the search for a device has ended."""
         self._end_at_ns = HostNs(clock.now() + round(duration_s * 1e9))
 
     def run(self) -> None:
-        """Loop until the run is done; the port is closed then.
+        """Run the loop until the run has ended, then close the port.
 
-        An exception anywhere in the loop ends the run as a fault: a stop is sent and repeated
-        until the device has confirmed it, for a second at most. :attr:`crash` keeps it, and its
-        traceback is on record. Only what is no ``Exception`` (the interpreter's own exit) is
-        raised again after that.
+        An exception in the loop ends the run as a fault. A stop is sent and repeated until the
+        device confirms it, for 1 s at most. :attr:`crash` has the exception, the log its traceback.
+        Only an exception that is no ``Exception`` (interpreter exit) is raised again.
         """
         try:
             self.host.open(clock.now())
             while not self.host.mission.done or self._endings:
                 self._once()
             self._flush()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the robot must stop
+        except Exception as error:  # noqa: BLE001 - the robot must stop after any exception
             self._stop_after(error)
         except BaseException as error:
             self._stop_after(error)
@@ -141,7 +139,7 @@ class Pump:
     def _close(self) -> None:
         port, self._port = self._port, None
         if port is not None:
-            with suppress(Exception):  # it is given up, in whatever state it is
+            with suppress(Exception):  # the port may have failed
                 port.close()
         mission = self.host.mission
         ending = mission.ending or Ending("fault", "the run ended without a reason", 1)
@@ -149,13 +147,13 @@ class Pump:
         self.result = Result(ending, mission.confirmed)
         self._over.set()
         self._reject_calls()
-        with suppress(Exception):  # whoever still waits for an answer learns that none comes
+        with suppress(Exception):  # ends the commands that still wait
             self.host.commands.lost()
 
     def _last_snapshot(self, ending: Ending) -> Snapshot:
-        """The end, beside what was known last where the host can no longer tell it."""
+        """Return the final snapshot, with the last known state if the host has failed."""
         seen = self.snapshot
-        with suppress(Exception):  # of a host that has failed, any part may
+        with suppress(Exception):  # any part of a failed host may raise
             seen = self.host.snapshot()
         return seen._replace(mission=seen.mission._replace(phase=Phase.DONE, ending=ending))
 
@@ -164,7 +162,7 @@ class Pump:
         if port is not None:
             port.wake()
 
-    # ---- one turn -------------------------------------------------------------------------
+    # ---- one pass ---------------------------------------------------------------------------
 
     def _once(self) -> None:
         host = self.host
@@ -185,11 +183,11 @@ class Pump:
         ending = self.watch()
         if ending is not None:
             host.end(ending, now_ns)
-        while self._endings:  # after all else: a signal may come between any lines
+        while self._endings:  # last: a signal may occur between any lines
             host.end(self._endings.popleft(), now_ns)
         if self._end_at_ns is not None and now_ns >= self._end_at_ns and host.hello is not None:
             self._end_at_ns = None
-            host.end(Ending("stopped", "the time asked for is over", 0), now_ns)
+            host.end(Ending("stopped", "the requested duration is over", 0), now_ns)
         host.poll(now_ns)
         self._write(now_ns)
         if now_ns >= self._looked_ns + LOOK_PERIOD_NS or host.mission.done:
@@ -197,16 +195,16 @@ class Pump:
             self.snapshot = host.snapshot(now_ns)
 
     def _answer_calls(self, now_ns: HostNs) -> None:
-        """Run what others asked for; what it sends leaves before they are told, and at once."""
+        """Run the queued actions. Their bytes are sent before their results are set."""
         made: list[tuple[Future[Any], Any, Exception | None]] = []
         try:
             while self._calls:
                 action, answer = self._calls.popleft()
                 if not answer.set_running_or_notify_cancel():
-                    continue  # nobody waits for it any more: it must not happen late
+                    continue  # the caller gave up: it must not run late
                 try:
                     made.append((answer, action(), None))
-                except Exception as error:  # noqa: BLE001 - it is the asker's
+                except Exception as error:  # noqa: BLE001 - the caller gets it
                     made.append((answer, None, error))
             self._write(now_ns)  # does not wait for the control step
         finally:
@@ -238,7 +236,7 @@ class Pump:
     # ---- after a crash --------------------------------------------------------------------
 
     def _stop_after(self, error: BaseException) -> None:
-        """Stop the robot without the host, whose code has failed; then put it on record."""
+        """Stop the robot without the failed host, then record the crash."""
         self.crash = error
         begun_ns = clock.now()
         cause, confirmed = CRASH_CAUSE, None
@@ -249,7 +247,7 @@ class Pump:
                 confirmed = max(confirmed, self._send_stop(cause, end_ns))
         ending = crash_ending(error, cause, confirmed)
         self.host.mission.crashed(ending, confirmed or StopCause.NONE, begun_ns / 1e9)
-        with suppress(Exception):  # what fails may be the record itself
+        with suppress(Exception):  # the record itself may have failed
             self.host.event(
                 clock.now(),
                 Severity.ERROR,
@@ -260,21 +258,21 @@ class Pump:
             )
 
     def _gravest(self, cause: StopCause) -> StopCause:
-        """The gravest cause that has come up by now: this one, the run's, or one asked for."""
+        """Return the highest cause so far: this one, the run's, or a requested one."""
         cause = max(cause, self.host.mission.stop_cause)
         while self._endings:
             cause = max(cause, self._endings.popleft().cause)
         return cause
 
     def _send_stop(self, cause: StopCause, end_ns: HostNs) -> StopCause:
-        """Repeat a stop until it is confirmed; gives the confirmed cause, or ``NONE``."""
+        """Repeat a stop until it is confirmed; return the confirmed cause or ``NONE``."""
         session = self.host.session
         stop = StopRequest(type(session.link), cause, new_command_id(), session.node)
         try:
             if self._port is None:
                 self._port = self._reopen()
             send_until_confirmed(self._port, stop, end_ns, self._note_sent)
-        except Exception:  # noqa: BLE001 - a port that has failed too is tried again
+        except Exception:  # noqa: BLE001 - a failed port is opened again
             port, self._port = self._port, None
             if port is not None:
                 with suppress(Exception):
@@ -283,14 +281,14 @@ class Pump:
         return StopCause.NONE if stop.confirmed_by is None else cause
 
     def _note_sent(self, data: bytes, now_ns: HostNs) -> None:
-        with suppress(Exception):  # the stop matters, its record may be what has failed
+        with suppress(Exception):  # the record may have failed; the stop matters
             self.host.sent(data, now_ns)
 
     # ---- the port -------------------------------------------------------------------------
 
     def _write(self, now_ns: HostNs) -> None:
-        # New bytes are fetched only once the old ones are gone: what waits in the link's
-        # queue can still be superseded, what waits here cannot.
+        # New bytes are fetched only after the old ones are written: messages in the link's queue
+        # can still be superseded, bytes here cannot.
         port = self._port
         if port is None:
             self.host.discard_output()
@@ -309,14 +307,14 @@ class Pump:
             self._gone(error, now_ns)
         else:
             self._stuck = self._stuck and bool(self._pending)
-        self.host.sent(fresh, now_ns)  # on its way first: the far end does not wait for the log
+        self.host.sent(fresh, now_ns)  # recorded after writing, to save latency
 
     def _drop_stuck(self, now_ns: HostNs) -> None:
-        # The frame that is cut short is damaged at the far end, and no other: each batch
-        # begins with a delimiter. Stops and commands are repeated by the session.
+        # Only the truncated frame is damaged at the receiver, because each batch starts with a
+        # delimiter. The session repeats stops and commands.
         if not self._stuck:
             self._stuck = True
-            text = f"the port takes no bytes; {len(self._pending)} bytes are dropped"
+            text = f"the port accepts no bytes; {len(self._pending)} bytes were dropped"
             self.host.event(now_ns, Severity.WARNING, "link", EventKind.STUCK, text)
         self._pending = b""
 
@@ -328,7 +326,7 @@ class Pump:
 
     def _gone(self, error: PortError, now_ns: HostNs) -> None:
         self.host.session.unplugged(now_ns)
-        if self.host.session.state is not State.FAILED:  # else the reason is known, and given
+        if self.host.session.state is not State.FAILED:  # otherwise the reason is already recorded
             self.host.event(now_ns, Severity.ERROR, "link", EventKind.PORT_LOST, str(error))
         if self._port is not None:
             self._port.close()

@@ -1,4 +1,4 @@
-"""A log of a robot that a program drives: :meth:`bridge.api.robot.Robot.record`."""
+"""Log of a robot that a program drives: :meth:`bridge.api.robot.Robot.record`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Recording:
-    """A log that is being written; closed by its ``with`` block, or with the robot."""
+    """A log that is being written. Its ``with`` block or the robot closes it."""
 
     def __init__(
         self,
@@ -29,43 +29,43 @@ class Recording:
         *,
         force: bool,
     ) -> None:
-        """Create the file and take every record from now on.
+        """Create the file and record from now on.
 
         Raises:
-            LogExistsError: the file exists and ``force`` is not set.
-            LogWriteError: it cannot be opened or written.
+            LogExistsError: the file exists, and ``force`` is False.
+            LogWriteError: the file cannot be opened or written.
 
         """
         self.path = path
-        """The log's file."""
+        """Path of the log file."""
         self._plan = info.plan
         self._summarise = summarise
         self._tap = tap
         self._recorder = ThreadedRecorder(open_log(path, info, RecordOptions(), force=force))
         self.closed = False
-        """Nothing is written any more."""
+        """True if the log is closed."""
         if info.plan is not None:
             self._recorder.write(RoomRecord(info.opened_unix_ns, info.plan))
         identity = tap.newest_identity
-        if identity is not None:  # the session began before the log
+        if identity is not None:  # the session started before the log
             self._recorder.write(identity._replace(log_ns=info.opened_unix_ns))
         tap.attach(self._recorder)
 
     @property
     def dropped(self) -> int:
-        """Number of records that did not reach the file."""
+        """Number of records that were not written to the file."""
         return self._recorder.dropped
 
     @property
     def error(self) -> Exception | None:
-        """Why the file cannot be written any more; None: it can. The robot drives on."""
+        """Error of the file, None if it is writable. The robot continues without it."""
         return self._recorder.error
 
     def close(self) -> None:
-        """Write what is queued and the summary, and close the log whole; again is no error.
+        """Write the queued records and the summary, and close the file. It may be called again.
 
         Raises:
-            LogError: the log could not be written to its end; :attr:`dropped` counts what it lacks.
+            LogError: the log could not be completed; :attr:`dropped` counts the missing records.
 
         """
         if not self.closed:
@@ -77,7 +77,7 @@ class Recording:
                 raise self._recorder.error
 
     def __enter__(self) -> Self:
-        """Nothing happens: it records already."""
+        """Return the recording, which has already started."""
         return self
 
     def __exit__(
@@ -86,7 +86,7 @@ class Recording:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the log; an error of the block comes before one of the log."""
+        """Close the log. An exception of the block has priority over one of the log."""
         try:
             self.close()
         except Exception:

@@ -1,7 +1,7 @@
-"""Reaching a robot from any process: through its port's owner, or by opening the port.
+"""Access to a robot from any process: through its port's owner, or by opening the port.
 
-A session owns its port. What another shell wants of the robot (stop it, read or set a parameter,
-look on) goes through the owner's socket; where nobody owns the port, it is opened::
+A process that opens a port owns it. Other processes send their requests (stop, read or set a
+parameter, show the state) to the owner's socket. A port without an owner is opened::
 
     with reach("/dev/ttyUSB0") as robot:
         print(robot.get_parameter("wheel_diameter").value)
@@ -22,31 +22,31 @@ if TYPE_CHECKING:
 
 
 class Reached(Protocol):
-    """What both a robot of our own and one that another process owns can be asked for."""
+    """Operations of both a robot of this process and one of another process."""
 
     def list_parameters(self) -> list[Parameter]:
-        """Every parameter, by number."""
+        """Read all parameters, sorted by number."""
 
     def get_parameter(self, name: str | int) -> Parameter:
-        """One, by name or number."""
+        """Read one parameter by name or number."""
 
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
-        """Change one until the next boot; gives what the device has then."""
+        """Set a parameter until the next boot; return it as the device reports it."""
 
     def save_parameters(self) -> None:
-        """Make the present values the next boot's."""
+        """Save the current values, so that they survive a reboot."""
 
     def stream_rate(self, stream: str, rate_hz: float) -> None:
-        """Have a stream sent this often until the session ends; 0: not at all."""
+        """Set the rate of a stream until the session ends, Hz; 0: off."""
 
     def reboot(self, *, factory_reset: bool = False) -> None:
-        """Have the device boot anew."""
+        """Reboot the device."""
 
     def snapshot(self) -> dict[str, Any]:
-        """What is known of the robot now, for JSON."""
+        """Return the robot's current state for JSON."""
 
     def stop(self) -> None:
-        """Stop and latch, cause ``operator``; raises where the device does not confirm it."""
+        """Stop and latch with cause ``operator``; fail if the device does not confirm it."""
 
     def __enter__(self) -> Self: ...
 
@@ -59,78 +59,83 @@ class Reached(Protocol):
 
 
 def reach(port: str, **options: Any) -> Reached:  # noqa: ANN401 - options of Robot
-    """Reach the robot on a port: through its owner, or by opening the port.
+    """Connect to the robot on a port: through its owner, or by opening the port.
 
-    ``options`` are those of :class:`bridge.api.robot.Robot`, for the port that nobody owns.
+    Args:
+        port: Name of the port.
+        **options: Options of :class:`bridge.api.robot.Robot`, for a port without an owner.
 
     Raises:
-        PortError: the port cannot be opened; another user's process has it, for one.
-        NoDeviceError: no sweeper answered.
+        PortError: the port cannot be opened, for example because another user's process has it.
+        NoDeviceError: no device answered.
 
     """
     if has_owner(port):
         return RemoteRobot(port)
-    from bridge.api.robot import Robot  # noqa: PLC0415 - an owner's socket is reached without it
+    from bridge.api.robot import Robot  # noqa: PLC0415 - not needed for an owner's socket
 
     return Robot(port, **options)
 
 
 class RemoteRobot:
-    """A robot whose port another process owns; each call is one question to that process.
+    """A robot whose port another process owns; each call is one request to that process.
 
-    Every method raises :class:`NoOwnerError` where that process has ended, and
-    :class:`OwnerRejectedError` where it or the device refuses.
+    Every method raises :class:`NoOwnerError` if that process has ended, and
+    :class:`OwnerRejectedError` if it or the device rejects the request.
     """
 
     def __init__(self, port: str) -> None:
         self._port = port
 
     def list_parameters(self) -> list[Parameter]:
-        """Every parameter, by number."""
+        """Read all parameters, sorted by number."""
         return [Parameter.from_dict(p) for p in self._ask("list")["parameters"]]
 
     @arguments.checked(name=arguments.PARAMETER)
     def get_parameter(self, name: str | int) -> Parameter:
-        """One, by name or number."""
+        """Read one parameter by name or number."""
         return Parameter.from_dict(self._ask("get", name=name)["parameter"])
 
     @arguments.checked(name=arguments.PARAMETER, value=arguments.VALUE)
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
-        """Change one until the next boot; gives what the device has then."""
+        """Set a parameter until the next boot; return it as the device reports it."""
         return Parameter.from_dict(self._change("set", name=name, value=value)["parameter"])
 
     def save_parameters(self) -> None:
-        """Make the present values the next boot's."""
+        """Save the current values, so that they survive a reboot."""
         self._change("save")
 
     @arguments.checked(stream=arguments.TEXT, rate_hz=arguments.HERTZ)
     def stream_rate(self, stream: str, rate_hz: float) -> None:
-        """Have a stream sent this often until the session ends; 0: not at all."""
+        """Set the rate of a stream until the session ends, Hz; 0: off."""
         self._change("rate", stream=stream, hz=rate_hz)
 
     @arguments.checked(factory_reset=arguments.FLAG)
     def reboot(self, *, factory_reset: bool = False) -> None:
-        """Have the device boot anew."""
+        """Reboot the device; ``factory_reset`` deletes its saved parameters."""
         self._change("reboot", factory_reset=factory_reset)
 
     def snapshot(self) -> dict[str, Any]:
-        """What is known of the robot now, for JSON."""
+        """Return the robot's current state for JSON."""
         status = self._ask("status")["status"]
         return status if isinstance(status, dict) else {}
 
     def stop(self) -> None:
-        """Stop and latch, cause ``operator``; the owner's run ends.
+        """Stop and latch with cause ``operator``; the owner's run ends.
 
-        Returns once the device has confirmed the stop; raises :class:`OwnerRejectedError` where it
-        did not.
+        Returns after the device has confirmed the stop.
+
+        Raises:
+            OwnerRejectedError: the device did not confirm the stop.
+
         """
         answer = self._ask("stop")
         if answer.get("confirmed") is not True:
-            reason = str(answer.get("ending", "no reason is given"))
+            reason = str(answer.get("ending", "no reason given"))
             raise OwnerRejectedError(f"the device did not confirm the stop: {reason}", 3)
 
     def _change(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
-        with noted(f"{what}, which was asked of the process that has the port"):
+        with noted(f"{what} (sent to the owner of the port)"):
             return self._ask(what, **fields)
 
     def _ask(self, what: str, **fields: str | float | bool) -> dict[str, Any]:
@@ -145,4 +150,4 @@ class RemoteRobot:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Nothing to give back."""
+        """Do nothing: each request has its own connection."""

@@ -1,4 +1,4 @@
-"""A robot as an object: what the newest data says, and commands, from ordinary code.
+"""A robot as a Python object: newest data and commands.
 
 ::
 
@@ -7,9 +7,9 @@
         robot.enable()
         robot.drive(0.1, 0.0)
 
-A thread of its own runs the session; nothing moves before :meth:`Robot.enable`, and a
-velocity that is not repeated within half a second is let go. Commands are acknowledged by the
-device: a method returns when the device has said yes, and raises what it refused.
+A thread runs the session. The robot does not move before :meth:`Robot.enable`, and a velocity
+expires after :data:`SETPOINT_TIMEOUT_S`. Commands are acknowledged: a method returns after the
+device has accepted the command, and raises an error if the device rejects it.
 """
 
 from __future__ import annotations
@@ -71,27 +71,30 @@ if TYPE_CHECKING:
 __all__ = ["SETPOINT_TIMEOUT_S", "Latest", "ManualDrive", "Robot"]
 
 OPEN_TIMEOUT_S = 5.0
+"""Maximum wait for a device at opening, s; also for the end of the loop."""
 ENABLE_TIMEOUT_S = 10.0
+"""Maximum time of :meth:`Robot.enable`, s."""
 STATUS_TIMEOUT_S = 1.0
-"""Ten of the device's statuses."""
+"""Maximum wait for a status, s: ten periods."""
 LINK_TIMEOUT_S = 4.0
-"""Time for a slow link to become quick, s; four pings take 0.4 s."""
+"""Maximum wait for a fast link, s. Four pings take 0.4 s."""
 HUNG_NS = 1_000_000_000
-"""Age of the loop's newest turn from which it counts as hung, nanoseconds: four times its
-longest wait. The device has stopped by then, for its velocity has expired."""
+"""Age of the loop's newest pass at which it counts as hung, ns: four times its longest wait. By
+then the velocity has expired and the device has stopped."""
 _POLL_S = 0.02
+"""Poll interval of waits, s."""
 
 _UNREADY: dict[int, type[BridgeError]] = {
     kind.exit_status: kind for kind in (DisagreementError, SeveralDevicesError)
 }
-"""Error of a session that failed, by the status that its run ended with."""
+"""Error of a failed session, by the exit status of its run."""
 
 
 class Robot:
-    """One open robot; use it as a context manager.
+    """An open robot; use it as a context manager. Its methods may be called from any thread.
 
-    A call with an argument of the wrong type or beyond its range raises an
-    :class:`bridge.errors.ArgumentError`, before anything is sent or opened.
+    A call with an argument of the wrong type or range raises an
+    :class:`bridge.errors.ArgumentError` before anything is sent or opened.
     """
 
     @arguments.checked(
@@ -107,7 +110,7 @@ class Robot:
         key=arguments.KEY | arguments.NONE,
         timeout_s=arguments.SECONDS,
     )
-    def __init__(  # noqa: PLR0913 - what a port can be asked for
+    def __init__(  # noqa: PLR0913 - the options of a port
         self,
         port: str,
         *,
@@ -122,18 +125,28 @@ class Robot:
         key: bytes | None = None,
         timeout_s: float = OPEN_TIMEOUT_S,
     ) -> None:
-        """Open the port and agree with the device.
+        """Open the port and connect to the device.
 
-        ``sink`` gets every record of the session; ``node`` chooses one of several devices on
-        a bus, ``bitrate`` is the bus's. ``dtr`` and ``rts`` are left inactive unless asked
-        for: many boards reset on them. ``key`` (16 bytes) signs what moves the robot, where the
-        device has one.
+        Args:
+            port: Device path, ``socket://HOST:PORT``, ``rfc2217://HOST:PORT`` or
+                ``can:INTERFACE:CHANNEL``.
+            model: Dimensions and limits of the robot; None: the default robot.
+            sink: Receives every record of the session.
+            node: Node of the device, 1 to 15; needed if a bus has several devices.
+            baud: Baud rate of a serial port.
+            dtr: Activate DTR. Off by default, because many boards reset on it.
+            rts: Activate RTS, off by default likewise.
+            bitrate: Bit rate of a CAN bus, bit/s; None: the adapter's default.
+            lan: Allow a virtual bus that other machines on the network can reach.
+            key: 16-byte key that signs motion commands if the device requires it.
+            timeout_s: Maximum wait for the device, s.
 
         Raises:
+            ArgumentError: an argument has the wrong type or range.
             PortError: the port cannot be opened.
-            NoDeviceError: no sweeper answered.
-            SeveralDevicesError: several did, and ``node`` was not given.
-            DisagreementError: it speaks another protocol.
+            NoDeviceError: no device answered.
+            SeveralDevicesError: several devices answered, and ``node`` is missing.
+            DisagreementError: the device is incompatible.
 
         """
         self.model = model or RobotModel()
@@ -156,7 +169,7 @@ class Robot:
         self._begin(Pose2(0.0, 0.0, 0.0))
 
     def _begin(self, start: Pose2) -> None:
-        """Open the port and agree; the robot stands at ``start``."""
+        """Open the port and connect; the robot stands at ``start``."""
         self._drive = ManualDrive()
         options = HostOptions(
             self._offset_ns, "manual", start, self._node, link_of(self._name), self._key
@@ -166,7 +179,7 @@ class Robot:
         self._pump = Pump(self.host, self._open(), self._open)
         self.client = DeviceClient(LoopExchange(self.host, self._pump.call))
         self._owner: OwnerSocket | None = None
-        with suppress(BridgeError):  # the robot works without other shells
+        with suppress(BridgeError):  # the robot works without the socket
             self._owner = OwnerSocket(self._name, OwnerService(self.host, self._pump))
         self._thread = threading.Thread(target=self._run, name="robot", daemon=True)
         self._thread.start()
@@ -174,13 +187,13 @@ class Robot:
             ready = self._until(
                 lambda: self._pump.snapshot.session.state is State.READY, self._timeout_s
             )
-        except BaseException:  # Ctrl-C for one: the port is given back
-            self._end(Ending("stopped", "interrupted while it was opened", 0))
+        except BaseException:  # for example Ctrl-C: close the port
+            self._end(Ending("stopped", "interrupted during opening", 0))
             raise
         if not ready:
             ending = self._seen.ending
-            self._end(Ending("stopped", "no agreement", 0))
-            text = ending.reason if ending else f"no agreement within {self._timeout_s:g} s"
+            self._end(Ending("stopped", "no compatible device", 0))
+            text = ending.reason if ending else f"no compatible device within {self._timeout_s:g} s"
             status = ending.exit_status if ending else NoDeviceError.exit_status
             error = _UNREADY.get(status, NoDeviceError)(f"{self._name}: {text}")
             error.remedy = ending.remedy if ending else None
@@ -193,73 +206,73 @@ class Robot:
             if self._owner is not None:
                 self._owner.close()
 
-    # ---- what is so -----------------------------------------------------------------------
+    # ---- state ------------------------------------------------------------------------------
 
     @property
     def imu(self) -> Latest[Imu]:
-        """Newest reading of the inertial sensor, 100 a second.
+        """Newest IMU sample, 100 per second.
 
         ``robot.imu.latest`` has ``accel_x_m_s2`` (y, z), ``gyro_x_rad_s`` (y, z) and
-        ``temperature_deg_c``; it is None before the first.
+        ``temperature_deg_c``. It is None before the first sample.
         """
         return self._imu
 
     @property
     def encoders(self) -> Latest[Encoders]:
-        """Newest wheel counts, 50 a second: ``left`` and ``right``, 0 to 65535, which wrap."""
+        """Newest wheel counts, 50 per second: ``left`` and ``right``, 0 to 65535, which wrap."""
         return self._encoders
 
     @property
     def range(self) -> Latest[Range]:
-        """Newest ranges and contacts, 20 a second.
+        """Newest ranges and contacts, 20 per second.
 
         ``robot.range.latest`` has ``ultrasonic_m``, ``infrared_left_m`` and ``infrared_right_m``
-        (None: nothing in range) and ``contacts``, the bits of ``protocol.values.Contact``.
+        (None: no echo) and ``contacts``, the bits of ``protocol.values.Contact``.
         """
         return self._range
 
     @property
     def power(self) -> Latest[Power]:
-        """Newest ``battery_v``, ``logic_v``, ``motor_left_a`` and ``motor_right_a``, 5 a second."""
+        """Newest ``battery_v``, ``logic_v``, ``motor_left_a``, ``motor_right_a``, 5 per second."""
         return self._power
 
     @property
     def status(self) -> Latest[Status]:
-        """Newest ``mode``, ``stop_cause``, ``faults`` and ``load``, 10 a second."""
+        """Newest ``mode``, ``stop_cause``, ``faults`` and ``load``, 10 per second."""
         return self._status
 
     @property
     def planner(self) -> OwnPlanner:
-        """The device's own planner: start, pause, resume, abort, and what it reports."""
+        """The device's own planner: start, pause, resume, abort, and its state."""
         return self._planner
 
     @property
     def pose(self) -> Pose2:
-        """Estimated pose, from where the robot stood as it was opened."""
+        """Estimated pose relative to the pose at opening: x and y (m) and heading (rad)."""
         return self._pump.snapshot.estimator.pose
 
     @property
     def state(self) -> StateSnapshot:
-        """The newest of everything that the device told in this session, with its ages."""
+        """Newest messages of this session and the times of their samples."""
         return self._pump.snapshot.state
 
     @property
     def session(self) -> State:
-        """Where the session stands; commands are answered while it is ``READY``."""
+        """State of the session. Commands are answered while it is ``READY``."""
         return self._pump.snapshot.session.state
 
     @property
     def _seen(self) -> MissionSnapshot:
-        """Where the run stands."""
+        """State of the run."""
         return self._pump.snapshot.mission
 
     @property
     def enabled(self) -> bool:
-        """True while :meth:`drive` moves the robot; false once the session's loop has ended."""
+        """True while :meth:`drive` moves the robot."""
         return self._seen.phase is Phase.DRIVING and self._thread.is_alive()
 
     def events(self) -> list[EventRecord]:
-        """Fetch and forget what happened since the last call: losses, stops, refusals, faults."""
+        """Return and remove the events since the last call: losses, stops, rejections, faults."""
         return self._events.take()
 
     @arguments.checked(
@@ -276,20 +289,25 @@ class Robot:
         robot_toml: str | None = None,
         force: bool = False,
     ) -> Recording:
-        """Record everything from now on, as ``sweepctl connect`` does, into an MCAP file.
+        """Record everything from now on into an MCAP file, as ``sweepctl connect`` does.
 
-        Use it as a context manager, or let :meth:`close` end it: the log is then whole, with its
-        summary. A full disk does not stop the robot: ``error`` and ``dropped`` of the recording
-        report it, and its ``close`` raises. ``room`` and ``robot_toml`` (a robot file's text; the
-        model otherwise) are attached::
+        Use it as a context manager, or let :meth:`close` complete the log and its summary. A full
+        disk does not stop the robot: ``error`` and ``dropped`` of the recording report it, and its
+        ``close`` raises an error::
 
             with bridge.open("/dev/ttyUSB0") as robot, robot.record("drive.mcap"):
                 robot.enable()
 
+        Args:
+            path: File to create.
+            room: Floor plan to attach.
+            robot_toml: Text of a robot file to attach; None: written from the model.
+            force: Overwrite an existing file.
+
         Raises:
-            LogExistsError: the file exists and ``force`` is not set.
-            LogWriteError: it cannot be opened or written.
-            ConfigError: ``robot_toml`` is no robot file.
+            LogExistsError: the file exists, and ``force`` is False.
+            LogWriteError: the file cannot be opened or written.
+            ConfigError: ``robot_toml`` is not a valid robot file.
 
         """
         offset_ns = self._log_offset_ns()
@@ -320,7 +338,7 @@ class Robot:
                 )
 
             try:
-                self._in_loop(summed)  # it counts what the loop counts
+                self._in_loop(summed)  # it updates counts of the loop
             except DeviceLostError:
                 if not self._thread.is_alive():
                     summed()
@@ -331,42 +349,42 @@ class Robot:
         return recording
 
     def _log_offset_ns(self) -> int:
-        """Unix time less the host's clock for a log that begins now.
+        """Return Unix time minus host time for a log that starts now, ns.
 
-        The system clock may have been set since the robot was opened. While another log or the
-        caller's sink takes records, all keep its offset: within one there is no step.
+        The system clock may have changed since the opening. While another log or the caller's sink
+        is open, its offset is kept, so that no log contains a step.
         """
         if not self._has_sink and all(recording.closed for recording in self._recordings):
             offset_ns = clock.unix_offset_ns()
-            with suppress(DeviceLostError):  # no loop, no records
+            with suppress(DeviceLostError):  # without a loop there are no records
                 self._in_loop(lambda: self.host.use_unix_offset(offset_ns))
                 self._offset_ns = offset_ns
         return self._offset_ns
 
     def snapshot(self) -> dict[str, Any]:
-        """What is known of the robot now, for JSON."""
+        """Return the robot's current state for JSON."""
         return snapshot(self._pump.snapshot, clock.now() / 1e9)
 
     @arguments.checked(timeout_s=arguments.SECONDS)
     def wait_for_status(self, timeout_s: float = STATUS_TIMEOUT_S) -> Status:
-        """The device's newest status, waited for where none has come yet.
+        """Return the device's newest status; wait if there is none yet.
 
         Raises:
-            DeviceLostError: none came.
+            DeviceLostError: no status within ``timeout_s``.
 
         """
         self._until(lambda: self._pump.snapshot.state.status is not None, timeout_s)
         status = self._pump.snapshot.state.status
         if status is None:
-            raise DeviceLostError("the device does not tell its status")
+            raise DeviceLostError("no status from the device within {timeout_s:g} s")
         return status
 
     @arguments.checked(timeout_s=arguments.SECONDS)
     def wait_for_link(self, timeout_s: float = LINK_TIMEOUT_S) -> None:
-        """Wait until the link is known to be quick enough for motion.
+        """Wait until the link is measured and fast enough for motion.
 
         Raises:
-            StoppedForSafetyError: it is too slow, or too few pings are answered.
+            StoppedForSafetyError: the link is too slow, or not enough pings are answered.
 
         """
         if not self._until(lambda: self._seen.link is None, timeout_s):
@@ -377,17 +395,19 @@ class Robot:
 
     @arguments.checked(clear_stop=arguments.FLAG)
     def enable(self, *, clear_stop: bool = False) -> None:
-        """Ask the device for leave to move; takes about 3 s at rest for the gyro.
+        """Enable motion. It takes about 3 s at standstill, for the gyro bias.
 
-        A stop that was latched for safety is cleared only with ``clear_stop``. Where a stop has
-        ended the session, the port is opened anew.
+        After a stop that ended the session, it opens the port again.
+
+        Args:
+            clear_stop: Clear a latched safety stop. Set it only after checking the robot.
 
         Raises:
-            StoppedForSafetyError: such a stop is latched, the link is too slow, or the robot is
+            StoppedForSafetyError: a safety stop is latched, the link is too slow, or the robot is
                 closed.
-            CommandRejectedError: the device refused.
-            DeviceLostError: it fell silent.
-            PortError: the port cannot be opened again, or nothing answers on it.
+            CommandRejectedError: the device rejected motion.
+            DeviceLostError: the device is silent.
+            PortError: the port cannot be opened again, or no device answers.
 
         """
         self._reopen()
@@ -398,45 +418,47 @@ class Robot:
 
     @arguments.checked(v_m_s=arguments.NUMBER, yaw_rate_rad_s=arguments.NUMBER)
     def drive(self, v_m_s: float, yaw_rate_rad_s: float) -> None:
-        """Set the velocity; repeat it at least twice a second.
+        """Set the velocity; repeat it at least twice per second.
 
-        What is beyond the model's limits is taken as the limit.
+        Args:
+            v_m_s: Forward speed, m/s; limited to the model's maximum.
+            yaw_rate_rad_s: Yaw rate, rad/s, counter-clockwise; limited likewise.
 
         Raises:
-            ArgumentError: a velocity that is not a finite number; it is a ValueError too.
-            StoppedForSafetyError: the robot may not move (any more).
-            DeviceLostError: it fell silent.
+            ArgumentError: a velocity is not a finite number. It is a ``ValueError`` too.
+            StoppedForSafetyError: motion is not enabled, or not any more.
+            DeviceLostError: the device is silent.
 
         """
         if not self.enabled:
             raise cannot_move(self._seen.ending)
         if clock.now() - self._pump.turn_ns > HUNG_NS:
-            raise DeviceLostError(f"{self._name}: the session's loop hangs")
+            raise DeviceLostError(f"{self._name}: the session's loop does not respond")
         command = VelocityCommand(
             _limited(v_m_s, self.model.max_speed_m_s),
             _limited(yaw_rate_rad_s, self.model.max_yaw_rate_rad_s),
         )
-        # In the loop's thread, or a step between could take the older one for the newer.
+        # In the loop's thread, so that a step in between cannot use the old velocity.
         self._pump.call(lambda: self._drive.drive(command))
 
     def _reopen(self) -> None:
-        """A stop has ended the session: begin another where the robot stands."""
+        """Open a new session after a stop; the robot keeps its pose."""
         if self._closed:
             raise cannot_move(self._seen.ending)
         if not self._thread.is_alive():
             self._begin(self.pose)
 
     def stop(self) -> None:
-        """Stop and latch, cause ``operator``, and end the session: no data comes any more.
+        """Stop and latch with cause ``operator``, and end the session.
 
-        Returns once the device has confirmed the stop. Where the session has ended, or gets no
-        confirmation, the port is opened anew and the stop is sent on it for 3 s. :meth:`enable`
-        goes on, with ``clear_stop``; :meth:`clear_stop` without motion.
+        Returns after the device has confirmed the stop. If the session has ended or gets no
+        confirmation, the port is opened again and the stop is sent for up to 3 s. To continue, call
+        :meth:`enable` with ``clear_stop``, or :meth:`clear_stop` without motion.
 
         Raises:
-            DeviceLostError: the session's loop hangs, and nothing can be sent.
-            NoDeviceError: the device did not confirm the stop. It ramps to rest by itself when
-                the last velocity expires; see that it stands.
+            DeviceLostError: the session's loop does not respond, so nothing can be sent.
+            NoDeviceError: the device did not confirm the stop. It stops by itself when the last
+                velocity expires; check that it stands still.
             PortError: the session had ended, and its port cannot be opened.
 
         """
@@ -446,7 +468,8 @@ class Robot:
             return
         result = self._end(ending)
         if result is None:
-            raise DeviceLostError(f"{self._name}: the session's loop hangs; stop the robot by hand")
+            text = "the session's loop does not respond; switch the robot off"
+            raise DeviceLostError(f"{self._name}: {text}")
         if result.confirmed < ending.cause:
             self._stop_without_session()
 
@@ -454,39 +477,39 @@ class Robot:
         stop_device(self._name, self._open, self._pump.snapshot.session.node)
 
     def clear_stop(self) -> StopCause:
-        """Release the latched stop, for a person who looked; gives its cause.
+        """Clear the latched stop and return its cause. Call it only after checking the robot.
 
-        Nothing moves for it. Where a stop has ended the session, the port is opened anew.
+        It causes no motion. After a stop that ended the session, it opens the port again.
 
         Raises:
-            CommandRejectedError: the device refused; what stopped it still holds, for one.
-            DeviceLostError: it did not answer.
-            PortError: the port cannot be opened again, or nothing answers on it.
+            CommandRejectedError: the device rejected it, for example because the cause persists.
+            DeviceLostError: the device did not answer.
+            PortError: the port cannot be opened again, or no device answers.
 
         """
         self._reopen()
         self.wait_for_status()
         return self.client.clear_stop()
 
-    # ---- parameters and the rest ----------------------------------------------------------
+    # ---- parameters and other commands ------------------------------------------------------
 
     def list_parameters(self) -> list[Parameter]:
-        """Every parameter of the device, by number.
+        """Read all parameters of the device, sorted by number.
 
         Raises:
-            CommandRejectedError: it has none.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device has no parameters.
+            DeviceLostError: the device did not answer.
 
         """
         return self.client.list_parameters()
 
     @arguments.checked(name=arguments.PARAMETER)
     def get_parameter(self, name: str | int) -> Parameter:
-        """One, by name or number.
+        """Read one parameter by name or number.
 
         Raises:
-            ParameterError: there is none of this name.
-            CommandRejectedError: there is none of this number.
+            ParameterError: unknown name.
+            CommandRejectedError: unknown number.
             DeviceLostError: the device did not answer.
 
         """
@@ -494,61 +517,72 @@ class Robot:
 
     @arguments.checked(name=arguments.PARAMETER, value=arguments.VALUE)
     def set_parameter(self, name: str | int, value: float | str) -> Parameter:
-        """Change one until the next boot, in its unit; gives what the device has then.
+        """Set a parameter until the next boot; return it as the device reports it.
+
+        Args:
+            name: Name or number.
+            value: New value in the parameter's unit.
 
         Raises:
-            ParameterError: no such parameter, or it does not take the value.
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
+            ParameterError: unknown parameter, or a value of the wrong kind or range.
+            CommandRejectedError: the device rejected the value.
+            DeviceLostError: the device did not answer.
 
         """
         return self.client.set_parameter(name, value)
 
     def save_parameters(self) -> None:
-        """Make the present values the next boot's.
+        """Save the current values, so that they survive a reboot.
 
         Raises:
-            CommandRejectedError: the device refused; while it may move, for one.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            DeviceLostError: the device did not answer.
 
         """
         self.client.save_parameters()
 
     @arguments.checked(stream=arguments.TEXT, rate_hz=arguments.HERTZ)
     def stream_rate(self, stream: str, rate_hz: float) -> None:
-        """Have a stream ("imu", "power", …) sent this often until the session ends; 0: not at all.
+        """Set the rate of a stream until the session ends.
+
+        Args:
+            stream: Name of the stream's message, for example ``"imu"``.
+            rate_hz: Rate, 0.1 to 1000 Hz; 0 switches the stream off.
 
         Raises:
-            ParameterError: no stream has this name, or the wire cannot say the rate.
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
+            ParameterError: unknown stream, or a rate outside the range.
+            CommandRejectedError: the device rejected the rate.
+            DeviceLostError: the device did not answer.
 
         """
         self.client.stream_rate(stream, rate_hz)
 
     @arguments.checked(factory_reset=arguments.FLAG)
     def reboot(self, *, factory_reset: bool = False) -> None:
-        """Have the device boot anew; the session finds it again by itself.
+        """Reboot the device; the session then reconnects by itself.
+
+        Args:
+            factory_reset: Delete the saved parameters.
 
         Raises:
-            CommandRejectedError: the device refused; while it may move, for one.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device rejected it, for example because motion is enabled.
+            DeviceLostError: the device did not answer.
 
         """
         self.client.reboot(factory_reset=factory_reset)
 
     @arguments.checked(key=arguments.KEY | arguments.NONE)
     def set_key(self, key: bytes | None) -> None:
-        """Have the device obey only what is signed with this key, 16 bytes; None: no key any more.
+        """Set the device's key, 16 bytes, which must then sign motion commands; None: remove it.
 
-        A device takes a key over its local UART only, and never tells it. Where it has one
-        already, this robot must have been opened with it. A stop is obeyed without it.
+        A device accepts a key over its local UART only and never reports it. If it already has a
+        key, the robot must be opened with that key. A stop needs no signature.
 
         Raises:
-            ArgumentError: not 16 bytes, or 16 zeros; it is a ValueError too.
+            ArgumentError: not 16 bytes, or 16 zeros. It is a ``ValueError`` too.
             KeyExposedError: the port is a bus or a network.
-            CommandRejectedError: the device refused.
-            DeviceLostError: it did not answer.
+            CommandRejectedError: the device rejected the key.
+            DeviceLostError: the device did not answer.
 
         """
         check_local(self._name)
@@ -556,21 +590,21 @@ class Robot:
         self._key = key
         session = self.host.session
         self._in_loop(lambda: session.set_key(key, clock.now()))
-        # Of the session itself: a snapshot may still be the one before the key.
+        # Read from the session itself, because a snapshot may be older than the key.
         if key is not None and not self._until(lambda: session.signs, STATUS_TIMEOUT_S):
-            raise DeviceLostError("the device did not answer with its challenge")
+            raise DeviceLostError("the device sent no challenge for its new key")
 
-    # ---- the end --------------------------------------------------------------------------
+    # ---- end --------------------------------------------------------------------------------
 
     def close(self) -> None:
-        """End the session in order, the robot stopped, and give the port back for good.
+        """Stop the robot, end the session and close the port and all recordings.
 
-        Waits for the device's confirmation, a second at most, and raises nothing where none
-        comes: the device then stops by itself, when the last velocity expires. Call :meth:`stop`
-        where you must know. Leaving the ``with`` block is this call. Recordings are closed too.
+        It waits for the device's confirmation, for 1 s at most, and raises no error without it: the
+        device stops by itself when the last velocity expires. Call :meth:`stop` for a confirmed
+        stop. The end of the ``with`` block calls this method.
 
         Raises:
-            LogError: a recording could not be written to its end.
+            LogError: a recording could not be completed.
 
         """
         self._closed = True
@@ -586,17 +620,17 @@ class Robot:
             raise failed
 
     def _end(self, ending: Ending) -> Result | None:
-        """End the session and wait for it; None: its loop hangs."""
+        """End the session and wait for it; None: its loop does not respond."""
         self._pump.request_end(ending)
         result = self._pump.wait_over(OPEN_TIMEOUT_S)
         self._thread.join(timeout=OPEN_TIMEOUT_S)
         return result
 
     def _in_loop(self, action: Callable[[], None]) -> None:
-        """Have something run in the loop's thread, and wait for it.
+        """Run ``action`` in the loop's thread and wait for it.
 
         Raises:
-            DeviceLostError: the loop has ended, or hangs.
+            DeviceLostError: the loop has ended or does not respond.
 
         """
         answer = self._pump.call(action)
@@ -604,7 +638,7 @@ class Robot:
             answer.result(OPEN_TIMEOUT_S)
         except TimeoutError:
             answer.cancel()
-            raise DeviceLostError(f"{self._name}: the session's loop hangs") from None
+            raise DeviceLostError(f"{self._name}: the session's loop does not respond") from None
 
     def __enter__(self) -> Self:
         return self
@@ -618,7 +652,7 @@ class Robot:
         try:
             self.close()
         except LogError:
-            if kind is None:  # an error of the block comes before one of a log
+            if kind is None:  # an exception of the block has priority
                 raise
 
     def _until(self, true: Callable[[], bool], timeout_s: float) -> bool:
@@ -629,7 +663,7 @@ class Robot:
 
 
 def _version() -> str:
-    """The distribution's version; of a checkout that is not installed none is known."""
+    """Return the version of the installed package, or "unknown" for a plain checkout."""
     try:
         return version("sweepctl")
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""Parts of :class:`bridge.api.robot.Robot`: newest messages, driving by hand, events, planner."""
+"""Parts of :class:`bridge.api.robot.Robot`: newest messages, manual driving, events, planner."""
 
 from __future__ import annotations
 
@@ -25,12 +25,14 @@ if TYPE_CHECKING:
     from protocol.schema.message import Message
 
 SETPOINT_TIMEOUT_S = 0.5
+"""Time after which a velocity that is not repeated expires, s."""
 EVENTS_KEPT = 1000
+"""Maximum number of events kept for :meth:`EventTap.take`."""
 T = TypeVar("T", bound="Message")
 
 
 class Latest(Generic[T]):
-    """The newest message of one kind."""
+    """Newest message of one type."""
 
     def __init__(self, kind: type[T], state: Callable[[], StateSnapshot]) -> None:
         self._kind = kind
@@ -38,25 +40,25 @@ class Latest(Generic[T]):
 
     @property
     def latest(self) -> T | None:
-        """The message, or None before the first of this session."""
+        """The message; None before the first of this session."""
         value = getattr(self._state(), self._kind.__name__.lower())
         return value if isinstance(value, self._kind) else None
 
     @property
     def age_s(self) -> float | None:
-        """Seconds since its sample was taken; None before the first of this session."""
+        """Age of its sample, s; None before the first of this session."""
         at_s = self._state().arrived_s.get(self._kind)
         return None if at_s is None else clock.now() / 1e9 - at_s
 
     def __repr__(self) -> str:
-        """The message in SI units, and its age."""
+        """Return the message in SI units and its age."""
         age_s = self.age_s
         name = self._kind.__name__.lower()
         return f"<{name}: nothing yet>" if age_s is None else f"<{self.latest}, {age_s:.2f} s old>"
 
 
 class ManualDrive:
-    """A runner that follows what it was last told, for half a second."""
+    """Runner that follows the last velocity until it expires."""
 
     finished = False
     finish_reason = None
@@ -69,11 +71,11 @@ class ManualDrive:
         self.target = HALT
 
     def drive(self, command: VelocityCommand) -> None:
-        """Follow this from the next control step on."""
+        """Follow ``command`` from the next control step on."""
         self._command = (-1.0, command)
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """The velocity for this control step."""
+        """Return the velocity setpoint of one control step."""
         newest = self._command
         if newest is None:
             self.target = HALT
@@ -89,30 +91,30 @@ class ManualDrive:
         return command
 
     def drain_events(self) -> list[PlannerEvent]:
-        """A person's decisions are not explained."""
+        """Return no events."""
         return []
 
 
 class EventTap:
-    """Passes every record on, and keeps the newest events for whoever asks."""
+    """Passes every record on and keeps the newest events."""
 
     def __init__(self, sink: Sink) -> None:
         self._sinks: tuple[Sink, ...] = (sink,)
-        """Replaced as a whole: the loop's thread goes through them."""
+        """Replaced, never changed, because the loop's thread iterates over it."""
         self._events: deque[EventRecord] = deque(maxlen=EVENTS_KEPT)
         self.newest_identity: IdentityRecord | None = None
-        """The device of the session, for a log that begins later."""
+        """The session's device, for a log that starts later."""
 
     def attach(self, sink: Sink) -> None:
-        """Pass every record on to this one too."""
+        """Pass every record to this sink too."""
         self._sinks = (*self._sinks, sink)
 
     def detach(self, sink: Sink) -> None:
-        """Pass no more records on to it."""
+        """Pass no more records to this sink."""
         self._sinks = tuple(each for each in self._sinks if each is not sink)
 
     def write(self, record: Record) -> None:
-        """Take one record."""
+        """Handle one record."""
         for sink in self._sinks:
             sink.write(record)
         if isinstance(record, EventRecord):
@@ -121,10 +123,10 @@ class EventTap:
             self.newest_identity = record
 
     def close(self, summary: object = None) -> None:
-        """The sink is closed by whoever opened it."""
+        """Do nothing: the creator of a sink closes it."""
 
     def take(self) -> list[EventRecord]:
-        """Fetch and forget the events so far, the newest thousand of them."""
+        """Return and remove the events, at most :data:`EVENTS_KEPT`."""
         events: list[EventRecord] = []
         while self._events:
             events.append(self._events.popleft())
@@ -132,26 +134,26 @@ class EventTap:
 
 
 class Drivable(Protocol):
-    """A robot that a program drives, as its own planner needs it."""
+    """Interface of a robot for :class:`OwnPlanner`."""
 
     client: DeviceClient
 
     @property
     def state(self) -> StateSnapshot:
-        """The newest messages."""
+        """Newest messages."""
 
     def wait_for_link(self) -> None:
-        """Wait until the link is measured; raises where it is too slow to drive over."""
+        """Wait until the link is measured; raise an error if it is too slow for motion."""
 
     def wait_for_status(self) -> Status:
-        """Wait for the first status; raises where none comes."""
+        """Wait for the first status; raise an error if none arrives."""
 
 
 class OwnPlanner:
-    """The device's own planner; nothing here watches it (``sweepctl connect --supervise`` does).
+    """The device's own planner, without supervision (for that: ``sweepctl connect --supervise``).
 
-    Every method raises :class:`CommandRejectedError` where the device refuses and
-    :class:`DeviceLostError` where it does not answer.
+    Every method raises :class:`CommandRejectedError` if the device rejects it and
+    :class:`DeviceLostError` if the device does not answer.
     """
 
     def __init__(self, robot: Drivable) -> None:
@@ -159,17 +161,17 @@ class OwnPlanner:
 
     @property
     def latest(self) -> PlannerState | None:
-        """What the planner last told; None before the first of this session."""
+        """Newest planner state; None before the first of this session."""
         return self._robot.state.planner
 
     def start(self, planner: str = "recovery") -> None:
-        """Start one by name: it rests 2.5 s, and the robot moves.
+        """Start a planner by name. The robot stands still for 2.5 s and then moves.
 
-        A stop that was latched for safety is not cleared: :meth:`Robot.clear_stop` does that.
+        It clears the stop of a clean end, but no safety stop; :meth:`Robot.clear_stop` does that.
 
         Raises:
-            BridgeError: no planner has this name, or the status is not known yet.
-            StoppedForSafetyError: such a stop is latched, or the link is too slow.
+            BridgeError: unknown planner, or no status received.
+            StoppedForSafetyError: a safety stop is latched, or the link is too slow.
 
         """
         number = planner_number(planner)
@@ -179,7 +181,7 @@ class OwnPlanner:
         if status.stop_cause not in {StopCause.NONE, StopCause.SESSION_END}:
             name = label(StopCause, status.stop_cause)
             raise StoppedForSafetyError(
-                f"the robot holds a stop (cause: {name}); see that it is safe, then call "
+                f"the robot has a latched stop (cause: {name}); check that it is safe, then call "
                 "clear_stop()"
             )
         if status.stop_cause == StopCause.SESSION_END:
@@ -188,11 +190,11 @@ class OwnPlanner:
         robot.client.planner(PlannerAction.START, number)
 
     def pause(self) -> None:
-        """Hold still, the plan kept."""
+        """Pause the plan; the robot stands still."""
         self._robot.client.planner(PlannerAction.PAUSE)
 
     def resume(self) -> None:
-        """Go on where it was held."""
+        """Continue the paused plan."""
         self._robot.client.planner(PlannerAction.RESUME)
 
     def abort(self) -> None:
@@ -201,14 +203,14 @@ class OwnPlanner:
 
 
 def planner_number(name: str) -> OnboardPlanner:
-    """The wire's number of a planner's name.
+    """Return the device's number of a planner.
 
     Raises:
-        BridgeError: no planner has this name.
+        BridgeError: unknown planner.
 
     """
     try:
         return OnboardPlanner[name.upper().replace("-", "_")]
-    except (AttributeError, KeyError):  # no text, or no planner's name
+    except (AttributeError, KeyError):  # not a text, or unknown
         names = ", ".join(p.name.lower().replace("_", "-") for p in OnboardPlanner)
-        raise BridgeError(f"{name!r} is no planner; there are {names}") from None
+        raise BridgeError(f"unknown planner {name!r}; use one of {names}") from None

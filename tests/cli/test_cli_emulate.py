@@ -68,7 +68,7 @@ def test_under_nohup_a_lost_terminal_ends_neither_the_emulator_nor_a_run(tmp_pat
         ended = end(host, signal.SIGHUP)
     finally:
         status = end(emulator, signal.SIGTERM).status
-    assert (ended.status, ended.json["reason"]) == (0, "the time asked for is over"), ended
+    assert (ended.status, ended.json["reason"]) == (0, "the requested duration is over"), ended
     assert status == 0
 
 

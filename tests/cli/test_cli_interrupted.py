@@ -131,7 +131,7 @@ def test_what_a_device_may_have_done_is_reported(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("bridge.api.remote.ask", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:
         RemoteRobot("/nowhere").save_parameters()
-    assert "save, which was asked of the process that has the port" in caught.value.__notes__[0]
+    assert "save (sent to the owner of the port)" in caught.value.__notes__[0]
 
 
 def test_a_second_ctrl_c_does_not_cut_off_the_summary(

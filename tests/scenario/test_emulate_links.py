@@ -177,7 +177,7 @@ def a_port_pulled_and_put_back(tmp_path: Path) -> None:
             assert link.is_symlink()
             ended = host.end()
         assert ended.status == 0, ended.err
-        assert ended.json["reason"] == "the time asked for is over"
+        assert ended.json["reason"] == "the requested duration is over"
         assert "is gone" in ended.err
         assert "sweeper is back" in ended.err
         assert ended.err.count("host and device are compatible") == 2

@@ -240,7 +240,7 @@ def a_stop_from_another_shell(tmp_path: Path) -> None:
             assert "the device has confirmed it" in stopped.err
             ended = host.end()
         assert ended.status == 5
-        assert "stopped from another shell (process" in ended.json["reason"]
+        assert "stopped by another process (process" in ended.json["reason"]
         # with nobody there, the port is opened for it
         again = run(tmp_path, "stop", device.port, "--json")
         assert again.status == 0

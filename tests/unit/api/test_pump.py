@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
-OPERATOR = Ending("stopped", "stopped from another shell", 5, StopCause.OPERATOR)
+OPERATOR = Ending("stopped", "stopped by another process", 5, StopCause.OPERATOR)
 
 
 class FakeClock:

@@ -285,7 +285,7 @@ def test_a_clear_that_was_allowed_is_for_the_cause_that_was_seen() -> None:
     assert mission.requests() == [Request("clear", StopCause.OPERATOR)]
 
 
-STOP = Ending("stopped", "stopped from another shell", 5, StopCause.OPERATOR)
+STOP = Ending("stopped", "stopped by another process", 5, StopCause.OPERATOR)
 CTRL_C = Ending("stopped", "ended by Ctrl-C", 0)
 
 
