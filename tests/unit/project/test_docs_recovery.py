@@ -59,3 +59,11 @@ def test_every_picture_is_on_a_page_and_the_other_way_round() -> None:
     }
     assert shown == set(PICTURES)
     assert {path.stem for path in (ROOT / "docs" / "images").glob("*.png")} == shown
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["control-turn", "recovery-phases", "recovery-occluded"])
+def test_a_picture_is_drawn_from_a_run(name: str) -> None:
+    figure = PICTURES[name]()
+    assert all(axes.lines for axes in figure.axes)
+    assert all(axes.get_xlabel().endswith(")") for axes in figure.axes)
