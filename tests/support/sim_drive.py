@@ -141,7 +141,7 @@ class SimDrive:
         self.errors.position_m.append(math.hypot(error[0], error[1]))
         self.errors.yaw_rad.append(abs(float(error[2])))
         if self.tick % 200 == 0:
-            self.estimator.update_pending()
+            self.estimator.ekf.propagate_covariance()
             covariance = np.array(self.estimator.covariance)
             if covariance[0, 0] > 1e-8 and covariance[1, 1] > 1e-8:
                 self.errors.nees.append(float(error @ np.linalg.solve(covariance, error)))

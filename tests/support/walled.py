@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bridge.motion.estimation.pose_filter import PoseFilter
+from bridge.motion.estimation.ekf import Ekf
 from bridge.motion.estimation.wall_map import WallMap
 from bridge.motion.estimation.wall_measurements import LineMeasurement
 from bridge.motion.geometry import Pose2
@@ -25,7 +25,7 @@ class Room:
     """A filter, its walls, and a hand that makes it doubt."""
 
     def __init__(self) -> None:
-        self.filter = PoseFilter(ORIGIN)
+        self.filter = Ekf(ORIGIN)
         self.walls = WallMap(self.filter)
 
     def inflate(self, sigma_m: float, sigma_rad: float) -> None:

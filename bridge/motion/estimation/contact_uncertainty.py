@@ -63,8 +63,8 @@ class ContactUncertainty:
             if not estimator.bridging:
                 self._slide(self._ahead_m(), (left, right))
         if grazing and way_m > 0.0:
-            sigma_m = GRAZE_M_SQRT_M * estimator.slip_monitor.slippery
-            estimator.inflate(sigma_m * math.sqrt(way_m), 0.0)
+            sigma_m = GRAZE_M_SQRT_M * estimator.ekf.slip_monitor.slippery
+            estimator.ekf.inflate(sigma_m * math.sqrt(way_m), 0.0)
         self._last = estimator.odometry
         self._pressed = (left, right)
         return way_m
@@ -95,9 +95,9 @@ class ContactUncertainty:
 
     def _inflate_at_onset(self) -> None:
         if self._estimator.feels:
-            self._estimator.inflate(FELT_SIGMA_M, FELT_SIGMA_RAD)
+            self._estimator.ekf.inflate(FELT_SIGMA_M, FELT_SIGMA_RAD)
         else:
-            self._estimator.inflate(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
+            self._estimator.ekf.inflate(BUMP_SIGMA_M, BUMP_SIGMA_RAD)
 
     def _slide(self, way_m: float, pressed: tuple[bool, bool]) -> None:
         """Take a way made while pressed, not negative."""
@@ -109,8 +109,8 @@ class ContactUncertainty:
         one_half = left != right and self._pressed_m < _STUCK_M
         if one_half:
             aside_m = SLIDE_ASIDE * way_m * (-1.0 if left else 1.0)
-            estimator.shift(-SLIDE_AHEAD * way_m, aside_m)
+            estimator.ekf.shift(-SLIDE_AHEAD * way_m, aside_m)
         share = SLIDE_SHARE if one_half and estimator.feels else PRESS_SHARE
         # One error for the whole touch: its standard deviation grows with the way, not its root.
         grown_m = math.sqrt(self._pressed_m**2 - before_m**2)
-        estimator.inflate(share * grown_m, 0.0)
+        estimator.ekf.inflate(share * grown_m, 0.0)

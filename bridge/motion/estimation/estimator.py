@@ -1,17 +1,17 @@
-"""Pose from encoders, gyro and standstill, sans-I/O: samples in, pose and covariance out.
+"""The pose estimator, sans-I/O: samples of encoders and IMU in, pose and covariance out.
 
 An extended Kalman filter over
 
     x, y, θ   pose
     b         gyro bias, as it is at rest
-    m         shift of that bias in motion (vibration), which only walls seen again can show
+    m         shift of that bias in motion (vibration), which only walls observe
     k         gyro scale error
-    s         wheel scale error: a count is worth (1 + s) times its nominal way
+    s         wheel scale error: a count is worth (1 + s) times its nominal path
     c         slope of b with the chip's temperature: b' = c·T'
 
-and behind them the walls that ``wall_map`` remembers. The gyro turns the heading,
-θ' = (g - b - m)(1 - k); the encoders move the position along the arc (eq. 5); standing still
-measures the bias (zero-velocity update) and moves nothing.
+followed by the walls of ``wall_map``. The gyro turns the heading, θ' = (g - b - m)(1 - k); the
+encoders move the position along the arc (eq. 5); a standstill measures the bias (zero-velocity
+update).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from bridge.motion.estimation.disturbance import (
     InertialBridge,
     SlipDetector,
 )
+from bridge.motion.estimation.ekf import BIAS, Covariance, Ekf
 from bridge.motion.estimation.odometry import sinc
-from bridge.motion.estimation.pose_filter import BIAS, PoseFilter
 from bridge.motion.estimation.standstill import Standstill
 from bridge.motion.geometry import Pose2, wrap_angle
 from bridge.motion.kinematics import encoder_delta
@@ -37,48 +37,61 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ENCODER_GAP_S = 10.0
-"""Beyond this a 16-bit counter may have wrapped by more than half unseen (4.3 m)."""
+"""Longest gap between encoder samples, s: in a longer one a 16-bit counter may wrap by more than half
+(4.3 m) unseen."""
 IMU_GAP_S = 0.1
-"""Beyond this the rate between two gyro samples is not known; the wheels turn the heading."""
+"""Longest gap between gyro samples, s: in a longer one the wheels turn the heading."""
 _FIRST_BIAS_SAMPLES = 25
-"""Rest samples before the gyro is trusted; until then the wheels turn the heading."""
+"""Samples at rest before the gyro is used; until then the wheels turn the heading."""
 _REST_BATCH = 5
-"""Rest samples are averaged by so many before they are taken: an update costs its time."""
+"""Samples at rest that are averaged for one update, to save time."""
 _LARGEST_BIAS_RAD_S = 0.4
-"""Above the data sheet's ±20 °/s a first sample is a motion, not a bias."""
-_BRIDGE_M, _BRIDGE_CUT_M, _BRIDGE_RAD = 0.0015, 0.006, math.radians(0.05)
-"""What a bump leaves unsure of position and heading, told whole or cut off."""
-_BRIDGE_M_S, _BRIDGE_M_S2 = 0.012, 0.02
-"""Of the velocity by inertia: at once, and growing with time."""
+"""Largest bias, rad/s: a first sample above the data sheet's ±20 °/s is motion."""
+_BRIDGE_M = 0.0015
+"""Standard deviation of the position after a bump whose motion was measured whole, m."""
+_BRIDGE_CUT_M = 0.006
+"""The same after a bump whose measurement was cut off, m."""
+_BRIDGE_RAD = math.radians(0.05)
+"""Standard deviation that a bump adds to the heading, rad."""
+_BRIDGE_M_S = 0.012
+"""Standard deviation of the inertial velocity at first, m/s."""
+_BRIDGE_M_S2 = 0.02
+"""Growth of that standard deviation, m/s²."""
 _SLIP_SHARE = 0.5
-"""Of the way put right when one wheel slips, taken as its sigma."""
+"""Share of the path corrected for a slipping wheel that is its standard deviation."""
 _RELEASE_SHARE = 0.3
-"""Of the way given back once nothing holds the robot, taken as its sigma: when it was let go is
-known to a reading of the bumper."""
-_ONSET_S, _KEPT = 1.0, 64
-_WARMING_LOWPASS, _WARMING_JUMP_C = 0.02, 2.0
-"""Share of the newest sample in the chip's temperature, whose register is noisy, and what no chip
-warms up by between samples."""
+"""Share of the path given back after a release that is its standard deviation: the release is known
+to one reading of the bumper."""
+_ONSET_S = 1.0
+"""Time in which repeated disturbances of one kind count as one, s."""
+_KEPT = 64
+"""Disturbances that are kept."""
+_WARMING_LOWPASS = 0.02
+"""Share of the newest sample in the filtered temperature, whose register is noisy."""
+_WARMING_JUMP_C = 2.0
+"""Change of the temperature between samples that only a restarted device shows, °C."""
 _SPEED_LOWPASS = 0.5
-"""Share of the newest interval in the speed: one count in 20 ms is already 6.5 mm/s."""
+"""Share of the newest interval in the speed: one count in 20 ms is 6.5 mm/s."""
+_STILL_M_S = 1e-3
+"""Speed that counts as standstill while no count comes, m/s."""
 
 
-class PoseEstimator(PoseFilter):
-    """The filter, fed with samples.
+class PoseEstimator:
+    """Feeds an extended Kalman filter with the samples of encoders, gyro and accelerometer.
 
-    Feed samples in the order of their stamps as far as possible; a stale gyro sample is
-    ignored. All times are of one clock, in seconds; only differences matter. The first encoder
-    sample is the reference. While no gyro sample comes for 0.1 s, and before the first rest of
-    25 gyro samples, the heading is taken from the wheels (eq. 4).
+    Samples come in the order of their stamps as far as possible; a stale gyro sample is ignored.
+    All times are of one clock, s; only differences matter. The first encoder sample is the
+    reference. While no gyro sample comes for 0.1 s, and before the first 25 gyro samples at rest,
+    the wheels give the heading (eq. 4).
     """
 
     def __init__(self, model: RobotModel, start: Pose2, drift: DriftModel | None = None) -> None:
-        """``start`` is taken as exact: the frame is the one in which it was given."""
-        super().__init__(start, drift)
+        """Begin at an exact pose, in whose frame all poses are."""
+        self.ekf = Ekf(start, drift)
         self._model = model
         self._left_m, self._right_m = model.left_metres_per_count, model.right_metres_per_count
-        """What one count of each wheel is worth, before the filter's own scale."""
-        self._bias = model.gyro_bias_rad_s
+        """Path per count of each wheel, m, before the estimated scale."""
+        self.ekf.gyro_bias_rad_s = model.gyro_bias_rad_s
         self._standstill = Standstill()
         self._counts: tuple[int, int] | None = None
         self._encoder_s = 0.0
@@ -96,26 +109,56 @@ class PoseEstimator(PoseFilter):
 
     # -- what is known ---------------------------------------------------------------------
 
+    @property
+    def pose(self) -> Pose2:
+        """Position at the newest encoder sample, heading at the newest gyro sample."""
+        return self.ekf.pose
+
+    @property
+    def odometry(self) -> Pose2:
+        """The same motion without pose corrections; its frame drifts."""
+        return self.ekf.odometry
+
+    @property
+    def covariance(self) -> Covariance:
+        """Covariance of (x, y, θ), 3×3, m², m·rad and rad², at most 0.1 s old."""
+        return self.ekf.covariance
+
+    @property
+    def gyro_bias_rad_s(self) -> float:
+        """Gyro bias at rest, rad/s."""
+        return self.ekf.gyro_bias_rad_s
+
+    @property
+    def gyro_bias_sigma_rad_s(self) -> float:
+        """Standard deviation of the gyro bias, rad/s; large until the robot has stood still."""
+        return self.ekf.gyro_bias_sigma_rad_s
+
+    @property
+    def wheel_scale(self) -> float:
+        """True path over the nominal path of a count, about 1."""
+        return self.ekf.wheel_scale
+
     def pose_at(self, t_s: float) -> Pose2:
-        """Pose carried on at the present speed to a moment near the newest encoder sample."""
+        """Extrapolate the pose at the present speed to a time near the newest encoder sample, s."""
         ahead_s = t_s - self._encoder_s
         if self._counts is None or not -IMU_GAP_S <= ahead_s <= IMU_GAP_S:
-            return self.pose
+            return self.ekf.pose
         way = self._speed * ahead_s
         turn_s = ahead_s if self._imu_s is None else t_s - self._imu_s
-        theta = self._theta + self._yaw_rate * turn_s
+        theta = self.ekf.theta_rad + self._yaw_rate * turn_s
         mid = theta - 0.5 * self._yaw_rate * ahead_s
-        x, y = self._x + way * math.cos(mid), self._y + way * math.sin(mid)
+        x, y = self.ekf.x_m + way * math.cos(mid), self.ekf.y_m + way * math.sin(mid)
         return Pose2(x, y, wrap_angle(theta))
 
     @property
     def v_m_s(self) -> float:
-        """Forward speed from the encoders, lightly smoothed."""
+        """Forward speed from the encoders, lightly smoothed, m/s."""
         return self._speed
 
     @property
     def yaw_rate_rad_s(self) -> float:
-        """Yaw rate from the gyro less its bias, or from the wheels while the gyro is silent."""
+        """Yaw rate from the gyro less its bias, or from the wheels while it is silent, rad/s."""
         return self._yaw_rate
 
     @property
@@ -130,22 +173,22 @@ class PoseEstimator(PoseFilter):
 
     @property
     def disturbances(self) -> tuple[Disturbance, ...]:
-        """Slips, bumps and stalls found of late, oldest first."""
+        """The latest slips, bumps and stalls, oldest first."""
         return tuple(self._disturbances)
 
     @property
     def feels(self) -> bool:
-        """Whether an accelerometer is there and calibrated, so that bumps are found."""
+        """Whether an accelerometer is calibrated, so that bumps are detected."""
         return self._bumps.ready
 
     @property
     def bridging(self) -> bool:
-        """Whether the position is carried by inertia just now, after a bump."""
+        """Whether the accelerometer moves the position, after a bump."""
         return self._bridge is not None
 
     def reset(self, pose: Pose2) -> None:
-        """Set the pose as exact and known; walls are forgotten, what the sensors are is kept."""
-        self.restart(pose)
+        """Set an exact pose; landmarks are marginalised, the sensors' errors are kept."""
+        self.ekf.restart(pose)
         self._known = True
         self._speed = 0.0
         self._yaw_rate = 0.0
@@ -153,16 +196,16 @@ class PoseEstimator(PoseFilter):
         self._bridge = None
 
     def release(self) -> None:
-        """Tell that nothing touches the robot: after a bump its wheels can be believed again."""
+        """End the bridging of a bump: nothing touches the robot, so its wheels count again."""
         bridge = self._bridge
         if bridge is None:
             return
-        self.shift(bridge.unmade_m, 0.0)
-        self.inflate_along(_RELEASE_SHARE * abs(bridge.unmade_m))
+        self.ekf.shift(bridge.unmade_m, 0.0)
+        self.ekf.inflate_along(_RELEASE_SHARE * abs(bridge.unmade_m))
         self._end_bridge(bridge)
 
     def hold(self) -> None:
-        """Tell that something touches the robot: what its wheels turn after a bump is not made."""
+        """Discard what the wheels turned since a bump: something still touches the robot."""
         if self._bridge is not None:
             self._bridge.unmade_m = 0.0
 
@@ -176,12 +219,17 @@ class PoseEstimator(PoseFilter):
         accel_y_m_s2: float | None = None,
         temperature_c: float | None = None,
     ) -> None:
-        """Take one sample: yaw rate in rad/s, uncorrected, counter-clockwise positive.
+        """Take an IMU sample.
 
-        The sample is taken as the mean over the time since the last one, as the chip's low-pass
-        makes it. With the acceleration (ahead, to the left, at the axle's centre; gravity's
-        share on a slanting floor and the bias are learnt at rest) bumps are found and bridged.
-        With the chip's temperature the bias follows as the chip warms up.
+        Args:
+            t_s: time of the sample, s.
+            gyro_z_rad_s: yaw rate as measured, rad/s, counter-clockwise positive; the mean since
+                the last sample, as the chip's low-pass makes it.
+            accel_x_m_s2: acceleration ahead at the axle's centre, m/s². Its bias and the share of
+                gravity are learned at rest. With it, bumps are detected and bridged.
+            accel_y_m_s2: acceleration to the left, m/s².
+            temperature_c: the chip's temperature, °C, which the bias follows.
+
         """
         previous_s = self._imu_s
         if previous_s is not None and t_s <= previous_s:
@@ -189,12 +237,14 @@ class PoseEstimator(PoseFilter):
         self._imu_s = t_s
         if temperature_c is not None:
             self._warm_to(temperature_c)
-        offset = self._bias + self._motion_bias
-        rate = (gyro_z_rad_s - offset) * (1.0 - self._gyro_scale)
+        offset = self.ekf.gyro_bias_rad_s + self.ekf.motion_bias_rad_s
+        rate = (gyro_z_rad_s - offset) * (1.0 - self.ekf.gyro_scale)
         trusted = self._rest_samples >= _FIRST_BIAS_SAMPLES
         still = self._standstill.at_rest(t_s)
         if trusted:
-            self._resting = still and abs(gyro_z_rad_s - self._bias) < Standstill.RATE_VETO_RAD_S
+            self._resting = (
+                still and abs(gyro_z_rad_s - self.ekf.gyro_bias_rad_s) < Standstill.RATE_VETO_RAD_S
+            )
         else:
             self._resting = still and abs(gyro_z_rad_s) < _LARGEST_BIAS_RAD_S
         if self._resting:
@@ -208,19 +258,19 @@ class PoseEstimator(PoseFilter):
                 self._bumps.rest(accel_x_m_s2, accel_y_m_s2)
             return
         self._bumps.leave_rest()
-        # The last of them may be of the start, which the counts show up to 20 ms late.
+        # The last of these samples may belong to the start, which counts show up to 20 ms late.
         self._rest_sum, self._rest_count, self._rest_mean = 0.0, 0, None
         if not trusted:
-            # set off before the rest was long enough: its few samples may be of the start
+            # The rest was too short: its few samples may belong to the start.
             self._rest_samples = 0
-            self._bias = self._model.gyro_bias_rad_s
-            self.joint_covariance.forget((BIAS,), (self.drift.bias_prior_rad_s**2,))
+            self.ekf.gyro_bias_rad_s = self._model.gyro_bias_rad_s
+            self.ekf.joint_covariance.reset((BIAS,), (self.ekf.drift.bias_prior_rad_s**2,))
             return
         self._yaw_rate = rate
         if previous_s is None or t_s - previous_s > IMU_GAP_S:
             return
         dt = t_s - previous_s
-        self._theta += rate * dt
+        self.ekf.theta_rad += rate * dt
         self._turning_s += dt
         if accel_x_m_s2 is not None and accel_y_m_s2 is not None:
             self._feel(t_s, dt, *self._bumps.level(accel_x_m_s2, accel_y_m_s2))
@@ -237,14 +287,14 @@ class PoseEstimator(PoseFilter):
         if dt > ENCODER_GAP_S:
             self._known = False
             self._speed = 0.0
-            self._heading_mark = self._theta
+            self.ekf.heading_mark_rad = self.ekf.theta_rad
             self._standstill.on_encoders(t_s, moved=True)
             return
         left_counts = encoder_delta(counts[0], left)
         right_counts = encoder_delta(counts[1], right)
         moved = left_counts != 0 or right_counts != 0
         self._standstill.on_encoders(t_s, moved=moved)
-        scale = 1.0 + self._wheel_scale
+        scale = 1.0 + self.ekf.wheel_scale_error
         self._roll(
             t_s, dt, scale * self._left_m * left_counts, scale * self._right_m * right_counts
         )
@@ -254,17 +304,17 @@ class PoseEstimator(PoseFilter):
     def _warm_to(self, temperature_c: float) -> None:
         before_c = self._chip_c
         if before_c is None or abs(temperature_c - before_c) > _WARMING_JUMP_C:
-            self._chip_c = temperature_c  # a device that began anew
+            self._chip_c = temperature_c  # the device restarted
             return
         self._chip_c = before_c + _WARMING_LOWPASS * (temperature_c - before_c)
-        self.warm(self._chip_c - before_c)
+        self.ekf.warm(self._chip_c - before_c)
 
     def _roll(self, t_s: float, dt: float, left: float, right: float) -> None:
-        """Move by what both wheels went, metres, in the time since the last sample."""
+        """Move by the paths of both wheels, m, since the last sample."""
         travel = 0.5 * (left + right)
         if dt > 0.0:
             self._speed += _SPEED_LOWPASS * (travel / dt - self._speed)
-            if left == right == 0.0 and abs(self._speed) < 1e-3:  # noqa: PLR2004 - a millimetre a second
+            if left == right == 0.0 and abs(self._speed) < _STILL_M_S:
                 self._speed = 0.0
         rotation, by_wheels = self._rotation(t_s, dt, (right - left) / self._model.wheel_base_m)
         if self._bridge is not None:
@@ -279,13 +329,13 @@ class PoseEstimator(PoseFilter):
         if travel or rotation or self._turning_s:
             turning_s, self._turning_s = self._turning_s, 0.0
             chord = travel * sinc(0.5 * rotation)
-            self.advance(chord, rotation, max(dt, 0.0), turning_s, by_wheels=by_wheels)
+            self.ekf.advance(chord, rotation, max(dt, 0.0), turning_s, by_wheels=by_wheels)
         elif dt > 0.0:
-            self.wait(dt)
+            self.ekf.wait(dt)
 
     def _rotation(self, t_s: float, dt_s: float, wheel_turn: float) -> tuple[float, bool]:
-        """Heading change since the last encoder sample, and whether the wheels told it."""
-        mark = self._heading_mark
+        """Return the turn since the last encoder sample, rad, and whether the wheels gave it."""
+        mark = self.ekf.heading_mark_rad
         by_wheels = (
             self._imu_s is None
             or t_s - self._imu_s > IMU_GAP_S
@@ -293,43 +343,43 @@ class PoseEstimator(PoseFilter):
         )
         if by_wheels:
             now = mark + wheel_turn
-            self._theta = now
+            self.ekf.theta_rad = now
             self._turning_s = 0.0
             if dt_s > 0.0:
                 self._yaw_rate = wheel_turn / dt_s
         else:
-            now = self._theta + self._yaw_rate * (t_s - (self._imu_s or t_s))
-        self._heading_mark = now
+            now = self.ekf.theta_rad + self._yaw_rate * (t_s - (self._imu_s or t_s))
+        self.ekf.heading_mark_rad = now
         return now - mark, by_wheels
 
     def _feel(self, t_s: float, dt: float, ahead: float, aside: float) -> None:
-        """Look for a bump; after one, move by inertia and not by the wheels."""
+        """Detect a bump; after one, move by the accelerometer and not by the wheels."""
         bridge = self._bridge
         if self._bumps.moving(ahead, aside) and bridge is None:
             size = math.hypot(ahead, aside) * dt
             self._note(DisturbanceKind.BUMP, t_s, size)
             self._bridge = bridge = InertialBridge(self._speed)
-            # up to the bump the wheels were right: their last count is up to 20 ms old
+            # Up to the bump the wheels were right; their last count is up to 20 ms old.
             before_s = min(max(t_s - 0.5 * dt - self._encoder_s, 0.0), IMU_GAP_S)
-            self.shift(self._speed * before_s, 0.0)
-        self.inflate_for_vibration(self._bumps.vibration_m_s2)
+            self.ekf.shift(self._speed * before_s, 0.0)
+        self.ekf.inflate_for_vibration(self._bumps.vibration_m_s2)
         if bridge is None:
             return
         way_ahead, way_aside = bridge.push(ahead, aside, self._yaw_rate, dt)
-        self.shift(way_ahead, way_aside)
-        # a velocity off by σ makes (σt)² of position's variance in t: 2σ²t·dt from step to step
+        self.ekf.shift(way_ahead, way_aside)
+        # A velocity error σ gives the position a variance of (σt)²: 2σ²t·dt in each step.
         sigma = _BRIDGE_M_S + _BRIDGE_M_S2 * bridge.age_s
-        self.inflate(sigma * math.sqrt(2.0 * bridge.age_s * dt), 0.0)
+        self.ekf.inflate(sigma * math.sqrt(2.0 * bridge.age_s * dt), 0.0)
 
     def _end_bridge(self, bridge: InertialBridge) -> None:
         sigma = _BRIDGE_CUT_M if bridge.cut else _BRIDGE_M
-        self.inflate(sigma, _BRIDGE_RAD)
+        self.ekf.inflate(sigma, _BRIDGE_RAD)
         self._bridge = None
 
     def _gripping(self, t_s: float, dt: float, left: float, right: float, rotation: float) -> float:
-        """Way ahead, by the wheel that grips where one slips."""
+        """Return the path ahead, m, by the wheel that grips if the other slips."""
         turn = rotation * self._model.wheel_base_m
-        self.slip_monitor.update(left, right, turn)
+        self.ekf.slip_monitor.update(left, right, turn)
         side = self._slips.update(left, right, turn, dt)
         if side == 0:
             self._slipping = 0
@@ -339,7 +389,7 @@ class PoseEstimator(PoseFilter):
             kind = DisturbanceKind.SLIP_RIGHT if side > 0 else DisturbanceKind.SLIP_LEFT
             self._note(kind, t_s, abs(right - left - turn) / dt)
         way = left + 0.5 * turn if side > 0 else right - 0.5 * turn
-        self.inflate_along(_SLIP_SHARE * abs(0.5 * (left + right) - way))
+        self.ekf.inflate_along(_SLIP_SHARE * abs(0.5 * (left + right) - way))
         return way
 
     def _note(self, kind: DisturbanceKind, t_s: float, size: float) -> None:
@@ -349,11 +399,13 @@ class PoseEstimator(PoseFilter):
             del self._disturbances[:-_KEPT]
 
     def _zero_velocity(self) -> None:
-        """At rest the gyro tells its bias, and by it what the heading lost since the last rest."""
+        """Update with the mean of the gyro at rest, which is its bias."""
         ripe, self._rest_mean = self._rest_mean, self._rest_sum / self._rest_count
         self._rest_sum, self._rest_count = 0.0, 0
         if ripe is None:
             return
-        variance = self.drift.gyro_sample_rad_s**2 / _REST_BATCH
-        self.update_pending()
-        self.apply(self.joint_covariance.update_one(BIAS, ripe - self._bias, variance))
+        variance = self.ekf.drift.gyro_sample_rad_s**2 / _REST_BATCH
+        self.ekf.propagate_covariance()
+        self.ekf.apply(
+            self.ekf.joint_covariance.update_one(BIAS, ripe - self.ekf.gyro_bias_rad_s, variance)
+        )

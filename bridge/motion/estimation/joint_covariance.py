@@ -1,7 +1,7 @@
-"""A Gaussian belief over the robot's states and the walls it remembers: covariance algebra only.
+"""The covariance of a Kalman filter with landmarks: algebra only.
 
-The joint covariance keeps what the walls and the robot have in common: a wall first seen from
-a doubtful pose shares that doubt, so that seeing it again takes away only what came since.
+Robot and landmarks share one covariance. A wall first seen from an uncertain pose is correlated with
+that pose, so that seeing it again removes only the uncertainty that came since.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 
 class JointCovariance:
-    """A covariance whose first states move and whose later ones stand still.
+    """A covariance whose first states move and whose later ones, the landmarks, do not.
 
-    The means belong to the caller; every update returns what to add to all of them.
+    The mean belongs to the caller; every update returns the step to add to it.
     """
 
     __slots__ = ("_moving", "p")
 
     def __init__(self, variances: Sequence[float]) -> None:
-        """Begin with the moving states, uncorrelated."""
+        """Begin with the variances of the moving states, uncorrelated."""
         self._moving = len(variances)
         self.p: Floats = np.diag(np.asarray(variances, dtype=np.float64))
         """Covariance, ``(states, states)``."""
@@ -38,7 +38,7 @@ class JointCovariance:
         return len(self.p)
 
     def propagate(self, transition: Floats, noise: Floats) -> None:
-        """Move the moving states: F P Fᵀ + Q, both of shape ``(moving, moving)``."""
+        """Predict the moving states: P ← F P Fᵀ + Q, with F and Q ``(moving, moving)``."""
         n, p = self._moving, self.p
         top = transition @ p[:n]
         top[:, :n] = top[:, :n] @ transition.T + noise
@@ -46,11 +46,11 @@ class JointCovariance:
         p[n:, :n] = top[:, n:].T
 
     def project(self, index: Sequence[int], rows: Floats) -> tuple[Floats, Floats]:
-        """P Hᵀ and H P Hᵀ for rows given by their columns that are not zero.
+        """Return P Hᵀ and H P Hᵀ for a sparse H.
 
         Args:
-            index: those columns, the same for each row.
-            rows: ``(measurements, len(index))``.
+            index: columns of H that are not zero, the same for each row.
+            rows: those columns, ``(measurements, len(index))``.
 
         """
         columns = list(index)
@@ -65,10 +65,15 @@ class JointCovariance:
         noise: Floats,
         held: Sequence[int] = (),
     ) -> Floats:
-        """Take a measurement (measured less predicted, its covariance); what to add to the means.
+        """Update with a measurement and return the step of the mean.
 
-        States in ``held`` count with their doubt and are not changed (Schmidt's filter): for a
-        measurement that is wrong in a way which would pass for them.
+        Args:
+            index: columns of H that are not zero.
+            rows: those columns, ``(measurements, len(index))``.
+            innovation: measured less predicted, ``(measurements,)``.
+            noise: covariance of the measurement, ``(measurements, measurements)``.
+            held: states that count with their variance and are not changed (Schmidt's filter),
+                for a measurement whose error could be taken for them.
 
         Raises:
             numpy.linalg.LinAlgError: the innovation's covariance is singular.
@@ -79,7 +84,7 @@ class JointCovariance:
         block = np.ix_(held, held) if held else None
         kept = self.p[block] if block else None
         self.p -= gain @ ph.T
-        # Rounding makes it lopsided in the long run, and small negative variances with it.
+        # Rounding makes it asymmetric in the long run, which leads to negative variances.
         self.p += self.p.T
         self.p *= 0.5
         step: Floats = gain @ innovation
@@ -89,15 +94,15 @@ class JointCovariance:
         return step
 
     def update_one(self, index: int, innovation: float, variance: float) -> Floats:
-        """Take a measurement of one state alone."""
+        """Update with a measurement of one state and return the step of the mean."""
         column = self.p[:, index].copy()
         gain = column / (column[index] + variance)
         self.p -= np.outer(gain, column)
         step: Floats = gain * innovation
         return step
 
-    def append(self, index: Sequence[int], rows: Floats, noise: Floats) -> int:
-        """Add standing states that are ``rows`` of known ones and an error; their first place."""
+    def augment(self, index: Sequence[int], rows: Floats, noise: Floats) -> int:
+        """Add landmarks, ``rows`` of known states plus noise, and return the first one's index."""
         ph, s = self.project(index, rows)
         first = self.size
         grown = np.empty((first + len(rows), first + len(rows)))
@@ -108,13 +113,13 @@ class JointCovariance:
         self.p = grown
         return first
 
-    def remove(self, first: int, count: int) -> None:
-        """Forget standing states."""
+    def marginalise(self, first: int, count: int) -> None:
+        """Remove ``count`` landmarks from index ``first`` on."""
         keep = [i for i in range(self.size) if not first <= i < first + count]
         self.p = self.p[np.ix_(keep, keep)].copy()
 
-    def forget(self, index: Sequence[int], variances: Sequence[float]) -> None:
-        """Set states to known variances with nothing in common with the others."""
+    def reset(self, index: Sequence[int], variances: Sequence[float]) -> None:
+        """Set states to these variances, uncorrelated with all others."""
         for i, variance in zip(index, variances, strict=True):
             self.p[i, :] = 0.0
             self.p[:, i] = 0.0

@@ -57,7 +57,7 @@ class Relocaliser:
         self._grazed_m = math.inf
         self._sides = (SideMeasurement(model.infrared_left), SideMeasurement(model.infrared_right))
         self._front = FrontMeasurements(model.ultrasonic)
-        self.walls = WallMap(estimator)
+        self.walls = WallMap(estimator.ekf)
         self._echo_m: float | None = None
         self._contact = ContactUncertainty(estimator)
         self.yaw_fixes = 0
@@ -88,7 +88,7 @@ class Relocaliser:
         seen_from = self._place(t_s)
         steady = abs(estimator.yaw_rate_rad_s) < STEADY_RAD_S
         moving = abs(estimator.v_m_s) > MOVING_M_S
-        wander = estimator.across_m_sqrt_m
+        wander = estimator.ekf.across_m_sqrt_m
         for side, range_m in zip(self._sides, (left_m, right_m), strict=True):
             line = side.add(
                 seen_from, range_m, moving=moving, steady=steady, wander_m_sqrt_m=wander

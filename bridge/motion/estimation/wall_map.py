@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from bridge.motion.estimation.pose_filter import STATES, THETA, WHEEL_SCALE, X, Y
+from bridge.motion.estimation.ekf import STATES, THETA, WHEEL_SCALE, X, Y
 from bridge.motion.estimation.wall_frames import NEW_SPAN_M, SQUARE_RAD, Frames, Wall
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from bridge.motion.estimation.pose_filter import PoseFilter
+    from bridge.motion.estimation.ekf import Ekf
     from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
     from bridge.motion.geometry import Pose2
     from bridge.motion.robot_model import RangerMount
@@ -73,9 +73,9 @@ class _Match(NamedTuple):
 class WallMap:
     """Walls, held against sights; corrects the estimator that it was given."""
 
-    def __init__(self, estimator: PoseFilter) -> None:
-        """``estimator``: whose belief the walls join."""
-        self._estimator = estimator
+    def __init__(self, ekf: Ekf) -> None:
+        """Keep the walls of a filter as its landmarks."""
+        self._ekf = ekf
         self.walls: list[Wall] = []
         self._frames = Frames(self.walls)
 
@@ -83,11 +83,11 @@ class WallMap:
 
     def normal_rad(self, wall: int) -> float:
         """Direction of a wall's normal."""
-        return self._estimator.walls[2 * wall]
+        return self._ekf.walls[2 * wall]
 
     def offset_m(self, wall: int) -> float:
         """Distance of a wall from its anchor."""
-        return self._estimator.walls[2 * wall + 1]
+        return self._ekf.walls[2 * wall + 1]
 
     @property
     def heading_sigma_rad(self) -> float:
@@ -97,10 +97,10 @@ class WallMap:
         of which most was seen. As of at most 0.1 s ago, as the covariance is.
         """
         i = self._frames.widest
-        if i < 0 or 2 * len(self.walls) != len(self._estimator.walls):
+        if i < 0 or 2 * len(self.walls) != len(self._ekf.walls):
             return 0.0
         k = STATES + 2 * i
-        p = self._estimator.joint_covariance.p
+        p = self._ekf.joint_covariance.p
         return math.sqrt(max(p.item(THETA, THETA) + p.item(k, k) - 2.0 * p.item(THETA, k), 0.0))
 
     # -- sights ----------------------------------------------------------------------------
@@ -108,7 +108,7 @@ class WallMap:
     def see_line(self, measurement: LineMeasurement) -> bool:
         """Take a stretch of wall seen from the present pose; True: it was known."""
         self._check()
-        estimator, pose = self._estimator, self._estimator.pose
+        ekf, pose = self._ekf, self._ekf.pose
         noise = np.array(
             [
                 [measurement.var_normal, measurement.covar],
@@ -126,23 +126,23 @@ class WallMap:
         if best.second_chi2 < SAME_CHI2 or abs(off_rad) > GATE_RAD or abs(off_m) > gate_m:
             return False
         if same or best.chi2 < SAME_CHI2:
-            estimator.yaw_noise.learn(off_rad**2 / float(best.expected[0, 0]))
-            estimator.way_noise.learn(off_m**2 / float(best.expected[1, 1]))
+            ekf.yaw_noise.learn(off_rad**2 / float(best.expected[0, 0]))
+            ekf.way_noise.learn(off_m**2 / float(best.expected[1, 1]))
         if best.chi2 > SAME_CHI2:
             if not same:
                 return False
             # Nothing else can stand there: it is the estimate that was too sure of itself.
-            estimator.inflate(abs(off_m), abs(off_rad))
-        estimator.correct(self._index(best.wall), best.rows, best.innovation, noise)
-        self._extend(best.wall, measurement, estimator.pose)
+            ekf.inflate(abs(off_m), abs(off_rad))
+        ekf.update(self._index(best.wall), best.rows, best.innovation, noise)
+        self._extend(best.wall, measurement, ekf.pose)
         self._square(best.wall)
         return True
 
     def see_front(self, measurement: FrontMeasurement, mount: RangerMount) -> bool:
         """Take a distance straight to a surface ahead; True: it was known."""
         self._check()
-        estimator = self._estimator
-        pose = estimator.pose
+        ekf = self._ekf
+        pose = ekf.pose
         sensor = pose.transform(mount.x_m, mount.y_m)
         found: list[_Match] = []
         straight_on = self._straight_on(pose.theta_rad + mount.yaw_rad)
@@ -158,7 +158,7 @@ class WallMap:
                 continue
             rows, predicted_m, by_skew = self._front_rows(i, pose, mount, sensor)
             innovation = np.array([measurement.range_m - predicted_m])
-            _, s = estimator.joint_covariance.project(self._index(i), rows)
+            _, s = ekf.joint_covariance.project(self._index(i), rows)
             noise = np.array([[measurement.variance + by_skew]])
             s += noise
             chi2 = float(innovation[0] ** 2) / float(s[0, 0])
@@ -179,7 +179,7 @@ class WallMap:
         held: tuple[int, ...] = (THETA, STATES + 2 * best.wall)
         if wall.seen_m < NEW_SPAN_M:
             held += (WHEEL_SCALE,)
-        estimator.correct(self._index(best.wall), best.rows, best.innovation, best.noise, held)
+        ekf.update(self._index(best.wall), best.rows, best.innovation, best.noise, held)
         along = _along(wall, self.normal_rad(best.wall), sensor)
         wall.low_m, wall.high_m = min(wall.low_m, along), max(wall.high_m, along)
         wall.measurements += 1
@@ -190,8 +190,8 @@ class WallMap:
 
     def _check(self) -> None:
         """After a reset of the estimator its walls are gone, and so are these."""
-        self._estimator.update_pending()
-        if 2 * len(self.walls) != len(self._estimator.walls):
+        self._ekf.propagate_covariance()
+        if 2 * len(self.walls) != len(self._ekf.walls):
             self.walls.clear()
             self._frames.count()
 
@@ -208,7 +208,7 @@ class WallMap:
             innovation = np.array([off, measurement.distance_m - predicted_m])
             if abs(innovation[1]) > 3.0 * GATE_M or not self._beside(wall, i, measurement, pose):
                 continue
-            _, s = self._estimator.joint_covariance.project(self._index(i), rows)
+            _, s = self._ekf.joint_covariance.project(self._index(i), rows)
             s += noise
             chi2 = float(innovation @ np.linalg.solve(s, innovation))
             found.append(_Match(i, chi2, math.inf, rows, innovation, s, noise))
@@ -275,7 +275,7 @@ class WallMap:
         dx, dy = sensor[0] - wall.anchor_x_m, sensor[1] - wall.anchor_y_m
         rows = np.array([[-c, -s, by_theta, dx * s - dy * c, 1.0]])
         k = STATES + 2 * i
-        turned = float(self._estimator.joint_covariance.p[k, k])
+        turned = float(self._ekf.joint_covariance.p[k, k])
         skew = SKEW * turned * (dx * c + dy * s)
         variance = skew * skew
         return rows, self.offset_m(i) - dx * c - dy * s, variance
@@ -302,7 +302,7 @@ class WallMap:
         step_m = dx * c + dy * s + self.offset_m(j) - self.offset_m(i)
         index = (STATES + 2 * i, STATES + 2 * i + 1, STATES + 2 * j + 1)
         rows = np.array([[dy * c - dx * s, -1.0, 1.0]])
-        _, variance = self._estimator.joint_covariance.project(index, rows)
+        _, variance = self._ekf.joint_covariance.project(index, rows)
         sigma_m = math.hypot(STEP_M, math.sqrt(max(float(variance[0, 0]), 0.0)))
         return abs(step_m) < min(2.0 * sigma_m, SAME_M)
 
@@ -367,8 +367,8 @@ class WallMap:
     def _append(self, wall: Wall, alpha: float, rows: Floats, noise: Floats) -> None:
         if len(self.walls) >= MAX_WALLS:
             self._drop()
-        self._estimator.joint_covariance.append((X, Y, THETA), rows, noise)
-        self._estimator.walls += [alpha, 0.0]
+        self._ekf.joint_covariance.augment((X, Y, THETA), rows, noise)
+        self._ekf.walls += [alpha, 0.0]
         self.walls.append(wall)
         self._square(len(self.walls) - 1)
 
@@ -378,13 +378,13 @@ class WallMap:
             range(len(self.walls)), key=lambda k: (self.walls[k].measurements, self.walls[k].seen_m)
         )
         del self.walls[i]
-        del self._estimator.walls[2 * i : 2 * i + 2]
-        self._estimator.joint_covariance.remove(STATES + 2 * i, 2)
+        del self._ekf.walls[2 * i : 2 * i + 2]
+        self._ekf.joint_covariance.marginalise(STATES + 2 * i, 2)
         self._frames.count()
 
     def _square(self, i: int) -> None:
         """Tie a wall's direction to that of the longest wall which it is square to."""
-        joint_covariance, alphas = self._estimator.joint_covariance, self._estimator.walls[::2]
+        joint_covariance, alphas = self._ekf.joint_covariance, self._ekf.walls[::2]
         found = self._frames.partner(i, alphas, joint_covariance.p[STATES::2, STATES::2])
         if found is None:
             return
@@ -392,7 +392,7 @@ class WallMap:
         self._frames.join(self.walls[i], self.walls[partner])
         rows = np.array([[1.0, -1.0]])
         index = (STATES + 2 * i, STATES + 2 * partner)
-        self._estimator.correct(index, rows, np.array([-error]), np.array([[SQUARE_RAD**2]]))
+        self._ekf.update(index, rows, np.array([-error]), np.array([[SQUARE_RAD**2]]))
 
 
 def _along(wall: Wall, alpha: float, point: tuple[float, float]) -> float:

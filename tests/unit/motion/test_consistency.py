@@ -14,9 +14,9 @@ import pytest
 
 from bridge.motion.dead_reckoning import DeadReckoning
 from bridge.motion.estimation.drift_model import DriftModel, NoiseScale
+from bridge.motion.estimation.ekf import BIAS, GYRO_SCALE, MOTION_BIAS, STATES, WHEEL_SCALE
 from bridge.motion.estimation.estimator import PoseEstimator
 from bridge.motion.estimation.noise_monitor import SlipMonitor, gyro_share
-from bridge.motion.estimation.pose_filter import BIAS, GYRO_SCALE, MOTION_BIAS, STATES, WHEEL_SCALE
 from bridge.motion.geometry import Pose2
 from bridge.motion.robot_model import RobotModel
 from support.sim_body import box, room
@@ -97,7 +97,7 @@ def run_model(seed: int) -> tuple[np.ndarray, np.ndarray, PoseEstimator]:
         if i % 2:
             go(0.8, 0.0, 0.0)
     go(0.1, 0.0, 0.0)
-    estimator.update_pending()
+    estimator.ekf.propagate_covariance()
     pose = estimator.pose
     turn = math.remainder(pose.theta_rad - truth.theta, math.tau)
     error = np.array([pose.x_m - truth.x, pose.y_m - truth.y, turn])
@@ -139,14 +139,14 @@ def test_walls_estimate_wheel_scale_and_the_bias_of_motion() -> None:
     """From the second round on: in the first no wall's direction is known that it drives up to."""
     drive = SimDrive(room((0.26, 0.26, 0.0), walls=box(0.0, 0.0, 2.2, 1.8)), "typical", 5)
     drive.rest(2.0)
-    before = drive.estimator.wheel_scale_sigma
+    before = drive.estimator.ekf.wheel_scale_sigma
     for heading, way in ((0.0, 1.68), (0.5, 1.28), (1.0, 1.68), (1.5, 1.28)) * 3:
         drive.turn_to(heading * math.pi)
         drive.straight(way)
     body = drive.body
     nominal = 0.5 * MODEL.wheel_diameter_m
     mean = 0.5 * (body.left_radius_m + body.right_radius_m) / nominal
-    assert drive.estimator.wheel_scale_sigma < 0.5 * before
+    assert drive.estimator.ekf.wheel_scale_sigma < 0.5 * before
     assert drive.estimator.wheel_scale == pytest.approx(mean, abs=0.003)
 
 
@@ -220,11 +220,11 @@ def test_slip_and_vibration_leave_the_scales_uncertain() -> None:
     estimator = PoseEstimator(MODEL, ORIGIN)
     states = [WHEEL_SCALE, GYRO_SCALE, MOTION_BIAS]
     wheels, gyro, bias = DRIFT.wheel_scale, DRIFT.gyro_scale, DRIFT.motion_bias_rad_s
-    slip(estimator.slip_monitor, 2.0 * DRIFT.along_m_sqrt_m)
+    slip(estimator.ekf.slip_monitor, 2.0 * DRIFT.along_m_sqrt_m)
     for _ in range(2):  # once: the same slip again tells nothing new
-        estimator.wait(0.2)
-        estimator.inflate_for_vibration(0.30)
-        with_sigma = np.sqrt(np.diag(estimator.joint_covariance.p)[states])
+        estimator.ekf.wait(0.2)
+        estimator.ekf.inflate_for_vibration(0.30)
+        with_sigma = np.sqrt(np.diag(estimator.ekf.joint_covariance.p)[states])
         expected = [2.0 * wheels, 4.0**0.6 * gyro, 4.0**0.6 * bias]
         assert with_sigma == pytest.approx(expected, rel=0.03)
 
@@ -233,10 +233,10 @@ def test_of_the_gyros_walk_only_what_vibration_makes_grows_with_it() -> None:
     """By the cube: 0.005 °/√s is the chip's own, at rest as in motion."""
     for vibration_m_s2, grown in ((0.15, 1.0), (0.30, 8.0)):
         estimator = PoseEstimator(MODEL, ORIGIN)
-        estimator.inflate_for_vibration(vibration_m_s2)
+        estimator.ekf.inflate_for_vibration(vibration_m_s2)
         sensors = range(BIAS, STATES)
-        estimator.joint_covariance.forget(sensors, [0.0] * len(sensors))
-        estimator.advance(0.2, 0.0, 1.0, 1.0, by_wheels=False)
+        estimator.ekf.joint_covariance.reset(sensors, [0.0] * len(sensors))
+        estimator.ekf.advance(0.2, 0.0, 1.0, 1.0, by_wheels=False)
         walk = math.hypot(DRIFT.gyro_walk_rad_sqrt_s, grown * DRIFT.gyro_shaken_rad_sqrt_s)
         assert math.sqrt(estimator.covariance[2][2]) == pytest.approx(walk)
 

@@ -37,12 +37,12 @@ class Pushed:
 
     def go(self, ways_m: Sequence[float], *, left: bool, right: bool, graze: bool = False) -> None:
         for way in ways_m:
-            self.estimator.advance(way, 0.0, 0.05, 0.0, by_wheels=False)
+            self.estimator.ekf.advance(way, 0.0, 0.05, 0.0, by_wheels=False)
             self.contact.update(left=left, right=right, grazing=graze)
 
     @property
     def sigma_m(self) -> tuple[float, float]:
-        self.estimator.update_pending()
+        self.estimator.ekf.propagate_covariance()
         covariance = self.estimator.covariance
         return math.sqrt(covariance[0][0]), math.sqrt(covariance[1][1])
 
@@ -75,7 +75,7 @@ def test_inertial_evidence_after_a_bump_is_kept() -> None:
     estimator.on_imu(0.001 * drive.body.tick_ms + 0.001, 0.0, -12.0, 0.0)
     assert estimator.bridging
     contact, before = ContactUncertainty(estimator), estimator.pose
-    estimator.shift(0.005, 0.0)
+    estimator.ekf.shift(0.005, 0.0)
     contact.update(left=True, right=False, grazing=False)
     assert estimator.pose.distance_m(before) == pytest.approx(0.005)
 

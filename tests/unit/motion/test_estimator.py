@@ -100,7 +100,7 @@ def test_another_chips_temperature_is_no_warming() -> None:
         estimator.on_encoders(0.01 * k, 0, 0)
     sure = estimator.gyro_bias_sigma_rad_s
     estimator.on_imu(2.0, 0.01, temperature_c=55.0)
-    estimator.update_pending()
+    estimator.ekf.propagate_covariance()
     assert estimator.gyro_bias_sigma_rad_s == pytest.approx(sure, rel=0.05)
 
 

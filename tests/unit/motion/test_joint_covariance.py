@@ -10,14 +10,14 @@ from bridge.motion.estimation.joint_covariance import JointCovariance
 
 def test_an_augmented_state_is_correlated_with_what_it_was_made_of() -> None:
     joint_covariance = JointCovariance((4.0, 1.0))
-    first = joint_covariance.append((0,), np.array([[1.0]]), np.array([[0.5]]))
+    first = joint_covariance.augment((0,), np.array([[1.0]]), np.array([[0.5]]))
     assert first == 2
     assert joint_covariance.p[2, 2] == pytest.approx(4.5)
     assert joint_covariance.p[0, 2] == pytest.approx(4.0)
     # seeing that their difference is as it was tells nothing of either
     joint_covariance.update((0, 2), np.array([[1.0, -1.0]]), np.zeros(1), np.array([[1e-9]]))
     assert joint_covariance.p[0, 0] == pytest.approx(4.0)
-    joint_covariance.remove(2, 1)
+    joint_covariance.marginalise(2, 1)
     assert joint_covariance.size == 2
 
 

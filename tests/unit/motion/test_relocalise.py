@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.motion.estimation.ekf import STATES
 from bridge.motion.estimation.estimator import PoseEstimator
-from bridge.motion.estimation.pose_filter import STATES
 from bridge.motion.estimation.relocalise import Relocaliser
 from bridge.motion.estimation.wall_map import GATE_M, WallMap
 from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
@@ -204,7 +204,7 @@ def test_one_near_reading_is_noise_and_three_of_five_are_a_touch() -> None:
             way_m = driven.estimator.odometry.distance_m(last)
             before = driven.estimator.covariance[1][1]
             walls.update(None, touch + (0.02 if i < 10 - near else 0.002), None, **FREE)
-        sigma_m = 0.0007 * driven.estimator.slip_monitor.slippery * math.sqrt(way_m)
+        sigma_m = 0.0007 * driven.estimator.ekf.slip_monitor.slippery * math.sqrt(way_m)
         added = driven.estimator.covariance[1][1] - before
         assert added == pytest.approx(inflated * sigma_m**2, rel=0.05, abs=1e-15)
 
@@ -215,7 +215,7 @@ def seen_oblique() -> tuple[Driven, WallMap]:
     estimator = driven.estimator
     walls = Relocaliser(MODEL, estimator).walls
     walls.see_line(LineMeasurement(0.0, 0.8, 1e-4, 0.0, 1e-8, -0.5, 0.5))
-    estimator.inflate(0.005, math.radians(1.0))
+    estimator.ekf.inflate(0.005, math.radians(1.0))
     for turn in (1.0, -1.0):
         driven.drive(0.0, turn * 0.5 * math.pi, 100)
         driven.drive(0.2, 0.0, 200 if turn > 0.0 else 1)
@@ -226,8 +226,8 @@ def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
     """Though place and heading are in doubt together: the heading is held, and so is the wall's."""
     driven, walls = seen_oblique()
     estimator = driven.estimator
-    estimator.update_pending()
-    with_sigma = np.array(estimator.joint_covariance.p)
+    estimator.ekf.propagate_covariance()
+    with_sigma = np.array(estimator.ekf.joint_covariance.p)
     assert abs(with_sigma[0, 2]) > 0.5 * math.sqrt(with_sigma[0, 0] * with_sigma[2, 2]), (
         "they are in doubt together"
     )
@@ -238,7 +238,7 @@ def test_a_range_ahead_moves_the_robot_and_turns_nothing() -> None:
     assert estimator.pose.theta_rad == before.theta_rad
     assert walls.normal_rad(0) == normal_rad
     held = np.ix_((2, STATES), (2, STATES))
-    assert estimator.joint_covariance.p[held] == pytest.approx(with_sigma[held], rel=1e-12)
+    assert estimator.ekf.joint_covariance.p[held] == pytest.approx(with_sigma[held], rel=1e-12)
 
 
 def test_one_uncertain_direction_counts_once_for_a_whole_approach() -> None:
@@ -251,7 +251,7 @@ def test_one_uncertain_direction_counts_once_for_a_whole_approach() -> None:
     for _ in range(200):
         walls.see_front(FrontMeasurement(range_m, 1e-6), MODEL.ultrasonic)
     assert walls.walls[0].measurements > 150
-    by_wall_m = lever_m * math.sqrt(estimator.joint_covariance.p[STATES, STATES])
+    by_wall_m = lever_m * math.sqrt(estimator.ekf.joint_covariance.p[STATES, STATES])
     assert math.sqrt(estimator.covariance[0][0]) > 0.5 * by_wall_m
 
 
@@ -298,12 +298,12 @@ class Driven:
     def apply(self, step: tuple[object, ...]) -> None:
         match step:
             case ("yaw", float(error), float(variance)):
-                self.estimator.correct_yaw(error, variance)
+                self.estimator.ekf.update_heading(error, variance)
             case ("position", float(direction), float(error), float(variance)):
                 c, s = math.cos(direction), math.sin(direction)
-                self.estimator.correct_position(c, s, error, variance)
+                self.estimator.ekf.update_position(c, s, error, variance)
             case ("disturb", float(sigma_m), float(sigma_rad)):
-                self.estimator.inflate(sigma_m, sigma_rad)
+                self.estimator.ekf.inflate(sigma_m, sigma_rad)
             case ("drive", float(v), float(w), int(ticks)):
                 self.drive(v, w, ticks)
 
@@ -328,9 +328,9 @@ def test_an_update_reduces_the_error_and_the_variance(
     for step in steps:
         driven.apply(step)
     estimator = driven.estimator
-    estimator.update_pending()
+    estimator.ekf.propagate_covariance()
     before, with_sigma = estimator.pose, estimator.covariance[2][2]
-    estimator.correct_yaw(error, variance)
+    estimator.ekf.update_heading(error, variance)
     moved = math.remainder(estimator.pose.theta_rad - before.theta_rad, math.tau)
     assert estimator.covariance[2][2] <= min(with_sigma, variance) * (1 + 1e-9) + 1e-15
     assert moved * error <= 0.0
@@ -346,12 +346,12 @@ def test_a_position_is_corrected_along_the_walls_normal(
     for step in steps:
         driven.apply(step)
     estimator = driven.estimator
-    estimator.update_pending()
+    estimator.ekf.propagate_covariance()
     c, s = math.cos(direction), math.sin(direction)
     before = estimator.pose
     (xx, xy, _), (_, yy, _), _ = estimator.covariance
     with_sigma = c * c * xx + 2 * c * s * xy + s * s * yy
-    estimator.correct_position(c, s, error, variance)
+    estimator.ekf.update_position(c, s, error, variance)
     after = estimator.pose
     along = (after.x_m - before.x_m) * c + (after.y_m - before.y_m) * s
     assert along == pytest.approx(-error * with_sigma / (with_sigma + variance), abs=1e-9)
@@ -381,7 +381,7 @@ def test_a_wall_passed_without_rubbing_enters_the_map(gap_m: float) -> None:
     places, estimator = between_walls(gap_m)
     assert len(places.walls.walls) == 1
     assert places.walls.normal_rad(0) == pytest.approx(-math.pi / 2, abs=math.radians(0.1))
-    variance = float(estimator.joint_covariance.p[STATES, STATES])
+    variance = float(estimator.ekf.joint_covariance.p[STATES, STATES])
     # nearer than 5 mm it may be a touch now and then
     assert (variance > math.radians(0.4) ** 2) == (gap_m < 0.005)
     assert variance < math.radians(0.8) ** 2

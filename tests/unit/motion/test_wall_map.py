@@ -8,7 +8,7 @@ import random
 import numpy as np
 import pytest
 
-from bridge.motion.estimation.pose_filter import STATES, THETA
+from bridge.motion.estimation.ekf import STATES, THETA
 from bridge.motion.estimation.wall_map import MAX_WALLS
 from bridge.motion.estimation.wall_measurements import FrontMeasurement, LineMeasurement
 from bridge.motion.robot_model import RobotModel
@@ -86,7 +86,7 @@ def test_a_surface_of_unknown_direction_does_not_update_the_wheels() -> None:
     for i in range(6):
         assert room.walls.see_front(FrontMeasurement(0.9 - 0.0996 * i, 0.001**2), mount) is (i > 0)
         room.filter.advance(0.1, 0.0, 0.5, 0.5, by_wheels=False)
-        room.filter.update_pending()
+        room.filter.propagate_covariance()
     assert room.filter.wheel_scale == 1.0
     assert room.filter.wheel_scale_sigma == scale
 

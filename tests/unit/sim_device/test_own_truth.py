@@ -21,7 +21,7 @@ RECKONING = {
     "bridge.motion.estimation.relocalise",
     "bridge.motion.estimation.joint_covariance",
     "bridge.motion.dead_reckoning",
-    "bridge.motion.estimation.pose_filter",
+    "bridge.motion.estimation.ekf",
     "bridge.motion.estimation.wall_map",
     "bridge.motion.estimation.wall_measurements",
 }

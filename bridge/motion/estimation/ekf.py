@@ -1,9 +1,9 @@
-"""The pose's Gaussian filter: means and covariance, moved and corrected; no samples, no clock.
+"""The extended Kalman filter: mean and covariance of the robot's states and of its landmarks.
 
-States: x, y, θ; b, the gyro's bias at rest; m, its shift in motion (vibration), which only
-walls seen again can show; k, the gyro's scale error; s, the wheels' scale error (a count is
-worth 1 + s times its nominal way); c, how much b changes with the chip's temperature; and behind
-them the walls that ``wall_map`` remembers.
+States: x, y, θ; b, the gyro bias at rest; m, its shift in motion (vibration), which only walls
+observe; k, the gyro's scale error; s, the wheels' scale error (a count is worth 1 + s times its
+nominal path); c, the slope of b with the chip's temperature. The landmarks of ``wall_map`` follow.
+The filter has no samples and no clock; the estimator calls ``predict`` and ``update``.
 """
 
 from __future__ import annotations
@@ -34,38 +34,40 @@ Covariance = tuple[
 
 X, Y, THETA, BIAS, MOTION_BIAS, GYRO_SCALE, WHEEL_SCALE, BIAS_SLOPE = range(8)
 STATES = 8
-_BIAS_SHAKEN, _WALK_SHAKEN = 0.6, 1.5
-"""Powers of the gyro's share (vibration squared) with which its bias in motion and its scale grow,
-and its walk: from ``typical`` to ``harsh`` (2.7 times the vibration) threefold and 19-fold."""
+_VIBRATION_BIAS_POWER = 0.6
+"""Power of the gyro's vibration share with which its bias in motion and its scale error grow: from
+``typical`` to ``harsh`` (2.7 times the vibration) threefold."""
+_VIBRATION_WALK_POWER = 1.5
+"""Power of that share with which the angle random walk grows: likewise 19-fold."""
 UPDATE_DELAY_S = 0.1
-"""The covariance is at most this old."""
+"""Maximum age of the covariance, s."""
 
 
 @dataclass(slots=True)
 class Due:
-    """Motion that the covariance has not followed yet."""
+    """Motion since the covariance was predicted last."""
 
     dx: float = 0.0
     dy: float = 0.0
     way_cc: float = 0.0
-    """Way times cos², and so on: along the way the noise is another than across it."""
+    """Path times cos² of the heading, m, and so on: noise along and across the path differs."""
     way_cs: float = 0.0
     way_ss: float = 0.0
     wheel_rotation: float = 0.0
-    """Amount of turning told by the wheels, while the gyro was silent."""
+    """Sum of turning by the wheels while the gyro was silent, rad."""
     turned: float = 0.0
     turning_s: float = 0.0
     rotation: float = 0.0
     warmed_c: float = 0.0
-    """By how much the gyro became warmer."""
+    """Rise of the chip's temperature, °C."""
     time_s: float = 0.0
 
 
-class PoseFilter:
-    """Means and covariance of the pose, of what the sensors do wrong, and of walls."""
+class Ekf:
+    """Mean and covariance of the pose, of the sensors' errors and of walls."""
 
     def __init__(self, start: Pose2, drift: DriftModel | None = None) -> None:
-        """``start`` is taken as exact: the frame is the one in which it was given."""
+        """Begin at an exact pose, in whose frame all poses are."""
         self.drift = noise = drift or DriftModel()
         self.joint_covariance = JointCovariance(
             (
@@ -80,14 +82,15 @@ class PoseFilter:
             )
         )
         self.walls: list[float] = []
-        """Means of the belief's further states; ``wall_map`` says what they are."""
+        """Means of the landmarks, as ``wall_map`` defines them."""
         self.yaw_noise, self.way_noise = NoiseScale(25.0), NoiseScale(25.0)
-        """How much more than the model's this gyro and these wheels stray; whoever takes
-        measurements teaches them."""
+        """Factors on the model's noise of gyro and wheels, learned from wall measurements."""
         self.slip_monitor = SlipMonitor(noise.along_m_sqrt_m)
-        self._x, self._y, self._theta = start
-        self._heading_mark = self._theta
-        self._bias = self._motion_bias = self._gyro_scale = self._wheel_scale = 0.0
+        self.x_m, self.y_m, self.theta_rad = start
+        self.heading_mark_rad = self.theta_rad
+        self.gyro_bias_rad_s = self.motion_bias_rad_s = self.gyro_scale = self.wheel_scale_error = (
+            0.0
+        )
         self._bias_slope = 0.0
         self._odometry = Pose2(0.0, 0.0, 0.0)
         self._due = Due()
@@ -100,36 +103,26 @@ class PoseFilter:
     @property
     def pose(self) -> Pose2:
         """Position at the newest encoder sample, heading at the newest gyro sample."""
-        return Pose2(self._x, self._y, wrap_angle(self._theta))
+        return Pose2(self.x_m, self.y_m, wrap_angle(self.theta_rad))
 
     @property
     def odometry(self) -> Pose2:
-        """The same motion without the jumps of corrections; its frame drifts."""
+        """The same motion without pose corrections; its frame drifts."""
         return self._odometry
 
     @property
-    def gyro_bias_rad_s(self) -> float:
-        """Present estimate of the gyro's bias at rest."""
-        return self._bias
-
-    @property
     def gyro_bias_sigma_rad_s(self) -> float:
-        """Standard deviation of the bias; large until the robot has stood still once."""
+        """Standard deviation of the gyro bias, rad/s; large until the first standstill."""
         return math.sqrt(max(float(self.joint_covariance.p[BIAS, BIAS]), 0.0))
 
     @property
-    def motion_bias_rad_s(self) -> float:
-        """Estimate of what motion adds to the bias."""
-        return self._motion_bias
-
-    @property
     def wheel_scale(self) -> float:
-        """True way over the nominal way of a count, about 1."""
-        return 1.0 + self._wheel_scale
+        """True path over the nominal path of a count, about 1."""
+        return 1.0 + self.wheel_scale_error
 
     @property
     def wheel_scale_sigma(self) -> float:
-        """Its standard deviation."""
+        """Standard deviation of the wheel scale."""
         return math.sqrt(max(float(self.joint_covariance.p[WHEEL_SCALE, WHEEL_SCALE]), 0.0))
 
     @property
@@ -138,21 +131,21 @@ class PoseFilter:
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.joint_covariance.p[:3, :3].tolist()
         return (xx, xy, xt), (xy, yy, yt), (xt, yt, tt)
 
-    # -- corrections -----------------------------------------------------------------------
+    # -- updates ---------------------------------------------------------------------------
 
-    def correct_yaw(self, error_rad: float, variance: float) -> None:
-        """Take a measurement of the heading's error (estimate less truth, rad²)."""
-        self.update_pending()
+    def update_heading(self, error_rad: float, variance: float) -> None:
+        """Update with the heading's error (estimate less truth), rad, and its variance, rad²."""
+        self.propagate_covariance()
         self.apply(self.joint_covariance.update_one(THETA, -error_rad, variance))
 
-    def correct_position(
+    def update_position(
         self, direction_x: float, direction_y: float, error_m: float, variance: float
     ) -> None:
-        """Take a measurement of the position's error along a unit vector (m, m²)."""
+        """Update with the position's error along a unit vector, m, and its variance, m²."""
         rows = np.array([[direction_x, direction_y]])
-        self.correct((X, Y), rows, np.array([-error_m]), np.array([[variance]]))
+        self.update((X, Y), rows, np.array([-error_m]), np.array([[variance]]))
 
-    def correct(
+    def update(
         self,
         index: Sequence[int],
         rows: Floats,
@@ -160,20 +153,20 @@ class PoseFilter:
         noise: Floats,
         held: Sequence[int] = (),
     ) -> None:
-        """Take a measurement of any states, as ``JointCovariance.update``."""
-        self.update_pending()
+        """Update with a measurement of any states; see :meth:`JointCovariance.update`."""
+        self.propagate_covariance()
         self.apply(self.joint_covariance.update(index, rows, innovation, noise, held))
 
     def inflate(self, sigma_m: float, sigma_rad: float) -> None:
-        """Grow the doubt: something moved the robot that wheels and gyro do not tell whole."""
+        """Add variance to position (m) and heading (rad) after a motion that no sensor measured."""
         p = self.joint_covariance.p
         p[X, X] += sigma_m**2
         p[Y, Y] += sigma_m**2
         p[THETA, THETA] += sigma_rad**2
 
     def inflate_along(self, sigma_m: float) -> None:
-        """Grow the doubt of the way made ahead, as by wheels that slipped."""
-        c, s = math.cos(self._theta), math.sin(self._theta)
+        """Add variance along the heading, m, after wheel slip."""
+        c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
         p, v = self.joint_covariance.p, sigma_m**2
         p[X, X] += v * c * c
         p[Y, Y] += v * s * s
@@ -181,16 +174,16 @@ class PoseFilter:
         p[Y, X] += v * c * s
 
     def apply(self, step: Floats) -> None:
-        """Add a correction to the means of every state."""
+        """Add a step to the mean of every state."""
         x, y, theta, bias, motion_bias, gyro_scale, wheel_scale, slope = step[:STATES].tolist()
-        self._x += x
-        self._y += y
-        self._theta += theta
-        self._heading_mark += theta
-        self._bias += bias
-        self._motion_bias += motion_bias
-        self._gyro_scale += gyro_scale
-        self._wheel_scale += wheel_scale
+        self.x_m += x
+        self.y_m += y
+        self.theta_rad += theta
+        self.heading_mark_rad += theta
+        self.gyro_bias_rad_s += bias
+        self.motion_bias_rad_s += motion_bias
+        self.gyro_scale += gyro_scale
+        self.wheel_scale_error += wheel_scale
         self._bias_slope += slope
         for i, change in enumerate(step[STATES:].tolist()):
             self.walls[i] += change
@@ -198,39 +191,39 @@ class PoseFilter:
     # -- motion ----------------------------------------------------------------------------
 
     def restart(self, pose: Pose2) -> None:
-        """Set the pose as exact; walls are forgotten, what the sensors are is kept."""
+        """Set an exact pose; landmarks are marginalised, the sensors' errors are kept."""
         if self.walls:
-            self.joint_covariance.remove(STATES, len(self.walls))
+            self.joint_covariance.marginalise(STATES, len(self.walls))
             self.walls.clear()
-        self._x, self._y, self._theta = pose
-        self._heading_mark = self._theta
+        self.x_m, self.y_m, self.theta_rad = pose
+        self.heading_mark_rad = self.theta_rad
         self._due = Due()
-        self.joint_covariance.forget((X, Y, THETA), (0.0, 0.0, 0.0))
+        self.joint_covariance.reset((X, Y, THETA), (0.0, 0.0, 0.0))
 
     def wait(self, time_s: float) -> None:
-        """Let time pass in which nothing moved."""
+        """Predict without motion."""
         self._due.time_s += time_s
         if self._due.time_s >= UPDATE_DELAY_S:
-            self.update_pending()
+            self.propagate_covariance()
 
     def advance(
         self, chord: float, rotation: float, time_s: float, turning_s: float, *, by_wheels: bool
     ) -> None:
-        """Move the position along a chord (eq. 5) that ends at the present heading.
+        """Predict the position along a chord (eq. 5) that ends at the present heading.
 
         Args:
-            chord: its length, m, backwards negative.
-            rotation: what the heading, already moved, turned meanwhile.
-            time_s: how long that took.
-            turning_s: how long of it the gyro was integrated.
-            by_wheels: whether the rotation is the wheels' and not the gyro's.
+            chord: length of the chord, m; negative backwards.
+            rotation: turn of the heading meanwhile, rad; the mean has it already.
+            time_s: duration, s.
+            turning_s: part of it in which the gyro was integrated, s.
+            by_wheels: whether the rotation comes from the wheels and not from the gyro.
 
         """
-        mid = self._heading_mark - 0.5 * rotation
+        mid = self.heading_mark_rad - 0.5 * rotation
         c, s = math.cos(mid), math.sin(mid)
         dx, dy = chord * c, chord * s
-        self._x += dx
-        self._y += dy
+        self.x_m += dx
+        self.y_m += dy
         x, y, theta = self._odometry
         between = theta + 0.5 * rotation
         self._odometry = Pose2(
@@ -250,18 +243,18 @@ class PoseFilter:
         due.turning_s += turning_s
         due.time_s += time_s
         if due.time_s >= UPDATE_DELAY_S:
-            self.update_pending()
+            self.propagate_covariance()
 
     @property
     def across_m_sqrt_m(self) -> float:
-        """How far these wheels slide aside over a metre, at random."""
+        """Standard deviation of lateral slip, m per square root of the path in m."""
         return self.slip_monitor.slippery * self.drift.across_m_sqrt_m
 
-    def update_pending(self) -> None:
-        """Bring the covariance up to the newest encoder sample: F P Fᵀ + Q of all since.
+    def propagate_covariance(self) -> None:
+        """Predict the covariance up to the newest encoder sample: P ← F P Fᵀ + Q.
 
-        It is done for some steps at once, as it costs more than they do; every correction does
-        it first.
+        One call covers several samples, since it costs more than they do. Every update calls it
+        first.
         """
         due = self._due
         if due.time_s == 0.0 and due.turning_s == 0.0:
@@ -282,7 +275,8 @@ class PoseFilter:
         q[Y, Y] = along * due.way_ss + across * due.way_cc
         q[X, Y] = q[Y, X] = (along - across) * due.way_cs
         walk = math.hypot(
-            drift.gyro_walk_rad_sqrt_s, drift.gyro_shaken_rad_sqrt_s * self._shaken**_WALK_SHAKEN
+            drift.gyro_walk_rad_sqrt_s,
+            drift.gyro_shaken_rad_sqrt_s * self._shaken**_VIBRATION_WALK_POWER,
         )
         by_gyro = walk**2 * due.turning_s + drift.turn_walk_rad_sqrt_rad**2 * due.turned
         by_wheels = drift.wheel_turn_rad_sqrt_rad**2 * due.wheel_rotation
@@ -292,7 +286,7 @@ class PoseFilter:
         self.joint_covariance.propagate(f, q)
 
     def _inflate_for_wheels(self) -> None:
-        """Of wheels that are found to slip more than ever the mean way is less sure."""
+        """Add variance to the wheel scale when the wheels slip more than ever before."""
         most = self.slip_monitor.mean_slippery
         if most > self._worst_slip:
             grown = most * most - self._worst_slip * self._worst_slip
@@ -300,24 +294,24 @@ class PoseFilter:
             self._worst_slip = most
 
     def warm(self, change_c: float) -> None:
-        """Tell that the gyro became warmer, by so many °C: its bias moves with that."""
-        self._bias += self._bias_slope * change_c
+        """Move the gyro bias with a change of the chip's temperature, °C."""
+        self.gyro_bias_rad_s += self._bias_slope * change_c
         self._due.warmed_c += change_c
 
     def shift(self, ahead_m: float, aside_m: float) -> None:
-        """Move the position in the body's frame."""
+        """Move the position in the robot's frame, m."""
         for way, side in ((ahead_m, 0.0), (aside_m, 0.5 * math.pi)):
-            heading = self._theta + side
-            self._x += way * math.cos(heading)
-            self._y += way * math.sin(heading)
+            heading = self.theta_rad + side
+            self.x_m += way * math.cos(heading)
+            self.y_m += way * math.sin(heading)
             x, y, theta = self._odometry
             turned = theta + side
             self._odometry = Pose2(x + way * math.cos(turned), y + way * math.sin(turned), theta)
 
     def inflate_for_vibration(self, vibration_m_s2: float) -> None:
-        """Tell how much the robot vibrates: the gyro is the worse for it, its bias as well."""
+        """Scale the gyro's noise to the vibration, m/s²; new maxima inflate its bias and scale."""
         share = gyro_share(vibration_m_s2)
-        most = max(self._worst_shaken, share**_BIAS_SHAKEN)
+        most = max(self._worst_shaken, share**_VIBRATION_BIAS_POWER)
         if most > self._worst_shaken:
             grown = most * most - self._worst_shaken * self._worst_shaken
             p = self.joint_covariance.p
