@@ -127,7 +127,7 @@ class Ekf:
 
     @property
     def covariance(self) -> Covariance:
-        """Of (x, y, θ): m², m·rad, rad²; as of at most 0.1 s ago, see :meth:`update_pending`."""
+        """Covariance of (x, y, θ), 3×3, m², m·rad and rad², at most 0.1 s old."""
         (xx, xy, xt), (_, yy, yt), (_, _, tt) = self.joint_covariance.p[:3, :3].tolist()
         return (xx, xy, xt), (xy, yy, yt), (xt, yt, tt)
 

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ENCODER_GAP_S = 10.0
-"""Longest gap between encoder samples, s: in a longer one a 16-bit counter may wrap by more than half
-(4.3 m) unseen."""
+"""Longest gap between encoder samples, s: in a longer one a 16-bit counter may wrap by more than
+half (4.3 m) unseen."""
 IMU_GAP_S = 0.1
 """Longest gap between gyro samples, s: in a longer one the wheels turn the heading."""
 _FIRST_BIAS_SAMPLES = 25

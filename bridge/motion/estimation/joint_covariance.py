@@ -1,7 +1,7 @@
 """The covariance of a Kalman filter with landmarks: algebra only.
 
-Robot and landmarks share one covariance. A wall first seen from an uncertain pose is correlated with
-that pose, so that seeing it again removes only the uncertainty that came since.
+Robot and landmarks share one covariance. A wall first seen from an uncertain pose is correlated
+with that pose, so that seeing it again removes only the uncertainty that came since.
 """
 
 from __future__ import annotations
