@@ -87,7 +87,7 @@ class VirtualSweeper:
         self.sensors = SensorSuite(self.plant, model, level, sensor_rng)
         self.clock = DeviceClock()
         self.flash = Flash()
-        self._model, self._catalogue, self._link, self._local = model, catalogue, link, local
+        self._model, self.catalogue, self._link, self._local = model, catalogue, link, local
         self._identity = Identity(node, identity_rng.bytes(12), boot_id or _boot_id(identity_rng))
         self._identity_rng = identity_rng
         self._modes = ModeMachine()
@@ -116,6 +116,10 @@ class VirtualSweeper:
                 self.flash.erase()
             self.reset(ResetCause.SOFTWARE)
         return out
+
+    def skip_to(self, now_us: int) -> None:
+        """Set the device's clock ahead, µs, as if it had been on for so long."""
+        self._next_tick_us = now_us
 
     def next_deadline_us(self) -> int:
         """When the device has something to do next, bytes aside."""
@@ -197,7 +201,7 @@ class VirtualSweeper:
             self._model,
             self._identity,
             self.sensors,
-            self._catalogue,
+            self.catalogue,
             flash=self.flash,
             link=self._link,
             clock=self.clock,

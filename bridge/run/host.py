@@ -132,7 +132,7 @@ class Host:
         """Called with host time (s) and pose estimate at every control step of the drive."""
         self.wire = WireStatistics()
         self._pings = Pings(self.wire, sum(options.min_delay_ns), self.event)
-        self._sink = sink
+        self.sink = sink
         bus = self.session.link.medium is Medium.CAN
         self._records = HostRecords(sink, options.unix_offset_ns, options.planner, bus=bus)
         self._tap = self._records.can if bus else self._records.uart
@@ -318,7 +318,7 @@ class Host:
 
     def _digest(self, events: list[SessionEvent], now_ns: HostNs) -> None:
         ingest, listeners = self.ingest, self._listeners
-        take, write = ingest.take, self._sink.write
+        take, write = ingest.take, self.sink.write
         damaged: list[DamagedFrame] = []
         for event in events:
             if event.__class__ is Data:  # the usual case

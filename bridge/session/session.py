@@ -171,7 +171,7 @@ class Session:
         self._evidence = Evidence()
         self._restless = self._renew = False
         self._answers.clear()
-        self._move("open", "opened")
+        self.fire("open", "opened")
         self.session_id = self._new_session_id()
         # Replies name no session. A random first id differs from those of an earlier host.
         self._outbox.commands = CommandSender(self.session_id & 0xFFFF)
@@ -179,7 +179,7 @@ class Session:
     def close(self) -> None:
         """Close the session; send nothing."""
         self.commands.cancel()
-        self._move("close", "closed")
+        self.fire("close", "closed")
 
     def unplugged(self, now_ns: HostNs) -> None:
         """Enter the lost state at once, because the port is gone."""
@@ -445,7 +445,7 @@ class Session:
         self._tries = 0
         self._next_ns = now_ns
         self.commands.cancel()
-        self._move(what, why)
+        self.fire(what, why)
 
     def _no_device(self) -> None:
         kind, text = self._evidence.verdict(self.link.medium, self.link.statistics.damaged)
@@ -494,12 +494,12 @@ class Session:
             return
         if self.state in {State.OPENING, State.LOST}:
             self._outbox.node = node
-            self._move("hello", "device answered")
+            self.fire("hello", "device answered")
             self._agree(hello, now_ns)
         elif self.state is State.READY:
             rebooted = known is not None and known.boot_id != hello.boot_id
             if rebooted or hello.session_id != self.session_id:
-                self._move(
+                self.fire(
                     "rebooted" if rebooted else "forgotten",
                     "the device rebooted" if rebooted else "the device ended the session",
                 )
@@ -577,7 +577,7 @@ class Session:
         self._boot_known, self._schema_known = hello.boot_id, hello.catalogue_hash
         self._tries = 0
         self._next_ns = now_ns
-        self._move("agreed", "host and device are compatible")
+        self.fire("agreed", "host and device are compatible")
         differences = self._agreement.differences
         self._events.append(Agreed(hello, self.node, rebooted, differences, again, other_schema))
         if self._open_stop is not None:
@@ -585,7 +585,8 @@ class Session:
 
     # ---- transitions ------------------------------------------------------------------------
 
-    def _move(self, what: str, why: str) -> None:
+    def fire(self, what: str, why: str) -> None:
+        """Fire an event of the transition table; an event that it does not have is ignored."""
         new = TRANSITIONS.get((self.state, what))
         if new is None:
             return
@@ -595,5 +596,5 @@ class Session:
 
     def _fail(self, what: str, kind: EventKind, text: str) -> None:
         if (self.state, what) in TRANSITIONS:
-            self._move(what, text)
+            self.fire(what, text)
             self._events.append(Failed(kind, text))

@@ -80,6 +80,11 @@ class TimeSync:
         """Convex hulls of the constraints, None after a change."""
         self._contradictions = 0
 
+    @property
+    def constraints(self) -> tuple[int, int]:
+        """Numbers of kept upper and lower constraints."""
+        return len(self._upper), len(self._lower)
+
     def reset(self) -> None:
         """Discard all data after a reboot or a clock step."""
         self.fit = None

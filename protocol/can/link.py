@@ -115,6 +115,11 @@ class CanLink(LinkBase):
 
     # ---- receiving ------------------------------------------------------------------------
 
+    @property
+    def held_bytes(self) -> int:
+        """Size of the transfers that are incomplete, bytes."""
+        return self._reassembler.held_bytes
+
     def receive(self, data: bytes, now_us: int) -> list[LinkEvent]:
         """Take frames that arrived at ``now_us`` of our own clock; give what they complete."""
         data = self._partial + data

@@ -23,7 +23,7 @@ class Keyring:
     def __init__(self, flash: Flash, link: LinkBase, boot_id: int, *, local: bool) -> None:
         """``local``: the link is a wire that somebody must stand beside the robot to reach."""
         self._flash, self._link, self._boot_id = flash, link, boot_id
-        self._may_set = local and link.medium is Medium.UART
+        self.may_set = local and link.medium is Medium.UART
         self._session_id = 0
         self._openings = 0
         self._counter = 0
@@ -60,7 +60,7 @@ class Keyring:
 
     def change(self, command: SetKey) -> NackReason | None:
         """Set, replace or remove the key; a refusal's reason, or None."""
-        if not self._may_set:
+        if not self.may_set:
             return NackReason.UNSUPPORTED
         self._flash.key = key_of((command.key_0, command.key_1, command.key_2, command.key_3))
         self.take()

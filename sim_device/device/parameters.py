@@ -139,7 +139,7 @@ class ParameterStore:
             self._kept(p, default)
             for p, default in zip(self.parameters, self._defaults, strict=True)
         ]
-        self._present = list(self._boot)
+        self.present = list(self._boot)
         self._number = {p.name: i for i, p in enumerate(self.parameters)}
 
     def _kept(self, parameter: Parameter, default: int) -> int:
@@ -150,7 +150,7 @@ class ParameterStore:
         """All that is to be known of one parameter; None where there is no such number."""
         if number >= len(self.parameters):
             return None
-        parameter, raw = self.parameters[number], self._present[number]
+        parameter, raw = self.parameters[number], self.present[number]
         kind = parameter.kind
         return ParameterValue(
             number,
@@ -165,7 +165,7 @@ class ParameterStore:
         )
 
     def _flags(self, number: int) -> ParameterFlag:
-        parameter, raw = self.parameters[number], self._present[number]
+        parameter, raw = self.parameters[number], self.present[number]
         stored = self._stored.get(parameter.name)
         flags = ParameterFlag(0)
         if stored == raw:
@@ -187,7 +187,7 @@ class ParameterStore:
             return NackReason.READ_ONLY
         if kind != parameter.kind or not _allowed(parameter, raw):
             return NackReason.BAD_VALUE
-        self._present[number] = raw
+        self.present[number] = raw
         return None
 
     def image(self) -> dict[str, int]:
@@ -196,7 +196,7 @@ class ParameterStore:
             **self._stored,
             **{
                 p.name: raw
-                for p, raw in zip(self.parameters, self._present, strict=True)
+                for p, raw in zip(self.parameters, self.present, strict=True)
                 if not p.read_only
             },
         }
@@ -209,7 +209,7 @@ class ParameterStore:
         """The value in effect, in its unit: set now, or at boot where it needs one."""
         number = self._number[name]
         parameter = self.parameters[number]
-        raw = (self._boot if parameter.needs_reboot else self._present)[number]
+        raw = (self._boot if parameter.needs_reboot else self.present)[number]
         # The default itself, not its 32-bit rounding.
         return parameter.default if raw == self._defaults[number] else from_raw(parameter.kind, raw)
 

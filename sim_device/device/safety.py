@@ -86,8 +86,8 @@ class Watchdog:
     """Holds the last good pair of cyclic values for as long as it may live."""
 
     def __init__(self) -> None:
-        self._first = self._second = 0.0
-        self._counter: int | None = None
+        self.first = self.second = 0.0
+        self.counter: int | None = None
         self.until_us = 0
         """When the values held run out, microseconds of uptime; 0: none are held."""
         self._was_live = False
@@ -95,11 +95,11 @@ class Watchdog:
     def reset(self) -> None:
         """Forget the values and the counter: a new session."""
         self.halt()
-        self._counter = None
+        self.counter = None
 
     def halt(self) -> None:
         """Let go of the values; later ones of the session are taken again."""
-        self._first = self._second = 0.0
+        self.first = self.second = 0.0
         self.until_us = 0
         self._was_live = False
 
@@ -113,15 +113,15 @@ class Watchdog:
         now_us: int,
     ) -> bool:
         """Take values; False where they are repeated, reordered or too old."""
-        if self._counter is not None:
-            advance = (counter - self._counter) & 0xFF
+        if self.counter is not None:
+            advance = (counter - self.counter) & 0xFF
             if advance == 0 or advance >= _HALF_COUNTER:
                 return False
         live_us = min(time_to_live_ms * 1000, MAX_TIME_TO_LIVE_US) - extra_delay_us
         if live_us <= 0:
             return False
-        self._counter = counter
-        self._first, self._second = first, second
+        self.counter = counter
+        self.first, self.second = first, second
         self.until_us = now_us + int(live_us)
         self._was_live = True
         return True
@@ -144,17 +144,17 @@ class SetpointWatchdog(Watchdog):
     @property
     def wanted(self) -> tuple[float, float]:
         """Forward speed and counter-clockwise rate."""
-        return self._first, self._second
+        return self.first, self.second
 
     @property
     def v_m_s(self) -> float:
         """Forward speed."""
-        return self._first
+        return self.first
 
     @property
     def yaw_rate_rad_s(self) -> float:
         """Counter-clockwise."""
-        return self._second
+        return self.second
 
     def offer(self, setpoint: VelocitySetpoint, extra_delay_us: float, now_us: int) -> bool:
         """Take a setpoint; False where it is repeated, reordered or too old."""
@@ -174,7 +174,7 @@ class DutyWatchdog(Watchdog):
     @property
     def duties(self) -> tuple[float, float]:
         """Left and right."""
-        return self._first, self._second
+        return self.first, self.second
 
     def offer(self, wanted: WheelDuty, extra_delay_us: float, now_us: int) -> bool:
         """Take duties; False where they are repeated, reordered or too old."""

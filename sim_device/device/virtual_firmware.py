@@ -129,7 +129,7 @@ class Firmware:
             TimeRequest: self._time,
             Describe: self._describe,
         }
-        self._telemetry = Telemetry(self.link, self._sampler, self.control)
+        self.telemetry = Telemetry(self.link, self._sampler, self.control)
 
     # ---- what is so -----------------------------------------------------------------------
 
@@ -171,7 +171,7 @@ class Firmware:
         """A frame without the tag that a key asks for: nothing is done."""
         command_id = getattr(message, "command_id", None)
         if command_id is None:
-            self._telemetry.stale += 1
+            self.telemetry.stale += 1
             return
         self._send(Nack(command_id, frame.type_id, NackReason.NOT_AUTHENTICATED), now_us)
 
@@ -326,12 +326,12 @@ class Firmware:
             self._strange(now_us)
         elif self.agreed and self.control.modes.state is State.VELOCITY:
             taken = self.control.setpoints.offer(message, extra_us, now_us)
-            self._telemetry.stale += not taken
+            self.telemetry.stale += not taken
 
     def _duty(self, message: WheelDuty, extra_us: float, now_us: int) -> None:
         if self.agreed and self.control.modes.state is State.BRINGUP:
             taken = self.control.duties.offer(message, extra_us, now_us)
-            self._telemetry.stale += not taken
+            self.telemetry.stale += not taken
 
     def log(self, level: LogLevel, line: str) -> None:
         """Queue a line for the host."""
@@ -355,7 +355,7 @@ class Firmware:
         if tick % POWER_TICKS == POWER_PHASE or "power" in due:
             self.control.on_power(sampler.power())
         if tick % LOAD_TICKS == 0:
-            self._telemetry.measure_load()
+            self.telemetry.measure_load()
         if self.agreed:
             if due:
                 self._send_streams(due, now_us)
@@ -373,7 +373,7 @@ class Firmware:
 
     def _send_streams(self, due: tuple[str, ...], now_us: int) -> None:
         """Send the streams that are due."""
-        known, send = self._telemetry.streams, self.link.send_payload
+        known, send = self.telemetry.streams, self.link.send_payload
         stamp_us, node = now_us + self._clock.offset_us, self.identity.node
         for name in due:
             type_id, pack = known[name]

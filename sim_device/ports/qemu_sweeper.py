@@ -116,11 +116,11 @@ class QemuSweeper:
         self._parser = link.Parser()
         self._out = bytearray()
         self._asked = False
-        self._qemu = QemuProcess(firmware)
+        self.qemu = QemuProcess(firmware)
         try:
             self._await_chip()
         except QemuGoneError as error:
-            self._qemu.close()
+            self.qemu.close()
             raise QemuGoneError(f"{firmware} does not run: {error}") from None
 
     # ---- like a virtual sweeper -----------------------------------------------------------
@@ -137,7 +137,7 @@ class QemuSweeper:
         self._listen()
         self._keep_pace()
         if data and self._state is _Chip.RUNNING:
-            self._qemu.wire.write(data)
+            self.qemu.wire.write(data)
         out = bytes(self._out)
         self._out.clear()
         return out
@@ -161,19 +161,19 @@ class QemuSweeper:
         if cause in {ResetCause.POWER_ON, ResetCause.BROWN_OUT}:
             self._state = _Chip.OFF
             self._on_us = self._now_us + round(off_s * 1e6)
-            self._qemu.halt()
+            self.qemu.halt()
         else:
-            self._qemu.reset()
+            self.qemu.reset()
 
     def hang(self) -> None:
         """Let the firmware stand still, its outputs as they are, until its watchdog resets it."""
-        self._qemu.plant.write(link.frame(link.ToChip.HANG))
+        self.qemu.plant.write(link.frame(link.ToChip.HANG))
 
     # ---- the serving loop's ----------------------------------------------------------------
 
     def filenos(self) -> list[int]:
         """Become readable when the chip has said something."""
-        return self._qemu.filenos()
+        return self.qemu.filenos()
 
     def poll(self, now_us: int) -> None:
         """Note that it has: what it says is fetched by the next step, at ``now_us``."""
@@ -183,11 +183,11 @@ class QemuSweeper:
     @property
     def pid(self) -> int:
         """QEMU's."""
-        return self._qemu.pid
+        return self.qemu.pid
 
     def close(self) -> None:
         """End QEMU."""
-        self._qemu.close()
+        self.qemu.close()
 
     # ---- the chip ---------------------------------------------------------------------------
 
@@ -198,8 +198,8 @@ class QemuSweeper:
             if time.monotonic() > until_s:
                 raise QemuGoneError(f"the chip said nothing for {START_S:g} s")
             time.sleep(0.005)
-            self._qemu.check()
-            for message in self._parser.feed(self._qemu.plant.read()):
+            self.qemu.check()
+            for message in self._parser.feed(self.qemu.plant.read()):
                 if isinstance(message, link.Boot):
                     if message.version != link.VERSION:
                         raise QemuGoneError(
@@ -218,9 +218,9 @@ class QemuSweeper:
         self._heard_us = self._now_us
 
     def _listen(self) -> None:
-        self._qemu.check()
-        messages = list(self._parser.feed(self._qemu.plant.read()))
-        said = self._qemu.wire.read()  # second: with all that was said before a chip's own reset
+        self.qemu.check()
+        messages = list(self._parser.feed(self.qemu.plant.read()))
+        said = self.qemu.wire.read()  # second: with all that was said before a chip's own reset
         if self._state is _Chip.RUNNING:
             self._out += said
         newest = max((i for i, m in enumerate(messages) if isinstance(m, link.Request)), default=0)
@@ -254,7 +254,7 @@ class QemuSweeper:
             self._begin_anew(ResetCause(message.cause) if known else ResetCause.SOFTWARE)
 
     def _send_identity(self) -> None:
-        plant = self._qemu.plant
+        plant = self.qemu.plant
         chunks = link.pages(self.flash)
         for chunk in chunks:
             plant.write(chunk)
@@ -287,7 +287,7 @@ class QemuSweeper:
     def _send_readings(self, at_us: int) -> None:
         """Answer a request."""
         self._answered_us, self._answered_at_us = at_us, self._now_us
-        sensors, plant = self.sensors, self._qemu.plant
+        sensors, plant = self.sensors, self.qemu.plant
         plant.write(
             link.sample(
                 at_us,
@@ -330,10 +330,10 @@ class QemuSweeper:
             if self._now_us >= self._on_us and self.plant.rail_5v_v >= SUPPLY_GOOD_V:
                 self._state = _Chip.BOOTING
                 self._heard_us = self._now_us
-                self._qemu.reset()
-                self._qemu.go_on()
+                self.qemu.reset()
+                self.qemu.go_on()
         elif self.plant.rail_5v_v < BROWN_OUT_V:
             self.reset(ResetCause.BROWN_OUT)
         elif silent_us > DEAD_US:
             self._begin_anew(ResetCause.WATCHDOG)
-            self._qemu.reset()
+            self.qemu.reset()

@@ -91,7 +91,7 @@ def test_a_screenshot_that_cannot_be_written_is_one_line(
 ) -> None:
     monkeypatch.setattr(screenshot, "DRAWING_S", 0.0)
     with pytest.raises(LogWriteError, match=r"cannot write /proc/none/x\.png"):
-        screenshot._when_at_rest(Still(), tmp_path / "shot.png", Path("/proc/none/x.png"))  # type: ignore[arg-type]  # noqa: SLF001 - all of a client that it uses
+        screenshot.take_at_rest(Still(), tmp_path / "shot.png", Path("/proc/none/x.png"))  # type: ignore[arg-type]
 
 
 def test_an_export_that_is_interrupted_reports_what_it_left(

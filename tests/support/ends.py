@@ -231,21 +231,21 @@ class Ends:
         """Since when the device holds a stop."""
         self.watch: Callable[[], None] = lambda: None
         """Called after every step."""
-        self._host_first_us = host_first_us
-        self._booted_us = -device_first_us
+        self.host_first_us = host_first_us
+        self.booted_us = -device_first_us
         self._tap: LinkBase = type(host.session.link)(Direction.DEVICE)
         if device_first_us:
             device.step(b"", 0)
-            device._next_tick_us = device_first_us  # noqa: SLF001 - it has been on for long
+            device.skip_to(device_first_us)
         host.open(self.host_ns)
 
     @property
     def host_ns(self) -> HostNs:
-        return HostNs((self.now_us + self._host_first_us) * 1000)
+        return HostNs((self.now_us + self.host_first_us) * 1000)
 
     @property
     def device_us(self) -> int:
-        return self.now_us - self._booted_us
+        return self.now_us - self.booted_us
 
     @property
     def moving(self) -> bool:
@@ -273,12 +273,12 @@ class Ends:
     def _step(self, end_us: int) -> None:
         moments = [
             self.now_us + MAX_STEP_US,
-            self.device.next_deadline_us() + self._booted_us,
+            self.device.next_deadline_us() + self.booted_us,
             self.to_device.next_us(),
             self.to_host.next_us(),
         ]
         if self.host_alive:
-            moments.append(-(-self.host.deadline_ns() // 1000) - self._host_first_us)
+            moments.append(-(-self.host.deadline_ns() // 1000) - self.host_first_us)
         soonest = min(m for m in moments if m is not None)
         self.now_us = min(end_us, max(self.now_us + 100, soonest))
         arrived = b"".join(self.to_device.pull(self.now_us))
@@ -286,12 +286,12 @@ class Ends:
         data = self.to_host.pull(self.now_us)
         if self.host_alive:
             out = self.host.turn(data, self.host_ns)
-            self._note(out)
+            self.note_sent(out)
             self.to_device.push(out, self.now_us)
         self._look()
         self.watch()
 
-    def _note(self, out: bytes) -> None:
+    def note_sent(self, out: bytes) -> None:
         for event in self._tap.receive(out, self.host_ns // 1000):
             if isinstance(event, Rejected) and event.frame.type_id == CAN_AUTH_TYPE:
                 continue

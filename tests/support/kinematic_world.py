@@ -113,7 +113,7 @@ class KinematicWorld:
         self.touching = None
         radius = self.model.radius_m
         for _ in range(3):
-            gap, nx, ny = self._nearest(x, y)
+            gap, nx, ny = self.nearest(x, y)
             if gap > radius + _TOUCH_M:
                 break
             self.touching = wrap_angle(math.atan2(-ny, -nx) - theta)
@@ -128,7 +128,7 @@ class KinematicWorld:
         self._moved = self._moved or abs(ahead) + abs(half) > 1e-6
         self.truth = Pose2(x, y, wrap_angle(theta))
 
-    def _nearest(self, x: float, y: float) -> tuple[float, float, float]:
+    def nearest(self, x: float, y: float) -> tuple[float, float, float]:
         """Distance to the nearest edge and the unit vector away from it."""
         best, bx, by = math.inf, 0.0, 0.0
         for ax, ay, ex, ey in self._edges:

@@ -145,8 +145,8 @@ class Twin:
 
     def _report(self, wrote: bytes) -> Reported:
         firmware, control = self.firmware, self.firmware.control
-        stale = firmware._telemetry.stale  # noqa: SLF001 - told on the wire once a second only
-        present = firmware.parameters._present  # noqa: SLF001 - each is told when it is asked for
+        stale = firmware.telemetry.stale
+        present = firmware.parameters.present
         left, right = self._duties
         return Reported(
             self._now_us - self._booted_us,
@@ -166,10 +166,10 @@ class Twin:
 
 
 def _held(watchdog: Watchdog, first_step: float, second_step: float) -> Held:
-    counter = watchdog._counter  # noqa: SLF001 - decides what is taken next
+    counter = watchdog.counter
     return Held(
-        round(watchdog._first / first_step),  # noqa: SLF001 - drives
-        round(watchdog._second / second_step),  # noqa: SLF001 - likewise
+        round(watchdog.first / first_step),
+        round(watchdog.second / second_step),
         0x100 if counter is None else counter,
         watchdog.until_us,
     )

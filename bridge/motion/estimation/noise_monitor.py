@@ -44,7 +44,15 @@ def gyro_share(vibration_m_s2: float) -> float:
 class SlipMonitor:
     """Position noise along the way, from wheels against gyro."""
 
-    __slots__ = ("_excess_m", "_mean", "_nominal_m", "_power", "_turn_m", "_way_m", "_windows")
+    __slots__ = (
+        "_excess_m",
+        "_mean",
+        "_nominal_m",
+        "_turn_m",
+        "_way_m",
+        "_windows",
+        "variance_per_m",
+    )
 
     def __init__(self, along_m_sqrt_m: float) -> None:
         """Believe ``along_m_sqrt_m`` at first, for some 2 m."""
@@ -52,12 +60,12 @@ class SlipMonitor:
         self._mean = 0.0
         self._windows = 0
         self._nominal_m = along_m_sqrt_m
-        self._power = along_m_sqrt_m**2
+        self.variance_per_m = along_m_sqrt_m**2
 
     @property
     def along_m_sqrt_m(self) -> float:
         """Standard deviation of the way per √m, as far as it shows."""
-        return math.sqrt(self._power)
+        return math.sqrt(self.variance_per_m)
 
     @property
     def slippery(self) -> float:
@@ -87,7 +95,7 @@ class SlipMonitor:
             if self._windows > 1:
                 # The mean of both wheels has half the difference's standard deviation.
                 off = 0.5 * (rate - self._mean) * self._way_m
-                self._power += _SHARE * (off * off / self._way_m - self._power)
+                self.variance_per_m += _SHARE * (off * off / self._way_m - self.variance_per_m)
         self._way_m = self._excess_m = self._turn_m = 0.0
 
 

@@ -50,7 +50,7 @@ def save_screenshot(path: Path, png: Path) -> LogReader:
             stderr=subprocess.PIPE,
         ) as viewer:
             try:
-                _when_at_rest(_client(viewer, port), Path(folder) / "shot.png", png)
+                take_at_rest(_client(viewer, port), Path(folder) / "shot.png", png)
             finally:
                 viewer.terminate()
     return reader
@@ -75,7 +75,7 @@ def _client(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
     raise ViewerFailedError(1, "it did not answer")
 
 
-def _when_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
+def take_at_rest(viewer: ViewerClient, shot: Path, png: Path) -> None:
     """Take pictures until two in a row are the same: everything is loaded and drawn then."""
     last = b""
     for _ in range(TRIES):

@@ -60,11 +60,13 @@ def test_a_class_in_place_of_a_planner_is_named() -> None:
 @pytest.mark.parametrize(
     ("members", "lacks"),
     [
-        ({"watch": lambda _self, _obs: False}, "lacks speed_limit_m_s"),
-        ({"speed_limit_m_s": 0.2}, r"lacks watch\(\)"),
+        ({"observe": lambda _self, _obs: False}, "lacks speed_limit_m_s"),
+        ({"speed_limit_m_s": 0.2}, r"lacks observe\(\)"),
     ],
 )
-def test_a_half_supervised_planner_is_rejected(members: dict[str, object], lacks: str) -> None:
+def test_a_planner_that_observes_by_half_is_rejected(
+    members: dict[str, object], lacks: str
+) -> None:
     planner = type("Half", (Whole,), members)()
     with pytest.raises(PlannerError, match=lacks):
         PlanRunner(planner, MODEL)

@@ -109,14 +109,14 @@ class Scene:
         self.pump = Pump(self.host, self.port, self._reopen)
         self.pump.watch = self._watch
         self._plans: list[tuple[float, object]] = []
-        self._start_ns = self.clock.ns
+        self.start_ns = self.clock.ns
 
     def at(self, time_s: float, action: object) -> None:
         self._plans.append((time_s, action))
 
     @property
     def time_s(self) -> float:
-        return (self.clock.ns - self._start_ns) / 1e9
+        return (self.clock.ns - self.start_ns) / 1e9
 
     def _watch(self) -> Ending | None:
         for plan in list(self._plans):
@@ -235,7 +235,7 @@ def test_a_full_port_gets_nothing_old(scene: Scene) -> None:
     scene.at(6.0, lambda: scene.pump.request_end(CTRL_C))
     scene.pump.run()
     assert scene.kinds().count("stuck") == 1, "told once, not for every batch"
-    gap = [at for at, _ in scene.port.taken if at > scene._start_ns + 4_700_000_000]  # noqa: SLF001
+    gap = [at for at, _ in scene.port.taken if at > scene.start_ns + 4_700_000_000]
     link = Link(Direction.DEVICE)
     for at, data in scene.port.taken:
         for event in link.receive(data):

@@ -87,7 +87,7 @@ def follow(  # noqa: PLR0913 - a room, a start and a wish
         v, w = step.command
         obs = world.step(VelocityCommand(smooth_v.update(v, STEP_S), smooth_w.update(w, STEP_S)))
         run.truth.append(world.truth)
-        gap, _, _ = world._nearest(world.truth.x_m, world.truth.y_m)  # noqa: SLF001 - the truth
+        gap, _, _ = world.nearest(world.truth.x_m, world.truth.y_m)
         run.gaps.append(gap - RADIUS_M)
         run.touch_s += STEP_S if world.touching is not None else 0.0
     return run

@@ -124,7 +124,7 @@ def test_lateral_slip_is_as_the_wheels_show(slip_m_sqrt_m: float, known: int) ->
         counts += driving * 0.002 / MODEL.metres_per_count
         estimator.on_imu(0.01 * tick, 0.0)
         estimator.on_encoders(0.01 * tick, int(counts), int(counts))
-        estimator.ekf.slip_monitor._power = slip_m_sqrt_m**2  # noqa: SLF001 - as after metres of it
+        estimator.ekf.slip_monitor.variance_per_m = slip_m_sqrt_m**2
         if driving and tick % 5 == 0:
             share = 2.0 * (tick - 50) / 150 - 1.0
             relocaliser.update(None, 0.1 - 0.0035 * (1.0 - share * share), None, **free)

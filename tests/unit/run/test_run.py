@@ -42,7 +42,7 @@ def started() -> tuple[Ends, Host]:
 
 
 def events(host: Host) -> list[tuple[str, str]]:
-    sink = host._sink  # noqa: SLF001 - given by the test itself
+    sink = host.sink
     assert isinstance(sink, Collector)
     return [(e.source, e.kind) for e in sink.of(EventRecord)]
 
@@ -87,7 +87,7 @@ def test_the_stop_goes_out_before_any_listener_runs() -> None:
     assert ends.run(6.0, lambda: ends.moving)
     with pytest.raises(BrokenPipeError):
         host.end(CTRL_C, ends.host_ns)
-    ends._note(out := host.data_to_send(ends.host_ns))  # noqa: SLF001 - as the pump's last act
+    ends.note_sent(out := host.data_to_send(ends.host_ns))
     assert out
     assert [s for s in ends.sent if isinstance(s.message, Stop)]
 
@@ -229,7 +229,7 @@ def test_a_killed_host_and_its_successor() -> None:
 def test_a_successor_on_another_clock(host_first_us: int) -> None:
     """What was late by the old host's clock says nothing about the new one's frames."""
     ends, _ = started()
-    ends._host_first_us = host_first_us  # noqa: SLF001 - another machine, or it has rebooted
+    ends.host_first_us = host_first_us
     second = spinning_host(clear_stop=True)
     ends.restart_host(HostEnd(second))
     assert ends.run(6.0, lambda: second.mission.phase is Phase.DRIVING)

@@ -209,7 +209,7 @@ def test_a_device_that_was_flashed_anew_is_not_read_with_the_old_agreement() -> 
     ends = Ends(host, sweeper())
     agreed(host, ends)
     assert host.session.link.disabled
-    ends.device._catalogue = ours  # noqa: SLF001 - now it has our catalogue, word for word
+    ends.device.catalogue = ours
     ends.reboot_device(5)
     assert ends.run(3.0, lambda: len(host.of(Agreed)) == 2)
     assert host.of(Agreed)[-1].differences == ()

@@ -220,7 +220,7 @@ def test_no_key_is_set_over_a_bus_or_a_network_or_while_it_may_move() -> None:
     ends, end = both(None, None, CanLink)
     assert set_key(ends, end, KEY) == (False, NackReason.UNSUPPORTED)
     ends, end = both(None, None)
-    ends.device.firmware.keyring._may_set = False  # noqa: SLF001 - as on a TCP port
+    ends.device.firmware.keyring.may_set = False
     assert set_key(ends, end, KEY) == (False, NackReason.UNSUPPORTED)
     ends, end = both(None, None)
     end.session.clear_stop(StopCause.SESSION_END, ends.host_ns)

@@ -31,7 +31,7 @@ SECOND = 1_000_000_000
 def moved(state: State, event: str) -> State:
     session = Session(lambda: 1)
     session.state = state
-    session._move(event, "test")  # noqa: SLF001 - the table's only reader
+    session.fire(event, "test")
     return session.state
 
 
@@ -147,7 +147,7 @@ def test_another_device_on_the_port_is_not_taken_for_ours() -> None:
     ends.to_host.cut = True
     assert ends.run(3.0, lambda: host.session.state is State.LOST)
     ends.device = sweeper(seed=2)
-    ends._booted_us = ends.now_us  # noqa: SLF001 - it boots as it is plugged in
+    ends.booted_us = ends.now_us
     ends.to_host.cut = False
     assert ends.run(5.0, lambda: host.session.state is State.FAILED)
     (failed,) = host.of(Failed)
@@ -228,7 +228,7 @@ def test_reopening_forgets_the_device_of_before() -> None:
     host.session.close()
     assert host.session.state is State.CLOSED
     ends.device = sweeper(seed=2)
-    ends._booted_us = ends.now_us  # noqa: SLF001 - it boots as it is plugged in
+    ends.booted_us = ends.now_us
     host.session.open(ends.host_ns)
     ready(ends, host)
     assert host.of(Failed) == []

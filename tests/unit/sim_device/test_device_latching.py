@@ -152,7 +152,7 @@ def test_a_shorter_stall_is_rejected_by_age_alone() -> None:
 def test_clocks_that_wrap_stop_nothing() -> None:
     """Both 32-bit microsecond clocks wrap after 71.6 minutes; here both within a second."""
     device = sweeper()
-    device._next_tick_us = (1 << 32) - 1_500_000  # noqa: SLF001 - it has been on for 71 minutes
+    device.skip_to((1 << 32) - 1_500_000)
     bench = Bench(device)
     bench.now_us = (1 << 32) - 1_500_000
     bench.free()

@@ -68,7 +68,7 @@ class Chip:
         self.sweeper = qemu_sweeper.QemuSweeper(
             Path("firmware.elf"), load_room("empty"), seed=1, noise="none", node=7, boot_id=99
         )
-        self.qemu: FakeQemu = self.sweeper._qemu  # type: ignore[assignment]  # noqa: SLF001 - the fake
+        self.qemu: FakeQemu = self.sweeper.qemu  # type: ignore[assignment]
         self.newest_us = 0
 
     def step(self, now_us: int, *frames: bytes, wire: bytes = b"") -> bytes:
