@@ -1,6 +1,6 @@
-"""CAN buses through python-can: slcan adapters, SocketCAN, UDP multicast, in-process.
+"""CAN ports through python-can: slcan adapters, SocketCAN, UDP multicast, in-process buses.
 
-Frames pass as bytes, 16 for each (:data:`protocol.can.frames.RECORD`), as they do above.
+Each frame is a record of 16 bytes (:data:`protocol.can.frames.RECORD`).
 """
 
 from __future__ import annotations
@@ -26,48 +26,55 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 PREFIX = "can:"
+"""Prefix of the name of a CAN port."""
 DEFAULT_BITRATE = 500_000
+"""Bit rate of an adapter unless given, bit/s."""
 SEND_TIMEOUT_S = 0.02
-"""One control period: a bus that takes nothing is told of, not waited for."""
+"""Maximum time to send one frame, s: one control period. A longer block is reported as a full
+bus."""
 POLL_S = 0.02
-"""How soon a wake is seen on a bus that cannot be selected on."""
+"""Poll interval on a bus that select() does not support, s."""
 ECHOES = 512
-"""Own frames awaited back from an interface that gives them to their sender too."""
+"""Maximum number of own frames that the port expects back from an echoing interface."""
 READ_FRAMES = 1024
+"""Maximum number of frames of one read."""
 _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 _FULL = frozenset({errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK})
 _WITHOUT_BITRATE = frozenset({"socketcan", "udp_multicast", "virtual"})
-"""Where nobody can set one, or ``ip link`` does."""
+"""Interfaces without a bit rate, or whose bit rate ``ip link`` sets."""
 _MULTICAST = "udp_multicast"
 
 
 def split_port(port: str) -> tuple[str, str]:
-    """``can:INTERFACE:CHANNEL`` to interface and channel.
+    """Split ``can:INTERFACE:CHANNEL`` into interface and channel.
 
     Raises:
-        PortError: it lacks one of them.
+        PortError: one of them is missing.
 
     """
     _, _, rest = port.partition(":")
     interface, _, channel = rest.partition(":")
     if not interface or not channel:
         raise PortError(
-            f"{port} is not a CAN port: write can:INTERFACE:CHANNEL, like {CAN_EXAMPLE}"
+            f"{port} is not a CAN port: use can:INTERFACE:CHANNEL, for example {CAN_EXAMPLE}"
         )
     return interface, channel
 
 
 class CanPort:
-    """A bus that this process is the one host of."""
+    """A CAN bus on which this process is the host."""
 
     def __init__(self, port: str, *, bitrate: int = DEFAULT_BITRATE, lan: bool = False) -> None:
         """Open ``can:INTERFACE:CHANNEL``.
 
-        UDP multicast does not leave this machine unless ``lan``.
+        Args:
+            port: Name of the port.
+            bitrate: Bit rate of the adapter, bit/s; ignored by interfaces that do not set one.
+            lan: Let a UDP multicast bus leave this machine.
 
         Raises:
-            PortBusyError: another program has the adapter.
-            PortError: there is no such interface or channel, or it may not be opened.
+            PortBusyError: another program uses the adapter.
+            PortError: unknown interface or channel, or no permission.
 
         """
         self.name = port
@@ -79,9 +86,9 @@ class CanPort:
             options["lan"] = lan
         self._lock: DeviceLock | None = None
         if interface == "slcan":
-            # Before python-can opens it: its first bytes would close another host's bus.
+            # Before python-can opens it, because its first bytes would close another host's bus.
             self._lock = DeviceLock(channel.split("@")[0])
-            options["sleep_after_open"] = 0.0  # python-can's 2 s are for boards that boot on it
+            options["sleep_after_open"] = 0.0  # python-can waits 2 s for a board's reset
         self._waker = Waker()
         try:
             if interface != _MULTICAST:
@@ -96,15 +103,15 @@ class CanPort:
         )
         self._woken = False
         self.garbled = 0
-        """Lines of an adapter, or datagrams, that were no frames."""
+        """Number of adapter lines or datagrams that are not frames."""
         self._fd = -1
         with suppress(NotImplementedError, can.CanError):
             self._fd = self._bus.fileno()
 
-    # ---- the pump's side ------------------------------------------------------------------
+    # ---- byte port --------------------------------------------------------------------------
 
     def wait(self, timeout_s: float) -> bytes:
-        """Frames that are there, or that come within the time; empty at its end or a wake.
+        """Return the frames that arrive within the time; none at a timeout or wake.
 
         Raises:
             PortError: the bus is gone.
@@ -117,7 +124,7 @@ class CanPort:
             if self._waker.fd in ready:
                 self._waker.drain()
             records: list[bytes] = []
-            for _ in range(READ_FRAMES):  # what is no frame counts: a flood of it is left, too
+            for _ in range(READ_FRAMES):  # invalid frames count too, to bound the time
                 if self._fd not in ready:
                     break
                 self._take(self._receive(0.0), records)
@@ -152,10 +159,10 @@ class CanPort:
             cause = error.__cause__
             if cause is None or isinstance(cause, OSError):
                 raise
-            self.garbled += 1  # not the bus's own trouble: something on it is no frame
+            self.garbled += 1  # the bus works; this line is not a frame
             if isinstance(cause, UnicodeDecodeError) and isinstance(self._bus, slcanBus):
-                self._bus.flush()  # python-can would keep the text and fail again
-        except (ValueError, IndexError):  # a line cut short between adapter and host
+                self._bus.flush()  # otherwise python-can keeps the text and fails again
+        except (ValueError, IndexError):  # a truncated line
             self.garbled += 1
         return None
 
@@ -169,7 +176,7 @@ class CanPort:
         records.append(record)
 
     def write(self, data: bytes) -> int:
-        """Send the frames that the bus takes without delay; how many bytes those were.
+        """Send the frames that the bus accepts without delay; return their number of bytes.
 
         Raises:
             PortError: the bus is gone.
@@ -194,12 +201,12 @@ class CanPort:
         return written
 
     def wake(self) -> None:
-        """End a wait now; safe in a signal handler."""
+        """End a wait now. It is safe in a signal handler."""
         self._woken = True
         self._waker.wake()
 
     def close(self) -> None:
-        """Give the bus back."""
+        """Close the bus."""
         with suppress(can.CanError, OSError, TypeError):
             self._bus.shutdown()
         self._unlock()
@@ -222,7 +229,7 @@ class CanPort:
 
 
 def to_bytes(message: can.Message) -> bytes:
-    """A frame as python-can has it, in 16 bytes."""
+    """Convert a python-can frame to a record of 16 bytes."""
     word = (
         message.arbitration_id
         | (_EXTENDED if message.is_extended_id else 0)
@@ -233,30 +240,30 @@ def to_bytes(message: can.Message) -> bytes:
 
 
 def from_bytes(record: bytes) -> can.Message:
-    """The data frame in 16 bytes, for python-can."""
+    """Convert a record of 16 bytes to a python-can data frame."""
     can_id, length, data = RECORD.unpack(record)
     return can.Message(arbitration_id=can_id, data=data[:length], is_extended_id=False)
 
 
 def _check_number(port: str, newest_fd: int) -> None:
-    """Complain where a bus would get a descriptor that python-can's ``select`` cannot take.
+    """Check that the next descriptor is in the range of python-can's ``select``.
 
     Raises:
-        PortError: it would.
+        PortError: it is not.
 
     """
     if newest_fd >= SELECTED:
         raise PortError(
-            f"cannot open {port}: this process has {SELECTED} files open or more, and python-can "
-            "waits for none beyond those; close some first"
+            f"cannot open {port}: this process has {SELECTED} or more open files, which "
+            "python-can does not support; close some of them"
         )
 
 
 def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> can.BusABC:
     if interface not in can.VALID_INTERFACES:
         raise PortError(
-            f"cannot open {port}: there is no CAN interface {interface!r}; it is slcan, socketcan, "
-            "udp_multicast or another of python-can's"
+            f"cannot open {port}: unknown CAN interface {interface!r}; use slcan, socketcan, "
+            "udp_multicast or another interface of python-can"
         )
     try:
         if interface == _MULTICAST:
@@ -264,14 +271,14 @@ def _open(port: str, interface: str, channel: str, options: dict[str, Any]) -> c
         return can.Bus(interface=interface, channel=channel, ignore_config=True, **options)
     except can.CanInterfaceNotImplementedError as error:
         raise PortError(f"cannot open {port}: {_reason(error)}") from None
-    except Exception as error:  # noqa: BLE001 - a driver of others, whose library may be missing
+    except Exception as error:  # noqa: BLE001 - any driver error, such as a missing library
         cause: BaseException = error.__cause__ or error
         number = getattr(cause, "errno", None)
         if number in {errno.EBUSY, errno.EAGAIN}:
             raise PortBusyError(port, None) from None
         if interface == "socketcan":
             raise PortError(
-                f"cannot open {port}: {_reason(cause)}; does 'ip link' show {channel} as up?"
+                f"cannot open {port}: {_reason(cause)}; check that 'ip link' shows {channel} as up"
             ) from None
         if interface == _MULTICAST and number in {errno.ENODEV, errno.ENETUNREACH}:
             raise PortError(

@@ -1,7 +1,7 @@
-"""Serial ports on which a sweeper may be, by what their descriptors say; and asking them.
+"""Search for serial ports that may have a robot, and probing of ports.
 
-Listing opens nothing. Probing opens a port with DTR and RTS inactive and only listens, unless
-it is told to say hello: what an unknown device makes of our bytes nobody knows.
+The list comes from USB descriptors and opens no port. A probe opens a port with DTR and RTS
+inactive and only listens by default, because an unknown device may react to any bytes.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 LISTEN_S = 1.5
-"""A device without a host says hello once a second."""
+"""Time to listen, s. A device without a host sends a hello every second."""
 NET = Path("/sys/class/net")
+"""Network interfaces of the Linux kernel."""
 _CAN = "280"
-"""ARPHRD_CAN of Linux' if_arp.h."""
+"""Interface type ARPHRD_CAN of Linux' if_arp.h."""
 ADAPTERS: dict[tuple[int, int], str] = {
     (0x0403, 0x6001): "FTDI FT232R",
     (0x0403, 0x6010): "FTDI FT2232",
@@ -52,39 +53,39 @@ ADAPTERS: dict[tuple[int, int], str] = {
     (0x1A86, 0x55D4): "WCH CH9102",
     (0xAD50, 0x60C4): "CANtact (slcan)",
 }
-"""By USB vendor and product: what boards and adapters of this size carry; the udev rule has
-the same."""
+"""USB adapters of boards of this size, by vendor and product id; the udev rule has the same
+list."""
 _SLCAN = frozenset({(0x16D0, 0x117E), (0xAD50, 0x60C4)})
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One port, and what is known of it without opening it."""
+    """A port that may have a robot."""
 
     port: str
-    """As :command:`connect` takes it: by its stable name where it has one."""
+    """Name for :command:`connect`: the stable name if there is one."""
     device: str
     what: str
-    """The adapter, as its descriptors or our table name it."""
+    """Adapter name from our table or the USB descriptor."""
     serial_number: str | None = None
     usb_id: str | None = None
-    """``0403:6001``."""
+    """USB ids, for example ``0403:6001``."""
     known: bool = False
-    """A sweeper may well be on it."""
+    """True if the adapter is in :data:`ADAPTERS`."""
     owner: int | None = None
-    """Process that has it open and locked."""
+    """Id of the process that has the port open and locked."""
     found: dict[str, Any] | None = None
-    """After a probe: the device that said hello."""
+    """Device that answered the probe."""
     note: str | None = None
-    """After a probe: why there is none."""
+    """Reason why a probe found no device."""
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the fields for JSON."""
         return asdict(self)
 
 
 def candidates(named: Sequence[str] = (), by_id: Path = BY_ID) -> list[Candidate]:
-    """Ports that descriptors tell of, likely ones first; or those that are named."""
+    """Return the serial and CAN ports, known adapters first; or only the ``named`` ports."""
     if named:
         return [Candidate(port, port, "as given", owner=owner_pid(port)) for port in named]
     found = [_of_serial(info, by_id) for info in list_ports.comports()]
@@ -114,7 +115,7 @@ def _described(info: Any) -> str:  # noqa: ANN401 - pyserial's, untyped
 
 
 def _can() -> list[str]:
-    """CAN interfaces of this machine, by the kernel's word for them."""
+    """Return the CAN interfaces of this machine."""
     names = []
     for path in sorted(NET.glob("*/type")):
         try:
@@ -131,9 +132,9 @@ def _can() -> list[str]:
 def probe(
     found: Sequence[Candidate], *, active: bool = False, baud: int = DEFAULT_BAUD
 ) -> list[Candidate]:
-    """Listen on each serial port at once for a device's hello; with ``active`` ask for one.
+    """Listen for a device's hello on all ports at the same time; ``active`` requests one.
 
-    A port that somebody has open is left alone.
+    A port that another process has open is skipped.
     """
     results = list(found)
 
@@ -150,7 +151,7 @@ def probe(
 
 def _probe(candidate: Candidate, *, active: bool, baud: int) -> Candidate:
     if candidate.port.startswith("can:"):
-        return replace(candidate, note="a bus is not probed: connect to it")
+        return replace(candidate, note="a bus is not probed; use sweepctl connect")
     if candidate.owner is not None:
         return replace(candidate, note=f"process {candidate.owner} has it open")
     try:
@@ -169,45 +170,43 @@ def _listen(candidate: Candidate, port: SerialPort, *, active: bool) -> Candidat
     if hearing.hello is not None:
         return replace(candidate, found=_identity(*hearing.hello))
     if hearing.others:
-        return replace(candidate, note="a sweeper of another protocol version talks here")
+        return replace(candidate, note="a device with another protocol version sends here")
     if hearing.heard:
-        return replace(
-            candidate, note=f"{hearing.heard} bytes came, none of them a sweeper's hello"
-        )
+        return replace(candidate, note=f"received {hearing.heard} bytes but no hello of a device")
     return replace(candidate, note="silent")
 
 
 class _Hearing:
-    """Waits for a device's hello."""
+    """Engine that waits for a device's hello."""
 
     def __init__(self) -> None:
         self.hello: tuple[Hello, int] | None = None
-        """The message, and the node that sent it."""
+        """Hello and its node."""
         self.heard = 0
-        """Bytes that came."""
+        """Number of received bytes."""
         self.others = 0
-        """Frames of another protocol version."""
+        """Number of frames of another protocol version."""
         self._link = Link(Direction.HOST)
 
     def ask(self, now_ns: HostNs) -> None:
-        """Say hello to all, so that a device answers at once."""
+        """Send a hello to all nodes, which a device answers at once."""
         hello = HostHello(CATALOGUE.hash, new_session_id(), 0, "sweepctl ports")
         self._link.send(hello, now_ns // 1000, node=NODE_ALL)
 
-    def receive(self, data: bytes, now_ns: HostNs) -> None:  # noqa: ARG002 - an engine's interface
-        """Take what came."""
+    def receive(self, data: bytes, now_ns: HostNs) -> None:  # noqa: ARG002 - the interface of an engine
+        """Handle received bytes."""
         self.heard += len(data)
         for event in self._link.receive(data):
             if isinstance(event, Received) and isinstance(event.message, Hello):
                 self.hello = self.hello or (event.message, event.frame.node)
             self.others += isinstance(event, Rejected)
 
-    def data_to_send(self, now_ns: HostNs) -> bytes:  # noqa: ARG002 - an engine's interface
-        """Give the hello that was asked for, once."""
+    def data_to_send(self, now_ns: HostNs) -> bytes:  # noqa: ARG002 - the interface of an engine
+        """Return the hello of :meth:`ask` once."""
         return self._link.data_to_send()
 
     def next_deadline(self) -> None:
-        """Never."""
+        """Return None: nothing is ever due."""
         return
 
 

@@ -1,4 +1,4 @@
-"""The host's clock."""
+"""The host's clock and sleep."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from protocol.clock import HostNs
 
 
 def now() -> HostNs:
-    """Monotonic time."""
+    """Return monotonic time, ns."""
     return HostNs(time.monotonic_ns())
 
 
 def unix_offset_ns() -> int:
-    """Unix time less monotonic time, now; taken once per log."""
+    """Return Unix time minus monotonic time, ns."""
     before = time.monotonic_ns()
     unix = time.time_ns()
     return unix - (before + time.monotonic_ns()) // 2
 
 
 def pause(duration_s: float) -> None:
-    """Wait where there is no port to wait on: it is gone and its return is awaited."""
+    """Sleep while there is no port to wait on."""
     time.sleep(max(0.0, duration_s))

@@ -1,4 +1,4 @@
-"""A port as the bench's wire."""
+"""A port for the bring-up procedures."""
 
 from __future__ import annotations
 
@@ -13,28 +13,29 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 STUCK_NS = 50_000_000
-"""What a port did not take by then is dropped: commands are repeated, and nothing old goes out."""
+"""Maximum time to write, ns. Unsent bytes are then dropped, so that nothing is sent late; commands
+are repeated."""
 
 
 class PortWire:
-    """Carries bytes over a port, in real time."""
+    """Sends and receives bytes over a port in real time."""
 
     def __init__(self, port: BytePort) -> None:
-        """The wire owns the port from now on."""
+        """Use ``port`` and close it at the end."""
         self._port = port
         self._closed = False
 
     @property
     def link(self) -> type[LinkBase]:
-        """What is spoken over it."""
+        """Link class for the port: serial or CAN."""
         return link_of(self._port.name)
 
     def now(self) -> HostNs:
-        """Monotonic time."""
+        """Return monotonic time."""
         return clock.now()
 
     def turn(self, data: bytes, until_ns: HostNs) -> bytes:
-        """Send, and give what comes; returns as soon as something has, or at that time.
+        """Send ``data`` and return the bytes received until ``until_ns``, at the first that arrive.
 
         Raises:
             PortError: the port is gone.
@@ -48,7 +49,7 @@ class PortWire:
         return self._port.wait(max(0.0, (until_ns - clock.now()) / 1e9))
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         if not self._closed:
             self._closed = True
             self._port.close()

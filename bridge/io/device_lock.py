@@ -1,4 +1,4 @@
-"""The lock that says whose a device file is."""
+"""Exclusive locks on device files."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from bridge.errors import PortBusyError, PortError
 
 
 class DeviceLock:
-    """An exclusive lock on a device file that another library opens without one."""
+    """Exclusive lock on a device file that another library opens without a lock."""
 
     def __init__(self, path: str) -> None:
-        """Take it.
+        """Lock the file.
 
         Raises:
-            PortBusyError: another process has it.
-            PortError: there is no such file, or it may not be opened.
+            PortBusyError: another process has the lock.
+            PortError: the file does not exist or cannot be opened.
 
         """
         self._fd = -1
@@ -32,13 +32,13 @@ class DeviceLock:
             self.close()
             raise PortBusyError(path, owner_pid(path)) from None
         except FileNotFoundError:
-            raise PortError(f"{path} does not exist; is the adapter plugged in?") from None
+            raise PortError(f"{path} does not exist; plug in the adapter") from None
         except OSError as error:
             self.close()
             raise PortError(f"cannot open {path}: {error.strerror}") from None
 
     def close(self) -> None:
-        """Give it back."""
+        """Release the lock."""
         if self._fd >= 0:
             with suppress(OSError):
                 os.close(self._fd)
@@ -46,7 +46,7 @@ class DeviceLock:
 
 
 def owner_pid(path: str) -> int | None:
-    """The process that holds the lock on a device file, where the system tells (Linux)."""
+    """Return the process that holds a device file's lock; None if unknown. Linux only."""
     try:
         stat = Path(path).stat()
         locks = Path("/proc/locks").read_text(encoding="ascii").splitlines()

@@ -1,4 +1,4 @@
-"""A TCP port on the loopback that nobody listens on."""
+"""Search for a free TCP port on the loopback interface."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import socket
 
 
 def free_tcp_port() -> int:
-    """Number of a port that was free a moment ago."""
+    """Return a port number that is free now. Another process may take it at any time."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

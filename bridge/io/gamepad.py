@@ -1,7 +1,7 @@
-"""A gamepad by Linux' joystick interface (Documentation/input/joydev/joystick-api.rst).
+"""A gamepad through Linux' joystick interface (Documentation/input/joydev/joystick-api.rst).
 
-Each event is 8 bytes: time in ms (u32), value (s16), type (u8: 1 button, 2 axis, with 0x80 for
-the state at opening), number (u8).
+Each event has 8 bytes: time in ms (u32), value (s16), type (u8: 1 button, 2 axis; plus 0x80 for the
+state at opening), number (u8).
 """
 
 from __future__ import annotations
@@ -20,28 +20,30 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 EVENT = struct.Struct("<IhBB")
+"""Layout of an event: time, value, type, number."""
 BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 FULL = 32767.0
+"""Value of a full deflection."""
 DEAD_SHARE = 0.12
-"""Sticks of this kind rest within a tenth of the middle."""
+"""Dead zone, share of the full deflection. Sticks of this kind rest within 0.1."""
 REPEAT_S = 0.1
-"""How often a stick that is held still is told: the interface tells of changes only."""
+"""Interval of repeated stick reports, s. The interface itself reports changes only."""
 
 
 class Layout(NamedTuple):
-    """Which control is what; the default is that of most pads under Linux' xpad and hid."""
+    """Numbers of axes and buttons; the defaults fit most pads with Linux' xpad and hid drivers."""
 
     ahead_axis: int = 1
-    """Left stick; up is negative."""
+    """Left stick, vertical; up is negative."""
     turn_axis: int = 0
     dead_man: int = 4
-    """Left shoulder."""
+    """Left shoulder button."""
     stop: int = 1
-    """B, or the circle."""
+    """B or circle button."""
 
 
 class Sticks(NamedTuple):
-    """What is held now, -1..1."""
+    """Position of the sticks, -1..1, and the dead-man button."""
 
     ahead: float
     turn: float
@@ -49,7 +51,7 @@ class Sticks(NamedTuple):
 
 
 class PadState:
-    """Events in, sticks out; pure."""
+    """Converts events to stick positions. Pure."""
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
@@ -58,7 +60,7 @@ class PadState:
         self._rest = b""
 
     def feed(self, data: bytes) -> bool:
-        """Take bytes of the device; True where the stop button went down."""
+        """Handle bytes of the device; return True if the stop button was pressed."""
         self._rest += data
         stopped = False
         while len(self._rest) >= EVENT.size:
@@ -75,7 +77,7 @@ class PadState:
 
     @property
     def sticks(self) -> Sticks:
-        """Ahead and turn (counter-clockwise positive), and whether the dead man is held."""
+        """Forward, turn (counter-clockwise positive), and state of the dead-man button."""
         layout = self._layout
         return Sticks(
             _live(-self._axes.get(layout.ahead_axis, 0.0)),
@@ -85,7 +87,7 @@ class PadState:
 
 
 def _live(value: float) -> float:
-    """The share beyond the dead zone, so that it begins at 0."""
+    """Remove the dead zone and rescale, so that the range starts at 0."""
     size = abs(value)
     if size <= DEAD_SHARE:
         return 0.0
@@ -93,7 +95,7 @@ def _live(value: float) -> float:
 
 
 class Gamepad:
-    """Reads a joystick device in a thread of its own; a context manager."""
+    """Reads a joystick device in its own thread. Use it as a context manager."""
 
     def __init__(
         self,
@@ -103,12 +105,17 @@ class Gamepad:
         layout: Layout | None = None,
         on_gone: Callable[[], None] = lambda: None,
     ) -> None:
-        """Open it. ``on_sticks`` is called at changes, and ten times a second while held.
+        """Open the device.
 
-        A pad that vanishes counts as let go; ``on_gone`` is called after that.
+        Args:
+            path: Device file, for example ``/dev/input/js0``.
+            on_sticks: Called at each change, and ten times per second while held.
+            on_stop: Called when the stop button is pressed.
+            layout: Numbers of axes and buttons.
+            on_gone: Called after the device has vanished, which also releases all sticks.
 
         Raises:
-            PortError: it does not exist or may not be read.
+            PortError: the device does not exist or cannot be read.
 
         """
         self._on_sticks, self._on_stop, self._on_gone = on_sticks, on_stop, on_gone
@@ -116,7 +123,7 @@ class Gamepad:
         try:
             self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
-            why = "is the gamepad plugged in?" if error.errno == errno.ENOENT else error.strerror
+            why = "plug in the gamepad" if error.errno == errno.ENOENT else error.strerror
             raise PortError(f"cannot open gamepad {path}: {why}") from None
         self._end_read, self._end_write = os.pipe()
         self._thread = threading.Thread(target=self._run, name="gamepad", daemon=True)
@@ -144,7 +151,7 @@ class Gamepad:
             self._on_sticks(self._state.sticks)
 
     def __enter__(self) -> Self:
-        """Begin to read."""
+        """Start to read."""
         self._thread.start()
         return self
 
@@ -154,7 +161,7 @@ class Gamepad:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Let go and give it back."""
+        """Stop reading and close the device."""
         os.write(self._end_write, b"!")
         self._thread.join(timeout=1.0)
         for fd in (self._fd, self._end_read, self._end_write):

@@ -1,4 +1,4 @@
-"""Random identifiers, by which a device tells this program's sessions from others."""
+"""Random identifiers of sessions and commands."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import secrets
 
 
 def new_session_id() -> int:
-    """A session's id: 32 bits, not 0."""
+    """Return a random session id: 32 bits, not 0."""
     return secrets.randbelow(0xFFFF_FFFF) + 1
 
 
 def new_command_id() -> int:
-    """The id of a command without a session, which must not be that of a recent one: 16 bits."""
+    """Return a random 16-bit command id, for a command without a session."""
     return secrets.randbelow(0x1_0000)

@@ -1,8 +1,8 @@
-"""A CAN bus of UDP datagrams to a multicast group, in python-can's own format.
+"""CAN bus of UDP datagrams to a multicast group, in python-can's format.
 
-python-can's ``udp_multicast`` binds to every address of the machine: a datagram to any of them,
-from anywhere, is a frame for it. This one takes datagrams to the group alone, and those of other
-machines only where it was asked to. Programs that use python-can's can join the bus all the same.
+python-can's ``udp_multicast`` binds to every address of the machine and accepts datagrams to any
+of them. This bus accepts datagrams to the group only, and those of other machines only if
+requested. Programs with python-can's bus can use the same group.
 """
 
 from __future__ import annotations
@@ -23,24 +23,25 @@ from can.interfaces.udp_multicast.utils import is_msgpack_installed, pack_messag
 from bridge.io.readable import readable
 
 PORT = 43113
-"""UDP port: that of python-can's ``udp_multicast``."""
+"""UDP port of python-can's ``udp_multicast``."""
 _DATAGRAM_MAX = 4096
-"""Bytes of one datagram; a frame takes some 200."""
+"""Maximum size of a datagram, bytes; a frame needs about 200."""
 _FOREIGN_MAX = 64
-"""Datagrams of other machines that are passed over before somebody else has a turn."""
+"""Maximum number of datagrams of other machines that one receive call skips."""
 _MULTICAST_ALL = {socket.AF_INET: 49, socket.AF_INET6: 29}
-"""Linux' ``IP_MULTICAST_ALL`` and ``IPV6_MULTICAST_ALL``: groups that other sockets joined."""
+"""Linux' socket options ``IP_MULTICAST_ALL`` and ``IPV6_MULTICAST_ALL``: groups of other
+sockets."""
 _LEVEL = {socket.AF_INET: socket.IPPROTO_IP, socket.AF_INET6: socket.IPPROTO_IPV6}
 
 
 class MulticastBus(can.BusABC):
-    """One program's place on the bus."""
+    """A connection to the bus."""
 
     def __init__(self, group: str, *, lan: bool = False) -> None:
-        """Join the group. Nothing leaves this machine, nor comes in from another, unless ``lan``.
+        """Join the group. Only with ``lan`` do datagrams leave or enter this machine.
 
         Raises:
-            OSError: there is no such group, or no route to it.
+            OSError: no such group, or no route to it.
             can.CanInterfaceNotImplementedError: the package msgpack is not installed.
 
         """
@@ -62,22 +63,22 @@ class MulticastBus(can.BusABC):
                 return None, False
         except BlockingIOError:
             return None, False
-        except (OSError, ValueError) as error:  # closed meanwhile
+        except (OSError, ValueError) as error:  # closed by another thread
             raise can.CanOperationError("the multicast group is gone") from error
         try:
             message = unpack_message(data, check=True)
-            # python-can checks ranges but no types: 1.0 passes, and packs into no frame.
+            # python-can checks ranges but not types: 1.0 passes, but cannot be packed.
             operator.index(message.arbitration_id)
             operator.index(message.dlc)
         except Exception as error:
-            raise can.CanOperationError("a datagram that is no frame") from error
+            raise can.CanOperationError("a datagram is not a CAN frame") from error
         return (None if message.is_fd else message), False
 
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - it never waits
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - this send does not wait
         """Send a frame to the group.
 
         Raises:
-            can.CanOperationError: the system does not take it.
+            can.CanOperationError: the system rejected the datagram.
 
         """
         try:
@@ -86,25 +87,25 @@ class MulticastBus(can.BusABC):
             raise can.CanOperationError(error.strerror or str(error)) from error
 
     def fileno(self) -> int:
-        """Of the socket."""
+        """Return the socket's descriptor."""
         return self._socket.fileno()
 
     def shutdown(self) -> None:
-        """Leave the group."""
+        """Leave the group and close the socket."""
         super().shutdown()
         self._socket.close()
 
 
 def _join(group: str, *, hop_limit: int) -> tuple[socket.socket, Any]:
-    """A socket that takes datagrams to the group, and the address to send to."""
+    """Return a socket that receives the group's datagrams, and the address to send to."""
     family, _, _, _, address = socket.getaddrinfo(group, PORT, type=socket.SOCK_DGRAM)[0]
     if not ipaddress.ip_address(address[0]).is_multicast:
-        raise OSError(errno.EINVAL, f"{group} is no multicast group (239.0.0.0/8)")
+        raise OSError(errno.EINVAL, f"{group} is not a multicast group (239.0.0.0/8)")
     joined = socket.socket(family, socket.SOCK_DGRAM)
     try:
         joined.setblocking(False)  # noqa: FBT003 - positional in C
         joined.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if hasattr(socket, "SO_REUSEPORT"):  # as python-can has it: all must agree on it
+        if hasattr(socket, "SO_REUSEPORT"):  # as python-can does: all sockets must have the same
             joined.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         joined.bind(address)
         packed, level = socket.inet_pton(family, str(address[0])), _LEVEL[family]
@@ -125,10 +126,10 @@ def _join(group: str, *, hop_limit: int) -> tuple[socket.socket, Any]:
 
 
 def _is_ours(sender: tuple[Any, ...]) -> bool:
-    """Whether a datagram came from this machine.
+    """Return True if a datagram is from this machine.
 
-    The sender's address tells: a system drops what comes in from a network under an address of
-    its own (RFC 1812 section 5.3.8).
+    The sender's address is reliable: a system drops datagrams from a network that have one of its
+    own addresses (RFC 1812 section 5.3.8).
     """
     host, _, *scope = sender
     return _is_own_address(host, tuple(scope))
@@ -141,7 +142,7 @@ def _is_own_address(host: str, scope: tuple[int, ...]) -> bool:
     if address.is_loopback:
         return True
     family = socket.AF_INET if address.version == 4 else socket.AF_INET6  # noqa: PLR2004 - IPv4
-    # To reach an address of its own the system sends from that address. Nothing is sent here.
+    # The system sends to an own address from that address. Nothing is sent here.
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((plain, PORT, *scope))

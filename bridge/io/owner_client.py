@@ -1,4 +1,4 @@
-"""Asking the process that owns a port, from another one."""
+"""Requests to the process that owns a port."""
 
 from __future__ import annotations
 
@@ -16,20 +16,23 @@ if TYPE_CHECKING:
     from io import BufferedReader
 
 ANSWER_TIMEOUT_S = 15.0
+"""Maximum wait for an answer, s."""
 MAX_ANSWER = 1 << 20
+"""Maximum size of an answer, bytes."""
 CONNECT_S = 1.0
-"""Time for which a connection is tried while the owner's queue of connections is full, s."""
+"""Maximum time for a connection while the owner's queue is full, s."""
 _RETRY_S = 0.005
+"""Interval of connection attempts, s."""
 
 
 def ask(
     port: str, request: dict[str, Any], *, timeout_s: float = ANSWER_TIMEOUT_S
 ) -> dict[str, Any]:
-    """Ask the owner of a port once; its answer.
+    """Send one request to the owner of a port; return its answer.
 
     Raises:
-        NoOwnerError: nobody listens for this port, or it hung up without an answer.
-        OwnerRefusedError: it did not do it; the text says why.
+        NoOwnerError: the port has no owner, or the owner closed the connection.
+        OwnerRejectedError: the owner rejected the request; the text has the reason.
 
     """
     with _connected(port, timeout_s) as (client, answers):
@@ -38,11 +41,11 @@ def ask(
 
 
 def watch(port: str, *, hz: float = 4.0) -> Iterator[dict[str, Any]]:
-    """What the owner of a port knows of the robot, again and again until the owner ends.
+    """Yield the robot's state ``hz`` times per second until the owner ends.
 
     Raises:
-        NoOwnerError: nobody listens for this port.
-        OwnerRefusedError: it does not tell.
+        NoOwnerError: the port has no owner.
+        OwnerRejectedError: the owner rejected the request.
 
     """
     with _connected(port, ANSWER_TIMEOUT_S) as (client, answers):
@@ -57,7 +60,7 @@ def watch(port: str, *, hz: float = 4.0) -> Iterator[dict[str, Any]]:
 
 
 def has_owner(port: str) -> bool:
-    """Whether a process listens for requests about this port."""
+    """Return True if a process accepts requests for this port."""
     try:
         with _connected(port, 1.0):
             return True
@@ -68,7 +71,7 @@ def has_owner(port: str) -> bool:
 @contextmanager
 def _connected(port: str, timeout_s: float) -> Iterator[tuple[socket.socket, BufferedReader]]:
     if not hasattr(socket, "AF_UNIX"):
-        raise NoOwnerError(f"{port}: no Unix sockets here, so no other process can be asked")
+        raise NoOwnerError(f"{port}: the owner cannot be reached without Unix sockets")
     try:
         where = folder()
     except NoFolderError as error:
@@ -85,7 +88,7 @@ def _connected(port: str, timeout_s: float) -> Iterator[tuple[socket.socket, Buf
 
 
 def _connect(client: socket.socket, path: str) -> bool:
-    """Connect; a listener whose queue is full is tried again, for it accepts all the time."""
+    """Connect. A full queue is tried again, because the listener accepts continuously."""
     for _ in range(round(CONNECT_S / _RETRY_S)):
         try:
             client.connect(path)
@@ -102,19 +105,19 @@ def _send(port: str, client: socket.socket, request: dict[str, Any]) -> None:
     try:
         client.sendall(json.dumps(request).encode() + b"\n")
     except OSError as error:
-        raise NoOwnerError(f"the owner of {port} hung up: {error.strerror}") from None
+        raise NoOwnerError(f"the owner of {port} closed the connection: {error.strerror}") from None
 
 
 def _next(port: str, answers: BufferedReader) -> dict[str, Any]:
     try:
         answer = json.loads(answers.readline(MAX_ANSWER))
     except (OSError, ValueError, RecursionError):
-        raise NoOwnerError(f"the owner of {port} hung up without an answer") from None
+        raise NoOwnerError(f"the owner of {port} closed the connection without an answer") from None
     if not isinstance(answer, dict) or not isinstance(answer.get("ok"), bool):
-        raise NoOwnerError(f"what answers for {port} is no sweepctl")
+        raise NoOwnerError(f"the process that answers for {port} is not sweepctl")
     if not answer["ok"]:
         status = answer.get("exit_status")
         raise OwnerRejectedError(
-            str(answer.get("error", "refused")), status if isinstance(status, int) else 4
+            str(answer.get("error", "rejected")), status if isinstance(status, int) else 4
         )
     return answer

@@ -1,8 +1,8 @@
-"""Where a port's owner listens: a folder of this user's alone, and a name made from the port.
+"""Names of the owners' sockets: a private folder, and links that are named after the port.
 
-The socket itself is named by its process, and links lead to it: one from the port's real path,
-one from the path as it was given, and one more each time the port comes back under another.
-So a link that a killed owner left behind is seen to lead nowhere, and is replaced.
+A socket is named after its process. Links point to it: one for the port's real path, one for the
+path as given, and one for each new path of a reopened port. A link of a killed owner points to no
+file, so it is recognised and replaced.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from bridge.errors import BridgeError
 
 _FOLDER = "sweepctl"
 _SHOWN = 20
+"""Maximum number of characters of the port in a link's name."""
 MAX_RUNTIME = 54
-"""A Unix socket's path has at most 104 (macOS) or 108 (Linux) bytes, ours 48 after this."""
+"""Maximum length of the runtime folder's path. A Unix socket's path has at most 104 (macOS) or 108
+(Linux) bytes, of which ours needs 48."""
 
 
 class NoFolderError(BridgeError):
-    """There is no folder in which only this user can make a socket."""
+    """No folder exists in which only this user can create a socket."""
 
 
 def folder() -> Path:
-    """The folder for sockets, made if need be, of mode 0700 and this user's own.
+    """Return the folder for sockets; create it with mode 0700 if it is missing.
 
-    ``$XDG_RUNTIME_DIR/sweepctl``, or ``sweepctl-<uid>`` in the system's folder for temporary
-    files.
+    It is ``$XDG_RUNTIME_DIR/sweepctl``, or ``sweepctl-<uid>`` in the system's temporary folder.
 
     Raises:
-        NoFolderError: what is there is somebody else's, or open to others.
+        NoFolderError: the folder belongs to another user or is accessible to others.
 
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
@@ -45,14 +46,14 @@ def folder() -> Path:
         with suppress(FileExistsError):
             path.mkdir(mode=0o700)
         if not _is_own(path):
-            raise NoFolderError(f"{path} is not a folder of this user's alone (mode 0700)")
+            raise NoFolderError(f"{path} is not private to this user; set its mode to 0700")
     except OSError as error:
-        raise NoFolderError(f"cannot make {path}: {error.strerror}") from None
+        raise NoFolderError(f"cannot create {path}: {error.strerror}") from None
     return path
 
 
 def _is_own(path: Path) -> bool:
-    """Whether it is a folder that only this user may enter; a link to one is none."""
+    """Return True for a real folder (no link) that only this user can enter."""
     try:
         found = path.lstat()
     except OSError:
@@ -62,7 +63,7 @@ def _is_own(path: Path) -> bool:
 
 
 def device_path(port: str) -> str | None:
-    """The device file that a port's name holds; None for a socket, a network or a bus."""
+    """Return the device file in a port's name; None for a socket, a network or a bus."""
     if port.startswith("can:"):
         _, interface, channel = (*port.split(":", 2), "", "")[:3]
         return channel.partition("@")[0] if interface == "slcan" else None
@@ -70,7 +71,7 @@ def device_path(port: str) -> str | None:
 
 
 def link_names(port: str) -> list[str]:
-    """Names of a port in the folder: by its real path, then as it was given."""
+    """Return the link names of a port: from its real path, then from the path as given."""
     path = device_path(port)
     keys = [port] if path is None else [os.path.realpath(path), str(Path(path).absolute())]
     return [_name(key) for key in dict.fromkeys(keys)]
@@ -82,7 +83,7 @@ def _name(key: str) -> str:
 
 
 def put_link(where: Path, name: str, target: Path) -> None:
-    """Have ``name`` lead to ``target``, whatever it led to before."""
+    """Create or replace a link ``name`` to ``target``."""
     fresh = where / f".{target.name}.new"
     with suppress(FileNotFoundError):
         fresh.unlink()
@@ -91,7 +92,7 @@ def put_link(where: Path, name: str, target: Path) -> None:
 
 
 def sweep(where: Path) -> None:
-    """Remove what processes left behind that have ended."""
+    """Remove the sockets and links of processes that have ended."""
     for entry in where.iterdir():
         with suppress(OSError, ValueError):
             if entry.is_symlink():

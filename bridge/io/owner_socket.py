@@ -1,12 +1,11 @@
-"""The Unix socket of a port's owner: other processes of the same user ask it things.
+"""Unix socket of a port's owner, for requests of the same user's other processes.
 
-One request is one line of JSON, one answer one line of JSON; docs/owner-socket.md is the whole
-protocol. The socket has mode 0600, lies in a folder of mode 0700, and the far end's user is
-asked of the kernel where it tells.
+A request is one line of JSON, an answer is one line of JSON; docs/owner-socket.md has the protocol.
+The socket has mode 0600 in a folder of mode 0700. On Linux the kernel reports the client's user.
 
-A stop is always accepted. One thread accepts and reads, and never waits for a client; answers
-have threads of their own, of which a stop needs none of the counted ones. Where too many clients
-are connected, one that has asked for nothing gives way to the newest.
+A stop is always accepted. One thread accepts and reads, and never waits for a client. Answers have
+their own threads; a stop does not count towards their limit. With too many clients, the newest one
+replaces one without a request.
 """
 
 from __future__ import annotations
@@ -37,55 +36,58 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 MAX_LINE = 4096
-"""Length of a request with its line end, bytes."""
+"""Maximum length of a request with its line end, bytes."""
 MAX_CLIENTS = 128
-"""Connections that are open at once; a new one closes the oldest that has asked for nothing."""
+"""Maximum number of connections. A new one closes the oldest one without a request."""
 MAX_ANSWERS = 8
-"""Requests that are answered at once, stops not counted: each may wait for the device for 8 s."""
+"""Maximum number of concurrent answers without stops. Each may wait 8 s for the device."""
 MAX_VIEWERS = 8
-"""Clients that watch at once."""
+"""Maximum number of clients that watch the status."""
 MIN_HZ, MAX_HZ = 0.01, 50.0
-"""Rates at which a viewer gets the status, Hz."""
+"""Limits of a viewer's status rate, Hz."""
 MAX_QUEUED = 64
-"""Requests of one client that wait for the one before, at most; more are not read yet."""
+"""Maximum number of queued requests of a client; more are not read."""
 IDLE_S = 30.0
-"""A client that asks nothing for so long is hung up on."""
+"""Maximum time without a request before a client is disconnected, s."""
 SEND_S = 2.0
-"""Time that a client has to take an answer, seconds; one that does not read is none."""
+"""Maximum time for a client to read an answer, s."""
 LAST_WORDS_S = 2.0
-"""For answers that are under way as the owner ends."""
+"""Maximum time to finish answers at the owner's end, s."""
 _BACKLOG = 1024
-"""Connections that wait to be accepted; the kernel may allow fewer."""
+"""Maximum number of connections that wait for acceptance; the kernel may allow fewer."""
 _READ_SIZE = 4 * MAX_LINE
-"""Bytes that are read of a client at once: a line that is too long is mostly read whole, so that
-hanging up does not take away the answers before it."""
+"""Maximum number of bytes of one read. Most lines that are too long are read whole, so that the
+disconnection does not discard earlier answers."""
 _TICK_S = 0.25
+"""Interval of the checks for idle clients and the end, s."""
 _CREDENTIALS = struct.Struct("3i")
+"""Linux' struct ucred: process, user and group id."""
 _CROWDED = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
+"""Errors of an accept that lacks a resource."""
 _numbers = itertools.count()
 
 
 class Service(Protocol):
-    """What answers; asked from the socket's own threads."""
+    """Executes requests, in the threads of the socket."""
 
     def answer(self, request: dict[str, Any], requester: str) -> dict[str, Any]:
-        """Do what a request asks for.
+        """Execute a request; return its answer.
 
         Raises:
-            BridgeError: it cannot be done; told to the asker.
+            BridgeError: the request failed; the client gets the text.
 
         """
 
     def snapshot(self) -> dict[str, Any]:
-        """What is known of the robot now."""
+        """Return the robot's current state."""
 
     @property
     def over(self) -> bool:
-        """True when there is nothing more to see."""
+        """True if the run has ended."""
 
 
 class _Work(Enum):
-    """What a thread does for a client."""
+    """Task of a thread for a client."""
 
     STOP = "stop"
     ANSWER = "answer"
@@ -95,57 +97,57 @@ class _Work(Enum):
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """One connection; the reading thread's, but for what ``lock`` guards."""
+    """A connection. The reading thread owns it, except for what ``lock`` guards."""
 
     sock: socket.socket
     who: str
-    """The process at the other end, in words."""
+    """Description of the client's process."""
     since_s: float
-    """When it connected, or asked last."""
+    """Time of the connection or of the last request."""
     unread: bytes = b""
     requests: deque[dict[str, Any] | None] = field(default_factory=deque)
-    """Read and not answered yet, in order; None: a line that is no request."""
+    """Unanswered requests in order; None: an invalid line."""
     has_asked: bool = False
     is_open: bool = True
-    """More may come from it."""
+    """The client may send more."""
     is_read: bool = True
-    """The reading thread listens to it; not where it has sent more than is answered."""
+    """The reading thread reads it; False while too many requests are queued."""
     answers: int = 0
-    """Threads that answer it now."""
+    """Number of threads that answer it."""
     in_order: bool = False
-    """One of them answers its requests in their order."""
+    """One of them answers its requests in order."""
     lock: threading.Lock = field(default_factory=threading.Lock)
-    """Held while a line is sent to it."""
+    """Held while a line is sent."""
 
 
 class OwnerSocket:
-    """Listens for as long as it is open."""
+    """Accepts requests until it is closed."""
 
     def __init__(self, port: str, service: Service) -> None:
         """Listen under the port's names.
 
         Raises:
-            BridgeError: there are no Unix sockets here, or no safe folder for one.
+            BridgeError: it has no Unix sockets, or no private folder for one.
 
         """
         if not hasattr(socket, "AF_UNIX"):
-            raise BridgeError("other shells cannot reach this run: no Unix sockets here")
+            raise BridgeError("other processes cannot reach this run: it has no Unix sockets")
         self._service = service
         self._folder = folder()
         sweep(self._folder)
         self.path = self._folder / f"{os.getpid()}-{next(_numbers)}.sock"
         self._names: list[str] = []
         self._clients: dict[int, _Client] = {}
-        """By the descriptor's number; the reading thread's own."""
+        """Clients by descriptor; used by the reading thread only."""
         self._viewers = 0
-        """Counted by the reading thread."""
+        """Number of viewers; used by the reading thread only."""
         self._answering = 0
-        """Requests that are answered now; ``_lock`` guards it."""
+        """Number of requests being answered; guarded by ``_lock``."""
         self._threads: set[threading.Thread] = set()
         self._done: deque[tuple[_Client, _Work]] = deque()
-        """Clients for which a thread has ended, and what it did."""
+        """Clients whose thread has ended, with its task."""
         self._lock = threading.Lock()
-        """Guards the set of threads, and the count of answers."""
+        """Guards the set of threads and the number of answers."""
         self._closed = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX)
         try:
@@ -155,7 +157,7 @@ class OwnerSocket:
             self._listener.close()
             raise BridgeError(f"cannot listen on {self.path}: {error.strerror}") from None
         self._listener.listen(_BACKLOG)
-        self._listener.setblocking(False)  # noqa: FBT003 - the library's own interface
+        self._listener.setblocking(False)  # noqa: FBT003 - the library's interface
         self._wake_read, self._wake_write = socket.socketpair()
         self._wake_read.setblocking(False)  # noqa: FBT003 - as above
         self._wake_write.setblocking(False)  # noqa: FBT003 - as above
@@ -166,14 +168,14 @@ class OwnerSocket:
         self._thread.start()
 
     def also(self, port: str) -> None:
-        """Be found under this port's names too: it came back under another path."""
+        """Add links for this port's names, after the port came back under another path."""
         for name in link_names(port):
             put_link(self._folder, name, self.path)
             if name not in self._names:
                 self._names.append(name)
 
     def close(self) -> None:
-        """Finish the answers under way, hang up, and take the names away."""
+        """Finish open answers, disconnect all clients and remove the links."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -207,7 +209,7 @@ class OwnerSocket:
     ) -> None:
         self.close()
 
-    # ---- the reading thread: it waits for nobody -------------------------------------------
+    # ---- reading thread: it never waits for a client ----------------------------------------
 
     def _wake(self) -> None:
         with suppress(OSError):
@@ -222,10 +224,10 @@ class OwnerSocket:
                     self._wake_read.recv(4096)
             self._serve_done()
             for client in [self._clients[fd] for fd in ready if fd in self._clients]:
-                if client.sock.fileno() in ready:  # it was not hung up on meanwhile
+                if client.sock.fileno() in ready:  # not disconnected in this pass
                     self._hear(client)
             if self._listener.fileno() in ready:
-                self._accept()  # one at a time: who is connected already is heard before
+                self._accept()  # one per pass: connected clients come first
             if time.monotonic() >= idle_s:
                 idle_s = time.monotonic() + _TICK_S
                 self._hang_up_on_idle()
@@ -235,30 +237,30 @@ class OwnerSocket:
             sock, _ = self._listener.accept()
         except OSError as error:
             if error.errno in _CROWDED and not self._give_way():
-                self._closed.wait(0.01)  # out of descriptors, and none of them is ours to close
+                self._closed.wait(0.01)  # no descriptor left, and no client to close
             return
-        sock.setblocking(False)  # noqa: FBT003 - the library's own interface
+        sock.setblocking(False)  # noqa: FBT003 - the library's interface
         if len(self._clients) >= MAX_CLIENTS:
             self._give_way()
         who = _peer(sock)
         client = _Client(sock, who or "", time.monotonic())
         if who is None:
             self._send_answer(
-                client, {"ok": False, "error": "only the owner's own user may ask"}, 0.0
+                client, {"ok": False, "error": "only the owner's own user may send requests"}, 0.0
             )
             sock.close()
             return
         self._clients[sock.fileno()] = client
         self._selector.register(sock, selectors.EVENT_READ)
-        self._hear(client)  # most have written by now
+        self._hear(client)  # most clients have already sent
 
     def _give_way(self) -> bool:
-        """Hang up on the client that has waited longest without a request; False: none has."""
+        """Disconnect the client that is idle for longest; return False if there is none."""
         idle = [c for c in self._clients.values() if not c.answers]
         if not idle:
             return False
         client = min(idle, key=lambda c: (c.has_asked, c.since_s))
-        text = "too many clients are connected, and this one had nothing to ask"
+        text = "too many clients are connected, and this one sent no request"
         self._send_answer(client, {"ok": False, "error": text}, 0.0)
         self._drop(client)
         return True
@@ -285,7 +287,7 @@ class OwnerSocket:
             self._selector.unregister(client.sock)
 
     def _hear(self, client: _Client) -> None:
-        """Read what a client has written; a client that breaks something here is hung up on."""
+        """Read a client's bytes and serve it; disconnect it on an internal error."""
         try:
             self._read(client)
             self._serve_next(client)
@@ -315,13 +317,13 @@ class OwnerSocket:
         except (ValueError, RecursionError):
             request = None
         if isinstance(request, dict) and request.get("do") == "stop":
-            # At once, whatever else this client waits for, and beside the counted answers.
+            # At once, before other requests of this client, and not counted.
             self._begin(client, _Work.STOP, lambda: self._answer(client, request))
         else:
             client.requests.append(request if isinstance(request, dict) else None)
 
     def _serve_done(self) -> None:
-        """Go on with the clients whose answers have gone out."""
+        """Continue with the clients whose answers are sent."""
         with suppress(IndexError):
             while True:
                 client, kind = self._done.popleft()
@@ -329,9 +331,9 @@ class OwnerSocket:
                 self._serve_next(client)
 
     def _serve_next(self, client: _Client) -> None:
-        """Answer what a client has asked, as far as no answer of it is under way."""
+        """Answer a client's next request if no answer is in progress."""
         if client.sock.fileno() < 0:
-            return  # hung up on
+            return  # disconnected
         while client.requests and not client.in_order:
             self._next(client, client.requests.popleft())
         if not client.is_open and not client.answers and not client.requests:
@@ -340,25 +342,25 @@ class OwnerSocket:
             self._listen_to(client, more=client.is_open and len(client.requests) < MAX_QUEUED)
 
     def _next(self, client: _Client, request: dict[str, Any] | None) -> None:
-        """Begin to answer a request."""
+        """Start to answer a request."""
         client.in_order = True
         if request is None:
-            self._reject(client, "a request is a line with one JSON object")
+            self._reject(client, "a request must be one line with one JSON object")
         elif request.get("do") == "watch":
             self._watch(client, request)
         elif not self._count_in():
-            text = f"{MAX_ANSWERS} requests are being answered already; ask again"
+            text = f"{MAX_ANSWERS} requests are in progress; try again"
             self._reject(client, text)
         else:
             self._begin(client, _Work.ANSWER, lambda: self._answer_counted(client, request))
 
     def _watch(self, client: _Client, request: dict[str, Any]) -> None:
-        """Begin to show the status."""
+        """Start to send the status."""
         hz = request.get("hz", 4.0)
         if isinstance(hz, bool) or not isinstance(hz, int | float) or not MIN_HZ <= hz <= MAX_HZ:
             self._reject(client, f"hz is not in {MIN_HZ:g} to {MAX_HZ:g}")
         elif self._viewers >= MAX_VIEWERS:
-            self._reject(client, f"{MAX_VIEWERS} viewers are connected already")
+            self._reject(client, f"{MAX_VIEWERS} viewers are connected; try again")
         else:
             self._viewers += 1
             self._begin(client, _Work.VIEW, lambda: self._stream(client, 1.0 / hz))
@@ -368,7 +370,7 @@ class OwnerSocket:
         self._begin(client, _Work.REJECT, lambda: self._send_answer(client, answer, SEND_S))
 
     def _begin(self, client: _Client, kind: _Work, work: Callable[[], object]) -> None:
-        """Have something done in a thread of its own."""
+        """Run ``work`` in a new thread."""
         client.answers += 1
 
         def run() -> None:
@@ -385,9 +387,9 @@ class OwnerSocket:
             self._threads.add(thread)
         try:
             thread.start()
-        except RuntimeError:  # the system gives no more threads
+        except RuntimeError:  # no more threads
             if kind is _Work.STOP:
-                run()  # here, then: whatever else waits for it, a stop must not
+                run()  # in this thread: a stop must not wait
                 return
             with self._lock:
                 self._threads.discard(thread)
@@ -398,15 +400,15 @@ class OwnerSocket:
             self._done.append((client, kind))
 
     def _ended(self, client: _Client, kind: _Work) -> None:
-        """Count down what was counted up as the work began."""
+        """Reverse the counting of :meth:`_begin`."""
         client.answers -= 1
         client.in_order = client.in_order and kind is _Work.STOP
         self._viewers -= kind is _Work.VIEW
 
-    # ---- the answering threads --------------------------------------------------------------
+    # ---- answering threads ------------------------------------------------------------------
 
     def _count_in(self) -> bool:
-        """Count a request as being answered; False where there are enough."""
+        """Count a request as in progress; return False if there are too many."""
         with self._lock:
             if self._answering >= MAX_ANSWERS:
                 return False
@@ -424,7 +426,7 @@ class OwnerSocket:
         try:
             answer = self._answer_to(client, request)
         finally:
-            self._count_out()  # first: who has the answer may ask again at once
+            self._count_out()  # before sending: the client may send again at once
         self._send_answer(client, answer, SEND_S)
 
     def _answer_to(self, client: _Client, request: dict[str, Any]) -> dict[str, Any]:
@@ -432,7 +434,7 @@ class OwnerSocket:
             return {"ok": True, **self._service.answer(request, client.who)}
         except BridgeError as error:
             return {"ok": False, "error": error.bare, "exit_status": error.exit_status}
-        except Exception as error:  # noqa: BLE001 - a defect of ours: the asker learns of it
+        except Exception as error:  # noqa: BLE001 - reported to the client
             text = f"internal error: {type(error).__name__}"
             return {"ok": False, "error": text, "exit_status": 1}
 
@@ -445,16 +447,16 @@ class OwnerSocket:
                     return
                 if not self._wait(client, period_s):
                     break
-            if self._closed.is_set():  # the end of the run is worth a last line
+            if self._closed.is_set():  # send the final status
                 self._send_answer(client, {"ok": True, "status": self._service.snapshot()}, SEND_S)
         finally:
             with suppress(OSError):
                 client.sock.shutdown(socket.SHUT_RDWR)
 
     def _wait(self, client: _Client, period_s: float) -> bool:
-        """Let a viewer's period pass; False where it has hung up, or the owner ends."""
+        """Wait for a viewer's period; return False if it disconnected or the owner ends."""
         hung_up = select.poll()
-        hung_up.register(client.sock, 0)  # a hang-up is told unasked
+        hung_up.register(client.sock, 0)  # a hang-up is always reported
         end_s = time.monotonic() + period_s
         while (left_s := end_s - time.monotonic()) > 0.0:
             if hung_up.poll(min(left_s, _TICK_S) * 1000.0) or self._closed.is_set():
@@ -463,11 +465,11 @@ class OwnerSocket:
 
     @staticmethod
     def _send_answer(client: _Client, answer: dict[str, Any], within_s: float) -> bool:
-        """Send a line; False where the client does not take it within this time."""
+        """Send a line; return False if the client does not read it within this time."""
         rest = json.dumps(answer).encode() + b"\n"
         end_s = time.monotonic() + within_s
         if not client.lock.acquire(timeout=within_s):
-            return False  # it does not even take the answer before this one
+            return False  # the client does not read the answer before
         try:
             while True:
                 with suppress(BlockingIOError):
@@ -476,13 +478,13 @@ class OwnerSocket:
                     return True
                 left_s = end_s - time.monotonic()
                 if left_s <= 0.0:
-                    client.sock.shutdown(socket.SHUT_RDWR)  # half an answer is none
+                    client.sock.shutdown(socket.SHUT_RDWR)  # no partial answers
                     return False
                 taking = select.poll()
                 taking.register(client.sock, select.POLLOUT)
                 taking.poll(left_s * 1000.0)
         except OSError:
-            return False  # it has left
+            return False  # disconnected
         finally:
             client.lock.release()
 
@@ -496,7 +498,7 @@ def _bind(listener: socket.socket, path: Path) -> None:
 
 
 def _peer(client: socket.socket) -> str | None:
-    """Who asks, in words; None for another user's process (root may ask)."""
+    """Return the client's process as text; None for another user's process (root is allowed)."""
     if sys.platform != "linux":
         return "another process"
     raw = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)

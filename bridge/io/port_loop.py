@@ -1,6 +1,6 @@
-"""The loop of a port that serves something smaller than a run: a stop, a visit, a listener.
+"""Loop of a port for small tasks: a stop, a short session, a listener.
 
-A run's own loop, which reopens its port and answers other threads, is :mod:`bridge.api.pump`.
+The loop of a run, which reopens its port and serves other threads, is :mod:`bridge.api.pump`.
 """
 
 from __future__ import annotations
@@ -16,35 +16,35 @@ if TYPE_CHECKING:
     from protocol.clock import HostNs
 
 MAX_WAIT_S = 0.1
-"""Longest wait on a silent port, s: how soon an end that was asked for is seen."""
+"""Maximum wait on a silent port, s: the latency of an end request."""
 
 
 class Engine(Protocol):
-    """What a port carries bytes for; it has no clock and no port of its own."""
+    """Sans-I/O user of a port."""
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:
-        """Take what came, which may be nothing."""
+        """Handle received bytes, which may be empty."""
 
     def data_to_send(self, now_ns: HostNs) -> bytes:
-        """Give what is due; nothing most of the time."""
+        """Return the bytes to send, usually none."""
 
     def next_deadline(self) -> HostNs | None:
-        """When something is due next; None: only after something came."""
+        """Return the next time at which something is due; None: only after reception."""
 
 
 class Listening:
-    """An engine that only listens: it has no way to send."""
+    """Engine that only receives."""
 
     def __init__(self, take: Callable[[bytes, HostNs], None]) -> None:
-        """``take`` gets what came and when, at least ten times a second."""
+        """``take`` gets received bytes and their time, at least ten times per second."""
         self.receive = take
 
-    def data_to_send(self, now_ns: HostNs) -> bytes:  # noqa: ARG002 - an engine's interface
-        """Give nothing."""
+    def data_to_send(self, now_ns: HostNs) -> bytes:  # noqa: ARG002 - the interface of an engine
+        """Return no bytes."""
         return b""
 
     def next_deadline(self) -> None:
-        """Never."""
+        """Return None: nothing is ever due."""
         return
 
 
@@ -55,17 +55,17 @@ def serve(
     ended: Callable[[], bool] = lambda: False,
     sent: Callable[[bytes, HostNs], None] = lambda _data, _now_ns: None,
 ) -> None:
-    """Carry bytes between a port and an engine.
+    """Transfer bytes between a port and an engine.
 
     Args:
         port: An open port; the caller closes it.
-        engine: What it is for.
-        end_ns: When to end at the latest; None: only when ``ended`` says so.
-        ended: Asked at each turn whether to end.
-        sent: Gets what was written, and when.
+        engine: User of the port.
+        end_ns: Latest end; None: only ``ended`` ends the loop.
+        ended: Called in each pass; True ends the loop.
+        sent: Called with the bytes written and the time.
 
     Raises:
-        PortError: the port has vanished.
+        PortError: the port is gone.
 
     """
     rest = b""
@@ -75,7 +75,7 @@ def serve(
             return
         due = engine.data_to_send(now_ns)
         if due:
-            rest = due  # what the port did not take of the one before is damaged, and replaced
+            rest = due  # replaces an unsent rest, whose frame is damaged
         if rest:
             written = port.write(rest)
             sent(rest[:written], now_ns)

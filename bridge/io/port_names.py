@@ -1,4 +1,4 @@
-"""What a port's name looks like, and what to tell of one that is none."""
+"""Check of port names, with corrections for wrong ones."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from urllib.parse import urlsplit
 
 FORMS = "/dev/ttyUSB0, socket://HOST:PORT, rfc2217://HOST:PORT or can:INTERFACE:CHANNEL"
+"""Valid forms of a port name, for error texts."""
 CAN_EXAMPLE = "can:socketcan:can0"
 _ON_TCP = frozenset({"socket", "rfc2217"})
 _TCP_LIKE = _ON_TCP | {"tcp", "telnet"}
@@ -16,31 +17,31 @@ _INTERFACES = {
     "udpcan": ("udp_multicast", "239.74.163.2"),
     "virtual": ("virtual", "bench"),
 }
-"""Interfaces of python-can, our emulator's word for one, and a channel of each."""
+"""Interfaces of python-can and the emulator's name for one, each with an example channel."""
 _PASSED_ON = frozenset({"spy", "loop", "hwgrep", "alt", "cp2110"})
-"""Of pyserial, about what is said of the port behind."""
+"""URL schemes of pyserial that refer to another port."""
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9_+.-]+):(?://)?(.*)", re.DOTALL)
 _HIGHEST = 65_535
 
 
 def tcp_mistake(port: str) -> str | None:
-    """What is wrong with the address in ``socket://…`` or ``rfc2217://…``; None: nothing."""
+    """Return the error in the address of ``socket://…`` or ``rfc2217://…``; None if valid."""
     scheme, found, rest = port.partition("://")
     if not found or scheme.lower() not in _ON_TCP or _address(rest) is not None:
         return None
     return (
-        f"{port} is not a port: after {scheme}:// come a host and its TCP port, 1 to {_HIGHEST}, "
-        f"like {scheme.lower()}://127.0.0.1:5000"
+        f"{port} is not a port: {scheme}:// needs a host and a TCP port from 1 to {_HIGHEST}, "
+        f"for example {scheme.lower()}://127.0.0.1:5000"
     )
 
 
 def misspelt(port: str) -> str | None:
-    """What a name that nothing can open was meant to be; None where it may be a device's path."""
+    """Return the correction of an invalid port name; None if it may be a device path."""
     if not port:
-        return f"an empty text is not a port: write {FORMS}"
+        return f"an empty text is not a port: use {FORMS}"
     address = _address(port)
     if address is not None:
-        return f"{port} is not a port: for TCP write socket://{address}"
+        return f"{port} is not a port: for TCP use socket://{address}"
     taken = _SCHEME.fullmatch(port)
     if taken is None or taken[1].lower() in _PASSED_ON:
         return None
@@ -51,15 +52,15 @@ def _meant(scheme: str, rest: str) -> str:
     if scheme in _TCP_LIKE:
         known = "rfc2217" if scheme in {"rfc2217", "telnet"} else "socket"
         address = _address(rest)
-        return f"for TCP write {known}://{address or f'HOST:PORT, like {known}://127.0.0.1:5000'}"
+        return f"for TCP use {known}://{address or f'HOST:PORT, like {known}://127.0.0.1:5000'}"
     if scheme in _INTERFACES:
         interface, channel = _INTERFACES[scheme]
-        return f"for a CAN bus write can:{interface}:{rest or channel}"
-    return f"write {FORMS}"
+        return f"for a CAN bus use can:{interface}:{rest or channel}"
+    return f"use {FORMS}"
 
 
 def _address(text: str) -> str | None:
-    """``HOST:PORT`` at the beginning of a URL's rest; None where there is none."""
+    """Return ``HOST:PORT`` from the start of a URL's rest; None if it has none."""
     try:
         parts = urlsplit(f"//{text}")
         number = parts.port

@@ -26,62 +26,70 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 DEFAULT_BAUD = 921_600
+"""Default baud rate of a serial port."""
 READ_SIZE = 65_536
+"""Maximum number of bytes of one read."""
 
 
 class BytePort(Protocol):
-    """What the pump needs of a port."""
+    """Interface of a port for a loop."""
 
     name: str
 
     def wait(self, timeout_s: float) -> bytes:
-        """Bytes that are there, or that come within the time; empty at its end or a wake."""
+        """Return the bytes that arrive within the time; none at a timeout or wake."""
 
     def write(self, data: bytes) -> int:
-        """Write what the port takes without waiting; how many bytes that was."""
+        """Write the bytes that the port accepts without waiting; return their number."""
 
     def wake(self) -> None:
         """End a wait now, from a signal handler or another thread."""
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
 
 
 class SerialPort:
-    """A device path, ``socket://`` or ``rfc2217://``, owned by this process alone."""
+    """A device path, ``socket://`` or ``rfc2217://`` port that this process opens exclusively."""
 
     def __init__(
         self, url: str, *, baud: int = DEFAULT_BAUD, dtr: bool = False, rts: bool = False
     ) -> None:
-        """Open the port, DTR and RTS as given (boards reset on them).
+        """Open the port.
+
+        Args:
+            url: Name of the port.
+            baud: Baud rate.
+            dtr: State of DTR; many boards reset on it.
+            rts: State of RTS.
 
         Raises:
-            PortBusyError: another program has it.
-            PortError: it does not exist, may not be opened, or is no port.
+            PortBusyError: another program uses it.
+            PortError: it does not exist, cannot be opened, or is not a port.
 
         """
         self.name = url
         self.low_latency = False
         self._beginning = b""
-        """First bytes that came: a port server that refuses gives its reason and hangs up."""
+        """First bytes received: a port server sends a rejection as text before it disconnects."""
         self._port = _open(url, baud, dtr=dtr, rts=rts)
         self._waker = Waker()
         self._fd = self._descriptor()
-        """Where it can be selected on: everything but pyserial's own protocols, and Windows."""
+        """Descriptor for waiting; None on Windows and for pyserial's own protocols."""
         with suppress(OSError, ValueError, NotImplementedError, AttributeError):
-            self._port.set_low_latency_mode(True)  # type: ignore[union-attr]  # serial lines have it
+            self._port.set_low_latency_mode(True)  # type: ignore[union-attr]  # serial ports have it
             self.low_latency = True
         self.latency_note = None if self.low_latency else _latency_note(url)
-        """What to tell of a driver that delays; None where there is nothing to tell."""
+        """Warning about a driver that delays bytes; None without a delay."""
         try:
             self._port.timeout = 0 if self._fd is not None else 0.005
             self._port.write_timeout = 0
-        except serial.SerialException as error:  # unplugged since
+        except serial.SerialException as error:  # unplugged
             self.close()
             raise PortError(f"{url} is gone: {_reason(error)}") from None
 
     def _descriptor(self) -> int | None:
-        """The port's own, where it and the wake's can be waited for together."""
+        """Return the port's descriptor if it can be waited on together with the waker's."""
         if os.name != "posix":
             return None
         try:
@@ -93,7 +101,7 @@ class SerialPort:
         return fd
 
     def wait(self, timeout_s: float) -> bytes:
-        """Bytes that are there, or that come within the time; empty at its end or a wake.
+        """Return the bytes that arrive within the time; none at a timeout or wake.
 
         Raises:
             PortError: the port is gone.
@@ -103,7 +111,7 @@ class SerialPort:
             fd = self._fd
             if fd is None:
                 return bytes(self._port.read(max(1, self._port.in_waiting)))
-            # Not pyserial's read: it selects once more, and its errors are many words.
+            # Not pyserial's read, which calls select again and has verbose errors.
             wanted = [fd, self._waker.fd]
             ready = readable(wanted, max(0.0, timeout_s))
             if self._waker.fd in ready:
@@ -122,14 +130,14 @@ class SerialPort:
         return data
 
     def _ended(self) -> str:
-        """Why the other end hung up: its own reason where it sent one line of text, no more."""
+        """Return the reason of a disconnection: the peer's text if it sent exactly one line."""
         words = words_of(self._beginning)
         if words is not None and self._beginning.count(b"\n") == 1:
             return f"{self.name}: the peer sent text instead of frames: {words}"
-        return f"{self.name} is gone: it was unplugged, or what is behind it ended"
+        return f"{self.name} is gone: it was unplugged, or the program behind it ended"
 
     def write(self, data: bytes) -> int:
-        """Write what the port takes without waiting; how many bytes that was.
+        """Write the bytes that the port accepts without waiting; return their number.
 
         Raises:
             PortError: the port is gone.
@@ -147,18 +155,18 @@ class SerialPort:
             raise PortError(f"{self.name} is gone: {_reason(error)}") from None
 
     def wake(self) -> None:
-        """End a wait now; safe in a signal handler. A closed port has nobody to wake."""
+        """End a wait now. It is safe in a signal handler and has no effect on a closed port."""
         self._waker.wake()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         with suppress(OSError):
             self._hang_up()
             self._port.close()
         self._waker.close()
 
     def _hang_up(self) -> None:
-        """Close a socket ourselves: pyserial sleeps 0.3 s after it has."""
+        """Close a socket directly, because pyserial sleeps 0.3 s after closing it."""
         connection = getattr(self._port, "_socket", None)
         if connection is not None:
             self._port.is_open = False
@@ -177,10 +185,10 @@ class SerialPort:
 
 
 def check_local(port: str) -> None:
-    """Complain of a port on which others could read a key on its way.
+    """Check that others cannot read a key on this port.
 
     Raises:
-        KeyExposedError: it is a bus or a network.
+        KeyExposedError: the port is a bus or a network.
 
     """
     if is_can(port) or "://" in port:
@@ -188,16 +196,16 @@ def check_local(port: str) -> None:
 
 
 def is_can(port: str) -> bool:
-    """Whether a port's name is that of a CAN bus: ``can:INTERFACE:CHANNEL``."""
+    """Return True for the name of a CAN bus: ``can:INTERFACE:CHANNEL``."""
     return port.startswith("can:")
 
 
 def link_of(port: str) -> type[LinkBase]:
-    """The link to run over a port of this name."""
+    """Return the link class for a port's name."""
     return CanLink if is_can(port) else Link
 
 
-def open_port(  # noqa: PLR0913 - what the two kinds of port can be asked for
+def open_port(  # noqa: PLR0913 - the options of both kinds of port
     port: str,
     *,
     baud: int = DEFAULT_BAUD,
@@ -206,11 +214,20 @@ def open_port(  # noqa: PLR0913 - what the two kinds of port can be asked for
     bitrate: int | None = None,
     lan: bool = False,
 ) -> BytePort:
-    """Open a serial port, or a bus that ``can:INTERFACE:CHANNEL`` names.
+    """Open a serial port or a CAN bus.
+
+    Args:
+        port: Device path, ``socket://HOST:PORT``, ``rfc2217://HOST:PORT`` or
+            ``can:INTERFACE:CHANNEL``.
+        baud: Baud rate of a serial port.
+        dtr: State of DTR.
+        rts: State of RTS.
+        bitrate: Bit rate of a CAN bus, bit/s; None: :data:`DEFAULT_BITRATE`.
+        lan: Let a UDP multicast bus leave this machine.
 
     Raises:
-        PortBusyError: another program has it.
-        PortError: it does not exist, may not be opened, or is no port.
+        PortBusyError: another program uses it.
+        PortError: it does not exist, cannot be opened, or is not a port.
 
     """
     if not is_can(port):
@@ -233,7 +250,7 @@ def _open(url: str, baud: int, *, dtr: bool, rts: bool) -> serial.Serial | TcpPo
         port.open()
     except (serial.SerialException, OSError) as error:
         raise _open_error(url, error) from None
-    except Exception as error:  # noqa: BLE001 - its URLs have options, patterns and mistakes
+    except Exception as error:  # noqa: BLE001 - any error of pyserial's URL handlers
         raise PortError(misspelt(url) or f"{url} is not a port: {_reason(error)}") from None
     return port
 
@@ -249,20 +266,20 @@ def _unopened(url: str, baud: int) -> serial.Serial | TcpPort:
 def _open_error(url: str, error: OSError) -> PortError:
     number = error.errno
     if number == errno.ENOENT:
-        return PortError(misspelt(url) or f"{url} does not exist; is the robot plugged in?")
+        return PortError(misspelt(url) or f"{url} does not exist; plug in the robot")
     if number == errno.EACCES:
         return PortError(_denied(url))
     if number in {errno.EBUSY, errno.EAGAIN} or "exclusively lock" in str(error):
         return PortBusyError(url, owner_pid(url))
     if number == errno.ENOTTY or "Inappropriate ioctl" in str(error):
         return PortError(f"{url} is not a serial port")
-    # pyserial wraps what the system said in words of its own, with the name once more.
+    # pyserial wraps the system's error in its own text, with the port's name again.
     cause = error.__context__ if isinstance(error.__context__, OSError) else error
     return PortError(f"cannot open {url}: {_reason(cause)}")
 
 
 def _denied(url: str) -> str:
-    """What to do where a device may not be opened."""
+    """Return the error text for a device without permission, with the remedy."""
     group = "dialout"
     try:
         import grp  # noqa: PLC0415 - not on every platform
@@ -270,7 +287,7 @@ def _denied(url: str) -> str:
         group = grp.getgrgid(Path(url).stat().st_gid).gr_name
     except (ImportError, OSError, KeyError):
         pass
-    if group == "root":  # no group is let in
+    if group == "root":  # no group has access
         return f"{url}: permission denied; install the udev rule (sweepctl ports --udev-rule)"
     return (
         f"{url}: permission denied; join the group that owns it (sudo usermod -aG {group} $USER, "
@@ -279,17 +296,17 @@ def _denied(url: str) -> str:
 
 
 def _latency_note(url: str) -> str | None:
-    """Of a driver that has no low-latency mode; a socket and a pty need none."""
+    """Return the warning for a driver without low-latency mode; sockets and ptys need none."""
     if "://" in url or os.path.realpath(url).startswith("/dev/pts/"):
         return None
     return (
-        f"the driver of {url} has no low-latency mode: bytes may wait for up to 16 ms in it, "
-        "and the bounds on time stamps are that much wider"
+        f"the driver of {url} has no low-latency mode: it delays bytes by up to 16 ms, "
+        "and the error bounds of time stamps are wider by that"
     )
 
 
 def latency_note(port: BytePort) -> str | None:
-    """What to tell of a port whose driver delays; None where there is nothing to tell."""
+    """Return a port's warning about a driver that delays bytes; None without a delay."""
     note = getattr(port, "latency_note", None)
     return note if isinstance(note, str) else None
 

@@ -1,22 +1,24 @@
-"""Waiting for descriptors, whatever their numbers."""
+"""Wait for readable descriptors of any number."""
 
 from __future__ import annotations
 
 import select
 
 SELECTED = 1024
-"""Lowest descriptor that ``select`` cannot wait for, POSIX's FD_SETSIZE. ``poll`` can, and cannot
-wait for a terminal on every version of macOS: so it is the second choice."""
+"""Lowest descriptor that ``select`` does not support: POSIX's FD_SETSIZE. ``poll`` supports it, but
+not for terminals on some versions of macOS, so it is the second choice."""
 
 
 def readable(wanted: list[int], timeout_s: float | None) -> list[int]:
-    """Wait for descriptors; gives those that have something to read, or are gone.
+    """Wait for descriptors; return those that are readable or closed by the peer.
 
-    None: wait without an end.
+    Args:
+        wanted: Descriptors.
+        timeout_s: Maximum wait, s; None: unlimited.
 
     Raises:
-        OSError: one of them is none.
-        ValueError: one is negative.
+        OSError: a descriptor is invalid.
+        ValueError: a descriptor is negative.
 
     """
     if max(wanted) < SELECTED:

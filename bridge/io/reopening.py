@@ -1,4 +1,4 @@
-"""A port that can be opened again as the same device, under whatever name it comes back."""
+"""Reopening of a port as the same device, under any name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BY_ID = Path("/dev/serial/by-id")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortOptions:
-    """How a port is opened; what does not apply to its kind is passed over."""
+    """Options of a port; those that its kind does not have are ignored."""
 
     baud: int = DEFAULT_BAUD
     dtr: bool = False
@@ -28,12 +28,12 @@ class PortOptions:
 
 
 class Opener:
-    """Opens a port, and after it has vanished the same device's port again.
+    """Opens a port, and after a loss the port of the same device.
 
-    ``/dev/ttyUSB0`` is whatever was plugged in first; udev's link in ``/dev/serial/by-id`` names
-    the adapter by its serial number. Where there is one, it is what is opened again, so that
-    the device is found as ``ttyUSB1`` too, and another adapter is not taken for it. A link that
-    was given as it is (by-id, a rule's own, an emulator's) is followed anew each time.
+    ``/dev/ttyUSB0`` is the first adapter that was plugged in. Its link in ``/dev/serial/by-id``
+    contains the adapter's serial number. If there is such a link, it is opened again, so that the
+    same device is found as ``ttyUSB1`` too and no other adapter is opened. A given link (by-id, an
+    own udev rule, an emulator's) is resolved again each time.
     """
 
     def __init__(self, port: str, options: PortOptions, *, by_id: Path = BY_ID) -> None:
@@ -41,14 +41,14 @@ class Opener:
         self._options = options
         self._by_id = by_id
         self.stable: str | None = None
-        """The name that is opened from the second time on; None before the first."""
+        """Name for the next opening; None before the first."""
 
     def __call__(self) -> BytePort:
-        """Open it.
+        """Open the port.
 
         Raises:
-            PortBusyError: another program has it.
-            PortError: it does not exist, may not be opened, or is no port.
+            PortBusyError: another program uses it.
+            PortError: it does not exist, cannot be opened, or is not a port.
 
         """
         asked = self._options
@@ -66,7 +66,7 @@ class Opener:
 
 
 def stable_name(port: str, by_id: Path = BY_ID) -> str:
-    """The name under which the same device is found again; the port's own where none is."""
+    """Return a stable name of the same device; the port's own name if there is none."""
     path = device_path(port)
     if path is None or Path(path).is_symlink():
         return port

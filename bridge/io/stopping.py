@@ -1,7 +1,7 @@
-"""Stopping a robot on a port that nobody owns: no session, only the stop itself.
+"""Stop of a robot on a port without an owner and without a session.
 
-A device obeys a stop from anyone at any time, so nothing is asked first: the stop goes out as
-soon as the port is open, again and again until the device has said yes.
+A device obeys a stop from any sender at any time. The stop is sent as soon as the port is open and
+repeated until the device confirms it.
 """
 
 from __future__ import annotations
@@ -25,16 +25,20 @@ if TYPE_CHECKING:
 __all__ = ["CONFIRM_S", "REPEAT_NS", "send_until_confirmed", "stop_device"]
 
 CONFIRM_S = 3.0
+"""Maximum wait for the confirmation, s."""
 
 
 def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = None) -> int:
-    """Latch a stop, cause ``operator``; gives the node that confirmed it.
+    """Latch a stop with cause ``operator``; return the node that confirmed it.
 
-    ``node`` stops one device; without it every device on the port is told.
+    Args:
+        port: Name of the port.
+        opened: Opens the port.
+        node: Device to stop; None: every device on the port.
 
     Raises:
-        PortError: the port cannot be opened, or vanished.
-        NoDeviceError: nobody has confirmed it within 3 s; it was sent 20 times a second.
+        PortError: the port cannot be opened, or is gone.
+        NoDeviceError: no confirmation within :data:`CONFIRM_S`.
 
     """
     stop = StopRequest(link_of(port), StopCause.OPERATOR, new_command_id(), node)
@@ -45,7 +49,7 @@ def stop_device(port: str, opened: Callable[[], BytePort], node: int | None = No
         handle.close()
     if stop.confirmed_by is None:
         raise NoDeviceError(
-            f"{port}: nobody confirmed the stop within {CONFIRM_S:g} s; stop the robot by hand"
+            f"{port}: no confirmation of the stop within {CONFIRM_S:g} s; switch the robot off"
         )
     return stop.confirmed_by
 
@@ -56,12 +60,12 @@ def send_until_confirmed(
     end_ns: HostNs,
     sent: Callable[[bytes, HostNs], None] = lambda _data, _now_ns: None,
 ) -> None:
-    """Repeat a stop on an open port until it is confirmed, or until this time.
+    """Repeat a stop on an open port until it is confirmed, or until ``end_ns``.
 
-    ``sent`` gets what was written, and when.
+    ``sent`` gets the bytes written and the time.
 
     Raises:
-        PortError: the port has vanished.
+        PortError: the port is gone.
 
     """
     serve(port, stop, end_ns, lambda: stop.confirmed_by is not None, sent)

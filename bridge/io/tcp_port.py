@@ -1,4 +1,4 @@
-"""A TCP connection as pyserial has it, whatever the number of its descriptor."""
+"""TCP port through pyserial, for descriptors of any number."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SCHEME = "socket://"
 
 
 class TcpPort(protocol_socket.Serial):
-    """pyserial's ``socket://``, opened without ``select``, which takes 1024 descriptors."""
+    """pyserial's ``socket://`` without its ``select``, which supports 1024 descriptors."""
 
     def reset_input_buffer(self) -> None:
-        """Keep what came: a new connection has nothing old, and pyserial selects on it."""
+        """Do nothing: a new connection has no old bytes, and pyserial would call select."""

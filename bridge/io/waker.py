@@ -1,4 +1,4 @@
-"""Ends another thread's wait for descriptors."""
+"""Wake-up of a thread that waits for descriptors."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from threading import RLock
 
 
 class Waker:
-    """A pipe that becomes readable when somebody asks for it.
+    """A pipe that becomes readable on request.
 
-    The lock keeps a wake from a pipe that is being closed, whose number may already be another
-    file's. It is re-entrant: a signal handler may ask while its own thread closes.
+    The lock prevents a wake on a closed pipe, whose descriptor another file may have. It is
+    re-entrant, because a signal handler may wake while its own thread closes.
     """
 
     def __init__(self) -> None:
@@ -23,20 +23,20 @@ class Waker:
         os.set_blocking(self._write, False)
 
     def wake(self) -> None:
-        """End a wait now; safe in a signal handler. A closed one has nobody to wake."""
+        """End a wait now. It is safe in a signal handler and has no effect after :meth:`close`."""
         with self._lock:
             if not self._closed:
                 with suppress(OSError):
                     os.write(self._write, b"!")
 
     def drain(self) -> None:
-        """Take all wakes that have come."""
+        """Read all wakes."""
         with suppress(OSError):
             while os.read(self.fd, 64):
                 pass
 
     def close(self) -> None:
-        """Give the pipe back."""
+        """Close the pipe."""
         with self._lock:
             if self._closed:
                 return

@@ -153,8 +153,11 @@ def test_a_sound_device_passes(runs: dict[str, Future[Outcome]]) -> None:
 @pytest.mark.parametrize(
     ("port", "why"),
     [
-        ("/dev/no-such-robot", "does not exist; is the robot plugged in?"),
-        ("can:nothing", "is not a CAN port: write can:INTERFACE:CHANNEL, like can:socketcan:can0"),
+        ("/dev/no-such-robot", "does not exist; plug in the robot"),
+        (
+            "can:nothing",
+            "is not a CAN port: use can:INTERFACE:CHANNEL, for example can:socketcan:can0",
+        ),
     ],
 )
 def test_a_port_that_cannot_be_opened_is_one_line(tmp_path: Path, port: str, why: str) -> None:

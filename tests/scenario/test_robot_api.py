@@ -368,9 +368,9 @@ def test_a_stop_that_the_device_does_not_confirm_is_raised() -> None:
         robot = bridge.open(emulated.port)
         robot.enable()
         emulated.receive_only()
-        with pytest.raises(NoDeviceError, match="nobody confirmed the stop"):
+        with pytest.raises(NoDeviceError, match="no confirmation of the stop"):
             robot.stop()
-        with pytest.raises(NoDeviceError, match="nobody confirmed the stop"):
+        with pytest.raises(NoDeviceError, match="no confirmation of the stop"):
             robot.stop()
         assert not robot.enabled
         robot.close()

@@ -20,23 +20,23 @@ def reported(name: str) -> str:
 @pytest.mark.parametrize(
     ("name", "meant"),
     [
-        ("tcp:host", "for TCP write socket://HOST:PORT, like socket://127.0.0.1:5000"),
-        ("tcp:127.0.0.1", "for TCP write socket://HOST:PORT, like socket://127.0.0.1:5000"),
-        ("tcp:host:notaport", "for TCP write socket://HOST:PORT, like socket://127.0.0.1:5000"),
-        ("tcp:127.0.0.1:5000", "for TCP write socket://127.0.0.1:5000"),
-        ("tcp://127.0.0.1:5000", "for TCP write socket://127.0.0.1:5000"),
-        ("TCP://[::1]:5000", "for TCP write socket://[::1]:5000"),
-        ("socket:robot.local:5000", "for TCP write socket://robot.local:5000"),
-        ("rfc2217:robot", "for TCP write rfc2217://HOST:PORT, like rfc2217://127.0.0.1:5000"),
-        ("127.0.0.1:5000", "for TCP write socket://127.0.0.1:5000"),
-        ("robot:5000", "for TCP write socket://robot:5000"),
-        ("slcan:/dev/pts/9", "for a CAN bus write can:slcan:/dev/pts/9"),
-        ("slcan:", "for a CAN bus write can:slcan:/dev/ttyACM0"),
-        ("socketcan:can1", "for a CAN bus write can:socketcan:can1"),
-        ("udpcan:239.74.163.2", "for a CAN bus write can:udp_multicast:239.74.163.2"),
-        ("udp_multicast://239.74.163.9", "for a CAN bus write can:udp_multicast:239.74.163.9"),
-        ("foo:bar", f"write {FORMS}"),
-        ("http://robot/", f"write {FORMS}"),
+        ("tcp:host", "for TCP use socket://HOST:PORT, like socket://127.0.0.1:5000"),
+        ("tcp:127.0.0.1", "for TCP use socket://HOST:PORT, like socket://127.0.0.1:5000"),
+        ("tcp:host:notaport", "for TCP use socket://HOST:PORT, like socket://127.0.0.1:5000"),
+        ("tcp:127.0.0.1:5000", "for TCP use socket://127.0.0.1:5000"),
+        ("tcp://127.0.0.1:5000", "for TCP use socket://127.0.0.1:5000"),
+        ("TCP://[::1]:5000", "for TCP use socket://[::1]:5000"),
+        ("socket:robot.local:5000", "for TCP use socket://robot.local:5000"),
+        ("rfc2217:robot", "for TCP use rfc2217://HOST:PORT, like rfc2217://127.0.0.1:5000"),
+        ("127.0.0.1:5000", "for TCP use socket://127.0.0.1:5000"),
+        ("robot:5000", "for TCP use socket://robot:5000"),
+        ("slcan:/dev/pts/9", "for a CAN bus use can:slcan:/dev/pts/9"),
+        ("slcan:", "for a CAN bus use can:slcan:/dev/ttyACM0"),
+        ("socketcan:can1", "for a CAN bus use can:socketcan:can1"),
+        ("udpcan:239.74.163.2", "for a CAN bus use can:udp_multicast:239.74.163.2"),
+        ("udp_multicast://239.74.163.9", "for a CAN bus use can:udp_multicast:239.74.163.9"),
+        ("foo:bar", f"use {FORMS}"),
+        ("http://robot/", f"use {FORMS}"),
     ],
 )
 def test_a_misspelt_name_is_answered_with_its_form(name: str, meant: str) -> None:
@@ -53,21 +53,21 @@ def test_a_misspelt_name_is_answered_with_its_form(name: str, meant: str) -> Non
 def test_an_address_without_a_host_or_a_port_is_reported_before_it_is_opened(name: str) -> None:
     scheme = name.partition(":")[0]
     assert reported(name) == (
-        f"{name} is not a port: after {scheme}:// come a host and its TCP port, 1 to 65535, like "
-        f"{scheme}://127.0.0.1:5000"
+        f"{name} is not a port: {scheme}:// needs a host and a TCP port from 1 to 65535, "
+        f"for example {scheme}://127.0.0.1:5000"
     )
 
 
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("/dev/ttySWEEPER9", "/dev/ttySWEEPER9 does not exist; is the robot plugged in?"),
-        ("ttySWEEPER9", "ttySWEEPER9 does not exist; is the robot plugged in?"),
-        ("/dev/by-path/pci-0000:00:14.0", "is the robot plugged in?"),
+        ("/dev/ttySWEEPER9", "/dev/ttySWEEPER9 does not exist; plug in the robot"),
+        ("ttySWEEPER9", "ttySWEEPER9 does not exist; plug in the robot"),
+        ("/dev/by-path/pci-0000:00:14.0", "plug in the robot"),
         ("socket://127.0.0.1:1", "cannot open socket://127.0.0.1:1: Connection refused"),
         ("/", "cannot open /: Is a directory"),
-        ("can:nothing", "write can:INTERFACE:CHANNEL, like can:socketcan:can0"),
-        ("can:foo:bar", "there is no CAN interface 'foo'; it is slcan, socketcan"),
+        ("can:nothing", "use can:INTERFACE:CHANNEL, for example can:socketcan:can0"),
+        ("can:foo:bar", "unknown CAN interface 'foo'; use slcan, socketcan"),
     ],
 )
 def test_a_name_of_the_right_form_is_answered_with_what_is_missing(name: str, text: str) -> None:

@@ -199,7 +199,7 @@ def test_a_tcp_port_works_in_a_process_with_a_thousand_files() -> None:
 @pytest.mark.usefixtures("crowded")
 def test_a_bus_that_python_can_cannot_wait_for_is_an_error(wire: Pty) -> None:
     """Its reads end in an error that is otherwise taken for a garbled line, for ever."""
-    with pytest.raises(PortError, match=r"1024 files open or more.*close some"):
+    with pytest.raises(PortError, match=r"1024 or more open files.*close some"):
         CanPort(f"can:slcan:{wire.path}")
 
 

@@ -200,7 +200,7 @@ def test_a_line_that_is_no_sweeper_s(line: Pty, monkeypatch: pytest.MonkeyPatch)
             if talking.note != "silent":
                 break
     assert talking.note is not None
-    assert re.match(r"[1-9]\d* bytes came, none of them", talking.note)
+    assert re.match(r"received [1-9]\d* bytes but no hello", talking.note)
 
 
 def test_an_open_file_is_left_alone(line: Pty) -> None:

@@ -163,7 +163,7 @@ def test_what_is_no_confirmation_is_none(
     with pytest.raises(NoDeviceError) as error:
         stop(line, monkeypatch)
     assert str(error.value) == (
-        "/dev/ttyX: nobody confirmed the stop within 3 s; stop the robot by hand"
+        "/dev/ttyX: no confirmation of the stop within 3 s; switch the robot off"
     )
     assert line.closed
     assert len(line.heard) == round(CONFIRM_S * 1e9 / REPEAT_NS)
