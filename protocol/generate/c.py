@@ -5,11 +5,38 @@ No allocation, no I/O, no recursion; everything that is kept stands in structs o
 
 from __future__ import annotations
 
-from protocol.generate import c_can, c_header_text, c_messages, c_source_text
+from protocol.can.frames import STAMP_SHIFT
+from protocol.can.link import DOUBLE_US
+from protocol.can.stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US
+from protocol.can.transfers import (
+    END,
+    FLAG_WHOLE_STAMP,
+    MAX_CONTENT,
+    OPEN_US,
+    SEGMENT,
+    START,
+    TOGGLE,
+    TRANSFER,
+)
+from protocol.generate import c_can, c_messages
+from protocol.generate.template import fill
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
+from protocol.uart.framing import (
+    FLAG_AUTHENTICATED,
+    FLAG_RETRY,
+    MAX_DECODED,
+    MAX_ENCODED,
+    MAX_NODE,
+    MAX_PAYLOAD,
+    MIN_DECODED,
+)
+from protocol.uart.framing import HEADER as FRAME_HEADER
 
 HEADER = "sweepctl_protocol.h"
 SOURCE = "sweepctl_protocol.c"
+DELIMITERS = 2
+"""Zeros around a frame, bytes."""
+_PPM = 1_000_000
 
 
 def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
@@ -17,57 +44,58 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
     return {HEADER: _header(catalogue), SOURCE: _source(catalogue)}
 
 
-def _origin(catalogue: Catalogue, what: str) -> str:
-    return (
-        f"/* {what}\n"
-        " *\n"
-        " * Made by `sweepctl generate c`; changes belong into the catalogue.\n"
-        f" * Protocol version {PROTOCOL_VERSION}, catalogue 0x{catalogue.hash:08X}, "
-        f"{len(catalogue.specs)} messages.\n"
-        " * SPDX-License-Identifier: MIT\n"
-        " */\n"
+def _header(catalogue: Catalogue) -> str:
+    return fill(
+        HEADER,
+        version=PROTOCOL_VERSION,
+        hash=f"{catalogue.hash:08X}",
+        messages=len(catalogue.specs),
+        max_node=MAX_NODE,
+        flag_authenticated=FLAG_AUTHENTICATED,
+        flag_retry=FLAG_RETRY,
+        header_size=FRAME_HEADER.size,
+        min_decoded=MIN_DECODED,
+        max_decoded=MAX_DECODED,
+        max_payload=MAX_PAYLOAD,
+        max_frame=MAX_ENCODED + DELIMITERS,
+        max_content=MAX_CONTENT,
+        switches=c_messages.switches(catalogue),
+        enums=c_messages.enums(catalogue),
+        latch_rule=c_messages.latch_rule(catalogue),
+        declarations="\n".join(c_messages.declaration(spec) for spec in catalogue),
+        to_all=c_messages.to_all(catalogue),
+        slow_parts=max(1, len(c_can.slow_parts(catalogue))),
     )
 
 
-def _header(catalogue: Catalogue) -> str:
-    parts = [
-        _origin(catalogue, "The sweeper's wire in C99: structs hold raw wire integers."),
-        c_header_text.HEADER_TOP,
-        c_messages.switches(catalogue),
-        '#ifdef __cplusplus\nextern "C" {\n#endif\n',
-        c_header_text.HEADER_FRAMING.format(version=PROTOCOL_VERSION),
-        "/* ---- values " + "-" * 78 + " */\n",
-        c_messages.enums(catalogue),
-        c_messages.latch_rule(catalogue),
-        "/* ---- messages " + "-" * 76 + " */\n\n"
-        "/* encode: the payload's length, or -1 where it does not fit.\n"
-        " * decode: false where the length is not the message's.\n"
-        " * frame: a whole frame in a buffer of SP_FRAME_MAX bytes; its length, 0 where it is too\n"
-        " * long. */\n",
-        *(c_messages.declaration(spec) for spec in catalogue),
-        c_messages.to_all(catalogue),
-        c_header_text.HEADER_SCHEMA.format(hash=catalogue.hash),
-        c_can.header(catalogue),
-        "#ifdef __cplusplus\n}\n#endif\n\n#endif\n",
-    ]
-    return "\n".join(parts)
-
-
 def _source(catalogue: Catalogue) -> str:
-    parts = [
-        _origin(catalogue, "The sweeper's wire in C99."),
-        f'#include "{HEADER}"\n',
-        c_source_text.SOURCE_TOP,
-        c_source_text.SOURCE_CRC.format(full=_table(_crc_table(8)), nibble=_table(_crc_table(4))),
-        c_source_text.SOURCE_FRAMING,
-        "/* ---- messages " + "-" * 76 + " */\n",
-        *(c_messages.definition(spec) for spec in catalogue),
-        c_source_text.SOURCE_SCHEMA.format(
-            rows=c_messages.table_rows(catalogue), chains=c_messages.chain_rows(catalogue)
-        ),
-        c_can.source(catalogue),
-    ]
-    return "\n".join(parts)
+    slow = c_can.slow_parts(catalogue)
+    return fill(
+        SOURCE,
+        version=PROTOCOL_VERSION,
+        hash=f"{catalogue.hash:08X}",
+        messages=len(catalogue.specs),
+        crc_table=_table(_crc_table(8)),
+        crc_nibbles=_table(_crc_table(4)),
+        definitions="\n".join(c_messages.definition(spec) for spec in catalogue),
+        message_rows=c_messages.table_rows(catalogue),
+        chain_rows=c_messages.chain_rows(catalogue),
+        start=f"{START:02X}",
+        end=f"{END:02X}",
+        toggle=f"{TOGGLE:02X}",
+        transfer=f"{TRANSFER:02X}",
+        segment=SEGMENT,
+        flag_whole_stamp=FLAG_WHOLE_STAMP,
+        spans=c_can.spans(catalogue),
+        slow_us=", ".join(f"{us}u" for us in slow.values()) or "0u",
+        stamp_shift=STAMP_SHIFT,
+        double_us=DOUBLE_US,
+        open_us=OPEN_US,
+        oldest_us=OLDEST_US,
+        lead_us=LEAD_US,
+        step_us=STEP_US,
+        drift=_PPM // DRIFT_PPM,
+    )
 
 
 def _crc_table(bits: int) -> list[int]:

@@ -1,15 +1,10 @@
-"""C for classic CAN: what a device sends, packed or cut up, and what a host sends, put together."""
+"""Tables for classic CAN in C: which fields of which message each native frame carries."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from protocol.can.frames import CAN_FULL_STAMP, STAMP_SHIFT, is_native, parts_of
-from protocol.can.link import DOUBLE_US
-from protocol.can.stamps import DRIFT_PPM, LEAD_US, OLDEST_US, STEP_US
-from protocol.can.transfers import FLAG_WHOLE_STAMP, OPEN_US
-from protocol.generate.c_can_receive_text import RECEIVE
-from protocol.generate.c_can_text import HEADER, SEND
+from protocol.can.frames import CAN_FULL_STAMP, is_native, parts_of
 from protocol.generate.c_messages import guarded
 from protocol.schema.message import Direction
 
@@ -18,8 +13,6 @@ if TYPE_CHECKING:
 
     from protocol.schema.catalogue import Catalogue
     from protocol.schema.message import MessageSpec
-
-_PPM = 1_000_000
 
 
 class HostPartsError(ValueError):
@@ -30,39 +23,19 @@ class HostPartsError(ValueError):
         self.message = message
 
 
-def header(catalogue: Catalogue) -> str:
-    """Types and prototypes."""
-    return HEADER.format(messages=len(catalogue.specs), slow=max(1, len(_slow(catalogue))))
-
-
-def source(catalogue: Catalogue) -> str:
-    """Tables and functions.
+def spans(catalogue: Catalogue) -> str:
+    """Return the rows of the table of native frames.
 
     Raises:
         HostPartsError: a host's periodic message does not fit one frame.
 
     """
-    slow = _slow(catalogue)
-    spans = "".join(guarded(s, "".join(_spans(s, slow))) for s in catalogue if is_native(s))
-    send = SEND.format(
-        spans=spans,
-        slow=", ".join(f"{us}u" for us in slow.values()) or "0u",
-        shift=STAMP_SHIFT,
-        whole=FLAG_WHOLE_STAMP,
-    )
-    receive = RECEIVE.format(
-        shift=STAMP_SHIFT,
-        double=DOUBLE_US,
-        open=OPEN_US,
-        oldest=OLDEST_US,
-        lead=LEAD_US,
-        step=STEP_US,
-        drift=_PPM // DRIFT_PPM,
-    )
-    return f"{send}\n{receive}"
+    slow = slow_parts(catalogue)
+    return "".join(guarded(s, "".join(_spans(s, slow))) for s in catalogue if is_native(s))
 
 
-def _slow(catalogue: Catalogue) -> dict[int, int]:
+def slow_parts(catalogue: Catalogue) -> dict[int, int]:
+    """Return the period, µs, of each CAN type that is sent more slowly than its message."""
     parts = [p for s in catalogue if is_native(s) for p in parts_of(s, len(s.fields))]
     return {p.can_type: p.slow_us for p in parts if p.slow_us}
 

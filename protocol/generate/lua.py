@@ -1,9 +1,9 @@
 """A Wireshark dissector in one Lua file.
 
-It reads the serial line (DLT_USER0: one frame a packet; DLT_USER1: bytes as they were read) and
-CAN (any link type that Wireshark's own CAN dissector takes, SocketCAN's 227 among them). The
-catalogue becomes tables; the code that walks them is text of :mod:`~protocol.generate.lua_fields`,
-:mod:`~protocol.generate.lua_uart` and :mod:`~protocol.generate.lua_can`.
+It reads the serial link (DLT_USER0: one frame a packet; DLT_USER1: bytes as they were read) and CAN
+(any link type that Wireshark's own CAN dissector takes, SocketCAN's 227 among them). The catalogue
+becomes tables; ``templates/sweepctl.lua`` has the code that walks them. It runs on the Lua of every
+Wireshark since 3.0 (5.1 to 5.4): bits only by the bundled ``bit`` library, no integer division.
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ from protocol.authentication import CAN_AUTH_TYPE, CAN_TRAILER, TRAILER
 from protocol.can.frames import CAN_FULL_STAMP, is_native, parts_of
 from protocol.can.link import DOUBLE_US
 from protocol.can.transfers import MAX_CONTENT, OPEN_US, SEGMENT
-from protocol.generate.lua_can import CAN, REGISTRATION
-from protocol.generate.lua_fields import FIELDS
-from protocol.generate.lua_uart import UART
+from protocol.generate.template import fill
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.uart.framing import CRC, MAX_ENCODED, MIN_DECODED
 
@@ -36,49 +34,25 @@ def render(catalogue: Catalogue = CATALOGUE) -> dict[str, str]:
     """The dissector's text by its file name."""
     fields = [f for s in catalogue for f in s.fields]
     values = {f.enum.__name__: f.enum for f in fields if f.enum and f.unit == "enum"}
-    lines = [
-        "-- Wireshark dissector of the sweeper's wire: serial line and CAN.",
-        "-- Made by `sweepctl generate lua`; changes belong into the catalogue.",
-        f"-- Protocol version {PROTOCOL_VERSION}, catalogue 0x{catalogue.hash:08x}.",
-        "-- SPDX-License-Identifier: MIT",
-        "--",
-        '-- It belongs into the plugins folder ("About", "Folders"); or by hand:',
-        "-- tshark -X lua_script:sweepctl.lua",
-        "",
-        f"local VERSION = {PROTOCOL_VERSION}",
-        f"local MIN_DECODED, MAX_ENCODED = {MIN_DECODED}, {MAX_ENCODED} -- B, of a serial frame",
-        f"local SEGMENT, MAX_SEGMENTS = {SEGMENT}, {-(-(MAX_CONTENT + CRC.size) // SEGMENT)}",
-        f"local AUTH_TRAILER = {TRAILER.size} -- B: counter and tag of a signed serial frame",
-        f"local CAN_AUTH_TYPE, CAN_AUTH_SIZE = 0x{CAN_AUTH_TYPE:02X}, {CAN_TRAILER.size}",
-        f"local OPEN_S, DOUBLE_S = {OPEN_US / 1e6}, {DOUBLE_US / 1e6}",
-        "",
-        "-- ---- the catalogue " + "-" * 70,
-        "",
-        "local VALUES = {",
-        *(f"  {name} = {_value_names(enum)}," for name, enum in sorted(values.items())),
-        "}",
-        "",
-        "local MESSAGES = {",
-        *(line for spec in catalogue for line in _message(spec)),
-        "}",
-        "",
-        "-- By the type in the identifier: which fields of which message a frame carries.",
-        "local CAN_FRAMES = {",
-        *(line for spec in catalogue if is_native(spec) for line in _can_frames(spec)),
-        "}",
-        "local CAN_TYPES = {}",
-        "for type_id in pairs(MESSAGES) do",
-        "  CAN_TYPES[type_id] = true",
-        "end",
-        "CAN_TYPES[CAN_AUTH_TYPE] = true",
-        "for can_type, frame in pairs(CAN_FRAMES) do",
-        "  CAN_TYPES[can_type] = true",
-        "  for i, index in ipairs(frame.fields) do",
-        "    frame.fields[i] = MESSAGES[frame.message].fields[index]",
-        "  end",
-        "end",
-    ]
-    text = "\n".join(lines) + "\n" + FIELDS + UART + CAN + REGISTRATION
+    text = fill(
+        FILE,
+        version=PROTOCOL_VERSION,
+        hash=f"{catalogue.hash:08x}",
+        min_decoded=MIN_DECODED,
+        max_encoded=MAX_ENCODED,
+        segment=SEGMENT,
+        max_segments=-(-(MAX_CONTENT + CRC.size) // SEGMENT),
+        trailer=TRAILER.size,
+        can_auth_type=f"0x{CAN_AUTH_TYPE:02X}",
+        can_auth_size=CAN_TRAILER.size,
+        open_s=OPEN_US / 1e6,
+        double_s=DOUBLE_US / 1e6,
+        values="\n".join(f"  {n} = {_value_names(enum)}," for n, enum in sorted(values.items())),
+        catalogue="\n".join(line for spec in catalogue for line in _message(spec)),
+        can_frames="\n".join(
+            line for spec in catalogue if is_native(spec) for line in _can_frames(spec)
+        ),
+    )
     return {FILE: text}
 
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from protocol.authentication import CAN_AUTH_TYPE, FREE, GUARDED_TYPES, TRAILER
 from protocol.can.authentication import TOGETHER_US
 from protocol.commands import REMEMBERED
-from protocol.generate import md_text
 from protocol.generate.md_can import can_tables
 from protocol.generate.md_messages import enum_tables, hash_table, message_index, message_section
+from protocol.generate.template import fill
 from protocol.messages import VelocitySetpoint
 from protocol.schema.catalogue import CATALOGUE, PROTOCOL_VERSION, Catalogue
 from protocol.schema.codec import Codec
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 FILE = "PROTOCOL.md"
+_CONTENTS = "[contents]"
+"""Stands for the table of contents until all titles are known."""
 _BITS_A_BYTE = 10
 _MBAUD = 0.9216
 
@@ -60,44 +62,47 @@ class Behaviour:
 
 
 def render(catalogue: Catalogue = CATALOGUE, behaviour: Behaviour | None = None) -> dict[str, str]:
-    """The document."""
-    body = "\n".join(_sections(catalogue, behaviour)).rstrip() + "\n"
-    titles = [line[3:] for line in body.splitlines() if line.startswith("## ")]
-    head = md_text.HEAD.format(
+    """Return the document by its file name."""
+    text = _wire(catalogue)
+    if behaviour is not None:
+        text += "\n" + _behaviour(catalogue, behaviour)
+    titles = [line[3:] for line in text.splitlines() if line.startswith("## ")]
+    contents = "\n".join(f"- [{t}](#{t.lower().replace(' ', '-')})" for t in titles)
+    return {FILE: text.replace(_CONTENTS, contents).rstrip() + "\n"}
+
+
+def _wire(catalogue: Catalogue) -> str:
+    messages = [*message_index(catalogue), *(x for s in catalogue for x in message_section(s))]
+    return fill(
+        FILE,
         version=PROTOCOL_VERSION,
-        hash=catalogue.hash,
+        hash=f"{catalogue.hash:08x}",
         count=len(catalogue.specs),
-        contents="\n".join(f"- [{t}](#{t.lower().replace(' ', '-')})" for t in titles),
-    )
-    return {FILE: f"{head}\n{body}"}
-
-
-def _sections(catalogue: Catalogue, behaviour: Behaviour | None) -> Iterator[str]:
-    yield md_text.FRAMING.format(to_all=_listed(s.name for s in catalogue if s.to_all))
-    yield from message_index(catalogue)
-    for spec in catalogue:
-        yield from message_section(spec)
-    yield from enum_tables(catalogue)
-    yield md_text.CAN
-    yield from can_tables(catalogue)
-    yield md_text.AGREEMENT.format(hash=catalogue.hash)
-    yield from hash_table(catalogue)
-    yield md_text.RELIABILITY.format(
+        contents=_CONTENTS,
+        to_all=_listed(s.name for s in catalogue if s.to_all),
+        messages="\n".join(messages),
+        values="\n".join(enum_tables(catalogue)),
+        can_frames="\n".join(can_tables(catalogue)),
+        hashes="\n".join(hash_table(catalogue)),
         causes=", ".join(f"`{c.name.lower()}`" for c in by_gravity()),
         unnamed=latched_cause(StopCause.NONE, StopCause.NONE).name.lower(),
         remembered=REMEMBERED,
-    )
-    yield md_text.AUTHENTICATION.format(
         guarded=", ".join(f"`{s.name}`" for s in catalogue if s.type_id in GUARDED_TYPES),
         free=", ".join(f"`{s.name}`" for s in catalogue if s.cls in FREE),
         auth_type=f"{CAN_AUTH_TYPE:#04x}",
         together_ms=TOGETHER_US // 1000,
         trailer=TRAILER.size,
     )
-    if behaviour is not None:
-        yield from _machines(behaviour)
-        yield from _timing(behaviour)
-        yield from _life(catalogue, behaviour)
+
+
+def _behaviour(catalogue: Catalogue, behaviour: Behaviour) -> str:
+    return "\n".join(
+        [
+            *_machines(behaviour),
+            fill("PROTOCOL-timing.md", rules="\n".join(_rules(behaviour))),
+            *_life(catalogue, behaviour),
+        ]
+    )
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -125,8 +130,7 @@ def diagram(machine: Machine) -> Iterator[str]:
         yield f"    {start} --> {end}: {', '.join(labels)}"
 
 
-def _timing(behaviour: Behaviour) -> Iterator[str]:
-    yield md_text.TIMING
+def _rules(behaviour: Behaviour) -> Iterator[str]:
     yield "| who | what | value | in the code |"
     yield "|---|---|---|---|"
     for rule in behaviour.rules:
@@ -140,7 +144,8 @@ def _life(catalogue: Catalogue, behaviour: Behaviour) -> Iterator[str]:
     setpoint = VelocitySetpoint(v=2000, yaw_rate=-500, time_to_live=200, counter=7)
     type_id, payload = Codec(catalogue).encode(setpoint)
     wire = b"\0" + encode_frame(1, type_id, 42, 0x0012_D687, payload)
-    yield md_text.LIFE.format(
+    yield fill(
+        "PROTOCOL-life.md",
         payload=payload.hex(" "),
         wire=wire.hex(" "),
         wire_bytes=len(wire),
