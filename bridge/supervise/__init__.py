@@ -1,4 +1,4 @@
-"""What the host decides about a robot that moves: rules, and graded reactions. Sans-I/O."""
+"""Supervision of a robot that moves: rules and graded reactions. Sans-I/O."""
 
 from __future__ import annotations
 

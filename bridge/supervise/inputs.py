@@ -1,4 +1,4 @@
-"""What the supervisor is shown at every control step, and what it answers."""
+"""Inputs and results of the supervisor for one control step."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Scalar = float | str | bool
 
 
 class RuleInputs(NamedTuple):
-    """One control step of a robot that moves; the messages are the newest, None: not yet come."""
+    """State of the robot at one control step; each message is the newest, or None."""
 
     time_s: float
-    """Host time."""
+    """Host time, s."""
     pose: Pose2
-    """Estimate, in the frame of the map."""
+    """Estimated pose in the map frame."""
     v_m_s: float
     yaw_rate_rad_s: float
-    """By the gyro less its bias."""
+    """Yaw rate of the gyro minus its bias, rad/s."""
     wheel_scale: float = 1.0
-    """The estimate's: how many nominal ways a count is worth."""
+    """The estimator's scale of the wheels: true distance per nominal distance."""
     heard_s: float = 0.0
-    """Host time of the newest intact frame."""
+    """Host time of the newest intact frame, s."""
     boot_id: int | None = None
     imu: Imu | None = None
     encoders: Encoders | None = None
@@ -38,24 +38,24 @@ class RuleInputs(NamedTuple):
     power: Power | None = None
     status: Status | None = None
     planner: PlannerState | None = None
-    """Of the device's own planner."""
+    """State of the device's own planner."""
     arrived_s: Mapping[type[Message], float] = MappingProxyType({})
-    """Host time of the newest message of each kind."""
+    """Host time of the newest message of each type, s."""
     command: VelocityCommand | None = None
-    """What was sent last; None where the device plans for itself."""
+    """Velocity setpoint sent last; None if the device plans."""
     onboard: str = ""
-    """Name of the device's planner; empty where the host plans."""
+    """Name of the device's planner; empty if the host plans."""
 
 
 class Reaction(NamedTuple):
-    """What is to be done, and why: one event."""
+    """A reaction and its reason, as one event."""
 
     kind: str
     """Name of the rule."""
     level: Level
     text: str
-    """For people: what was found."""
+    """Description of the finding, for people."""
     data: dict[str, Scalar]
-    """The evidence."""
+    """Measured values."""
     factor: float = 1.0
-    """For ``SLOW``: what speeds are scaled by."""
+    """For ``SLOW``: factor of all speeds."""

@@ -1,7 +1,7 @@
-"""What the supervisor works out of the wheels' counts and the gyro, for all rules at once.
+"""Plain odometry from wheel counts and gyro, shared by all rules.
 
-An odometry of its own, and a plain one: ways and turns since the watch began, without walls
-seen again or slips put right, so that it can be held against what others make of it.
+It sums distances and turns since the start, without corrections from walls or for slip, so that
+the rules have an independent reference.
 """
 
 from __future__ import annotations
@@ -17,57 +17,57 @@ if TYPE_CHECKING:
     from protocol.messages import Encoders, Range
 
 GAP_S = 0.3
-"""Between two steps, or two counts: longer, and what was between them is not known."""
+"""Maximum time between two steps or two counts, s. Across a longer gap the motion is unknown."""
 SMOOTH_S = 0.3
-"""Time constant of the wheels' disagreement with the gyro, no shorter than ``GAP_S``."""
+"""Time constant of the smoothed wheel lead, s; at least ``GAP_S``."""
 WHEELS_LATE_S = 0.030
-"""By which the wheels' turn may be older than the gyro's: counts are up to 20 ms old, and are the
-mean of the 20 ms before."""
+"""Maximum delay of the wheels' turn relative to the gyro's, s: counts are up to 20 ms old and are
+the mean of the 20 ms before."""
 GYRO_LATE_S = 0.010
-"""By which the gyro's may be older: one sample at 100 Hz."""
+"""Maximum delay of the gyro's turn relative to the wheels', s: one sample at 100 Hz."""
 
 
 class Measured:
-    """Sums over the steps so far; ``restart`` begins them anew."""
+    """Sums over the control steps; :meth:`restart` resets them."""
 
     _encoders_s: float
-    """When the counts that are the reference came."""
+    """Arrival time of the reference counts, s."""
 
     def __init__(self, model: RobotModel) -> None:
-        """At rest, nothing known."""
+        """Start with all sums at zero."""
         self._per_count_m = model.metres_per_count
         self._base_m = model.wheel_base_m
         self.restart()
 
     def restart(self) -> None:
-        """Forget the references: what was between is not known."""
+        """Reset all sums and references."""
         self.distance_m = 0.0
-        """By both wheels' mean, signed."""
+        """Signed distance travelled, mean of both wheels, m."""
         self.travel_m = 0.0
-        """The same, without its sign: grows in either direction."""
+        """Distance travelled in either direction, m."""
         self.turn_rad = 0.0
-        """By the gyro, counter-clockwise."""
+        """Turn by the gyro, counter-clockwise, rad."""
         self.slip_m_s = 0.0
-        """Between the rims, smoothed: by which the right wheel leads the gyro's turn, beyond what a
-        late sample of either explains."""
+        """Smoothed speed by which the right wheel leads the gyro's turn, beyond the effect of late
+        samples, m/s."""
         self.step_s = 0.0
-        """Since the step before; 0: unknown, the first or after a gap."""
+        """Time since the last step, s; 0 at the first step and after a gap."""
         self.left_m = self.right_m = 0.0
-        """Way of each wheel in this step."""
+        """Distance of each wheel in this step, m."""
         self.wheel_turn_rad = 0.0
-        """Turn in this step by the wheels."""
+        """Turn in this step by the wheels, rad."""
         self.new_range = False
-        """Whether the rangers were sounded since the step before."""
+        """True if a new range sample arrived since the last step."""
         self._time_s: float | None = None
         self._encoders: Encoders | None = None
         self._range: Range | None = None
         self._excess_m_s = 0.0
-        """The right wheel's lead over the gyro's turn, smoothed."""
+        """Smoothed speed by which the right wheel leads the gyro's turn, m/s."""
         self._slow_yaw_rad_s = 0.0
-        """Yaw rate by the gyro, smoothed alike."""
+        """Smoothed yaw rate of the gyro, rad/s."""
 
     def step(self, inputs: RuleInputs) -> None:
-        """Take a control step."""
+        """Add a control step."""
         now_s = inputs.time_s
         before_s, self._time_s = self._time_s, now_s
         dt = math.inf if before_s is None else now_s - before_s
@@ -89,10 +89,10 @@ class Measured:
         self.slip_m_s = self._beyond_lateness(inputs.yaw_rate_rad_s)
 
     def _beyond_lateness(self, yaw_rate_rad_s: float) -> float:
-        """What of the wheels' lead no lateness of their samples explains.
+        """Return the part of the wheels' lead that late samples do not explain, m/s.
 
-        Wheels that are late by L trail a yaw acceleration α by -αL at their base. Smoothed over τ
-        that is -(L/τ)·(ω - ω smoothed over τ), whatever the turn was.
+        Wheels with a delay L lag a yaw acceleration α by -αL at their base. Smoothed with the time
+        constant τ, that is -(L/τ)·(ω - ω smoothed over τ), for any turn.
         """
         swing_m_s = self._base_m / SMOOTH_S * (yaw_rate_rad_s - self._slow_yaw_rad_s)
         one, other = -WHEELS_LATE_S * swing_m_s, GYRO_LATE_S * swing_m_s

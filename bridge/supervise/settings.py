@@ -1,6 +1,6 @@
-"""What the host watches a robot for, how hard it reacts, and how both are set.
+"""Settings of the supervision: rules, limits and reactions.
 
-Each rule is a table of the robot file, every key with a default::
+Each rule is a table of the robot file; every key has a default::
 
     [supervise.stall]
     reaction = "pause"
@@ -9,8 +9,8 @@ Each rule is a table of the robot file, every key with a default::
     [supervise.fence]
     radius_m = 3.0
 
-``reaction`` is what is done once the rule's condition has held for ``after_s``; where it still
-holds ``then_s`` later, or is grave at once, ``then`` is done.
+``reaction`` follows when the rule's condition has held for ``after_s``. ``then`` follows if it
+still holds ``then_s`` later, or at once if the condition is grave.
 """
 
 from __future__ import annotations
@@ -26,23 +26,25 @@ from bridge.errors import ConfigError
 from bridge.validation import fill, number
 
 MAX_CORNERS = 256
+"""Maximum number of corners of a fence."""
 MAX_SECONDS = 3600.0
+"""Maximum of most times, s."""
 Point = tuple[float, float]
 
 
 class Level(enum.IntEnum):
-    """How hard to react; a graver one covers the lesser."""
+    """Severity of a reaction; a higher level includes the lower ones."""
 
     OFF = 0
-    """The rule is not watched."""
+    """The rule is off."""
     REPORT = 1
-    """An event in the log, and a line for people."""
+    """An event in the log and a line on the terminal."""
     SLOW = 2
-    """Scaled down for a while."""
+    """Speeds are reduced for some time."""
     PAUSE = 3
-    """Held until somebody says go on."""
+    """The robot stops until the operator resumes the run."""
     STOP = 4
-    """Stopped and latched, cause ``supervise``."""
+    """A stop is latched, cause ``supervise``."""
 
 
 def _in(default: float, low: float, high: float) -> Any:  # noqa: ANN401 - a dataclass field
@@ -63,7 +65,7 @@ def _polygon(path: str, value: object) -> tuple[Point, ...]:
         x, y = (number(f"{path}[{index}]", v, -1000.0, 1000.0) for v in corner)
         corners.append((x, y))
     if corners and math.isclose(_area(corners), 0.0, abs_tol=1e-6):
-        raise ConfigError(f"{path}: its corners enclose nothing")
+        raise ConfigError(f"{path}: the corners enclose no area")
     return tuple(corners)
 
 
@@ -75,44 +77,44 @@ def _area(corners: list[Point]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What every rule has."""
+    """Settings that every rule has."""
 
     reaction: Level = Level.STOP
     after_s: float = _seconds(0.0)
-    """How long the condition must hold."""
+    """Time for which the condition must hold before ``reaction``, s."""
     then: Level = Level.STOP
     then_s: float = _seconds(1.0)
-    """After the first reaction, while the condition goes on."""
+    """Time from the first reaction to ``then`` while the condition holds, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class StallRule(Rule):
-    """A wheel that stands while its motor draws current, or the device says so."""
+    """A wheel stands still while its motor draws current, or the device reports a stall."""
 
     reaction: Level = Level.PAUSE
     after_s: float = _seconds(0.6)
     then_s: float = _seconds(1.0)
     current_a: float = _in(0.5, 0.05, 50.0)
-    """Above what a wheel draws that turns freely, below its stall current."""
+    """Motor current, A: above that of a free-running wheel, below the stall current."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlipRule(Rule):
-    """The wheels tell another way than gyro and ultrasonic sensor."""
+    """The motion by the wheels differs from that by gyro or ultrasonic sensor."""
 
     reaction: Level = Level.SLOW
     after_s: float = _seconds(0.3)
     then: Level = Level.PAUSE
     then_s: float = _seconds(3.0)
     difference_m_s: float = _in(0.015, 0.001, 1.0)
-    """Between the wheels' rims, by encoders and by gyro."""
+    """Speed difference between the wheels' rims and the gyro's turn, m/s."""
     share: float = _in(0.25, 0.02, 1.0)
-    """Of the way by the wheels by which the range ahead does not close."""
+    """Share of the wheels' distance by which the range ahead does not decrease."""
 
 
 @dataclass(frozen=True, slots=True)
 class TiltRule(Rule):
-    """The body leans."""
+    """The robot tilts."""
 
     after_s: float = _seconds(0.3)
     angle_deg: float = _in(12.0, 1.0, 90.0)
@@ -120,12 +122,12 @@ class TiltRule(Rule):
 
 @dataclass(frozen=True, slots=True)
 class LiftedRule(Rule):
-    """Somebody has taken it up, or it hangs over an edge."""
+    """The robot was lifted, or hangs over an edge."""
 
 
 @dataclass(frozen=True, slots=True)
 class BumpRule(Rule):
-    """It bumps too often, or a bumper stays pressed."""
+    """The robot bumps too often, or a bumper switch stays pressed."""
 
     reaction: Level = Level.REPORT
     then: Level = Level.PAUSE
@@ -137,17 +139,17 @@ class BumpRule(Rule):
 
 @dataclass(frozen=True, slots=True)
 class CliffRule(Rule):
-    """No floor ahead; grave where it goes on all the same."""
+    """The cliff sensor finds no floor; grave if the robot drives on."""
 
     reaction: Level = Level.REPORT
     then_s: float = _seconds(3.0)
     ahead_m: float = _in(0.05, 0.0, 1.0)
-    """Way ahead with the cliff in sight after which it is grave."""
+    """Distance driven ahead after the detection that is grave, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryRule(Rule):
-    """The battery is low; grave where it is empty."""
+    """The battery is low; grave if it is empty."""
 
     reaction: Level = Level.REPORT
     after_s: float = _seconds(0.5)
@@ -158,7 +160,7 @@ class BatteryRule(Rule):
 
 @dataclass(frozen=True, slots=True)
 class SilenceRule(Rule):
-    """Nothing is heard of the device, or one of its streams has ended."""
+    """The device is silent, or one of its streams has stopped."""
 
     reaction: Level = Level.REPORT
     then_s: float = _seconds(0.3)
@@ -168,42 +170,42 @@ class SilenceRule(Rule):
 
 @dataclass(frozen=True, slots=True)
 class ProgressRule(Rule):
-    """It works and gets nowhere."""
+    """The robot drives but stays in one place."""
 
     reaction: Level = Level.PAUSE
     then_s: float = _seconds(60.0)
     window_s: float = _in(60.0, 1.0, MAX_SECONDS)
     min_side_m: float = _in(0.10, 0.001, 10.0)
-    """It must leave a square of this side once in the window."""
+    """Side of a square that the robot must leave within the window, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class FenceRule(Rule):
-    """It is outside of where it may be; grave at once. Without a fence nothing is outside."""
+    """The robot is outside its fence. The default has no fence."""
 
     radius_m: float = _in(0.0, 0.0, 1000.0)
-    """Around where it was as the watch began; 0: none."""
+    """Radius around the pose at the start of the run, m; 0: none."""
     polygon: tuple[Point, ...] = field(default=(), metadata={"read": _polygon})
-    """Corners, in the frame of the map."""
+    """Corners in the map frame, m."""
 
 
 @dataclass(frozen=True, slots=True)
 class DisagreementRule(Rule):
-    """The device's planner says what a shadow of it does not find."""
+    """The device's planner reports values that contradict the measured ones."""
 
     reaction: Level = Level.PAUSE
     then_s: float = _seconds(5.0)
     distance_m: float = _in(0.03, 0.001, 1.0)
-    """Between D and the odometry of the lane."""
+    """Maximum difference of D and the odometry of the lane, m."""
     equal_m: float = _in(0.02, 0.0, 1.0)
-    """Up to which the device takes D for equal to Prev-D."""
+    """Difference up to which the device treats D and Prev-D as equal, m."""
     motion_s: float = _in(1.0, 0.1, 60.0)
-    """How long it may move otherwise than it says."""
+    """Maximum time of a motion that contradicts the reported phase, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorRule(Rule):
-    """The device says that a sensor is broken, or one gives the same for ever."""
+    """The device reports a broken sensor, or a sensor's value is frozen."""
 
     reaction: Level = Level.PAUSE
     then: Level = Level.PAUSE
@@ -211,12 +213,12 @@ class SensorRule(Rule):
 
 @dataclass(frozen=True, slots=True)
 class ResetRule(Rule):
-    """The device has booted anew."""
+    """The device has rebooted."""
 
 
 @dataclass(frozen=True, slots=True)
 class SuperviseSettings:
-    """Every rule, and what pauses and slow driving come to."""
+    """Settings of all rules, pauses and slow driving."""
 
     stall: StallRule = StallRule()
     slip: SlipRule = SlipRule()
@@ -232,15 +234,15 @@ class SuperviseSettings:
     sensor: SensorRule = SensorRule()
     reset: ResetRule = ResetRule()
     slow_factor: float = _in(0.5, 0.05, 1.0)
-    """What speeds are scaled by."""
+    """Factor of all speeds in slow driving."""
     slow_for_s: float = _in(5.0, 0.1, MAX_SECONDS)
-    """How long, after the last cause for it."""
+    """Time of slow driving after its last cause, s."""
     pause_limit_s: float = _in(60.0, 1.0, MAX_SECONDS)
-    """A pause that nobody ends becomes a stop."""
+    """Maximum time of a pause before it becomes a stop, s."""
 
     @property
     def rules(self) -> dict[str, Rule]:
-        """Every rule by its name."""
+        """Rules by name."""
         values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, Rule)}
 
@@ -249,10 +251,10 @@ PREFIX = "supervise"
 
 
 def settings_from(table: object, base: SuperviseSettings | None = None) -> SuperviseSettings:
-    """Read the table ``[supervise]`` of a robot file over ``base``, the defaults.
+    """Read the table ``[supervise]`` of a robot file over ``base`` (None: the defaults).
 
     Raises:
-        ConfigError: an unknown key, or a value that cannot be; the text names the key.
+        ConfigError: an unknown key or an invalid value; the text names the key.
 
     """
     if not isinstance(table, dict):
@@ -265,27 +267,27 @@ def settings_from(table: object, base: SuperviseSettings | None = None) -> Super
 
 
 def parse_rule(settings: SuperviseSettings, text: str) -> SuperviseSettings:
-    """One setting as text, ``stall.reaction=pause`` or ``pause_limit_s=20``, over others.
+    """Apply one setting in text form, ``stall.reaction=pause`` or ``pause_limit_s=20``.
 
     Raises:
-        ConfigError: it names no key, or a value that cannot be.
+        ConfigError: an unknown key or an invalid value.
 
     """
     path, equals, value = text.partition("=")
     keys = path.strip().split(".")
     if not equals or not all(keys):
-        raise ConfigError(f"{text[:80]!r}: write RULE.KEY=VALUE, such as stall.reaction=pause")
+        raise ConfigError(f"{text[:80]!r}: use RULE.KEY=VALUE, for example stall.reaction=pause")
     try:
         parsed: Any = tomllib.loads(f"value = {value.strip()}")["value"]
     except (ValueError, RecursionError):
-        parsed = value.strip()  # a bare word, such as pause
+        parsed = value.strip()  # a bare word, for example pause
     for key in reversed(keys):
         parsed = {key: parsed}
     return settings_from(parsed, settings)
 
 
 def to_toml(settings: SuperviseSettings) -> str:
-    """The settings as tables of a robot file, which :func:`settings_from` reads back."""
+    """Return the settings as TOML tables that :func:`settings_from` reads."""
     lines = [f"[{PREFIX}]"]
     for each in dataclasses.fields(settings):
         value = getattr(settings, each.name)

@@ -1,4 +1,4 @@
-"""Joins the rules: conditions over time to reactions, and what pauses and slow driving come to."""
+"""The supervisor: evaluates the rules over time and returns reactions."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ if TYPE_CHECKING:
     from bridge.supervise.settings import Rule
 
 CALM_S = 1.0
-"""So long without its condition, and what comes next is a new occasion."""
+"""Time without the condition after which a new occurrence starts, s."""
 
 
 class _Graded:
-    """One rule's condition over time."""
+    """One rule and the state of its current occurrence."""
 
     __slots__ = ("_calm_s", "_done_s", "_since_s", "active", "condition", "done", "kind", "rule")
     _since_s: float
-    """When the condition began to hold,"""
+    """Start of the condition, s."""
     _calm_s: float
-    """when it last held,"""
+    """Last time at which the condition held, s."""
     _done_s: float
-    """and when there was last a reaction."""
+    """Time of the last reaction, s."""
 
     def __init__(self, kind: str, rule: Rule, condition: Condition) -> None:
         self.kind, self.rule, self.condition = kind, rule, condition
         self.forget()
 
     def forget(self) -> None:
-        """No occasion is under way."""
+        """End the current occurrence."""
         self.active = False
         self.done = Level.OFF
-        """The gravest reaction to this occasion so far."""
+        """Most severe reaction to this occurrence so far."""
 
     def due(self, now_s: float, *, holds: bool) -> Level:
-        """The reaction that is due now; ``OFF``: none."""
+        """Return the reaction that is due; ``OFF``: none."""
         rule = self.rule
         if not holds:
             if self.done is Level.OFF or now_s - self._calm_s >= CALM_S:
@@ -69,16 +69,16 @@ class _Graded:
 
 
 class Supervisor:
-    """Watches one run; :meth:`step` at every control step of it."""
+    """Supervises one run; call :meth:`step` at every control step."""
 
     _held_s: float
-    """When the present pause began."""
+    """Start of the current pause, s."""
 
     def __init__(self, model: RobotModel, settings: SuperviseSettings | None = None) -> None:
-        """Begin with the first step."""
+        """Create the rules of ``settings``; None: the defaults."""
         self.settings = settings = settings or SuperviseSettings()
         self.holding = False
-        """True from a ``PAUSE`` until :meth:`resume`: nothing may move."""
+        """True from a ``PAUSE`` until :meth:`resume`: no motion is allowed."""
         self._measured = Measured(model)
         self._slow_until_s = -math.inf
         self._now_s = -math.inf
@@ -105,24 +105,24 @@ class Supervisor:
 
     @property
     def factor(self) -> float:
-        """What speeds are to be scaled by now."""
+        """Current factor of all speeds."""
         return self.settings.slow_factor if self._now_s < self._slow_until_s else 1.0
 
     def restart(self) -> None:
-        """The link was lost, or the robot was moved by hand: judge anew from the next step on."""
+        """Restart all rules after a loss of the link or a move by hand."""
         self._measured.restart()
         for graded in self._graded:
             graded.condition.restart()
             graded.forget()
 
     def resume(self, now_s: float) -> None:
-        """Somebody looked, and the robot may go on; what still holds is judged anew."""
+        """End a pause after the operator's check; conditions that persist are detected again."""
         self.holding = False
         self._now_s = now_s
         self.restart()
 
     def step(self, inputs: RuleInputs) -> list[Reaction]:
-        """Take a control step; what is to be done now, gravest last, nearly always nothing."""
+        """Evaluate a control step; return the reactions, most severe last."""
         now_s = inputs.time_s
         if now_s - self._now_s > GAP_S:
             self._measured.restart()
@@ -133,7 +133,7 @@ class Supervisor:
         for graded in self._graded:
             holds = graded.condition.holds(inputs, measured)
             if not holds and not graded.active:
-                continue  # nearly always
+                continue  # the usual case
             level = graded.due(now_s, holds=holds)
             if holds and graded.done is Level.SLOW:
                 self._slow_until_s = now_s + self.settings.slow_for_s
@@ -145,7 +145,7 @@ class Supervisor:
                     self.holding, self._held_s = True, now_s
         if self.holding and now_s - self._held_s > self.settings.pause_limit_s:
             self.holding = False
-            text = f"paused for {self.settings.pause_limit_s:g} s, and nobody let it go on"
+            text = f"paused for {self.settings.pause_limit_s:g} s without a resume by the operator"
             reactions.append(Reaction("pause", Level.STOP, text, {}))
         reactions.sort(key=lambda reaction: reaction.level)
         return reactions

@@ -98,7 +98,7 @@ def test_a_loss_ends_the_plan_on_the_device_and_the_run() -> None:
     assert not ends.moving, "the device has stopped by itself"
     assert ends.device.firmware.latch.cause is StopCause.LINK
     assert host.mission.done, "silence is judged before the session gives up"
-    assert "nothing of the device" in ending(host).reason
+    assert "no data from the device" in ending(host).reason
     assert ending(host).exit_status == 3, "nobody has confirmed the stop"
 
 

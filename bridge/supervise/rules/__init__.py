@@ -1,1 +1,1 @@
-"""Conditions under which the supervisor reacts."""
+"""Conditions of the supervisor's rules."""

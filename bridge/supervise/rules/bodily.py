@@ -1,4 +1,4 @@
-"""Conditions on the body: how it stands, what it touches, where it is."""
+"""Conditions on the robot's attitude, contacts and position."""
 
 from __future__ import annotations
 
@@ -20,34 +20,37 @@ _BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
 _CLIFF = int(Contact.CLIFF)
 _LIFTED = int(Fault.LIFTED)
 TILT_SMOOTH_S = 0.2
-"""The accelerometer's time constant: bumps are shorter, a lean is longer."""
+"""Time constant of the accelerometer's smoothing, s: longer than a bump, shorter than a tilt."""
 JOLT_M_S2 = 1.5
+"""Minimum vertical acceleration beside gravity that counts as a jolt, m/s²."""
 JOLT_S = 1.0
-"""A cliff within this of a jolt up or down is no cliff: it was taken up."""
+"""Maximum time from a jolt to a cliff detection that counts as lifting, s."""
 _G_M_S2 = 9.80665
+"""Standard gravity, m/s²."""
 FOLLOWS_M, FOLLOWS_M_S = (0.004, 0.03), 0.06
-"""A touch so little ahead of the one before, and so slowly reached, is the same contact, followed
-along a wall: the switch taps three times a second. Who bumps comes from further, or backed off."""
+"""Range of distance, m, and maximum speed, m/s, between two contacts that count as one: following
+a wall closes the switch three times per second. A real bump comes from further away or after a
+reverse."""
 
 
 class Tilt:
-    """Gravity lies off the body's own upright axis, as the accelerometer measures it."""
+    """The measured direction of gravity differs from the robot's vertical axis."""
 
     grave = False
 
     def __init__(self, rule: TiltRule) -> None:
-        """Keep the limit."""
+        """Set the limit."""
         self._min_cos = math.cos(math.radians(rule.angle_deg))
         self.restart()
 
     def restart(self) -> None:
-        """Gravity is not known."""
+        """Discard the smoothed acceleration."""
         self._imu: Imu | None = None
         self._mean: tuple[float, float, float] | None = None
         self._cos = 1.0
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Smooth the accelerometer and compare it with the body's own upright axis."""
+        """Smooth the acceleration and compare its direction with the vertical axis."""
         imu = inputs.imu
         if imu is None or imu is self._imu:
             return self._cos < self._min_cos
@@ -62,27 +65,27 @@ class Tilt:
         return self._cos < self._min_cos
 
     def evidence(self) -> Evidence:
-        """By how much."""
+        """Return the tilt angle."""
         angle_deg = math.degrees(math.acos(self._cos))
-        return f"it leans by {angle_deg:.0f}°", {"angle_deg": round(angle_deg, 1)}
+        return f"the robot tilts by {angle_deg:.0f}°", {"angle_deg": round(angle_deg, 1)}
 
 
 class Lifted:
-    """The device says so, or the floor went away in a jolt."""
+    """The device reports that it is lifted, or the floor disappeared after a jolt."""
 
     grave = False
 
     def __init__(self) -> None:
-        """On the floor."""
+        """Start on the floor."""
         self.restart()
 
     def restart(self) -> None:
-        """On the floor."""
+        """Reset to the floor."""
         self._jolt_s = -math.inf
         self._up = False
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """See the fault bit; and the cliff sensor against jolts."""
+        """Check the fault bit, and the cliff sensor after jolts."""
         del measured
         imu, reading, status = inputs.imu, inputs.range, inputs.status
         if imu is not None and abs(imu.accel_z_m_s2 - _G_M_S2) > JOLT_M_S2:
@@ -95,10 +98,10 @@ class Lifted:
         return self._reported or self._up
 
     def evidence(self) -> Evidence:
-        """By whose finding."""
+        """Return the source of the finding."""
         if self._reported:
-            return "the device says that it is lifted", {"by": "device"}
-        return "a jolt, and no floor since: it is lifted", {"by": "host"}
+            return "the device reports that it is lifted", {"by": "device"}
+        return "no floor after a jolt: the robot is lifted", {"by": "host"}
 
 
 class Bump:
@@ -107,20 +110,20 @@ class Bump:
     grave = False
 
     def __init__(self, rule: BumpRule) -> None:
-        """Keep the limits."""
+        """Set the limits."""
         self._rule = rule
         self.restart()
 
     def restart(self) -> None:
-        """No contact."""
+        """Discard all contacts."""
         self._onsets: list[float] = []
         self._touch: tuple[float, float] | None = None
-        """When the last touch was, and the odometry then."""
+        """Time (s) and odometry (m) of the last contact."""
         self._pressed = 0
         self._since_s = [math.inf, math.inf]
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Count onsets of contact; and how long each half has been pressed."""
+        """Count new contacts and the time for which each switch is pressed."""
         reading, now_s = inputs.range, inputs.time_s
         if reading is not None:
             pressed = reading.contacts & _BUMPERS
@@ -140,7 +143,7 @@ class Bump:
         return self._held_s >= self._rule.held_s or len(self._onsets) >= self._rule.count
 
     def _follows(self, now_s: float, distance_m: float) -> bool:
-        """Whether a touch goes on with the one before."""
+        """Return True if a contact continues the last one."""
         if self._touch is None:
             return False
         before_s, before_m = self._touch
@@ -148,7 +151,7 @@ class Bump:
         return min_m < made_m < min(max_m, FOLLOWS_M_S * (now_s - before_s))
 
     def evidence(self) -> Evidence:
-        """How many, or how long."""
+        """Return the number or the duration of the contacts."""
         data: dict[str, Scalar] = {
             "count": len(self._onsets),
             "window_s": self._rule.window_s,
@@ -160,23 +163,23 @@ class Bump:
 
 
 class Cliff:
-    """No floor ahead; grave where it drives on."""
+    """The cliff sensor finds no floor; grave if the robot drives on."""
 
     grave: bool
 
     def __init__(self, rule: CliffRule) -> None:
-        """Keep the limit."""
+        """Set the limit."""
         self._rule = rule
         self.restart()
 
     def restart(self) -> None:
-        """There is floor."""
+        """Reset to floor ahead."""
         self._seen_m: float | None = None
         self._ahead_m = 0.0
         self.grave = False
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """See the cliff bit, and how far it goes ahead with it."""
+        """Check the cliff bit and the distance driven ahead since."""
         reading = inputs.range
         if reading is None or not reading.contacts & _CLIFF:
             self.restart()
@@ -188,30 +191,30 @@ class Cliff:
         return True
 
     def evidence(self) -> Evidence:
-        """How far it went."""
+        """Return the distance driven ahead."""
         data: dict[str, Scalar] = {"ahead_m": round(self._ahead_m, 3)}
         if self.grave:
-            return f"no floor ahead, and it drove on by {100 * self._ahead_m:.0f} cm", data
+            return f"no floor ahead, and the robot drove on by {100 * self._ahead_m:.0f} cm", data
         return "no floor ahead", data
 
 
 class Progress:
-    """It has not left a small square for a long time."""
+    """The robot has not left a small square for a long time."""
 
     grave = False
     _box: tuple[float, float, float, float]
 
     def __init__(self, rule: ProgressRule) -> None:
-        """Keep the limits."""
+        """Set the limits."""
         self._rule = rule
         self.restart()
 
     def restart(self) -> None:
-        """Begin a square where it is."""
+        """Start a new square at the next step."""
         self._since_s: float | None = None
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Let a square grow around it; begin anew once it is larger than allowed."""
+        """Extend the square to the pose; start a new one if it is larger than the limit."""
         del measured
         x, y, _ = inputs.pose
         if self._since_s is None:
@@ -225,46 +228,46 @@ class Progress:
         return self._for_s > self._rule.window_s
 
     def evidence(self) -> Evidence:
-        """For how long."""
+        """Return the duration."""
         side_cm = 100.0 * self._rule.min_side_m
-        text = f"it has been within {side_cm:.0f} cm for {self._for_s:.0f} s"
+        text = f"the robot stayed within {side_cm:.0f} cm for {self._for_s:.0f} s"
         return text, {"for_s": round(self._for_s, 1), "min_side_m": self._rule.min_side_m}
 
 
 class Fence:
-    """Outside of where it may be: as grave at once as the rule says."""
+    """The robot is outside its fence."""
 
     grave = False
     _pose: Pose2
     _how: str
 
     def __init__(self, rule: FenceRule) -> None:
-        """Keep the fence."""
+        """Set the fence."""
         self._rule = rule
         self._start: Pose2 | None = None
 
     def restart(self) -> None:
-        """The fence stands where it stood."""
+        """Keep the fence and its centre."""
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Compare the estimate with the fence."""
+        """Compare the estimated pose with the fence."""
         del measured
         rule = self._rule
         pose = self._pose = inputs.pose
         if self._start is None:
             self._start = pose
         if 0.0 < rule.radius_m < self._start.distance_m(pose):
-            self._how = f"further than {rule.radius_m:g} m from where it began"
+            self._how = f"more than {rule.radius_m:g} m from its start"
             return True
         if rule.polygon and not contains(rule.polygon, pose.x_m, pose.y_m):
-            self._how = "outside of the fence"
+            self._how = "outside the fence"
             return True
         return False
 
     def evidence(self) -> Evidence:
-        """Where it is."""
+        """Return the position."""
         data: dict[str, Scalar] = {
             "x_m": round(self._pose.x_m, 3),
             "y_m": round(self._pose.y_m, 3),
         }
-        return f"it is {self._how}", data
+        return f"the robot is {self._how}", data

@@ -1,4 +1,4 @@
-"""What a rule's condition is."""
+"""Interface of a rule's condition."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ if TYPE_CHECKING:
     from bridge.supervise.measured import Measured
 
 Evidence = tuple[str, "dict[str, Scalar]"]
-"""What was found: for people, and as data."""
+"""Finding as text and as data."""
 
 
 class Condition(Protocol):
-    """One rule's condition.
+    """Condition of one rule.
 
-    A step comes first: what a class declares without a value, ``holds`` sets before anything
-    reads it, :meth:`evidence` included.
+    :meth:`holds` comes first. It sets the attributes that a class declares without a value, before
+    :meth:`evidence` reads them.
     """
 
     grave: bool
-    """Whether what is found now asks for the graver reaction at once."""
+    """True if the finding requires the second reaction at once."""
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Take a step; whether it holds now."""
+        """Evaluate a control step; return True if the condition holds."""
 
     def evidence(self) -> Evidence:
-        """What was found, in words and as data; asked only while it holds."""
+        """Return the finding as text and data. Called only while the condition holds."""
 
     def restart(self) -> None:
-        """Forget what was before a gap."""
+        """Discard the state before a gap."""

@@ -1,4 +1,4 @@
-"""Conditions on what the device tells of itself: motors, battery, streams, sensors, boots."""
+"""Conditions on the device's reports: motors, battery, streams, sensors, reboots."""
 
 from __future__ import annotations
 
@@ -19,34 +19,35 @@ _SENSORS = int(
     Fault.IMU | Fault.ENCODER_LEFT | Fault.ENCODER_RIGHT | Fault.ULTRASONIC | Fault.INFRARED
 )
 STANDS_M = 0.004
-"""Way of a wheel between two power readings, 0.2 s: at 2 cm/s it stands."""
+"""Maximum distance of a wheel at standstill between two power samples (0.2 s), m: 2 cm/s."""
 BATTERY_SMOOTH_S = 1.0
-"""Over the dip of a motor that starts."""
+"""Time constant of the voltage, s: longer than the dip of a motor start."""
 STREAMS = (Encoders, Imu, Range, Status, Power, PlannerState)
+"""Streams that the silence rule checks."""
 FROZEN_S = 1.0
-"""A chip with noise repeats itself for a few samples at most."""
+"""Time of constant registers that counts as frozen, s. Noise allows only a few equal samples."""
 TURNS_RAD_S = 0.2
-"""By the wheels: ten steps of the gyro's register, and more, would show."""
+"""Minimum yaw rate by the wheels for the frozen check, rad/s: at least ten steps of the gyro."""
 
 
 class Stall:
-    """A wheel stands and its motor draws current, or the device's own check says so."""
+    """A wheel stands still while its motor draws current, or the device reports a stall."""
 
     grave = False
 
     def __init__(self, rule: StallRule) -> None:
-        """Keep the limits."""
+        """Set the limits."""
         self._rule = rule
         self.restart()
 
     def restart(self) -> None:
-        """Nothing is known of the wheels."""
+        """Discard the wheels' distances."""
         self._power: Power | None = None
         self._way_m = [0.0, 0.0]
         self._stands: list[tuple[str, float]] = []
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """See each wheel's way since the last power reading, and its motor's current."""
+        """Check each wheel's distance since the last power sample, and its motor's current."""
         way = self._way_m
         way[0] += abs(measured.left_m)
         way[1] += abs(measured.right_m)
@@ -68,35 +69,35 @@ class Stall:
         return self._reported or bool(self._stands)
 
     def evidence(self) -> Evidence:
-        """Which wheel, and what its motor draws."""
+        """Return the wheel and its motor's current."""
         if not self._stands:
-            return "the device says that a motor stalls", {"by": "device"}
+            return "the device reports a stalled motor", {"by": "device"}
         sides = " and ".join(side for side, _ in self._stands)
         current_a = max(current for _, current in self._stands)
-        text = f"the {sides} wheel stands while its motor draws {current_a:.1f} A"
+        text = f"the {sides} wheel stands still while its motor draws {current_a:.1f} A"
         return text, {"by": "host", "side": sides, "current_a": round(current_a, 2)}
 
 
 class Battery:
-    """The battery's voltage, smoothed over a motor's start."""
+    """The battery's smoothed voltage is low."""
 
     grave: bool
     _at_s: float
-    """When the voltage was last told."""
+    """Time of the last voltage sample, s."""
 
     def __init__(self, rule: BatteryRule) -> None:
-        """Keep the limits."""
+        """Set the limits."""
         self._rule = rule
         self.restart()
 
     def restart(self) -> None:
-        """Nothing is known of it."""
+        """Discard the voltage."""
         self._power: Power | None = None
         self._battery_v: float | None = None
         self.grave = False
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Smooth the voltage and compare."""
+        """Smooth the voltage and compare it with the limits."""
         del measured
         power = inputs.power
         if power is not None and power is not self._power:
@@ -115,32 +116,32 @@ class Battery:
         return volts < self._rule.low_v or reported
 
     def evidence(self) -> Evidence:
-        """How low, or that the device says so."""
+        """Return the voltage, or that the device reports it as low."""
         volts, rule = self._battery_v, self._rule
         if volts is None or volts >= rule.low_v:
             data: dict[str, Scalar] = {"by": "device"}
             if volts is not None:
                 data["battery_v"] = round(volts, 2)
-            return "the device says that the battery is low", data
+            return "the device reports a low battery", data
         how, limit_v = ("empty", rule.empty_v) if self.grave else ("low", rule.low_v)
         data = {"by": "host", "battery_v": round(volts, 2), "limit_v": limit_v}
         return f"the battery is {how}: {volts:.1f} V", data
 
 
 class Silence:
-    """Nothing of the device, or of one of the streams that it had."""
+    """The device is silent, or one of its streams has stopped."""
 
     grave = False
 
     def __init__(self, rule: SilenceRule) -> None:
-        """Keep the limits."""
+        """Set the limits."""
         self._rule = rule
 
     def restart(self) -> None:
-        """Ages are told anew with each step."""
+        """Do nothing: each step computes the ages."""
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Compare the ages of all there is."""
+        """Compare the ages of the link and of all streams with the limits."""
         del measured
         now_s, rule = inputs.time_s, self._rule
         self._stream, self._for_s = "", now_s - inputs.heard_s
@@ -155,28 +156,28 @@ class Silence:
         return False
 
     def evidence(self) -> Evidence:
-        """What is silent, and since when."""
+        """Return the silent stream or device and the duration."""
         what = f"stream {self._stream}" if self._stream else "device"
         data: dict[str, Scalar] = {"stream": self._stream, "for_s": round(self._for_s, 2)}
-        return f"nothing of the {what} for {self._for_s:.1f} s", data
+        return f"no data from the {what} for {self._for_s:.1f} s", data
 
 
 class Sensor:
-    """The device's own fault bits; and a gyro that says the same while the wheels turn."""
+    """The device reports a broken sensor, or the IMU is frozen while the wheels turn."""
 
     grave = False
 
     def __init__(self) -> None:
-        """Whole."""
+        """Start without a finding."""
         self.restart()
 
     def restart(self) -> None:
-        """Whole."""
+        """Discard the registers."""
         self._registers: tuple[int, ...] | None = None
         self._frozen_s = 0.0
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """See the bits; compare the sensor's registers."""
+        """Check the fault bits and compare the IMU's registers."""
         status, imu = inputs.status, inputs.imu
         self._bits = 0 if status is None else status.faults & _SENSORS
         if imu is not None:
@@ -189,26 +190,26 @@ class Sensor:
         return self._bits != 0 or self._frozen_s >= FROZEN_S
 
     def evidence(self) -> Evidence:
-        """Which."""
+        """Return the broken sensors."""
         if self._bits:
             names = ", ".join(flag_labels(Fault, self._bits))
-            return f"the device says that a sensor is broken: {names}", {"sensor": names}
+            return f"the device reports a broken sensor: {names}", {"sensor": names}
         data: dict[str, Scalar] = {"sensor": "imu", "frozen_s": round(self._frozen_s, 2)}
-        return "the inertial sensor's registers do not change while it turns", data
+        return "the IMU's values are constant while the robot turns", data
 
 
 class Reset:
-    """Another boot than the one in which the watch began."""
+    """The device has another boot id than at the start."""
 
     grave = False
 
     def __init__(self) -> None:
-        """No boot is known."""
+        """Start without a boot id."""
         self._first: int | None = None
         self._now: int | None = None
 
     def restart(self) -> None:
-        """The boot that was known is still the one to be watched."""
+        """Keep the boot id of the start."""
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Compare the boot id."""
@@ -219,5 +220,5 @@ class Reset:
         return self._now != self._first
 
     def evidence(self) -> Evidence:
-        """Which boots."""
-        return "the device has booted anew", {"boot_id": str(self._now), "was": str(self._first)}
+        """Return both boot ids."""
+        return "the device rebooted", {"boot_id": str(self._now), "was": str(self._first)}

@@ -1,9 +1,9 @@
-"""A shadow of the device's planner: every decision is checked, then taken over as it was told.
+"""Check of the device's planner against the measured motion and the paper's rules.
 
-Nothing is predicted. Where a lane has ended, its D is held against the odometry, its case
-worked out again from D, Prev-D and Φ, and Length from W and T; between decisions, what the
-device says that it does is held against what is measured. After each check the shadow goes on
-from the device's own figures, so that one disagreement is one finding.
+It predicts nothing. At the end of a lane it compares D with the odometry, recomputes the case from
+D, Prev-D and Φ, and Length from W and T. Between decisions it compares the reported phase with the
+measured motion. After each check it continues from the device's own values, so that one error is
+one finding.
 """
 
 from __future__ import annotations
@@ -29,73 +29,75 @@ _STILL = frozenset(
 )
 _STRAIGHT = frozenset({_LANE, _STEP})
 _LANES = frozenset({"paper", "u-shape"})
-"""Planners that sweep in straight lanes, and tell D, Prev-D and T of them."""
+"""Planners with straight lanes, which report D, Prev-D and T."""
 _BUMPERS = int(Contact.BUMPER_LEFT | Contact.BUMPER_RIGHT)
 GAP_S = 0.7
-"""Between two planner states, of 5 Hz: longer, and a decision may have passed unseen."""
+"""Maximum time between two planner states (5 Hz), s. A longer gap may hide a decision."""
 KEEP_S = 2.0
-"""How long a finding is held, for the rule that watches it."""
+"""Time for which a finding holds, s, so that the rule can react."""
 _MM = 0.001 + 1e-9
-"""Two figures rounded to a millimetre differ by so much less or more than they say."""
+"""Maximum error of the difference of two values that are rounded to a millimetre, m."""
 _LENGTH_STEP_M = 0.02
-"""Of the wire; the last step says "that or more"."""
+"""Resolution of Length in the message, m."""
 _LENGTH_MOST = 255
+"""Maximum raw value of Length, which means this length or more."""
 STANDS_M_S, STANDS_RAD_S = 0.03, 0.15
-"""Faster is motion: three times what an estimate makes of a robot at rest."""
+"""Minimum speed (m/s) and yaw rate (rad/s) that count as motion: three times the estimate's noise
+at standstill."""
 SLIPS_M_S = 0.012
-"""Between the rims: what slips more makes the way doubtful. Twice what a hard floor brings."""
+"""Minimum slip that makes the distance uncertain, m/s: twice that of a hard floor."""
 TURN_M = 0.06
-"""Way in a second that a turn in place may make."""
+"""Maximum distance of a turn in place, m/s."""
 BEND_RAD = 0.6
-"""Turn in a second that a straight run may make."""
+"""Maximum turn of a straight segment, rad/s."""
 
 
 @dataclass(slots=True)
 class _Lane:
-    """A lane: where it began, and how far it has got."""
+    """A lane: its start and its length so far."""
 
     since_s: float
     began_m: float
-    """Odometry where it began."""
+    """Odometry at the start, m."""
     far_m: float
-    """The furthest since then."""
+    """Maximum odometry since the start, m."""
     start: Pose2
-    """The estimate where it began."""
+    """Estimated pose at the start."""
     made_m: float = 0.0
-    """The furthest along it, by the estimate: after a bump the wheels turn on."""
+    """Maximum distance along the lane by the estimate, m. After a bump the wheels turn on."""
     uncertain_m: float = 0.0
-    """Way since then that a slip, or pushing against something, has put in doubt."""
+    """Distance during slip or a push, which the odometry may have wrong, m."""
 
 
 class PlannerCheck:
-    """Judges the device's planner; for none it holds nothing."""
+    """Checks the device's planner; inactive if the host plans."""
 
     grave = False
     _state_s: float
-    """When the newest state came."""
+    """Time of the newest planner state, s."""
     _found_s: float
     _claim_s: float
     _mark_m: float
     _mark_rad: float
-    """When the present claim was last tested, and the odometry then."""
+    """Time of the last check of the reported phase, and odometry and turn at it."""
 
     def __init__(self, rule: DisagreementRule, model: RobotModel) -> None:
-        """Keep the limits."""
+        """Set the limits."""
         self._rule = rule
         self._diameter_m = model.robot_diameter_m
         self._width_m = model.cleaning_width_m
         self.restart()
 
     def restart(self) -> None:
-        """Take over whatever the device says next."""
+        """Accept the next state without a check."""
         self._state: PlannerState | None = None
         self._lane: _Lane | None = None
         self._found: Evidence | None = None
 
-    # ---- each step ------------------------------------------------------------------------
+    # ---- control step -----------------------------------------------------------------------
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
-        """Take a step; whether a disagreement was found of late."""
+        """Evaluate a control step; return True if there is a recent finding."""
         reported, now_s = inputs.planner, inputs.time_s
         if reported is None or not inputs.onboard:
             return False
@@ -109,13 +111,13 @@ class PlannerCheck:
         return self._found is not None
 
     def evidence(self) -> Evidence:
-        """The newest disagreement."""
+        """Return the newest finding."""
         return self._found or ("", {})
 
     def _note(self, now_s: float, text: str, **data: Scalar) -> None:
         self._found, self._found_s = (text, data), now_s
 
-    # ---- a decision -----------------------------------------------------------------------
+    # ---- decisions --------------------------------------------------------------------------
 
     def _hear(self, reported: PlannerState, inputs: RuleInputs, measured: Measured) -> None:
         before, now_s = self._state, inputs.time_s
@@ -131,7 +133,7 @@ class PlannerCheck:
                 text = f"T went from {before.turn_count} to {reported.turn_count} in one step"
                 self._note(now_s, text, T=reported.turn_count, T_before=before.turn_count)
         if reported.phase != _LANE:
-            # A turn in place makes no way: the lane begins where the turn before it ended.
+            # A turn in place has no distance: the lane starts at the end of the turn.
             self._lane = _Lane(now_s, measured.distance_m, measured.distance_m, inputs.pose)
         elif not whole:
             self._lane = None
@@ -146,7 +148,7 @@ class PlannerCheck:
             if abs(distance_m - driven_m) > self._rule.distance_m + lane.uncertain_m:
                 self._note(
                     now_s,
-                    f"it says D = {distance_m:.3f} m, odometry {driven_m:.3f} m",
+                    f"the device reports D = {distance_m:.3f} m, odometry is {driven_m:.3f} m",
                     D_m=distance_m,
                     odometry_m=round(driven_m, 3),
                     for_s=round(now_s - lane.since_s, 2),
@@ -156,8 +158,8 @@ class PlannerCheck:
         if reported.previous_lane_distance not in {reported.lane_distance, before.lane_distance}:
             self._note(
                 now_s,
-                f"it says Prev-D = {reported.previous_lane_distance_m:.3f} m, "
-                f"and had said D = {previous_m:.3f} m of the lane before",
+                f"the device reports Prev-D = {reported.previous_lane_distance_m:.3f} m, "
+                f"but reported D = {previous_m:.3f} m for the lane before",
                 Prev_D_m=reported.previous_lane_distance_m,
                 D_before_m=previous_m,
             )
@@ -166,42 +168,43 @@ class PlannerCheck:
 
     def _judge_case(self, reported: PlannerState, previous_m: float, now_s: float) -> None:
         distance_m, case = reported.lane_distance_m, reported.lane_case
-        # At a limit either side may be right.
+        # At a limit both cases are valid.
         cases = {self._case(distance_m, previous_m + off) for off in (-_MM, 0.0, _MM)}
         if case not in cases:
             expected = min(cases)
             self._note(
                 now_s,
-                f"it says case {case}; D = {distance_m:.3f} m after {previous_m:.3f} m "
-                f"is case {expected}",
+                f"the device reports case {case}, but D = {distance_m:.3f} m after "
+                f"{previous_m:.3f} m is case {expected}",
                 case=case,
                 expected=expected,
                 D_m=distance_m,
                 Prev_D_m=previous_m,
             )
-        elif case == 3 and reported.length != _LENGTH_MOST:  # noqa: PLR2004 - the paper's own number
+        elif case == 3 and reported.length != _LENGTH_MOST:  # noqa: PLR2004 - the paper's case number
             length_m = self._width_m * reported.turn_count
             if abs(reported.length_m - length_m) > 0.5 * _LENGTH_STEP_M + _MM:
                 self._note(
                     now_s,
-                    f"it says Length = {reported.length_m:.2f} m; W·T is {length_m:.2f} m",
+                    f"the device reports Length = {reported.length_m:.2f} m, "
+                    f"but W·T is {length_m:.2f} m",
                     Length_m=reported.length_m,
                     expected_m=round(length_m, 3),
                     T=reported.turn_count,
                 )
 
     def _case(self, distance_m: float, previous_m: float) -> int:
-        """The paper's case of a lane after another; 0: none of them."""
+        """Return the paper's case of a lane after another; 0: none."""
         if distance_m + self._diameter_m < previous_m:
             return 2
         if distance_m - self._diameter_m > previous_m:
             return 3
         return 1 if abs(distance_m - previous_m) <= self._rule.equal_m else 0
 
-    # ---- what it says that it does --------------------------------------------------------
+    # ---- reported phase ---------------------------------------------------------------------
 
     def _test_claim(self, reported: PlannerState, inputs: RuleInputs, measured: Measured) -> None:
-        """Once the claim is old enough: what was measured since the last test."""
+        """Compare the reported phase with the motion since the last check."""
         now_s, rule = inputs.time_s, self._rule
         for_s = now_s - self._claim_s
         if for_s < rule.motion_s:
@@ -224,7 +227,7 @@ class PlannerCheck:
             name = label(PlannerPhase, phase).replace("_", " ")
             self._note(
                 now_s,
-                f"it says {name}, and {wrong}: {100 * way_m:.0f} cm and "
+                f"the device reports {name}, but it {wrong}: {100 * way_m:.0f} cm and "
                 f"{turn_rad:.2f} rad in {for_s:.1f} s",
                 phase=name,
                 way_m=round(way_m, 3),
@@ -234,7 +237,7 @@ class PlannerCheck:
 
 
 def _go_on(lane: _Lane, inputs: RuleInputs, measured: Measured) -> None:
-    """A step further along a lane."""
+    """Extend a lane by one control step."""
     lane.far_m = max(lane.far_m, measured.distance_m)
     lane.made_m = max(lane.made_m, _along(lane.start, inputs.pose))
     if abs(measured.slip_m_s) > SLIPS_M_S:
@@ -245,6 +248,6 @@ def _go_on(lane: _Lane, inputs: RuleInputs, measured: Measured) -> None:
 
 
 def _along(start: Pose2, pose: Pose2) -> float:
-    """Way ahead from a pose, along its heading."""
+    """Return the distance of ``pose`` along the heading of ``start``, m."""
     c, s = math.cos(start.theta_rad), math.sin(start.theta_rad)
     return (pose.x_m - start.x_m) * c + (pose.y_m - start.y_m) * s

@@ -198,7 +198,7 @@ def test_a_device_file_drives_and_its_end_lets_go(tmp_path: Path) -> None:
 
 
 def test_no_such_gamepad() -> None:
-    with pytest.raises(PortError, match="plugged in"):
+    with pytest.raises(PortError, match="plug in the gamepad"):
         Gamepad("/dev/input/js99", lambda _s: None, lambda: None)
 
 

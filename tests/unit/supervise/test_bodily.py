@@ -272,7 +272,7 @@ def test_the_radius_is_around_the_first_place() -> None:
     assert not walk.step(1, pose=Pose2(5.99, 5.0, 0.0))
     assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0))
     assert rule.evidence()[1] == {"x_m": 5.8, "y_m": 5.8}
-    assert "further than 1 m" in rule.evidence()[0]
+    assert "more than 1 m" in rule.evidence()[0]
     rule.restart()
     assert walk.step(1, pose=Pose2(5.8, 5.8, 0.0)), "the fence stands where it stood"
 
@@ -294,7 +294,7 @@ def test_an_l_shaped_fence(x: float, y: float, *, outside: bool) -> None:
     walk = Walk(rule := Fence(FenceRule(polygon=corners)))
     assert walk.step(1, pose=Pose2(x, y, 0.0)) is outside
     if outside:
-        assert "outside of the fence" in rule.evidence()[0]
+        assert "outside the fence" in rule.evidence()[0]
 
 
 def test_a_slanting_fence() -> None:

@@ -61,7 +61,7 @@ def test_to_lean_by_the_limit_is_not_to_lean_by_more() -> None:
     for mark in range(200):
         walk.step(1, imu=imu(3000, 0, 3990, mark=mark))
     assert walk.held
-    assert rule.evidence() == ("it leans by 37°", {"angle_deg": 36.9})
+    assert rule.evidence() == ("the robot tilts by 37°", {"angle_deg": 36.9})
 
 
 def test_a_sample_counts_once_however_long_it_is_shown() -> None:
@@ -128,7 +128,7 @@ def test_at_the_limit_it_is_not_grave_and_a_step_ahead_is() -> None:
     walk.step(1, left_m=0.0123, right_m=0.0123, range=reading(contacts=CLIFF))
     grave.append(rule.grave)
     text, data = rule.evidence()
-    assert text == "no floor ahead, and it drove on by 1 cm"
+    assert text == "no floor ahead, and the robot drove on by 1 cm"
     assert data == {"ahead_m": 0.012}
     rule.restart()
     assert [*grave, rule.grave] == [False, True, False]
@@ -143,7 +143,7 @@ def test_a_square_of_just_its_side_is_not_left() -> None:
     walk.time_s = 4.0625
     assert walk.look(pose=Pose2(0.75, 0.0, 0.0))
     text, data = rule.evidence()
-    assert text == "it has been within 75 cm for 4 s"
+    assert text == "the robot stayed within 75 cm for 4 s"
     assert data == {"for_s": 4.1, "min_side_m": 0.75}
 
 

@@ -111,7 +111,7 @@ def test_a_dip_is_smoothed_over_a_second() -> None:
     walk.step(10, power=dip)
     assert not walk.held
     assert rule.evidence() == (
-        "the device says that the battery is low",
+        "the device reports a low battery",
         {"by": "device", "battery_v": 14.78},
     )
     assert drain(walk, 10.0, 1.0)
@@ -120,7 +120,7 @@ def test_a_dip_is_smoothed_over_a_second() -> None:
 def test_the_device_reports_that_it_is_low() -> None:
     walk = Walk(rule := battery())
     assert walk.step(1, status=status(int(Fault.BATTERY_LOW)))
-    assert rule.evidence() == ("the device says that the battery is low", {"by": "device"})
+    assert rule.evidence() == ("the device reports a low battery", {"by": "device"})
     assert not rule.grave
     assert not walk.step(1, status=status(int(Fault.IMU)))
     drain(walk, 11.0, 1.0)
@@ -231,7 +231,7 @@ def test_of_two_stalled_wheels_the_greater_current_is_reported() -> None:
     walk.step(1, power=power())
     assert walk.step(1, power=power(left_a=0.58, right_a=0.86))
     text, data = rule.evidence()
-    assert text == "the left and right wheel stands while its motor draws 0.9 A"
+    assert text == "the left and right wheel stands still while its motor draws 0.9 A"
     assert data == {"by": "host", "side": "left and right", "current_a": 0.86}
     assert walk.step(1, power=None), "no newer reading"
 
@@ -263,10 +263,10 @@ def test_a_device_is_silent_only_after_its_time() -> None:
     walk.time_s = 8.0
     assert walk.look(heard_s=7.5) is False
     assert walk.look(heard_s=7.375) is True
-    assert rule.evidence() == ("nothing of the device for 0.6 s", {"stream": "", "for_s": 0.62})
+    assert rule.evidence() == ("no data from the device for 0.6 s", {"stream": "", "for_s": 0.62})
     assert walk.look(heard_s=8.0, arrived_s={Imu: 7.0}) is False
     assert walk.look(heard_s=8.0, arrived_s={Imu: 6.875}) is True
-    text = "nothing of the stream imu for 1.1 s"
+    text = "no data from the stream imu for 1.1 s"
     assert rule.evidence() == (text, {"stream": "imu", "for_s": 1.12})
 
 
@@ -282,5 +282,5 @@ def test_registers_stand_still_for_a_second_of_turning() -> None:
         assert rule.holds(inputs, measured) is found
         rule.holds(inputs, measured)
         if found:
-            text = "the inertial sensor's registers do not change while it turns"
+            text = "the IMU's values are constant while the robot turns"
             assert rule.evidence() == (text, {"sensor": "imu", "frozen_s": 1.12})

@@ -88,7 +88,7 @@ def test_d_may_be_off_by_its_limit(way_m: float, *, found: bool) -> None:
     assert hand.lane(way_m, after) is found
     if found:
         assert hand.planner_check.evidence() == (
-            "it says D = 0.875 m, odometry 1.000 m",
+            "the device reports D = 0.875 m, odometry is 1.000 m",
             {"D_m": 0.875, "odometry_m": 1.0, "for_s": 0.75},
         )
 
@@ -309,7 +309,7 @@ def test_a_longer_time_between_tests_allows_more() -> None:
     hand.measured.travel_m, hand.measured.turn_rad = 0.30456, 0.61239
     assert hand.at(8.126, reported) is True
     assert hand.planner_check.evidence() == (
-        "it says paused, and moves: 12 cm and 0.31 rad in 2.1 s",
+        "the device reports paused, but it moves: 12 cm and 0.31 rad in 2.1 s",
         {"phase": "paused", "way_m": 0.125, "turn_rad": 0.312, "for_s": 2.13},
     )
 

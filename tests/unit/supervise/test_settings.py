@@ -73,7 +73,7 @@ def test_what_is_written_is_read_back() -> None:
             {"fence": {"polygon": [[0, 0], [1, "a"], [2, 2]]}},
             "supervise.fence.polygon[1]: 'a' is not",
         ),
-        ({"fence": {"polygon": [[0, 0], [1, 1], [2, 2]]}}, "its corners enclose nothing"),
+        ({"fence": {"polygon": [[0, 0], [1, 1], [2, 2]]}}, "the corners enclose no area"),
         ({"fence": {"polygon": [[0, 0]] * 257}}, "a list of 3 to 256 corners"),
         (7, "supervise: must be a table"),
     ],

@@ -47,7 +47,9 @@ def test_a_range_that_does_not_close_at_all_lost_all_of_the_way() -> None:
     hand = Hand(share=0.999)
     assert hand.run() is True
     text, data = hand.rule.evidence()
-    assert text.startswith("the range ahead closes by 0 % of the wheels' way: the wheels slip, ")
+    assert text.startswith(
+        "the range ahead decreases by 0 % of the wheel distance: the wheels slip, "
+    )
     assert data == {"by": "ultrasonic", "lost_share": 1.0}
     hand = Hand()
     hand.run(closing=1 / 3)
@@ -110,9 +112,7 @@ def test_the_wheel_that_is_ahead_is_named(slip_m_s: float, side: str) -> None:
     hand.measured.slip_m_s = slip_m_s
     assert hand.at(0.0, 1.0) is True
     text, data = hand.rule.evidence()
-    assert text == (
-        f"wheels and gyro differ by 12 cm/s: the {side} wheel is ahead of what the body turns"
-    )
+    assert text == (f"wheels and gyro differ by 12 cm/s: the {side} wheel leads the gyro's turn")
     assert data == {"by": "gyro", "difference_m_s": 0.1235 if side == "right" else -0.1235}
 
 
