@@ -1,1 +1,1 @@
-"""Recording a run to MCAP, and reading one back."""
+"""Logs of runs: writing and reading MCAP files."""

@@ -1,4 +1,4 @@
-"""The chunk in progress of an MCAP file: messages one by one, rows, and what it closes to."""
+"""The open chunk of an MCAP file: messages, rows and their packing."""
 
 from __future__ import annotations
 
@@ -19,51 +19,55 @@ if TYPE_CHECKING:
     from bridge.record.encode.rows import RowMessage
 
 CHUNK_BYTES = 256 * 1024
+"""Maximum size of a chunk's content, bytes."""
 CHUNK_NS = 250_000_000
-"""Half of what a kill may lose; the other half is the recorder's patience with an idle line."""
+"""Maximum time span of a chunk, ns: half of the 0.5 s that a kill may lose. The other half is the
+recorder's idle time."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")
 _FIXED = _MESSAGE.size - RECORD_HEAD
 
 
 class OpenChunk:
-    """Collects messages, in the order in which they come; the same object begins anew each time.
+    """Collects messages in the order of arrival. The object is reused for each chunk.
 
-    Those of fixed form wait as rows of numbers, for which their place is kept free.
+    Messages of a fixed form are stored as rows of numbers; their place in the content is reserved.
     """
 
     def __init__(self) -> None:
-        """Nothing in it, and no kinds of rows."""
+        """Create an empty chunk without rows."""
         self._zstd = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
         self._parts: list[tuple[int, bytes]] = []
-        """What is no row: where it begins, and its bytes."""
+        """Place and bytes of all content that is not a row."""
         self._entries: list[array[int]] = []
-        """By channel: log time and place of each of its messages that came one by one."""
+        """Log time and place of each single message, by channel."""
         self._rows: list[Rows] = []
         self.size = 0
-        """Bytes so far, rows that wait included: the place of what comes next."""
+        """Size of the content so far with the reserved rows, bytes: the place of the next
+        message."""
         self.earliest_ns = self.deadline_ns = 0
-        """A message belongs into it whose log time is in between, while it is not full."""
+        """Range of log times of this chunk's messages, ns."""
 
     def declare(self, record: bytes) -> None:
-        """Add a record that is no message."""
+        """Add a record other than a message."""
         self._parts.append((self.size, record))
         self.size += len(record)
 
     def add_channel(self, record: bytes) -> None:
-        """Add the record of the next channel; they are numbered from 1."""
+        """Add the record of the next channel. Channels are numbered from 1."""
         self._entries.append(array("q"))
         self.declare(record)
 
     def rows(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> Rows:
-        """Declare messages that always come together; see :class:`Rows`."""
+        """Declare messages that always occur together; see :class:`Rows`."""
         made = Rows(ints, floats, messages)
         self._rows.append(made)
         return made
 
     def begin(self, log_ns: int) -> None:
-        """Begin with a message of this time."""
-        # Also closed by a clock that was set back, or the chunk would stay open until it is full.
+        """Start the chunk with a message of this time."""
+        # The lower limit closes the chunk when the clock is set back; otherwise it would stay open
+        # until it is full.
         self.earliest_ns, self.deadline_ns = log_ns - CHUNK_NS, log_ns + CHUNK_NS
 
     def add(
@@ -78,7 +82,7 @@ class OpenChunk:
         self.size = place + RECORD_HEAD + size
 
     def close(self) -> Chunk | None:
-        """Give what is in it, and begin anew; None: no message."""
+        """Return the packed chunk and start a new one; None: no message."""
         if not any(self._entries) and not any(rows.ints for rows in self._rows):
             return None
         indexes: dict[int, list[bytes]] = {}
@@ -116,6 +120,6 @@ class OpenChunk:
 
 
 def _in_order(entries: bytes) -> bytes:
-    """Of several forms of one channel: by time, then by place."""
+    """Sort the index of a channel with several forms by time, then by place."""
     rows = np.frombuffer(entries, dtype=np.int64).reshape(-1, 2)
     return rows[np.lexsort((rows[:, 1], rows[:, 0]))].tobytes()

@@ -1,7 +1,7 @@
-"""An MCAP file whose chunks close by log time as well as by size.
+"""MCAP file that closes chunks by log time and by size.
 
-Messages of fixed length that come together are cheaper still than others: :class:`Rows` packs a
-chunk's, headers included, in one go.
+:class:`Rows` packs messages of a fixed form that occur together, with their headers, at once for
+each chunk, which is faster than single messages.
 """
 
 from __future__ import annotations
@@ -28,15 +28,14 @@ class LogOpener(Protocol):
     """Creates a log's file."""
 
     def __call__(self, path: Path, *, force: bool) -> FileIO:
-        """Open it for writing, or raise a :class:`LogError`."""
+        """Open ``path`` for writing, or raise a :class:`LogError`."""
 
 
 class ChunkedFile:
-    """Writes one MCAP file, a whole chunk at a time. Not for several threads at once.
+    """Writes one MCAP file in whole chunks. Not thread-safe.
 
-    After a failed write the file ends with its last whole chunk: what was recorded before
-    stays readable, every later call raises the same :class:`LogWriteError`, and
-    :meth:`finish` still tries to close the file whole.
+    After a failed write the file ends with its last whole chunk, which stays readable. Every later
+    call raises the same :class:`LogWriteError`; :meth:`finish` still tries to complete the file.
     """
 
     def __init__(
@@ -50,38 +49,38 @@ class ChunkedFile:
         """Create the file.
 
         Raises:
-            LogExistsError: it exists and ``force`` is not set.
-            LogWriteError: it cannot be opened or written.
+            LogExistsError: the file exists, and ``force`` is False.
+            LogWriteError: the file cannot be opened or written.
 
         """
         self.out = McapFile(path, opener(path, force=force))
-        """What the whole records go to."""
+        """File for whole records."""
         self.chunk = OpenChunk()
-        """The one in progress, for who appends many rows."""
+        """The open chunk; public for callers that append many rows."""
         self._schema_ids: dict[str, int] = {}
         self.closed = False
         try:
             self.out.write(MAGIC + bytes_of(Header(profile="", library=library)))
         except LogWriteError:
             self.out.close()
-            if not force:  # it is ours, and says nothing
+            if not force:  # a new file without content
                 path.unlink(missing_ok=True)
             raise
 
-    # ---- what goes in
+    # ---- input
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
-        """Write a file within the file, after the chunk in progress."""
+        """Close the open chunk and write an attachment."""
         self.flush()
         self.out.add_record(bytes_of(Attachment(time_ns, time_ns, name, media_type, data)))
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Write named key-value pairs, after the chunk in progress."""
+        """Close the open chunk and write named key-value pairs."""
         self.flush()
         self.out.add_record(bytes_of(Metadata(name=name, metadata=data)))
 
     def add_channel(self, topic: str, message_encoding: str, schema: tuple[str, str, bytes]) -> int:
-        """Declare a topic with its schema (name, encoding, data); gives the channel's id."""
+        """Declare a topic with its schema (name, encoding, data); return the channel's id."""
         name, encoding, data = schema
         schemas, channels = self.out.schemas, self.out.channels
         schema_id = self._schema_ids.get(name)
@@ -103,7 +102,7 @@ class ChunkedFile:
     def add_message(
         self, channel_id: int, log_ns: int, publish_ns: int, sequence: int, data: bytes
     ) -> None:
-        """Add one message; closes the chunk in progress where it is full or old enough.
+        """Add one message; first close the open chunk if it is full or too old.
 
         Raises:
             LogWriteError: the file cannot be written.
@@ -115,11 +114,11 @@ class ChunkedFile:
         chunk.add(channel_id, log_ns, publish_ns, sequence, data)
 
     def rows(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> Rows:
-        """Declare messages that always come together; see :class:`Rows`."""
+        """Declare messages that always occur together; see :class:`Rows`."""
         return self.chunk.rows(ints, floats, messages)
 
     def begin_row(self, log_ns: int, size: int) -> int:
-        """Make room for a row of this log time, before it is appended; gives its place.
+        """Reserve space for a row of this log time, before it is appended; return its place.
 
         Raises:
             LogWriteError: the file cannot be written.
@@ -133,7 +132,7 @@ class ChunkedFile:
         return place
 
     def next_chunk(self, log_ns: int) -> None:
-        """Close the chunk in progress and begin one with a message of this time.
+        """Close the open chunk and start one with a message of this time.
 
         Raises:
             LogWriteError: the file cannot be written.
@@ -142,10 +141,10 @@ class ChunkedFile:
         self.flush()
         self.chunk.begin(log_ns)
 
-    # ---- what comes out
+    # ---- output
 
     def flush(self) -> None:
-        """Close the chunk in progress and hand it to the operating system.
+        """Close the open chunk and write it.
 
         Raises:
             LogWriteError: it could not be written, now or earlier.
@@ -158,10 +157,10 @@ class ChunkedFile:
             self.out.add_chunk(closed)
 
     def finish(self) -> None:
-        """Close the last chunk, write the summary and close the file; again is no error.
+        """Close the last chunk, write the summary and close the file. It may be called again.
 
         Raises:
-            LogWriteError: the end could not be written; the chunks before it are whole.
+            LogWriteError: the end could not be written; the chunks before it are complete.
 
         """
         if self.closed:
@@ -173,7 +172,7 @@ class ChunkedFile:
             if not failed_before:
                 self.flush()
         except LogWriteError:
-            # The room that the cut chunk gave back may be enough for the summary.
+            # The space of the discarded chunk may be enough for the summary.
             out.failure = None
             out.end()
             raise

@@ -1,4 +1,4 @@
-"""A device message's topics: our own, and those of its ROS counterparts, written together."""
+"""Topics of a device message: the own topic and those of its ROS counterparts."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from protocol.schema.message import MessageSpec
 
 _LOG, _PUBLISH, _BOUND, _NODE, _SEQUENCE, _T_US, _RAW = range(1, 8)
-"""Columns of a row after its place; the message's own fields are the last."""
+"""Columns of a row after its place; the message's own fields follow."""
 
 
 class _Form(NamedTuple):
-    """Messages of which the same values are there."""
+    """Messages with the same set of present values."""
 
     rows: Rows
     ros_values: Callable[[DeviceMessage], tuple[float, ...]] | None
@@ -31,9 +31,9 @@ class _Form(NamedTuple):
 class DeviceTopics:
     """Writes the messages of one type.
 
-    Which fields are absent (a sentinel's SI value, what an older device does not know, the
-    bound while there is no clock mapping) decides the form, and there are few of them: each
-    is a kind of row of its own.
+    A value may be absent: a sentinel, a field that an older device lacks, or the bound without a
+    clock mapping. The set of present values is the form of a message. There are few forms, and each
+    has its own rows.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class DeviceTopics:
         ros: RosMessages | None,
         ros_channel: Callable[[RosTopic], int],
     ) -> None:
-        """Declare the device's own channel; those of ROS follow with the first message."""
+        """Declare the device's own channel; ROS channels follow with the first message."""
         self._file, self._chunk = file, file.chunk
         self._encoder = DeviceEncoder(spec)
         layout = self._layout = self._encoder.layout
@@ -64,13 +64,13 @@ class DeviceTopics:
 
         """
         log_ns = record[0]
-        raw: tuple[Any, ...] = record[7]  # type: ignore[assignment]  # what it is at run time
-        if not self._fixed:  # rare messages with a text in them
+        raw: tuple[Any, ...] = record[7]  # type: ignore[assignment]  # messages are tuples
+        if not self._fixed:  # rare: messages with text
             time_ns = log_ns if record.publish_ns is None else record.publish_ns
             data = self._layout.encode(self._encoder.values(record))
             self._file.add_message(self._channel, log_ns, time_ns, record.seq, data)
             return
-        values: tuple[Any, ...] = record[:6] + raw  # the columns are a record's own order
+        values: tuple[Any, ...] = record[:6] + raw  # columns in the record's order
         if None in values or self._sentinels:
             form = self._some(record, values)
             values = tuple([value or 0 for value in values])
@@ -78,7 +78,7 @@ class DeviceTopics:
             form = self._whole or self._form(None)
         rows, ros_values = form
         chunk = self._chunk
-        # As begin_row does it, without the call: two of five records come here.
+        # Inlined begin_row, because 40 % of all records pass here.
         if not chunk.earliest_ns <= log_ns < chunk.deadline_ns or chunk.size >= CHUNK_BYTES:
             self._file.next_chunk(log_ns)
         rows.ints.append(chunk.size)
@@ -88,7 +88,7 @@ class DeviceTopics:
             rows.floats.extend(ros_values(record))
 
     def _some(self, record: DeviceMessage, values: tuple[Any, ...]) -> _Form:
-        """The form of a message of which something may be absent."""
+        """Return the form of a message that may have absent values."""
         shown = (
             values[_PUBLISH - 1] is not None,
             *(value is not None for value in self._encoder.values(record)),
@@ -96,7 +96,7 @@ class DeviceTopics:
         return self._forms.get(shown) or self._form(shown)
 
     def _form(self, shown: tuple[bool, ...] | None) -> _Form:
-        """Make the form of messages with these values, publish time first; None: with all."""
+        """Create the form with these values present, publish time first; None: all present."""
         encoder, layout, ros = self._encoder, self._layout, self._ros
         present = [i for i in range(len(layout.fields)) if shown is None or shown[1 + i]]
         published = shown is None or shown[0]
@@ -105,7 +105,7 @@ class DeviceTopics:
         messages = [
             RowMessage(self._channel, head, layout.parts(present), [sources[i] for i in present])
         ]
-        # The fields of a message come third in a layout, as on the wire.
+        # In a layout the message's own fields start at the third place, as in the wire format.
         if ros is not None and shown is not None and not all(shown[4 : 4 + ros.needs]):
             ros = None
         floats = 0

@@ -1,4 +1,4 @@
-"""What can go wrong with a log, each in one clear line."""
+"""Errors of writing and reading logs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class LogError(BridgeError):
-    """Base of everything that recording and reading may raise."""
+    """Base of all errors of recording and reading."""
 
     def __init__(self, path: Path, text: str) -> None:
         super().__init__(text)
@@ -20,7 +20,7 @@ class LogError(BridgeError):
 
 
 class LogWriteError(LogError):
-    """The log cannot be opened or written: no such folder, no permission, disk full."""
+    """The log cannot be opened or written: no folder, no permission, disk full."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(path, f"cannot write {path}: {reason}")
@@ -28,16 +28,16 @@ class LogWriteError(LogError):
 
     @classmethod
     def of(cls, path: Path, error: OSError) -> Self:
-        """Say what the system refused, and what to do where that is known."""
+        """Create the error from a system error, with its remedy if known."""
         return cls(path, cause(path, error))
 
 
 class LogGoneError(LogWriteError):
-    """The log's file was deleted or replaced while it was being recorded: there is no log."""
+    """The log's file was deleted or replaced during the recording, so there is no log."""
 
 
 class LogReadError(LogError):
-    """The file is missing, is no MCAP, or is damaged before its first record."""
+    """The file is missing, is not an MCAP file, or is damaged before its first record."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(path, f"cannot read {path}: {reason}")

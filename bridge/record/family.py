@@ -1,4 +1,4 @@
-"""The files of a run that was recorded into several."""
+"""Files of a run that was recorded into several files."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _SAME = ("opened_unix_ns", "port")
-"""What all files of a run say alike."""
+"""Metadata that is equal in all files of a run."""
 
 
 def part_name(first: Path, number: int) -> Path:
-    """The name of a run's n-th file."""
+    """Return the name of a run's n-th file."""
     return first if number == 1 else first.with_name(f"{first.stem}-{number:04d}{first.suffix}")
 
 
 def parts_of(path: Path) -> list[Path]:
-    """The files of the run that begins with this one, in turn; itself where it is the only one.
+    """Return the files of the run that starts with ``path``, in order.
 
-    A file that is not the first stands for itself. One that lies beside the first under a name
-    that fits, and is of another run, ends the row.
+    A file that is not a run's first one is returned alone. The list ends before a file with a
+    matching name that belongs to another run.
 
     Raises:
-        LogReadError: the file is missing, cannot be read, or is no MCAP file.
+        LogReadError: the file is missing, cannot be read, or is not an MCAP file.
 
     """
     found, first = [path], _run(path)
@@ -39,17 +39,17 @@ def parts_of(path: Path) -> list[Path]:
 
 
 def part_after(first: Path, number: int) -> Path | None:
-    """The file in which a run goes on after its n-th one; None where there is none (yet).
+    """Return the file that continues a run after its n-th file; None if there is none yet.
 
     Raises:
-        LogReadError: the first file is missing, cannot be read, or is no MCAP file.
+        LogReadError: the first file is missing, cannot be read, or is not an MCAP file.
 
     """
     return _part_after(first, _run(first), number)
 
 
 def stray_part(first: Path) -> Path | None:
-    """A file whose name a run that begins with this one would need, sooner or later."""
+    """Return an existing file whose name a later part of this run would need; None: none."""
     pattern = f"{glob.escape(first.stem)}-[0-9][0-9][0-9][0-9]{glob.escape(first.suffix)}"
     return min(first.parent.glob(pattern), default=None)
 
@@ -62,13 +62,13 @@ def _part_after(first: Path, run: dict[str, str], number: int) -> Path | None:
     expected["previous"] = part_name(first, number).name
     try:
         other = _run(following)
-    except LogReadError:  # it is not there, or was begun and no more
+    except LogReadError:  # missing, or without content
         return None
     return following if all(other.get(name) == it for name, it in expected.items()) else None
 
 
 def _run(path: Path) -> dict[str, str]:
-    """What a file says of its run; it stands before all messages."""
+    """Return the run's metadata, which precede all messages."""
     with opened(path) as data:
         for found in records(data):
             if isinstance(found, DamagedBytes) or found.opcode in {Opcode.CHUNK, Opcode.DATA_END}:

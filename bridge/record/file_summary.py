@@ -1,4 +1,4 @@
-"""What a file's own summary says of the records before it: kinds, places, declarations, counts."""
+"""The summary section of an MCAP file: record types, offsets, declarations and counts."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ _DATA_END = struct.Struct("<BQI")
 
 @dataclass(slots=True)
 class FileSummary:
-    """What the summary says; empty where there is none, or it is damaged."""
+    """Content of the summary section; empty if it is missing or damaged."""
 
     declared: Declared = field(default_factory=Declared)
     kinds: dict[int, int] = field(default_factory=dict)
-    """Opcode of the record at each place that an index names, from the file's beginning."""
+    """Opcode of each indexed record, by its offset in the whole data."""
     counts: dict[int, int] | None = None
-    """Messages of each channel; None where that is not said."""
+    """Number of messages per channel; None: no statistics."""
     start: int | None = None
-    """Where it begins, from the file's beginning."""
+    """Offset of the summary in the whole data; None: no summary."""
     is_proven: bool = False
-    """Its checksum holds."""
+    """True if the summary's CRC matches."""
 
     def take(self, opcode: int, content: bytes, begin: int) -> None:
-        """Take one record of the summary of a file that begins at ``begin``.
+        """Handle one record of the summary of a file that starts at ``begin``.
 
         Raises:
-            Exception: one of what the library raises on damage.
+            Exception: any error that the library raises on damage.
 
         """
         match opcode:
@@ -62,7 +62,7 @@ class FileSummary:
 
 
 def read_file_summary(data: Bytes, begin: int, end: int) -> FileSummary:
-    """Read the summary of the file from ``begin`` to ``end``; damage makes it shorter or empty."""
+    """Read the summary of the file between the offsets; damage shortens it."""
     summary = FileSummary()
     footer = end - len(MAGIC) - _FOOTER.size
     if footer <= begin or data[end - len(MAGIC) : end] != MAGIC:
@@ -83,9 +83,9 @@ def read_file_summary(data: Bytes, begin: int, end: int) -> FileSummary:
 
 
 def is_summary_of(data: Bytes, begin: int, end: int) -> bool:
-    """Whether the footer before ``end`` names a summary behind the data of the file at ``begin``.
+    """Return True if the footer before ``end`` belongs to the file at ``begin``.
 
-    It takes one look at the footer and one at the record before the summary, whatever their sizes.
+    It reads the footer and the record before the summary only, in constant time.
     """
     footer = end - len(MAGIC) - _FOOTER.size
     if footer <= begin:

@@ -1,4 +1,4 @@
-"""What a log holds, in figures."""
+"""Statistics of a log."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ if TYPE_CHECKING:
 
 _NANOSECONDS = 1e9
 _MIN_COUNT, _MIN_SPAN_NS = 3, 1_000_000_000
-"""Messages, and from the first to the last, that make a rate; of a short log half of it."""
+"""Minimum number of messages and minimum time span for a rate; for a short log half its
+duration."""
 _RAW = {"/raw/uart/rx": "received_bytes", "/raw/uart/tx": "sent_bytes"}
 
 
 @dataclass(slots=True)
 class TopicDescription:
-    """One topic's share of a log."""
+    """Statistics of one topic."""
 
     topic: str
     schema: str
     encoding: str
     count: int = 0
     bytes: int = 0
-    """Of the messages themselves, before compression."""
+    """Size of the messages before compression, bytes."""
     first_ns: int = 0
     last_ns: int = 0
     rate_hz: float | None = None
-    """Mean rate between the first and the last message; None where there is no telling."""
+    """Mean rate between the first and the last message, Hz; None: too few messages."""
 
     def update_rate(self, duration_ns: int) -> None:
-        """Find the rate, of a log this long: a few messages at one moment have none."""
+        """Compute the rate for a log of this duration, ns."""
         span_ns = self.last_ns - self.first_ns
         if self.count >= _MIN_COUNT and span_ns >= min(_MIN_SPAN_NS, duration_ns / 2) > 0:
             self.rate_hz = (self.count - 1) / (span_ns / _NANOSECONDS)
@@ -42,49 +43,49 @@ class TopicDescription:
 
 @dataclass(slots=True)
 class RunDescription:
-    """One log."""
+    """Statistics of one log."""
 
     path: Path
     file_bytes: int
     whole: bool
-    """False: its end is missing, and what stands before was read."""
+    """False: the end is missing, and the part before it was read."""
     problems: list[str]
-    """Damage that was stepped over."""
+    """Damage that was skipped."""
     metadata: dict[str, str]
-    """What the run says of itself: version, port, planner, seed…"""
+    """Metadata of the run: version, port, planner, seed and others."""
     attachments: dict[str, int]
-    """Size in bytes by name."""
+    """Size of each attachment, bytes."""
     summary: dict[str, Any] | None
-    """As the run ended; None where it came to no end."""
+    """Summary of the run; None: the run has no end."""
     start_ns: int = 0
-    """Unix time of the first message; 0 where there is none."""
+    """Unix time of the first message, ns; 0: no message."""
     end_ns: int = 0
     topics: list[TopicDescription] = field(default_factory=list)
     wire: dict[str, Any] = field(default_factory=dict)
-    """Of the summary where it has them, else what can be counted in the log."""
+    """Link statistics of the summary, or those counted in the log."""
     parts: list[Path] = field(default_factory=list)
-    """The files of the run, where it was recorded into several and the first was named."""
+    """Files of the run if there are several."""
     format: str = "mcap"
-    """``candump`` or ``raw`` for a capture, of which the topics are what it decodes to."""
+    """``candump`` or ``raw`` for a capture; its topics are the decoded ones."""
 
     @property
     def duration_s(self) -> float:
-        """From the first message to the last."""
+        """Time from the first to the last message, s."""
         return (self.end_ns - self.start_ns) / _NANOSECONDS
 
     @property
     def message_count(self) -> int:
-        """Messages of all topics."""
+        """Number of messages of all topics."""
         return sum(topic.count for topic in self.topics)
 
     @property
     def outcome(self) -> str | None:
-        """How the run ended; None where the log does not say."""
+        """Outcome of the run; None: unknown."""
         outcome = (self.summary or {}).get("outcome")
         return outcome if isinstance(outcome, str) else None
 
     def as_json(self) -> dict[str, Any]:
-        """All of it as plain values."""
+        """Return all fields as values for JSON."""
         return {
             "path": str(self.path),
             "format": self.format,
@@ -116,10 +117,10 @@ class RunDescription:
 
 
 def describe(path: Path) -> RunDescription:
-    """Read a log to its end and count.
+    """Read a log and return its statistics.
 
     Raises:
-        LogReadError: the file is missing, cannot be read, or is no MCAP file.
+        LogReadError: the file is missing, cannot be read, or is not an MCAP file.
 
     """
     reader = LogReader(path)
@@ -163,27 +164,27 @@ def describe(path: Path) -> RunDescription:
 
 
 def _raw_name(message: LogMessage) -> str | None:
-    """Which figure a raw message belongs to; None for all others."""
+    """Return the statistic that a raw message belongs to; None for other topics."""
     topic = message.channel.topic
     if topic != RAW_CAN:
         return _RAW.get(topic)
     try:
         return "sent_bytes" if message.decoded.outgoing else "received_bytes"
-    except (ValueError, AttributeError, TypeError):  # another program's topic of the same name
+    except (ValueError, AttributeError, TypeError):  # another program's topic with this name
         return None
 
 
 def _payload(message: LogMessage) -> int:
     try:
         return len(message.decoded.data)
-    except (ValueError, AttributeError, TypeError):  # another program's topic of the same name
+    except (ValueError, AttributeError, TypeError):  # another program's topic with this name
         return len(message.data)
 
 
 def _counted_wire(
     topics: dict[str, TopicDescription], wire_bytes: dict[str, int]
 ) -> dict[str, Any]:
-    """Wire figures from the messages; what only the link knew (losses, errors) is None."""
+    """Count link statistics from the messages; losses and errors are unknown, so None."""
     device = [t.count for name, t in topics.items() if name.startswith("/device/")]
     return {
         "frames": sum(device) if device else None,

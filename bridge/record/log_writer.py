@@ -1,4 +1,4 @@
-"""A run's log: every record to its topics in one MCAP file."""
+"""Writer of a run's log: converts records to messages in one MCAP file."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ if TYPE_CHECKING:
     from bridge.session.records import Record, RunInfo
 
 _LOGGED = Head(1, 1)
-"""Log and publish time in the one integer that follows a row's place."""
+"""Log and publish time are both the integer after a row's place."""
 _PLANAR = (proto_stamp(1), real(0), real(1), *half_angle(2))
-"""A pose whose x, y and yaw are a row's first floats."""
+"""A pose with x, y and yaw from a row's first floats."""
 
 
 class RunWriter:
-    """Writes a run as it happens; what is older than a chunk survives a kill.
+    """Writes a run while it happens. After a kill all but the last chunk is readable.
 
-    Not for several threads at once. ``write`` raises :class:`LogWriteError` as soon as the
-    file cannot be written, and again for every record after it.
+    Not thread-safe. After a failed write, :meth:`write` raises :class:`LogWriteError` for every
+    record.
     """
 
     def __init__(
@@ -74,11 +74,11 @@ class RunWriter:
         force: bool = False,
         opener: LogOpener = open_log_file,
     ) -> None:
-        """Create the file and write what it says of itself first.
+        """Create the file and write its attachments and metadata.
 
         Raises:
-            LogExistsError: the file exists and ``force`` is not set.
-            LogWriteError: it cannot be opened or written.
+            LogExistsError: the file exists, and ``force`` is False.
+            LogWriteError: the file cannot be opened or written.
 
         """
         model = info.robot
@@ -97,7 +97,7 @@ class RunWriter:
             self._write_head(info)
         except LogWriteError:
             self._file.finish()
-            if not force:  # it is ours, and says nothing
+            if not force:  # a new file without content
                 path.unlink(missing_ok=True)
             raise
         for name, mount in (
@@ -124,7 +124,7 @@ class RunWriter:
         }
 
     def write(self, record: Record) -> None:
-        """Record one thing on the topics that it belongs to.
+        """Write one record to its topics.
 
         Raises:
             LogWriteError: the file cannot be written, now or since an earlier record.
@@ -133,7 +133,7 @@ class RunWriter:
         if self._file.out.failure is not None:
             raise self._file.out.failure
         self._last_ns = record[0]
-        if record.__class__ is DeviceMessage:  # two of five, and the dearest
+        if record.__class__ is DeviceMessage:  # the most frequent and slowest records
             topics = self._device.get(record[6])
             if topics is not None:
                 topics.write(record)
@@ -142,11 +142,11 @@ class RunWriter:
 
     @property
     def bytes_written(self) -> int:
-        """Length of the file by now."""
+        """Length of the file so far, bytes."""
         return self._file.out.offset
 
     def flush(self) -> None:
-        """Hand everything so far to the operating system: for when nothing more may come soon.
+        """Write the open chunk, for example before a pause without records.
 
         Raises:
             LogWriteError: the file cannot be written.
@@ -155,12 +155,12 @@ class RunWriter:
         self._file.flush()
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Attach the summary and close the file whole; again is no error.
+        """Attach the summary and complete the file. It may be called again.
 
-        After a failed write it does what can still be done, without raising for it again.
+        After a failed write it does what is still possible, without another error.
 
         Raises:
-            LogWriteError: the end could not be written; what came before it is readable.
+            LogWriteError: the end could not be written; the content before it is readable.
 
         """
         if self._file.closed:
@@ -174,7 +174,7 @@ class RunWriter:
         finally:
             self._file.finish()
 
-    # ---- first in the file
+    # ---- start of the file
 
     def _write_head(self, info: RunInfo) -> None:
         def attach(name: str, media_type: str, text: str) -> None:
@@ -198,7 +198,7 @@ class RunWriter:
             own["seed"] = str(info.seed)
         self._file.add_metadata(METADATA, {**info.extra, **own})
 
-    # ---- one for each kind of record
+    # ---- handlers of record types
 
     def _raw(self, record: RawBytes) -> None:
         log_ns, outgoing, data = record
@@ -213,7 +213,7 @@ class RunWriter:
         self._add_flat("/raw/can", schemas.RAW_CAN, record.log_ns, data)
 
     def _device_message(self, record: DeviceMessage) -> None:
-        """The first of its type; those that follow go straight to its topics."""
+        """Handle the first message of a type; later ones go directly to its topics."""
         cls = type(record.message)
         topics = self._device[record.name] = DeviceTopics(
             self._file, CATALOGUE.spec(cls), self._ros.form(cls), self._ros_topic
@@ -237,7 +237,7 @@ class RunWriter:
                 ),
             )
         log_ns = record[0]
-        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        place = self._file.begin_row(log_ns, rows.size)  # may empty the rows
         rows.ints.extend((place, log_ns))
         rows.floats.extend(schemas.estimate_values(record))
 
@@ -248,7 +248,7 @@ class RunWriter:
             message = RowMessage(channel, _LOGGED, foxglove.POSE_PARTS, _PLANAR)
             rows = self._rows[TruthRecord] = self._file.rows(2, 3, (message,))
         log_ns, pose = record
-        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        place = self._file.begin_row(log_ns, rows.size)  # may empty the rows
         rows.ints.extend((place, log_ns))
         rows.floats.extend(pose)
 
@@ -260,7 +260,7 @@ class RunWriter:
             message = RowMessage(channel, _LOGGED, schemas.COMMAND.all_parts, values)
             rows = self._rows[CommandRecord] = self._file.rows(2, len(values), (message,))
         log_ns = record[0]
-        place = self._file.begin_row(log_ns, rows.size)  # which may empty the rows
+        place = self._file.begin_row(log_ns, rows.size)  # may empty the rows
         rows.ints.extend((place, log_ns))
         rows.floats.extend(record[1:])
 
@@ -297,7 +297,7 @@ class RunWriter:
         }
         self._file.add_metadata(DEVICE_METADATA, device)
 
-    # ---- channels, declared when they are first used
+    # ---- channels, declared on first use
 
     def _add_flat(self, topic: str, layout: FlatMessage, log_ns: int, data: bytes) -> None:
         channel = self._flat_channels.get(topic)

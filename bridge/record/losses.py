@@ -1,4 +1,4 @@
-"""Frames that are missing from a log, by their sequence numbers."""
+"""Count of frames that are missing from a log, by sequence numbers."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ _HALF = _WRAP // 2
 
 
 class LossCounter:
-    """Counts what one sender's numbers pass over.
+    """Counts gaps in one sender's sequence numbers.
 
-    A log keeps the messages of one moment by topic, not in the order of the wire, so a number
-    may come a little late; it is no loss then.
+    A log sorts messages of one time by topic, so a number may come late. That is not a loss.
     """
 
     def __init__(self) -> None:
@@ -18,10 +17,10 @@ class LossCounter:
         self._first = 0
         self._seen = 0
         self.lost = 0
-        """So far, and never less than before."""
+        """Number of losses; it never decreases."""
 
     def add(self, sequence: int) -> None:
-        """Take the number of a message that came."""
+        """Add the number of a received message."""
         if self._newest is None:
             self._newest = self._first = sequence
         else:
@@ -30,7 +29,7 @@ class LossCounter:
         self._seen += 1
 
     def update(self) -> int:
-        """Losses since the last call: numbers that are still missing."""
+        """Return the new losses since the last call."""
         if self._newest is None:
             return 0
         missing = self._newest - self._first + 1 - self._seen

@@ -1,4 +1,4 @@
-"""A new MCAP file out of the records of another: chunks as they are, the summary made anew."""
+"""Copy of an MCAP file: chunks are copied, the summary is written anew."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ _LAST_ID = (1 << 16) - 1
 
 
 class Places:
-    """Where the messages of a chunk's content stand, by channel."""
+    """Offsets of a chunk's messages, by channel."""
 
     def __init__(self) -> None:
         self.by_channel: dict[int, list[int]] = {}
-        """Log time and offset of each message, in turn."""
+        """Alternating log time and offset of each message, by channel."""
         self.first_ns = self.last_ns = 0
         self._any = False
 
     def add(self, channel_id: int, log_ns: int, offset: int) -> None:
-        """Note one message."""
+        """Add one message."""
         self.by_channel.setdefault(channel_id, []).extend((log_ns, offset))
         if not self._any:
             self._any, self.first_ns, self.last_ns = True, log_ns, log_ns
@@ -42,18 +42,18 @@ class Places:
 
 
 class McapCopy:
-    """Writes whole records as they are given, and at the end the summary that they need.
+    """Writes whole records, and a summary of them at the end.
 
-    Numbers of schemas and channels are its own: the same declaration has one number, whatever it
-    had where it comes from, and keeps the one that it had where that is free.
+    It assigns its own ids to schemas and channels. Equal declarations get one id: the original one
+    if it is free.
     """
 
     def __init__(self, path: Path, *, force: bool = False) -> None:
         """Create the file.
 
         Raises:
-            OutputExistsError: it exists and ``force`` is not set.
-            LogWriteError: it cannot be opened or written.
+            OutputExistsError: the file exists, and ``force`` is False.
+            LogWriteError: the file cannot be opened or written.
 
         """
         self._out = McapFile(path, _create(path, force=force))
@@ -73,21 +73,21 @@ class McapCopy:
         try:
             self._out.close()
         except LogWriteError:
-            if kind is None:  # else that is why, and it is on its way
+            if kind is None:  # otherwise the block's exception has priority
                 raise
 
     @property
     def messages(self) -> int:
-        """Messages so far, in chunks."""
+        """Number of messages in chunks."""
         return sum(self._out.counts.values())
 
     @property
     def chunks(self) -> int:
-        """Chunks so far."""
+        """Number of chunks."""
         return self._out.chunk_count
 
     def header(self, profile: str, library: str) -> None:
-        """Write the header, once: before everything else."""
+        """Write the header, once and before all other records."""
         if not self._has_header:
             self._has_header = True
             self._out.write(bytes_of(Header(profile, library)))
@@ -95,17 +95,17 @@ class McapCopy:
     # ---- declarations
 
     def schema(self, schema: Schema) -> int:
-        """Declare a schema; gives its number here.
+        """Declare a schema; return its id in this file.
 
         Raises:
-            ValueError: no number is left, or the schemas are larger than anybody's.
+            ValueError: no free id, or the schemas are too large.
 
         """
         key = _key(schema)
         number = self._schema_ids.get(key)
         if number is None:
             if self._schema_bytes + len(schema.data) > MAX_SCHEMA_BYTES:
-                raise ValueError("its schemas are too large")
+                raise ValueError("the file's schemas are too large")
             self._schema_bytes += len(schema.data)
             number = _free(self.schemas, schema.id)
             schema = Schema(id=number, data=schema.data, encoding=schema.encoding, name=schema.name)
@@ -115,10 +115,10 @@ class McapCopy:
         return number
 
     def channel(self, channel: Channel, schema_id: int) -> int:
-        """Declare a channel with a schema of this file; gives its number here.
+        """Declare a channel with a schema of this file; return its id in this file.
 
         Raises:
-            ValueError: no number is left.
+            ValueError: no free id.
 
         """
         topic, encoding, notes = channel.topic, channel.message_encoding, channel.metadata
@@ -140,19 +140,19 @@ class McapCopy:
     # ---- content
 
     def record(self, opcode: int, content: bytes) -> None:
-        """Write any other record as it is."""
+        """Write another record unchanged."""
         self._flush_loose()
         self._out.add_record(HEAD.pack(opcode, len(content)) + content)
 
     def chunk(
         self, compression: str, packed: bytes | memoryview, content: bytes, places: Places
     ) -> None:
-        """Write a chunk whose content is packed already, and index it."""
+        """Write a chunk with packed content, and index it."""
         self._flush_loose()
         self._chunk(compression, packed, content, places)
 
     def message(self, content: bytes, channel_id: int, log_ns: int) -> None:
-        """Write a message that stood outside chunks; it goes into one."""
+        """Write a message from outside a chunk into a chunk."""
         self._loose_places.add(channel_id, log_ns, len(self._loose))
         self._loose += HEAD.pack(Opcode.MESSAGE, len(content)) + content
         if len(self._loose) >= _LOOSE_BYTES:
@@ -169,7 +169,7 @@ class McapCopy:
         self._out.end(self._out.crc)
         self._out.close()
 
-    # ---- inside
+    # ---- chunks
 
     def _flush_loose(self) -> None:
         if not self._loose:
@@ -200,16 +200,16 @@ class McapCopy:
 
 
 def _key(record: Schema | Channel) -> bytes:
-    """What makes a declaration the same as another: all but its number."""
+    """Return the identity of a declaration: its bytes without the id."""
     data = bytes_of(record)
     return data[: HEAD.size] + data[HEAD.size + 2 :]
 
 
 def _free(used: dict[int, Any], wanted: int) -> int:
-    """A number that is free, the wanted one where possible; 0 is none.
+    """Return a free id, ``wanted`` if possible. 0 is not an id.
 
     Raises:
-        ValueError: all of them are taken.
+        ValueError: all ids are used.
 
     """
     if wanted and wanted not in used:
@@ -218,7 +218,7 @@ def _free(used: dict[int, Any], wanted: int) -> int:
     if number is None or number > _LAST_ID:
         number = next((n for n in range(1, _LAST_ID + 1) if n not in used), None)
     if number is None:
-        raise ValueError("no number is left for another schema or channel")
+        raise ValueError("no free id for another schema or channel")
     return number
 
 

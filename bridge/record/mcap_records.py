@@ -1,4 +1,4 @@
-"""The records of an MCAP file, for code that reads or writes them one by one."""
+"""Records of an MCAP file, for code that handles single records."""
 
 from __future__ import annotations
 
@@ -35,33 +35,33 @@ _Record = TypeVar("_Record", bound=McapRecord)
 
 
 def parse(kind: type[_Record], content: bytes) -> _Record:
-    """Read a record's content, which has neither opcode nor length."""
-    read = kind.read  # type: ignore[attr-defined]  # every record that is read has it
+    """Parse a record's content, without opcode and length."""
+    read = kind.read  # type: ignore[attr-defined]  # every record class used here has it
     return cast("_Record", read(ReadDataStream(BytesIO(content))))
 
 
 class Declared:
-    """Schemas and channels that a file has declared by now."""
+    """Schemas and channels that a file has declared so far."""
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self._preloaded: set[int] = set()
         self.schema_bytes = 0
-        """Of all schemas together."""
+        """Size of all schemas, bytes."""
 
     def preload(self, summary: Declared) -> None:
-        """Take what a summary declares, until the data declare it themselves."""
+        """Use a summary's declarations until the data declare them."""
         self.schemas, self.schema_bytes = summary.schemas.copy(), summary.schema_bytes
         self.channels = summary.channels.copy()
         self._preloaded = set(self.channels)
 
     def take(self, opcode: int, content: bytes) -> Channel | None:
-        """Take a schema or a channel; all other records are left out. Gives a channel that is new.
+        """Handle a schema or channel record and ignore others. Return a new channel, or None.
 
         Raises:
-            Exception: one of what the library raises on damage.
-            ValueError: the schemas are larger than anybody's.
+            Exception: any error that the library raises on damage.
+            ValueError: the schemas are too large.
 
         """
         if opcode == Opcode.SCHEMA:
@@ -69,7 +69,7 @@ class Declared:
             before = self.schemas.get(schema.id)
             size = self.schema_bytes + len(schema.data) - (len(before.data) if before else 0)
             if size > MAX_SCHEMA_BYTES:
-                raise ValueError(f"its schemas have more than {MAX_SCHEMA_BYTES} bytes")
+                raise ValueError(f"the file's schemas have more than {MAX_SCHEMA_BYTES} bytes")
             self.schema_bytes = size
             self.schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:

@@ -1,4 +1,4 @@
-"""What a run's log calls the parts that are no messages."""
+"""Names of a log's metadata and attachments."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 METADATA = "sweepctl"
-"""Name of the metadata record that says what was run."""
+"""Name of the metadata of the run."""
 DEVICE_METADATA = "device"
-"""Of each session's device, as soon as it is known: boot id, uid, firmware."""
+"""Name of the metadata of each session's device: boot id, uid, firmware."""
 ROBOT_ATTACHMENT, ROOM_ATTACHMENT = "robot.toml", "room.json"
 CATALOGUE_ATTACHMENT, SUMMARY_ATTACHMENT = "catalogue.json", "summary.json"
 
 
 def readable_name(name: str) -> str:
-    """A file's name as text that any program takes: bytes that are no UTF-8 are marked."""
+    """Return a file name as valid text; bytes that are not UTF-8 are replaced."""
     return os.fsencode(name).decode("utf-8", "replace")
 
 
 def is_utf8(path: Path) -> bool:
-    """Whether libraries that know no other names can open it."""
+    """Return True if the path is UTF-8, which some libraries require."""
     try:
         str(path).encode()
     except UnicodeEncodeError:

@@ -1,4 +1,4 @@
-"""How a run is to be recorded: one file or several, how safe, and what when it cannot be."""
+"""Recording options: one file or several, durability, and the reaction to errors."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """What a person may ask of a recording."""
+    """Options of a recording."""
 
     fsync: bool = False
-    """Every chunk is on the disk before the next: a loss of power takes half a second."""
+    """Sync every chunk to the disk. A power loss then loses 0.5 s at most."""
     rotate_bytes: int | None = None
     rotate_s: float | None = None
     stop_on_error: bool = True
-    """The run ends where its log can no longer be written; else it goes on without."""
+    """End the run when its log cannot be written; otherwise continue without a log."""
 
 
 def open_log(
     path: Path, info: RunInfo, options: RecordOptions, *, force: bool = False
 ) -> RunWriter | RotatingWriter:
-    """Begin a run's log.
+    """Create a run's log.
 
     Raises:
-        OutputExistsError: the file exists and ``force`` is not set.
-        LogWriteError: it cannot be opened or written, or there is no room for it.
+        OutputExistsError: the file exists, and ``force`` is False.
+        LogWriteError: the file cannot be opened or written, or the disk is full.
 
     """
     opener = partial(open_log_file, fsync=options.fsync)
@@ -48,7 +48,7 @@ def open_log(
     if options.rotate_bytes is None and options.rotate_s is None:
         return make(path, info)
     stray = None if force else stray_part(path)
-    if stray is not None:  # better now than in the middle of the run
+    if stray is not None:  # fail now instead of during the run
         raise OutputExistsError(stray)
     return RotatingWriter(
         path, info, make, rotate_bytes=options.rotate_bytes, rotate_s=options.rotate_s

@@ -1,7 +1,7 @@
-"""Reading logs: ours, those of other programs, and those whose end is missing.
+"""Reader of logs: own ones, those of other programs, and incomplete ones.
 
-The file is read from front to back, so that one without a summary (its writer was killed)
-reads like any other, as far as whole chunks go.
+It reads a file from start to end. A file without a summary, because its writer was killed, is read
+like any other up to its last whole chunk.
 """
 
 from __future__ import annotations
@@ -50,29 +50,30 @@ _MESSAGE = struct.Struct("<HIQQ")
 _log_ns = attrgetter("log_ns")
 
 _LARGE_BYTES = 16 << 20
-"""Size of a chunk's content from which its messages are not all made at once, bytes: they take
-up to nine times the content's memory."""
+"""Size of a chunk's content above which its messages are created one by one, bytes. All together
+need up to nine times the content's memory."""
 _MAX_HELD_BYTES = 64 << 20
-"""Largest attachment whose content is held in memory, bytes; ours have some thousands."""
+"""Maximum size of an attachment that is read, bytes. Own attachments have a few kilobytes."""
 _HEAD_BYTES = 4096
-"""Of a larger attachment: as much as its name needs, bytes."""
+"""Number of bytes that are read from a larger attachment, for its name."""
 _MAX_DECODED_BYTES = 32 << 20
-"""Largest message that is decoded, bytes: decoded messages take up to fifty times the memory."""
+"""Maximum size of a message that is decoded, bytes. A decoded message needs up to fifty times the
+memory."""
 
 
 MISREAD = (
     *(ValueError, AttributeError, TypeError, KeyError, IndexError),
     *(ArithmeticError, RecursionError),
 )
-"""What reading a decoded message may raise: another program's topic of the same name has other
-fields, fields of other types, or values that nobody meant."""
+"""Exceptions that access to a decoded message may raise. Another program's topic with the same name
+may have other fields, types or values."""
 LATEST_NS = (1 << 63) - 1
-"""Last moment of Unix time that dates and viewers take, nanoseconds: in the year 2262."""
+"""Last Unix time that date libraries and viewers support, ns: in the year 2262."""
 
 
 @dataclass(frozen=True)
 class LogChannel:
-    """A topic and how its messages are written."""
+    """A topic and the encoding of its messages."""
 
     topic: str
     schema_name: str
@@ -81,13 +82,12 @@ class LogChannel:
 
     @cached_property
     def decode(self) -> Callable[[bytes], Any] | None:
-        """To a protobuf message, or an object with the ROS message's fields; None: not known.
+        """Decoder to a protobuf message or a ROS object; None: unknown encoding.
 
-        It is made when the first message is decoded: a file may declare a channel for each of
-        65 535 numbers.
+        It is created for the first message, because a file may declare 65 535 channels.
         """
         for factory in (ProtobufDecoderFactory(), RosDecoderFactory()):
-            # The library prints what it cannot parse, whatever stands in it.
+            # The library prints errors to stderr.
             with contextlib.suppress(Exception), contextlib.redirect_stderr(io.StringIO()):
                 made = factory.decoder_for(self.message_encoding, self.schema)
                 if made is not None:
@@ -96,7 +96,7 @@ class LogChannel:
 
 
 class LogMessage(NamedTuple):
-    """One message as it stands in the file."""
+    """One message of a log."""
 
     channel: LogChannel
     log_ns: int
@@ -106,15 +106,15 @@ class LogMessage(NamedTuple):
 
     @property
     def topic(self) -> str:
-        """The topic it was written to."""
+        """Topic of the message."""
         return self.channel.topic
 
     @property
-    def decoded(self) -> Any:  # noqa: ANN401 - whatever the file's own schema says
-        """The message by the schema in the file: attributes by field name.
+    def decoded(self) -> Any:  # noqa: ANN401 - the type depends on the file's schema
+        """The message decoded with the file's schema: attributes by field name.
 
         Raises:
-            ValueError: the file has no schema that we can read for it, or the data is damaged.
+            ValueError: no usable schema, a message that is too large, or damaged data.
 
         """
         decode = self.channel.decode
@@ -129,62 +129,62 @@ class LogMessage(NamedTuple):
 
 
 class LogReader:
-    """One MCAP file, or the run in several files that begins with it (see ``family``).
+    """One MCAP file, or a run of several files that starts with it.
 
-    Every call reads the file anew; nothing is kept but small things. ``truncated`` and
-    ``problems`` are complete once the file has been read to its end, which the constructor does
-    for everything but the messages.
+    Each call reads the file again; only small data are kept. ``truncated`` is known after the
+    constructor, ``problems`` is complete after all messages were read.
     """
 
     def __init__(self, path: Path, *, alone: bool = False) -> None:
-        """Read attachments and metadata, and see whether the file is whole.
+        """Read attachments and metadata, and check whether the file is complete.
 
-        ``alone``: read this file only, whatever run it belongs to.
+        Args:
+            path: Path of the file.
+            alone: Read only this file of a run with several files.
 
         Raises:
-            LogReadError: it is missing, cannot be read, or is no MCAP file.
+            LogReadError: the file is missing, cannot be read, or is not an MCAP file.
 
         """
         self.path = path
         self.parts = [path] if alone else parts_of(path)
-        """The files that are read."""
+        """Files of the run."""
         self.attachments: dict[str, bytes] = {}
-        """By name; without those that are too large to be held."""
+        """Attachments by name, without those that are too large."""
         self.attachment_bytes: dict[str, int] = {}
-        """Size of each, held or not."""
+        """Size of each attachment, bytes."""
         self.metadata: dict[str, dict[str, str]] = {}
         self.truncated = False
-        """The end (of one of the files) is missing: the program that wrote it was killed, or the
-        disk was full."""
+        """The end of a file is missing: its writer was killed, or the disk was full."""
         self.problems: list[str] = []
-        """Damage that was stepped over while messages were read, a line each."""
+        """Damage that was skipped, one line each."""
         self.bytes = 0
         self._head_problems: list[str] = []
         self._declared: list[Declared] = []
-        """Schemas and channels of each file's summary: those whose own place is damaged."""
+        """Declarations in each file's summary, used if those in the data are damaged."""
         for part in self.parts:
             self._declared.append(Declared())
             self.truncated |= not self._read_head(part, self._declared[-1])
         if len(self.parts) > 1:
-            for name in ("part", "previous"):  # of the last file
+            for name in ("part", "previous"):  # these are the last file's
                 self.run.pop(name, None)
         self.problems = self._head_problems
 
     def _read_head(self, path: Path, declared: Declared) -> bool:
-        """Take what stands around the messages; whether the file is whole."""
+        """Read everything except messages; return True if the file is complete."""
         where = f"{path.name}: " if len(self.parts) > 1 else ""
         with opened(path) as data:
             self.bytes += len(data)
             end, whole = first_end(data)
             if end < len(data) and whole:
                 rest = f"{len(data) - end} bytes follow the end of the file"
-                self._head_problems.append(f"{where}{rest}, as of files joined; see recover")
+                self._head_problems.append(f"{where}{rest}, joined files; use sweepctl recover")
             in_summary = False
             for found in records(data):
                 if isinstance(found, DamagedBytes):
                     if not found.is_tail and not in_summary:
                         size = found.end - found.offset
-                        damage = f"{size} bytes at offset {found.offset} are damaged, stepped over"
+                        damage = f"{size} bytes at offset {found.offset} are damaged, skipped"
                         self._head_problems.append(where + damage)
                     continue
                 opcode, _, start, end = found
@@ -199,7 +199,7 @@ class LogReader:
                     try:
                         self._take_head(opcode, data, start, end)
                     except DAMAGE as error:
-                        self._head_problems.append(f"damaged record stepped over: {_why(error)}")
+                        self._head_problems.append(f"skipped a damaged record: {_why(error)}")
         return whole
 
     def _take_head(self, opcode: int, data: Bytes, start: int, end: int) -> None:
@@ -209,7 +209,7 @@ class LogReader:
             if size > _MAX_HELD_BYTES:
                 name_bytes = int.from_bytes(head[16:20], "little")
                 name = head[20 : 20 + name_bytes].decode("utf-8", "replace")
-                self._head_problems.append(f"attachment {name} has {size} bytes, too many to read")
+                self._head_problems.append(f"attachment {name} not read: {size} bytes are too many")
                 self.attachment_bytes[name] = size
                 return
             record = data[start:end]
@@ -222,7 +222,7 @@ class LogReader:
             if held > _MAX_HELD_BYTES:
                 self.attachments[attachment.name] = b""
                 self._head_problems.append(
-                    f"attachment {attachment.name} is not read: all of them have {held} bytes"
+                    f"attachment {attachment.name} not read: all together have {held} bytes"
                 )
         elif opcode == Opcode.METADATA:
             metadata = parse(Metadata, data[start:end])
@@ -230,19 +230,19 @@ class LogReader:
 
     @property
     def run(self) -> dict[str, str]:
-        """What the run says of itself; empty where another program wrote the file."""
+        """Metadata of the run; empty for a file of another program."""
         return self.metadata.get(METADATA, {})
 
     @property
     def summary(self) -> dict[str, Any] | None:
-        """The run's summary, where it came to one."""
+        """Summary of the run; None: the run has no end."""
         data = self.attachments.get(SUMMARY_ATTACHMENT)
         return None if data is None else read_summary(data)
 
     def messages(self, topics: Container[str] | None = None) -> Iterator[LogMessage]:
-        """Every message (of these topics): chunk by chunk, in each by log time.
+        """Yield the messages of ``topics`` (None: all), chunk by chunk, sorted by log time in each.
 
-        A damaged chunk is stepped over and named in ``problems``.
+        Damaged chunks are skipped and listed in ``problems``.
         """
         self.problems = self._head_problems.copy()
         for part, declared in zip(self.parts, self._declared, strict=True):
@@ -256,9 +256,9 @@ class LogReader:
                 try:
                     content = chunk_content(record)
                 except DAMAGE as error:
-                    self.problems.append(f"damaged chunk stepped over: {_why(error)}")
+                    self.problems.append(f"skipped a damaged chunk: {_why(error)}")
                     continue
-                # A writer may keep a chunk's topics apart, as ours does.
+                # A writer may group a chunk's messages by topic, as ours does.
                 if len(content) > _LARGE_BYTES:
                     yield from self._of_large(content, state)
                     continue
@@ -266,13 +266,13 @@ class LogReader:
                 try:
                     found.extend(within(content, state))
                 except DAMAGE as error:
-                    self.problems.append(f"damaged chunk stepped over: {_why(error)}")
+                    self.problems.append(f"skipped a damaged chunk: {_why(error)}")
                 yield from sorted(found, key=_log_ns)
             else:
                 yield from self._one(opcode, record, state)
 
     def _of_large(self, content: bytes, state: _Channels) -> Iterator[LogMessage]:
-        """Messages of a large chunk, one by one: only their times and places are held."""
+        """Yield a large chunk's messages one by one; only times and offsets are in memory."""
         times, places = array("Q"), array("Q")
         try:
             for opcode, start, stop in content_records(content):
@@ -284,7 +284,7 @@ class LogReader:
                 else:
                     state.take(opcode, content[start:stop])
         except DAMAGE as error:
-            self.problems.append(f"damaged chunk stepped over: {_why(error)}")
+            self.problems.append(f"skipped a damaged chunk: {_why(error)}")
         for index in np.argsort(np.frombuffer(times, np.uint64), kind="stable"):
             start, stop = places[2 * index], places[2 * index + 1]
             channel_id, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(content, start)
@@ -292,7 +292,7 @@ class LogReader:
             yield LogMessage(state.wanted[channel_id], log_ns, publish_ns, sequence, data)
 
     def _one(self, opcode: int, record: bytes, state: _Channels) -> Iterator[LogMessage]:
-        """Read a record that stands outside chunks."""
+        """Read a record outside a chunk."""
         try:
             if opcode == Opcode.MESSAGE:
                 channel_id, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(record)
@@ -303,15 +303,15 @@ class LogReader:
             else:
                 state.take(opcode, record)
         except DAMAGE as error:
-            self.problems.append(f"damaged record stepped over: {_why(error)}")
+            self.problems.append(f"skipped a damaged record: {_why(error)}")
 
     @staticmethod
     def _records(path: Path, skip: frozenset[int]) -> Iterator[tuple[int, bytes]]:
-        """Opcode and content of every record up to the end of the data."""
+        """Yield opcode and content of every record before the end of the data."""
         with opened(path) as data:
             for found in records(data):
                 if isinstance(found, DamagedBytes):
-                    continue  # told once, by the constructor
+                    continue  # reported by the constructor
                 opcode, _, start, end = found
                 if opcode == Opcode.DATA_END:
                     return
@@ -320,21 +320,21 @@ class LogReader:
 
 
 class ChunkReader:
-    """Messages out of records that come one by one."""
+    """Reads messages from single records."""
 
     def __init__(self, topics: Container[str] | None = None) -> None:
         self._state = _Channels(topics)
 
     @staticmethod
     def is_end(opcode: int) -> bool:
-        """Whether this record ends the data."""
+        """Return True if this record ends the data."""
         return opcode == Opcode.DATA_END
 
     def messages(self, opcode: int, record: bytes) -> list[LogMessage]:
-        """What a record holds.
+        """Return the messages in a record.
 
         Raises:
-            Exception: one of what the library raises on damage.
+            Exception: any error that the library raises on damage.
 
         """
         if opcode in _SKIP_INDEXES:
@@ -352,7 +352,7 @@ _SKIP_INDEXES = frozenset({int(Opcode.MESSAGE_INDEX), int(Opcode.ATTACHMENT), in
 
 
 class _Channels:
-    """Channels and schemas met so far, and which of them are asked for."""
+    """Declared channels and schemas, and the selection of channels."""
 
     def __init__(self, topics: Container[str] | None) -> None:
         self.wanted: dict[int, LogChannel] = {}
@@ -360,13 +360,13 @@ class _Channels:
         self._declared = Declared()
 
     def preload(self, declared: Declared) -> None:
-        """Take what the summary declares, until the data declare it themselves."""
+        """Use a summary's declarations until the data declare them."""
         self._declared.preload(declared)
         for channel in self._declared.channels.values():
             self._choose(channel)
 
     def take(self, opcode: int, record: bytes) -> None:
-        """Take a schema or a channel; all other records are left out."""
+        """Handle a schema or channel record and ignore others."""
         channel = self._declared.take(opcode, record)
         if channel is not None:
             self._choose(channel)
@@ -382,7 +382,7 @@ class _Channels:
 
 
 def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
-    """The messages of a chunk's content; its declarations go to ``state``."""
+    """Yield the messages of a chunk's content; declarations go to ``state``."""
     wanted, unpack = state.wanted, _MESSAGE.unpack_from
     for opcode, start, stop in content_records(content):
         if opcode == Opcode.MESSAGE:
@@ -396,5 +396,5 @@ def within(content: bytes, state: _Channels) -> Iterator[LogMessage]:
 
 
 def _why(error: Exception) -> str:
-    """What an error says, in one line."""
+    """Return an error's text as one line."""
     return " ".join(str(error).split()) or type(error).__name__

@@ -1,4 +1,4 @@
-"""Recording on its own thread, so that a slow disk never delays the robot."""
+"""Recording in a separate thread, so that a slow disk does not delay the robot."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ if TYPE_CHECKING:
     from bridge.session.records import Record
 
 QUEUE_LIMIT = 50_000
-"""Five seconds of a full 3 Mbaud line; some 20 MB."""
+"""Maximum number of queued records: 5 s of a full 3 Mbaud link, about 20 MB."""
 
 _PERIOD_S = 0.02
-"""How long records gather: waking for each one would cost the control loop a thread switch."""
+"""Interval of the thread's wake-ups, s. A wake-up per record would delay the control loop."""
 _BATCH = 32
+"""Number of records written before a pause."""
 _PAUSE_S = 0.0001
-"""Between batches the interpreter's lock is let go, so that the control loop waits 0.3 ms at
-most for it, and not the interpreter's own 5 ms."""
+"""Pause between batches, s. It releases the interpreter lock, so that the control loop waits for it
+for 0.3 ms at most instead of the interpreter's 5 ms."""
 _IDLE_S = 0.2
-"""A chunk that nothing follows is written after this time."""
+"""Time without records after which an open chunk is written, s."""
 _CATCH_UP = QUEUE_LIMIT // 4
-"""Above this the recorder stops being polite, and empties its queue."""
+"""Queue length above which the pauses are skipped."""
 
 
 class ThreadedRecorder:
-    """A bounded queue in front of a writer: ``write`` never blocks and never fails.
+    """A bounded queue in front of a writer: :meth:`write` never blocks and never fails.
 
-    A record that finds the queue full is counted in ``dropped`` and told as an event in the
-    log, once the queue has room again. The first failure of the file is kept in ``error``;
-    records after it are counted in ``dropped`` too.
+    If the queue is full, a record is counted in ``dropped``, and an event reports the loss when the
+    queue has space again. The first error of the file is kept in ``error``; later records are
+    counted in ``dropped`` too.
     """
 
     def __init__(self, writer: LogWriter, *, limit: int = QUEUE_LIMIT) -> None:
@@ -54,16 +55,16 @@ class ThreadedRecorder:
 
     @property
     def dropped(self) -> int:
-        """Records that did not reach the file."""
+        """Number of records that were not written to the file."""
         return self._dropped
 
     @property
     def error(self) -> Exception | None:
-        """Why the file cannot be written any more, if so."""
+        """Error of the file; None: no error."""
         return self._error
 
     def write(self, record: Record) -> None:
-        """Queue one record; from any thread."""
+        """Queue one record; callable from any thread."""
         if self._error is not None or self._queue.qsize() >= self._limit:
             with self._drop_lock:
                 self._dropped += 1
@@ -71,9 +72,9 @@ class ThreadedRecorder:
         self._queue.put(record)
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Write what is queued and close the file; again is no error.
+        """Write the queued records and close the file. It may be called again.
 
-        A failure stands in ``error`` afterwards, it is not raised.
+        An error is stored in ``error``, not raised.
         """
         if self._closing.is_set():
             return
@@ -100,11 +101,11 @@ class ThreadedRecorder:
                     self._writer.flush()
                     idle_s = 0.0
             self._drain()
-        except Exception as error:  # noqa: BLE001 - a thread has nobody to raise to: kept in `error`
+        except Exception as error:  # noqa: BLE001 - a thread cannot raise to a caller: stored in `error`
             self._fail(error)
 
     def _drain(self) -> bool:
-        """Write everything queued by now, in polite batches; True where there was anything."""
+        """Write all queued records in batches; return True if there were any."""
         wrote = False
         while True:
             for _ in range(_BATCH):
@@ -134,7 +135,7 @@ class ThreadedRecorder:
         if dropped == self._reported or self._error is not None:
             return
         lost, self._reported = dropped - self._reported, dropped
-        text = f"{lost} records were not written: the recorder's queue was full"
+        text = f"{lost} records were not written, because the recorder's queue was full"
         data = {"dropped": lost, "dropped_total": dropped}
         self._writer.write(
             EventRecord(self._last_ns, Severity.WARNING, "recorder", EventKind.OVERFLOW, text, data)

@@ -1,4 +1,4 @@
-"""A run in several files: each begins with all that is needed to read it by itself."""
+"""A run in several files, each readable without the others."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 _NS = 1_000_000_000
 _STATE = (IdentityRecord, RoomRecord, ClockRecord, CoverageRecord, PlannerRecord)
-"""What tells of a state, not of a moment: the newest of each begins the next file."""
+"""Records of a state; the newest of each type starts the next file."""
 _EVERY = 64
-"""Records between two looks at the file's size."""
+"""Number of records between two checks of the file's size."""
 
 
 class RotatingWriter:
     """Writes a run to ``NAME.mcap``, ``NAME-0002.mcap`` and so on.
 
-    A new file is begun when the current one is large or old enough, before the next record is
-    written, so no record is lost or doubled. Attachments, metadata, schemas and the newest
-    state are repeated; the run's summary stands in the last file.
+    It starts a new file when the current one reaches its maximum size or age, before the next
+    record, so that no record is lost or duplicated. Each file repeats attachments, metadata,
+    schemas and the newest state; the last file has the run's summary.
     """
 
     def __init__(
@@ -48,18 +48,18 @@ class RotatingWriter:
         rotate_bytes: int | None = None,
         rotate_s: float | None = None,
     ) -> None:
-        """Begin the first file.
+        """Create the first file.
 
         Args:
-            path: Of the first file.
-            info: What every file says of itself; the part's number is added.
+            path: Path of the first file.
+            info: Header data of every file; the part's number is added.
             make: Creates a file.
-            rotate_bytes: Begin another one from this size on.
-            rotate_s: Begin another one after this much log time.
+            rotate_bytes: Size at which a new file starts, bytes; None: unlimited.
+            rotate_s: Log time after which a new file starts, s; None: unlimited.
 
         Raises:
-            LogExistsError: the file exists, and is not to be replaced.
-            LogWriteError: it cannot be opened or written.
+            LogExistsError: the file exists and may not be replaced.
+            LogWriteError: the file cannot be opened or written.
 
         """
         self.path = path
@@ -72,7 +72,7 @@ class RotatingWriter:
         self._writer = self._begin()
 
     def write(self, record: Record) -> None:
-        """Record one thing, in the current file or in a new one.
+        """Write one record to the current file, or to a new one.
 
         Raises:
             LogWriteError: the file cannot be written.
@@ -87,7 +87,7 @@ class RotatingWriter:
         self._writer.write(record)
 
     def flush(self) -> None:
-        """Hand everything so far to the operating system.
+        """Write the open chunk.
 
         Raises:
             LogWriteError: the file cannot be written.
@@ -96,7 +96,7 @@ class RotatingWriter:
         self._writer.flush()
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Attach the summary to the current file and close it; again is no error.
+        """Attach the summary to the current file and complete it. It may be called again.
 
         Raises:
             LogWriteError: the end could not be written.
@@ -113,7 +113,7 @@ class RotatingWriter:
 
     def _rotate(self, log_ns: int) -> None:
         following = part_name(self._first, len(self.parts) + 1)
-        text = f"the log goes on in {following.name}"
+        text = f"the log continues in {following.name}"
         data = {"next": following.name}
         self._writer.write(
             EventRecord(log_ns, Severity.INFO, "recorder", EventKind.ROTATED, text, data)
@@ -121,7 +121,7 @@ class RotatingWriter:
         self._writer.close()
         self._begun_ns, self._count = log_ns, 0
         before, self._writer = self._writer.path, self._begin()
-        text = f"the log goes on from {before.name}"
+        text = f"the log continues from {before.name}"
         data = {"previous": before.name}
         self._writer.write(
             EventRecord(log_ns, Severity.INFO, "recorder", EventKind.ROTATED, text, data)

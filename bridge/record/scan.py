@@ -1,10 +1,9 @@
-"""Walking an MCAP file record by record, past whatever is damaged.
+"""Iteration over the records of an MCAP file, past any damage.
 
-Nothing is believed without a second look: a record must fit the file, its own fields must fit
-the record, and what follows it must begin like a record, or be damage that begins where the record
-ends. Where that fails, the next place that
-passes is searched for, and the stretch between is given as damage. So one flipped bit in a
-length costs one record, not the rest of the file.
+A record must fit the file, its fields must fit the record, and the bytes after it must look like a
+record or be damage that starts at its end. Otherwise the next valid record is searched, and the
+bytes between are reported as damage. So a flipped bit in a length costs one record, not the rest of
+the file.
 """
 
 from __future__ import annotations
@@ -33,9 +32,11 @@ Bytes = bytes | mmap
 _INDEX_HEAD = struct.Struct("<BQHI")
 _INDEX_FIXED = 6
 _WINDOW = 1 << 14
-"""Bytes of message indexes looked at in one go; a chunk mostly has fewer."""
+"""Number of bytes in which message indexes are skipped at once; most chunks have fewer."""
 _LONGEST = 1 << 40
+"""Maximum plausible length of a record, bytes."""
 _FIRST_PRIVATE = 0x80
+"""First opcode for private records."""
 _LAST_KNOWN = int(Opcode.DATA_END)
 _MESSAGE_FIXED = 22
 _FOOTER_BYTES = 20
@@ -47,15 +48,15 @@ _IN_SUMMARY = frozenset(
         *(Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET),
     )
 )
-"""What may follow the end of the data."""
+"""Records that may follow the end of the data."""
 _TWICE = frozenset({int(Opcode.CHUNK), int(Opcode.ATTACHMENT)})
-"""Records that have the length of their content twice, in their head and before their data."""
+"""Records that contain their length twice: in the head and before their data."""
 _CANDIDATE = re.compile(rb"(?=[\x02-\x0f].{5}\x00\x00\x00)", re.DOTALL)
-"""An opcode of the specification, and a length below 2⁴⁰."""
+"""An opcode of the specification and a length below 2⁴⁰."""
 
 
 class Found(NamedTuple):
-    """One record: where it begins, and where its content lies."""
+    """One record: its offset and the range of its content."""
 
     opcode: int
     offset: int
@@ -64,20 +65,20 @@ class Found(NamedTuple):
 
 
 class DamagedBytes(NamedTuple):
-    """Bytes that are no record."""
+    """Bytes that are not a record."""
 
     offset: int
     end: int
     is_tail: bool
-    """Nothing follows: the file was cut here, or all the rest is damaged."""
+    """True if no record follows: the file is truncated, or the rest is damaged."""
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Bytes]:
-    """The bytes of an MCAP file, not read before they are looked at.
+    """Open an MCAP file as a memory map.
 
     Raises:
-        LogReadError: it is missing, cannot be read, or does not begin as an MCAP file.
+        LogReadError: the file is missing, cannot be read, or does not start like an MCAP file.
 
     """
     try:
@@ -91,24 +92,24 @@ def opened(path: Path) -> Iterator[Bytes]:
 
 
 class Search:
-    """Searches for the next place where a record stands, and remembers the answer.
+    """Search for the next record, with a cache of the last result.
 
-    It holds for every place up to the one found. Without it a file of records that each begin a
-    search would be read to its end for each of them.
+    The result is valid for every start up to the record found. Without the cache, a file in which
+    every record starts a search would be read to its end each time.
     """
 
     def __init__(self, data: Bytes) -> None:
-        """Search these bytes."""
+        """Search in ``data``."""
         self._data = data
         self._answers: dict[bool, tuple[int, int | None]] = {False: (0, -1), True: (0, -1)}
-        """By whether only sized records count: where the search began, and what it found."""
+        """Start and result of the last search, by whether only sized records count."""
 
     def after(self, position: int, *, only_sized: bool = False) -> int | None:
-        """Find the first place after this one; None: there is none.
+        """Return the first valid offset after ``position``; None: none.
 
         Args:
-            position: byte after which to search.
-            only_sized: find only chunks and attachments, which never stand within a chunk.
+            position: Offset after which to search.
+            only_sized: Only chunks and attachments, which never occur inside a chunk.
 
         """
         begin = position + 1
@@ -119,9 +120,9 @@ class Search:
         return found
 
     def reached(self, start: int, end: int) -> int | None:
-        """Find the first chunk or attachment between two bytes, if one of them ends behind ``end``.
+        """Return the first chunk or attachment in the range, if one of them ends after ``end``.
 
-        A record from ``start`` to ``end`` has then lost bytes: it reaches into what follows.
+        In this case a record from ``start`` to ``end`` has lost bytes and overlaps the next ones.
         """
         first = place = self.after(start, only_sized=True)
         while place is not None and place < end:
@@ -139,11 +140,17 @@ def records(
     indexes: bool = True,
     search: Search | None = None,
 ) -> Iterator[Found | DamagedBytes]:
-    """Every record from ``position`` to the end of the file, its summary included.
+    """Yield every record from ``position`` to the end of the file, with its summary.
 
-    The footer ends it, and so does the beginning of another file that was joined to this one.
-    Without ``indexes`` those of messages are passed over: they are nine of ten records. Who walks
-    the same bytes in several parts gives a ``search``, so that none is searched twice.
+    The iteration ends at the footer, or at the start of another file that was appended.
+
+    Args:
+        data: Content of the file.
+        position: Offset of the first record.
+        indexes: Yield message indexes too, which are 90 % of all records.
+        search: Shared by callers that read the same bytes in parts, so that no range is searched
+            twice.
+
     """
     size = len(data)
     search = search or Search(data)
@@ -153,8 +160,8 @@ def records(
         found, following = _fits(data, position), None
         if found is None or not _may_begin(data, found.end):
             following = search.after(position)
-            # What stands behind it is damaged, or its length is, which then mostly reaches into
-            # or over whole records.
+            # The bytes after it are damaged, or its length is, which then usually overlaps whole
+            # records.
             if found is not None and following is not None and following < found.end:
                 is_sure = inner_end(data, found.opcode, found.start) == found.end
                 if not is_sure or begins_file(data, following):
@@ -175,18 +182,18 @@ def records(
 
 
 def _past_indexes(data: Bytes, position: int) -> int:
-    """Where the first record stands that is no message index."""
+    """Return the offset of the first record that is not a message index."""
     while True:
-        # A copy: an array on the map itself would keep it from being closed.
+        # A copy, because an array on the map would prevent its closing.
         position += skip_indexes(np.frombuffer(data[position : position + _WINDOW], np.uint8))
-        following = _past_index(data, position)  # one that does not end within the window
+        following = _past_index(data, position)  # an index beyond the window
         if following == position:
             return position
         position = following
 
 
 def _past_index(data: Bytes, position: int) -> int:
-    """Where a message index ends, if one stands here whole."""
+    """Return the end of a whole message index at ``position``; otherwise ``position``."""
     if position + _INDEX_HEAD.size > len(data):
         return position
     opcode, length, _, entries = _INDEX_HEAD.unpack_from(data, position)
@@ -196,7 +203,7 @@ def _past_index(data: Bytes, position: int) -> int:
 
 
 def begins_file(data: Bytes, position: int) -> bool:
-    """Whether a file begins here: the magic bytes, and a header whose two texts fill it."""
+    """Return True if a file starts here: magic bytes and a header that its two texts fill."""
     start = position + len(MAGIC)
     if data[position:start] != MAGIC or start + HEAD.size > len(data):
         return False
@@ -207,7 +214,7 @@ def begins_file(data: Bytes, position: int) -> bool:
 
 
 def next_file(data: Bytes, position: int, end: int) -> int | None:
-    """Where the next file begins, from ``position`` on; None where none does before ``end``."""
+    """Return the offset of the next file between ``position`` and ``end``; None: none."""
     while (position := data.find(MAGIC, position, end)) >= 0:
         if begins_file(data, position):
             return position
@@ -216,9 +223,9 @@ def next_file(data: Bytes, position: int, end: int) -> int | None:
 
 
 def first_end(data: Bytes) -> tuple[int, bool]:
-    """Where the first of the files that were joined ends, and whether its end is there.
+    """Return the end of the first of several joined files, and whether its footer exists.
 
-    Mostly the last footer is its own: then nothing is searched.
+    In most files the last footer is the first file's, so no search is needed.
     """
     size = len(data)
     footer = size - len(MAGIC) - HEAD.size - _FOOTER_BYTES
@@ -237,12 +244,12 @@ def first_end(data: Bytes) -> tuple[int, bool]:
 
 
 def _next(data: Bytes, position: int, kinds: Collection[int]) -> int | None:
-    """The next place from here where a record of these kinds stands, or a file begins."""
+    """Return the next offset of a record of these kinds or of a file; None: none."""
     end = len(data)
     for match in _CANDIDATE.finditer(data, position):
         found = _fits(data, match.start())
-        # Here chance could have a hand in it: it must be of a known kind, and followed by
-        # another record, not by the file's end; or have two sizes of 64 bits that agree.
+        # To exclude chance: a known kind that another record follows (not the file's end), or two
+        # equal sizes of 64 bits.
         if found is None or found.opcode not in kinds:
             continue
         is_sure = found.opcode in _TWICE and inner_end(data, found.opcode, found.start) == found.end
@@ -254,7 +261,7 @@ def _next(data: Bytes, position: int, kinds: Collection[int]) -> int | None:
 
 
 def _is_followed(data: Bytes, position: int) -> bool:
-    """Whether another record stands there whole, or the file ends as it should."""
+    """Return True if a whole record or the regular end of the file is at ``position``."""
     if data[position : position + len(MAGIC)] == MAGIC:
         return True
     if position + HEAD.size > len(data):
@@ -266,13 +273,13 @@ def _is_followed(data: Bytes, position: int) -> bool:
 
 
 def _at(data: Bytes, position: int) -> Found | None:
-    """The record at a place, if there is one and another may follow it."""
+    """Return the record at an offset if another one may follow it."""
     found = _fits(data, position)
     return found if found is not None and _may_begin(data, found.end) else None
 
 
 def _fits(data: Bytes, position: int) -> Found | None:
-    """The record at a place, if its length fits the file, and its fields fit its length."""
+    """Return the record at an offset if its length fits the file and its fields fit its length."""
     size = len(data)
     if position + HEAD.size > size:
         return None
@@ -292,7 +299,7 @@ def _fits(data: Bytes, position: int) -> Found | None:
 
 
 def _may_begin(data: Bytes, position: int) -> bool:
-    """Whether what stands at a place could be the head of a record, or is the file's end."""
+    """Return True if the bytes may be the head of a record, or are the file's end."""
     if position + HEAD.size > len(data):
         return True
     if data[position : position + len(MAGIC)] == MAGIC:
@@ -304,7 +311,7 @@ def _may_begin(data: Bytes, position: int) -> bool:
 
 
 def has_shape(data: Bytes, opcode: int, start: int, end: int) -> bool:
-    """Whether a record's own fields fit its content."""
+    """Return True if a record's fields fit its content."""
     shape = _SHAPES.get(opcode)
     try:
         return shape is None or shape(data, start, end)
@@ -313,9 +320,9 @@ def has_shape(data: Bytes, opcode: int, start: int, end: int) -> bool:
 
 
 def inner_end(data: Bytes, opcode: int, start: int) -> int | None:
-    """Where a record ends by its own fields; ``start`` is where its content begins.
+    """Return the end of a record by its own fields; ``start`` is the start of its content.
 
-    None: it is of a kind that does not say, or the fields reach beyond the file.
+    None: its kind has no such fields, or they exceed the file.
     """
     size = len(data)
     match opcode:
@@ -336,11 +343,11 @@ def inner_end(data: Bytes, opcode: int, start: int) -> int | None:
     return end if start < end <= size else None
 
 
-# ---- what the content of each kind looks like: newer writers may append fields, never remove
+# ---- content of each record kind: newer writers may append fields but never remove any
 
 
 def _after(data: Bytes, position: int, size_bytes: int = 4) -> int:
-    """Where what follows a text or a list begins; its size comes first."""
+    """Return the offset after a text or list, which starts with its size."""
     size = int.from_bytes(data[position : position + size_bytes], "little")
     return position + size_bytes + size
 
@@ -391,12 +398,12 @@ def _header(data: Bytes, start: int, end: int) -> bool:
 
 
 def _footer(data: Bytes, start: int, end: int) -> bool:
-    """Nothing follows it but the file's last bytes, as far as they are there."""
+    """Return True if only the last bytes of the file follow, possibly truncated."""
     return end - start >= _FOOTER_BYTES and MAGIC.startswith(data[end : end + len(MAGIC)])
 
 
 def _data_end(data: Bytes, start: int, end: int) -> bool:
-    """What follows belongs to the summary: an index whose opcode is damaged ends no data."""
+    """Return True if a summary record follows, not an index with a damaged opcode."""
     if end - start < _DATA_END_BYTES:
         return False
     return end >= len(data) or data[end] in _IN_SUMMARY or data[end] >= _FIRST_PRIVATE

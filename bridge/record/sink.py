@@ -1,4 +1,4 @@
-"""Where records go: the file itself, the thread in front of it, or nowhere."""
+"""Receivers of records."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ if TYPE_CHECKING:
 
 
 class Sink(Protocol):
-    """Takes what a run tells, in the order it happens."""
+    """Receives a run's records in order."""
 
     def write(self, record: Record) -> None:
-        """Record one thing."""
+        """Handle one record."""
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """End the recording, with the run's summary where it came to one."""
+        """End the recording, with the run's summary if there is one."""
 
 
 class LogWriter(Sink, Protocol):
-    """A log's file, or several: not for more than one thread at once."""
+    """Writer of a log. Not thread-safe."""
 
     def flush(self) -> None:
-        """Hand everything so far to the operating system."""
+        """Write the open chunk."""
 
 
 class NullSink:
-    """Records nothing, for runs that need no log."""
+    """Sink that discards all records."""
 
     def write(self, record: Record) -> None:
-        """Forget the record."""
+        """Discard the record."""
 
     def close(self, summary: Mapping[str, Any] | None = None) -> None:
-        """Forget the summary."""
+        """Discard the summary."""

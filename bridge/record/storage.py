@@ -1,4 +1,4 @@
-"""What a log's file may ask of the disk: room for its own end, and that bytes outlive the power."""
+"""Disk space and durability of a log's file."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 RESERVE_BYTES = 128 * 1024
-"""Schemas, channels and the run's summary, with room."""
+"""Disk space reserved for schemas, channels and the run's summary, bytes, with margin."""
 RESERVE_PER_WRITE = 640
-"""Of the index that the file's end has for each chunk: 30 channels, uncompressed."""
+"""Disk space reserved per write for the summary's index, bytes: 30 channels, uncompressed."""
 _STEP_BYTES = 64 * 1024
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
-GONE = "it was deleted or renamed while it was being recorded"
-REPLACED = "another file took its name while it was being recorded"
+GONE = "it was deleted or renamed during the recording"
+REPLACED = "another file took its name during the recording"
 
 
 class LogFile(FileIO):
-    """A log's file. Room for its end is held from the beginning, in a file without a name.
+    """File of a log, with disk space reserved for its end in an unnamed file.
 
-    So a full disk is noticed while the log can still be closed whole: the write that fails
-    gives that room back, and what ends the file finds it.
+    On a full disk the log can so still be completed: the failed write releases the reserved space,
+    which is then available for the end.
     """
 
     def __init__(
@@ -46,10 +46,10 @@ class LogFile(FileIO):
         sync: Callable[[int], None] | None = None,
         ballast: Callable[[Path], BinaryIO | None] | None = None,
     ) -> None:
-        """Open it; with ``sync`` every write has reached the disk when it returns.
+        """Open the file; ``sync`` is called after each write.
 
         Raises:
-            OSError: it cannot be opened, or there is no room for so much as its end.
+            OSError: the file cannot be opened, or the disk has no space for its end.
 
         """
         super().__init__(path, mode)
@@ -64,15 +64,15 @@ class LogFile(FileIO):
         except OSError:
             self._release()
             self.close()
-            if "x" in mode:  # it is ours, and empty
+            if "x" in mode:  # a new, empty file
                 path.unlink(missing_ok=True)
             raise
 
     def write(self, data: ReadableBuffer, /) -> int:
-        """Write; a failure frees the room that is held for the file's end.
+        """Write; on failure release the space reserved for the end.
 
         Raises:
-            OSError: it could not be written, or held, or its name is no longer that of this file.
+            OSError: the write or the reservation failed, or the file has lost its name.
 
         """
         try:
@@ -89,7 +89,7 @@ class LogFile(FileIO):
         return written
 
     def _check_name(self) -> None:
-        """See that the file still has its name: what goes into a deleted one is lost.
+        """Check that the file still has its name, because a deleted file is lost.
 
         Raises:
             FileNotFoundError: it was deleted, or another file has its name.
@@ -99,14 +99,14 @@ class LogFile(FileIO):
             named = self._path.stat()
         except (FileNotFoundError, NotADirectoryError):
             raise FileNotFoundError(errno.ENOENT, GONE) from None
-        except OSError:  # a folder that may not be looked into says nothing of the file
+        except OSError:  # a folder without permission proves nothing
             return
         own = os.fstat(self.fileno())
         if (named.st_dev, named.st_ino) != (own.st_dev, own.st_ino):
             raise FileNotFoundError(errno.ENOENT, REPLACED)
 
     def close(self) -> None:
-        """Close it, and let go of what was held."""
+        """Close the file and release the reserved space."""
         self._release()
         super().close()
 
@@ -114,7 +114,7 @@ class LogFile(FileIO):
         if self._ballast is None:
             return
         while self._held < self._needed:
-            # Not zeros: file systems that compress would hold nothing.
+            # Random bytes, because compressing file systems would reserve nothing for zeros.
             self._ballast.write(os.urandom(_STEP_BYTES))
             self._held += _STEP_BYTES
 
@@ -126,7 +126,7 @@ class LogFile(FileIO):
 
 
 def hold_room(folder: Path) -> BinaryIO | None:
-    """Make a file without a name; None where the folder takes none, as that of devices.
+    """Create an unnamed file; None if the folder does not support it, for example in /dev.
 
     Raises:
         OSError: the disk is full.
@@ -144,8 +144,8 @@ def open_log_file(path: Path, *, force: bool, fsync: bool = False) -> LogFile:
     """Create a log's file.
 
     Raises:
-        OutputExistsError: it exists and ``force`` is not set.
-        LogWriteError: it cannot be made, or there is no room for it.
+        OutputExistsError: the file exists, and ``force`` is False.
+        LogWriteError: the file cannot be created, or the disk is full.
 
     """
     try:
@@ -161,7 +161,7 @@ def open_log_file(path: Path, *, force: bool, fsync: bool = False) -> LogFile:
 
 
 def _datasync(number: int) -> None:
-    """See to it that what was written is on the disk, with the size that it gives the file."""
+    """Wait until the written data and the file's size are on the disk."""
     if hasattr(os, "fdatasync"):
         os.fdatasync(number)
     else:
@@ -169,7 +169,7 @@ def _datasync(number: int) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """The name itself must outlive a loss of power too; only Unix has a way to ask for it."""
+    """Wait until the file's name is on the disk. Only POSIX systems support it."""
     if os.name != "posix":
         return
     number = os.open(folder, os.O_RDONLY)

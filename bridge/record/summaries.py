@@ -1,4 +1,4 @@
-"""A run's summary as a log has it: ours, an older one's, or another program's file of that name."""
+"""Validation of a run's summary in a log."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TABLES: dict[str, tuple[str, ...]] = {
     "wire": ("lost", "crc_errors"),
 }
 _LARGEST = 1e300
-"""Bound of a number that is believed: an integer of JSON has no bound, and no float takes it."""
+"""Maximum absolute number that is accepted. JSON integers have no limit, but floats have."""
 _BY_DIRECTION = ("frames", "bytes")
 _SHOWN = {
     *("room", "planner", "outcome", "reason", "seed", "duration_s", "path_m", "turns"),
@@ -26,10 +26,9 @@ _SHOWN = {
 
 
 def read_summary(data: bytes) -> dict[str, Any] | None:
-    """The object, or None where it is none.
+    """Return the summary's object; None if it is not an object.
 
-    A known key whose value is of another kind than ours is left out, as though it had not been
-    there; a number that no JSON has (NaN, infinity) is null.
+    Known keys with a value of the wrong type are removed. NaN and infinity become null.
     """
     try:
         value = json.loads(data, parse_constant=lambda _: None, parse_float=_finite)
@@ -41,7 +40,7 @@ def read_summary(data: bytes) -> dict[str, Any] | None:
 
 
 def is_run(summary: dict[str, Any]) -> bool:
-    """Whether it has all that a run's table shows; a bench command's has other things."""
+    """Return True if the summary is of a run; those of bring-up commands lack some keys."""
     if not summary.keys() >= _SHOWN:
         return False
     if not all(summary.get(name, {}).keys() >= {*keys} for name, keys in _TABLES.items()):
@@ -54,7 +53,7 @@ def _finite(text: str) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _is_ours(key: str, value: Any) -> bool:  # noqa: ANN401 - whatever JSON has
+def _is_ours(key: str, value: Any) -> bool:  # noqa: ANN401 - any JSON value
     if key in _TABLES:
         return isinstance(value, dict) and _is_table(key, value)
     if value is None:
@@ -72,5 +71,5 @@ def _is_table(key: str, value: dict[str, Any]) -> bool:
     )
 
 
-def _is_number(value: Any) -> bool:  # noqa: ANN401 - whatever JSON has
+def _is_number(value: Any) -> bool:  # noqa: ANN401 - any JSON value
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST

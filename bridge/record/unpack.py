@@ -1,8 +1,8 @@
-"""Unpacking chunks: the one place that decompresses what a file holds, bounded in every case.
+"""Decompression of chunks, with limits in all cases.
 
-A chunk states the size of its content. What unpacks to more is damage, and so is a statement above
-:data:`MAX_CHUNK_BYTES`: a few bytes may unpack to gigabytes. Within the content, an opcode of 0
-ends the reading, for no record has it and zeros would be walked nine bytes at a time.
+A chunk contains the size of its content. More data, or a size above :data:`MAX_CHUNK_BYTES`, count
+as damage, because a few bytes may unpack to gigabytes. An opcode of 0 in the content ends the
+reading: no record has it, and zeros would be read as records of nine bytes.
 """
 
 from __future__ import annotations
@@ -21,48 +21,48 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 HEAD = struct.Struct("<BQ")
-"""Opcode and length of what follows."""
+"""Opcode and length of a record."""
 CHUNK_HEAD = struct.Struct("<QQQI")
-"""First and last log time, size and CRC of the content; then the compression's name."""
+"""First and last log time, size and CRC of a chunk's content; the compression's name follows."""
 _TEXT, _SIZE = struct.Struct("<I"), struct.Struct("<Q")
 
 MAX_CHUNK_BYTES = 128 << 20
-"""Largest content of a chunk that is unpacked, bytes. Writers close chunks at 1 to 4 MiB; only a
-single message that is larger makes a larger chunk."""
+"""Maximum size of a chunk's content, bytes. Writers close chunks at 1 to 4 MiB; only a large single
+message makes a larger chunk."""
 MAX_DECLARED = 1 << 18
-"""Most schemas and channels that one chunk may declare. Their numbers have 16 bits, so a chunk that
-declares every number twice stays below."""
+"""Maximum number of schemas and channels in one chunk. Ids have 16 bits, so a chunk that declares
+every id twice has fewer."""
 MAX_SCHEMA_BYTES = 64 << 20
-"""Largest sum of all schemas of one file, bytes: all of them are held in memory."""
+"""Maximum size of all schemas of one file, bytes, because all are kept in memory."""
 _PIECE_BYTES = 128 << 10
-"""Bytes of a cut chunk that are unpacked at a time: a zstd block, which unpacks whole or not."""
+"""Number of bytes of a truncated chunk that are unpacked at once: one zstd block."""
 
 DAMAGE = (
     *(McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, IndexError, TypeError),
     *(EOFError, OverflowError, RuntimeError, MemoryError, ArithmeticError),
 )
-"""What the libraries raise on content that is not what it should be."""
+"""Exceptions that the libraries raise on damaged content."""
 
 
 class ChunkParts(NamedTuple):
-    """A chunk's fields, as they stand in the file."""
+    """Fields of a chunk record."""
 
     first_ns: int
     last_ns: int
     size: int
-    """Of the content, as stated."""
+    """Declared size of the content, bytes."""
     crc: int
-    """Of the content; 0: none was computed."""
+    """CRC of the content; 0: none."""
     compression: bytes
     packed: memoryview
 
 
 def chunk_parts(record: bytes) -> ChunkParts:
-    """Take a chunk record apart.
+    """Parse a chunk record.
 
     Raises:
-        struct.error: it is too short.
-        ValueError: a field ends beyond the record.
+        struct.error: the record is too short.
+        ValueError: a field exceeds the record.
 
     """
     first_ns, last_ns, size, crc = CHUNK_HEAD.unpack_from(record)
@@ -72,12 +72,12 @@ def chunk_parts(record: bytes) -> ChunkParts:
     (length,) = _SIZE.unpack_from(record, begin - _SIZE.size)
     packed = memoryview(record)[begin : begin + length]
     if len(packed) != length:
-        raise ValueError("its content ends beyond it")
+        raise ValueError("the content exceeds the chunk")
     return ChunkParts(first_ns, last_ns, size, crc, compression, packed)
 
 
 def chunk_content(record: bytes) -> bytes:
-    """Unpack a chunk's records; its CRC is checked.
+    """Decompress a chunk's records and check the CRC.
 
     Raises:
         Exception: one of :data:`DAMAGE`.
@@ -85,7 +85,7 @@ def chunk_content(record: bytes) -> bytes:
     """
     parts = chunk_parts(record)
     if parts.size > MAX_CHUNK_BYTES:
-        raise ValueError(f"it claims {parts.size} bytes; at most {MAX_CHUNK_BYTES} are unpacked")
+        raise ValueError(f"the chunk declares {parts.size} bytes; the maximum is {MAX_CHUNK_BYTES}")
     content = unpacked(parts.compression, parts.packed, parts.size)
     check(content, parts.crc)
     return content
@@ -99,7 +99,7 @@ def check(content: bytes, crc: int) -> None:
 
     """
     if crc and zlib.crc32(content) != crc:
-        raise ValueError("its checksum does not hold")
+        raise ValueError("the chunk's CRC is wrong")
 
 
 def unpacked(compression: bytes, packed: memoryview, limit: int) -> bytes:
@@ -112,32 +112,32 @@ def unpacked(compression: bytes, packed: memoryview, limit: int) -> bytes:
     if compression == b"zstd":
         stated = zstandard.frame_content_size(packed)
         if stated > limit:
-            raise ValueError(f"it unpacks to {stated} bytes, and claims {limit}")
-        if not limit:  # to the library no limit at all
+            raise ValueError(f"the chunk unpacks to {stated} bytes but declares {limit}")
+        if not limit:  # 0 means unlimited to the library
             if unpacked_start(compression, packed, 1):
-                raise ValueError("it unpacks to something, and claims to be empty")
+                raise ValueError("the chunk is not empty but declares 0 bytes")
             return b""
-        # Where the frame states no size, this is an error as soon as the limit is passed.
+        # If the frame has no size, this raises an error at the limit.
         content: bytes = zstandard.decompress(packed, max_output_size=limit)
         return content
     if compression == b"lz4":
         work = lz4.frame.LZ4FrameDecompressor()
         content = work.decompress(packed, max_length=limit + 1)
         if len(content) > limit:
-            raise ValueError(f"it unpacks to more than the {limit} bytes that it claims")
+            raise ValueError(f"the chunk unpacks to more than the {limit} bytes that it declares")
         if not work.eof or work.unused_data:
-            raise ValueError("its compressed content does not end where it should")
+            raise ValueError("the chunk's compressed content has a wrong end")
         return content
     if compression:
         name = compression[:20].decode("utf-8", "replace")
-        raise ValueError(f"its compression {name!r} is not known")
+        raise ValueError(f"unknown compression {name!r}")
     if len(packed) > limit:
-        raise ValueError(f"it holds {len(packed)} bytes, and claims {limit}")
+        raise ValueError(f"the chunk has {len(packed)} bytes but declares {limit}")
     return bytes(packed)
 
 
 def unpacked_start(compression: bytes, packed: memoryview, limit: int) -> bytes:
-    """What still unpacks of a chunk that was cut, at most ``limit`` bytes; nothing is an answer."""
+    """Return the part of a truncated chunk that can be decompressed, at most ``limit`` bytes."""
     out = bytearray()
     if not compression:
         out += packed[:limit]
@@ -158,11 +158,11 @@ def unpacked_start(compression: bytes, packed: memoryview, limit: int) -> bytes:
 
 
 def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and end of every record of a chunk's content.
+    """Yield opcode, start and end of every record of a chunk's content.
 
     Raises:
-        ValueError: what stands there is no record, or ends beyond the content.
-        struct.error: a head is cut.
+        ValueError: invalid bytes, or a record that exceeds the content.
+        struct.error: a truncated head.
 
     """
     position, size, declared = 0, len(content), 0
@@ -171,15 +171,15 @@ def content_records(content: bytes) -> Iterator[tuple[int, int, int]]:
         start = position + HEAD.size
         position = start + length
         if position > size:
-            raise ValueError("a record ends beyond its chunk")
+            raise ValueError("a record exceeds its chunk")
         if opcode != Opcode.MESSAGE:
             declared += 1
             if opcode == 0 or declared > MAX_DECLARED:
-                raise ValueError("it holds bytes that are no records")
+                raise ValueError("the chunk has bytes that are not records")
         yield opcode, start, position
 
 
 def attachment_is_damaged(record: bytes) -> bool:
-    """Whether an attachment's own CRC says so; 0: it has none."""
+    """Return True if the attachment's CRC is wrong; 0: no CRC."""
     stored = int.from_bytes(record[-4:], "little")
     return stored != 0 and stored != zlib.crc32(memoryview(record)[:-4])

@@ -8,11 +8,12 @@ from bridge.motion.kinematics import encoder_delta
 from protocol.clock import DeviceUs, extend_us
 
 _GAP_S = 10.0
-"""At full speed half the counter's range passes in 14 s: beyond this the count is unknown."""
+"""Maximum time between two messages, s. At full speed half the count range passes in 14 s; after a
+longer gap the count is ambiguous."""
 
 
 class WheelAngles:
-    """One robot's two wheels; remembers the last message."""
+    """Angles of one robot's two wheels."""
 
     def __init__(self, rad_per_count: float) -> None:
         self._rad_per_count = rad_per_count
@@ -21,7 +22,7 @@ class WheelAngles:
         self._angles = (0.0, 0.0)
 
     def advance(self, counts: tuple[int, int], t_us: int) -> tuple[float, float, float, float]:
-        """Angles (rad) since the first message and speeds (rad/s; NaN where unknown)."""
+        """Return angles (rad) since the first message and speeds (rad/s; NaN if unknown)."""
         left_speed = right_speed = math.nan
         if self._counts is not None:
             dt_s = (extend_us(self._t_us, t_us) - self._t_us) * 1e-6

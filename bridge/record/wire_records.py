@@ -1,8 +1,8 @@
-"""The bytes of a wire, out of a log's raw topics."""
+"""Recorded bytes of a link, from a log's raw topics."""
 
 from __future__ import annotations
 
-from struct import error as StructError  # noqa: N812 - it is a class
+from struct import error as StructError  # noqa: N812 - a class name
 from typing import TYPE_CHECKING, NamedTuple
 
 from bridge.record.reader import MISREAD
@@ -18,22 +18,22 @@ RAW_TOPICS = frozenset({"/raw/uart/rx", "/raw/uart/tx", RAW_CAN})
 
 
 class WireRecord(NamedTuple):
-    """Bytes of a wire and the moment of their record."""
+    """Recorded bytes of a link and their time."""
 
     log_ns: int
     outgoing: bool
     data: bytes
-    """Of a bus: frames in 16 bytes each."""
+    """Bytes; for a CAN bus records of 16 bytes."""
     is_can: bool
 
 
 def wire_record(message: LogMessage) -> WireRecord | None:
-    """The bytes in a message of a raw topic; None: it is another program's, or damaged."""
+    """Return the bytes in a message of a raw topic; None if it is another program's or damaged."""
     topic = message.channel.topic
     try:
         raw = message.decoded
         if not isinstance(raw.data, bytes | bytearray | list | tuple):
-            return None  # a number would become as many zeros
+            return None  # bytes(number) would be that many zeros
         data = bytes(raw.data)
         if topic == RAW_CAN:
             frame = RECORD.pack(raw.can_id, len(data), data)
@@ -44,7 +44,7 @@ def wire_record(message: LogMessage) -> WireRecord | None:
 
 
 def wire_records(messages: Iterable[LogMessage]) -> Iterator[WireRecord]:
-    """The bytes of all messages of raw topics."""
+    """Yield the bytes of all messages of raw topics."""
     for message in messages:
         if message.channel.topic in RAW_TOPICS:
             record = wire_record(message)
@@ -53,5 +53,5 @@ def wire_records(messages: Iterable[LogMessage]) -> Iterator[WireRecord]:
 
 
 def in_order(record: WireRecord) -> tuple[int, bool]:
-    """What came in was heard before an answer went out in the same moment."""
+    """Return the sort key: received bytes come before a reply sent at the same time."""
     return record.log_ns, record.outgoing

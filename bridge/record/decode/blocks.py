@@ -57,7 +57,7 @@ def blocks(
         work = _Gatherer(declared)
         for found in records(data, indexes=False):
             if isinstance(found, DamagedBytes):
-                what = "all from there on is cut or damaged" if found.is_tail else "stepped over"
+                what = "all from there on is cut or damaged" if found.is_tail else "skipped"
                 problems.append(f"damaged bytes at offset {found.offset}: {what}")
                 continue
             if found.opcode == Opcode.DATA_END:
@@ -65,7 +65,7 @@ def blocks(
             try:
                 work.record(data, found)
             except DAMAGE:
-                problems.append(f"a damaged record at offset {found.offset} stepped over")
+                problems.append(f"a damaged record at offset {found.offset} skipped")
             if work.size >= block_bytes:
                 yield work.block()
         yield work.block()

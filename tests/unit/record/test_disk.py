@@ -292,8 +292,8 @@ def test_a_run_in_several_files(tmp_path: Path, options: RecordOptions) -> None:
                 s.name for s in found.schemas.values()
             }
         events = [m.decoded.text for m in reader.messages({"/events"})]
-        assert any("goes on in" in text for text in events) == (not last)
-        assert any("goes on from" in text for text in events) == (number > 1)
+        assert any("continues in" in text for text in events) == (not last)
+        assert any("continues from" in text for text in events) == (number > 1)
         if options.rotate_bytes and not last:
             assert part.stat().st_size < 1.6 * options.rotate_bytes
 
@@ -380,7 +380,7 @@ def test_a_log_that_lost_its_name_is_reported_at_the_next_chunk(tmp_path: Path, 
             (folder / "new").replace(path)
         case _:
             folder.rename(tmp_path / "moved")
-    with pytest.raises(LogGoneError, match="while it was being recorded") as reported:
+    with pytest.raises(LogGoneError, match="during the recording") as reported:
         write_all(writer, records)
     assert str(reported.value).startswith(f"cannot write {path}: ")
     writer.close(summary())
