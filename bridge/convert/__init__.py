@@ -1,1 +1,1 @@
-"""Logs into other forms: tables, recovered files, logs of captures."""
+"""Conversion of logs: tables, recovered files, logs from captures."""

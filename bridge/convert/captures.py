@@ -1,9 +1,8 @@
-"""Bytes of a wire that other programs recorded, read as a log: candump and raw captures.
+"""Import of captures of other programs: candump logs and raw serial bytes.
 
-``candump -l`` names a moment for every frame. A raw capture (what a terminal program saves) has
-none: the device's own stamps give the times between its frames, and the file's date the end.
-Whatever is decoded goes into an MCAP file as a run's own log has it, so that everything that
-reads logs reads captures too.
+``candump -l`` has a time for every frame. A raw capture, as saved by a terminal program, has none:
+the device's stamps give the times between its frames, the file's date the end. The result is an
+MCAP file like the log of a run, so that every command for logs supports captures too.
 """
 
 from __future__ import annotations
@@ -37,32 +36,34 @@ if TYPE_CHECKING:
     from protocol.link import LinkBase
 
 MAX_RAW_BYTES = 256 << 20
-"""Fifteen hours of a robot at its default rates; its bytes are held in memory."""
+"""Maximum size of a raw capture, bytes: fifteen hours at the default rates. It is read into
+memory."""
 _READ = 1 << 20
 _SECOND_NS = 1_000_000_000
 _EXTENDED, _REMOTE = 0x8000_0000, 0x4000_0000
 _STANDARD_DIGITS = 3
 _MAX_CLASSIC = 8
 _SHORTEST = 1 + HEADER.size + CRC.size + 1
-"""Bytes of a frame without a payload: COBS's own, header, CRC, zero."""
+"""Minimum size of a frame, bytes: COBS byte, header, CRC, zero."""
 _LATEST_NS = (1 << 63) - 1
+"""Maximum time that MCAP readers support, ns."""
 MAX_LINE = 512
-"""Bytes of a line of candump's; the longest of a classic frame has some hundred."""
+"""Maximum length of a candump line, bytes. A classic frame needs about 100."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """What arrived in one moment; of a bus one frame."""
+    """Bytes with one arrival time; on a bus one frame."""
 
     host_ns: int
     data: bytes
 
 
 def convert(source: Path, target: Path) -> None:
-    """Write a capture as a log: raw bytes, device messages, clock and estimate.
+    """Convert a capture to a log: raw bytes, device messages, clock and estimate.
 
     Raises:
-        LogReadError: it cannot be read, or holds nothing of a sweeper.
+        LogReadError: it cannot be read, or has no frame of a device.
         LogWriteError: the log cannot be written.
 
     """
@@ -75,12 +76,12 @@ def convert(source: Path, target: Path) -> None:
 
 
 def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
-    """Piece by piece: a capture may be much larger than what should be held in memory."""
+    """Convert in pieces, because a capture may be larger than the memory."""
     pieces = _candump(source) if kind == CANDUMP else _raw(source)
     first = next(pieces, None)
     if first is None:
         raise LogReadError(
-            source, "it is no MCAP file, no candump log, and holds no frame of a sweeper"
+            source, "it is not an MCAP file or a candump log, and has no frame of a device"
         )
     model = RobotModel()
     info = RunInfo(
@@ -94,15 +95,15 @@ def _write(source: Path, target: Path, kind: str, link: LinkBase) -> None:
             listener.received(piece.data, HostNs(piece.host_ns))
         listener.close()
         if not listener.messages:
-            raise LogReadError(source, "none of its frames is a sweeper's")
+            raise LogReadError(source, "none of its frames is from a device")
     finally:
         writer.close()
 
 
 def _candump(path: Path) -> Iterator[_Piece]:
-    """Every classic frame, in the file's order; other lines are passed over."""
+    """Yield every classic frame in the file's order; other lines are skipped."""
     with open_to_read(path) as file:
-        # Of a longer line the first part is looked at, and is no frame: it is too long for one.
+        # Only the first part of a longer line is read. It is not a frame, because it is too long.
         for line in iter(lambda: file.readline(MAX_LINE), b""):
             match = LOG_LINE.match(line) or SHOWN_LINE.match(line)
             if match is None:
@@ -122,18 +123,18 @@ def _candump(path: Path) -> Iterator[_Piece]:
 
 
 def _raw(path: Path) -> Iterator[_Piece]:
-    """A piece for every frame of the device, at the moment that its stamp says."""
+    """Yield a piece for each device frame, at the time of its stamp."""
     with open_to_read(path) as file:
         reads = iter(lambda: file.read(_READ), b"")
         data = b"".join(islice(reads, MAX_RAW_BYTES // _READ + 1))
     if len(data) > MAX_RAW_BYTES:
-        raise LogReadError(path, f"a raw capture has at most {MAX_RAW_BYTES >> 20} MiB")
+        raise LogReadError(path, f"the capture exceeds {MAX_RAW_BYTES >> 20} MiB; split it")
     stamps, ends = array("Q"), array("Q")
     known: DeviceUs | None = None
     link = Link(Direction.HOST)
     begun = 0
     while begun < len(data):
-        # No frame ends sooner: zeros and other rubbish go together, and cost no more than frames.
+        # No frame is shorter. Zeros and noise are so grouped, and cost no more than frames.
         end = data.find(b"\0", begun + _SHORTEST - 1) + 1 or len(data)
         stretch = data[begun:end]
         for event in link.receive(stretch) if stretch.strip(b"\0") else ():
@@ -146,7 +147,7 @@ def _raw(path: Path) -> Iterator[_Piece]:
     if known is None:
         return
     first_us = next(us for us in stamps if us)
-    # The last frame came when the file was last written to, or not long before.
+    # The last frame arrived shortly before the file's last write.
     offset_ns = path.stat().st_mtime_ns - known * 1000
     latest_ns = begun = 0
     for us, end in zip(stamps, ends, strict=True):

@@ -1,4 +1,4 @@
-"""Arrow columns as a CSV file: lists as JSON and bytes in hexadecimal, for CSV has neither."""
+"""CSV files from Arrow columns: lists as JSON, bytes in hexadecimal."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 class CsvTable:
-    """One file."""
+    """Writer of one CSV file."""
 
     def __init__(self, path: Path, columns: Mapping[str, pa.DataType]) -> None:
-        """Create the file, with a line of the columns' names.
+        """Create the file and write the header line.
 
         Raises:
             OSError: the file cannot be created.
@@ -41,7 +41,7 @@ class CsvTable:
         self._writer.write_table(pa.table([_cells(c) for c in columns], schema=self._schema))
 
     def close(self) -> None:
-        """End the file."""
+        """Complete and close the file."""
         self._writer.close()
         self._file.close()
 
@@ -51,7 +51,7 @@ def _is_text(kind: pa.DataType) -> bool:
 
 
 def _cells(column: pa.Array) -> pa.Array:
-    """A column as CSV takes it."""
+    """Convert a column to a type that CSV supports."""
     if pa.types.is_binary(column.type):
         return pa.array([None if v is None else v.hex() for v in column.to_pylist()], pa.string())
     if pa.types.is_list(column.type):
@@ -60,9 +60,9 @@ def _cells(column: pa.Array) -> pa.Array:
 
 
 def _as_json(lists: pa.ListArray) -> pa.Array:
-    """Lists as JSON texts; JSON has no infinities, so those are null."""
+    """Convert lists to JSON texts. JSON has no infinities, so they become null."""
     known = lists.drop_null()
-    if len(known) == len(lists) > 1 and lists[1:].equals(lists[:-1]):  # names of joints, mostly
+    if len(known) == len(lists) > 1 and lists[1:].equals(lists[:-1]):  # usually joint names
         return pa.repeat(pa.scalar(_json(lists[0].as_py())), len(lists))
     texts = [None if value is None else _json(value) for value in lists.to_pylist()]
     return pa.array(texts, pa.string())

@@ -1,4 +1,4 @@
-"""A log's topics as tables: one Parquet or CSV file each."""
+"""Export of a log's topics to tables: one Parquet or CSV file each."""
 
 from __future__ import annotations
 
@@ -39,36 +39,36 @@ class ExportMissingError(BridgeError):
     """pyarrow is not installed."""
 
     def __init__(self) -> None:
-        super().__init__("exporting needs pyarrow: pip install 'sweepctl[export]'")
+        super().__init__("export needs pyarrow: pip install 'sweepctl[export]'")
 
 
 class NoSuchTopicError(BridgeError):
-    """A topic that was asked for is not in the log."""
+    """The log has no topic that matches a pattern."""
 
     exit_status = 2
 
     def __init__(self, wanted: str, topics: Sequence[str]) -> None:
-        super().__init__(f"no topic matches {wanted!r}; there are: {', '.join(topics) or 'none'}")
+        super().__init__(f"no topic matches {wanted!r}; the log has: {', '.join(topics) or 'none'}")
         self.wanted = wanted
 
 
 @dataclass(slots=True)
 class Exported:
-    """What was written."""
+    """Result of an export."""
 
     files: dict[str, Path] = field(default_factory=dict)
-    """By topic."""
+    """Written file of each topic."""
     rows: dict[str, int] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
-    """Damage that was stepped over, and messages that did not decode."""
+    """Damage that was skipped, and messages that could not be decoded."""
 
     @property
     def messages(self) -> int:
-        """Of all topics."""
+        """Number of messages of all topics."""
         return sum(self.rows.values())
 
 
-def export(  # noqa: PLR0913 - what can be asked for
+def export(  # noqa: PLR0913 - the options of an export
     path: Path,
     out: Path,
     *,
@@ -77,21 +77,29 @@ def export(  # noqa: PLR0913 - what can be asked for
     force: bool = False,
     block_bytes: int = BLOCK_BYTES,
 ) -> Exported:
-    """Write the topics of a log (those that match, or all) into a folder.
+    """Write a log's topics to tables in a folder.
 
-    Each table has ``log_time`` and ``publish_time`` (UTC, nanoseconds), ``sequence``, and a
-    column for every field; fields of messages within messages have dots in their names.
+    Each table has ``log_time`` and ``publish_time`` (UTC, ns), ``sequence`` and a column for every
+    field. Fields of nested messages have names with dots.
+
+    Args:
+        path: The log.
+        out: Folder for the tables; created if missing.
+        file_format: ``parquet`` or ``csv``.
+        topics: Patterns of topics; empty: all topics.
+        force: Replace existing files.
+        block_bytes: Amount of data that is read at once, bytes.
 
     Raises:
-        LogReadError: the log is missing, cannot be read, or is no MCAP file.
-        OutputExistsError: a file would be replaced and ``force`` is not set.
+        LogReadError: the log is missing, cannot be read, or is not an MCAP file.
+        OutputExistsError: a file exists, and ``force`` is False.
         LogWriteError: the folder or a file cannot be written.
         NoSuchTopicError: a pattern matches no topic.
         ExportMissingError: pyarrow is not installed.
 
     """
     try:
-        import pyarrow as pa  # noqa: F401, PLC0415 - an extra, and slow to load
+        import pyarrow as pa  # noqa: F401, PLC0415 - an optional dependency, slow to import
     except ImportError:
         raise ExportMissingError from None
     parts = parts_of(path)
@@ -114,17 +122,17 @@ def export(  # noqa: PLR0913 - what can be asked for
 
 
 def _check_patterns(parts: Sequence[Path], patterns: Sequence[str]) -> None:
-    """Complain of a pattern that nothing matches, before anything is written.
+    """Check that every pattern matches a topic, before anything is written.
 
     Raises:
-        LogReadError: a file is missing, cannot be read, or is no MCAP file.
-        NoSuchTopicError: that.
+        LogReadError: a file is missing, cannot be read, or is not an MCAP file.
+        NoSuchTopicError: a pattern matches no topic.
 
     """
     topics = {name for part in parts for name in _declared_topics(part)} if patterns else set()
     if all(fnmatch.filter(topics, pattern) for pattern in patterns):
         return
-    for part in parts:  # a summary need not name them all, and one that was cut has none
+    for part in parts:  # a summary may be incomplete or missing
         declared = Declared()
         for _ in blocks(part, declared, []):
             pass
@@ -135,14 +143,14 @@ def _check_patterns(parts: Sequence[Path], patterns: Sequence[str]) -> None:
 
 
 def _declared_topics(part: Path) -> list[str]:
-    """What a file's own summary names."""
+    """Return the topics that a file's summary declares."""
     with opened(part) as data:
         declared = read_file_summary(data, 0, first_end(data)[0]).declared
         return [channel.topic for channel in declared.channels.values()]
 
 
 def _topics_with_messages(part: Path) -> set[str]:
-    """Topics of a file that have messages, by its summary where that holds."""
+    """Return the topics with messages, from the summary if it is valid."""
     with opened(part) as data:
         end, is_whole = first_end(data)
         summary = read_file_summary(data, 0, end)
@@ -156,7 +164,7 @@ def _topics_with_messages(part: Path) -> set[str]:
 
 
 class _Exporter:
-    def __init__(  # noqa: PLR0913 - what can be asked for, and where the answer goes
+    def __init__(  # noqa: PLR0913 - the options and the result of an export
         self,
         path: Path,
         out: Path,
@@ -174,20 +182,20 @@ class _Exporter:
         self._forms: dict[int, Form] = {}
         self._unknown: set[int] = set()
         self._started: list[tuple[str, Future[int]]] = []
-        # A file each, and Arrow works outside the interpreter's lock.
+        # One thread per file; Arrow releases the interpreter's lock.
         self._pool = ThreadPoolExecutor(min(_MAX_THREADS, os.cpu_count() or 1))
 
     def plan(self, topics: Iterable[str]) -> None:
-        """Give every topic that will be written its file."""
+        """Assign a file to every topic."""
         names = table_names({topic for topic in topics if self._wanted(topic)})
         for topic, name in names.items():
             self._tables[topic] = self._out / f"{name}.{self._format}"
 
     def check_free(self, files: Iterable[Path] | None = None) -> None:
-        """Complain of a file that is there and must not be replaced, before any is written.
+        """Check that no file would be replaced without ``force``.
 
         Raises:
-            OutputExistsError: one is.
+            OutputExistsError: a file exists.
 
         """
         for file in self._tables.values() if files is None else files:
@@ -195,12 +203,12 @@ class _Exporter:
                 raise OutputExistsError(file)
 
     def begin(self) -> Declared:
-        """Begin a file: it has numbers of its own for its channels."""
+        """Start a file of the run; its channel ids are its own."""
         self.declared, self._forms, self._unknown = Declared(), {}, set()
         return self.declared
 
     def take(self, block: Block) -> None:
-        """Begin to write a block's messages, several topics at a time, once the last is done."""
+        """Start to write a block's messages after the last block is finished."""
         self.finish()
         by_topic: dict[str, list[int]] = {}
         for channel_id in block.starts:
@@ -209,13 +217,13 @@ class _Exporter:
                 by_topic.setdefault(channel.topic, []).append(channel_id)
             elif channel_id not in self._unknown:
                 self._unknown.add(channel_id)
-                self._result.problems.append(f"channel {channel_id} is declared nowhere")
+                self._result.problems.append(f"channel {channel_id} has no declaration")
         sizes = {
             topic: sum(int(block.lengths[channel_id].sum()) for channel_id in channel_ids)
             for topic, channel_ids in by_topic.items()
             if self._wanted(topic)
         }
-        for topic in sorted(sizes, key=lambda topic: -sizes[topic]):  # so that they end together
+        for topic in sorted(sizes, key=lambda topic: -sizes[topic]):  # largest first
             channel_ids = by_topic[topic]
             writer = self._writers.get(topic) or self._open(topic, channel_ids[0])
             parts = [(channel_id, self._form(channel_id)) for channel_id in channel_ids]
@@ -224,7 +232,7 @@ class _Exporter:
             self._result.rows[topic] = self._result.rows.get(topic, 0) + count
 
     def finish(self) -> None:
-        """Wait for what was begun.
+        """Wait for all started writes.
 
         Raises:
             OSError: a file cannot be written.
@@ -234,7 +242,7 @@ class _Exporter:
         for topic, writing in started:
             bad = writing.result()
             if bad:
-                self._result.problems.append(f"{topic}: {bad} messages do not decode")
+                self._result.problems.append(f"{topic}: {bad} messages could not be decoded")
 
     def _wanted(self, topic: str) -> bool:
         return not self._patterns or any(fnmatch.fnmatchcase(topic, p) for p in self._patterns)
@@ -246,14 +254,14 @@ class _Exporter:
         return form
 
     def _open(self, topic: str, channel_id: int) -> TableWriter:
-        from bridge.convert.tables import TableWriter  # noqa: PLC0415 - loads pyarrow
+        from bridge.convert.tables import TableWriter  # noqa: PLC0415 - imports pyarrow
 
         try:
             self._out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise LogWriteError.of(self._out, error) from None
         file = self._tables.get(topic)
-        if file is None:  # its file's own summary says that it has no messages
+        if file is None:  # the summary has no messages for it
             name = f"{table_names([topic])[topic]}~{crc32(topic.encode()):08x}"
             file = self._tables[topic] = self._out / f"{name}.{self._format}"
             self.check_free([file])
@@ -276,14 +284,14 @@ class _Exporter:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End every file.
+        """Complete every file.
 
         Raises:
-            OSError: one could not be written to its end.
+            OSError: a file could not be completed.
 
         """
         self._pool.shutdown()
-        with ExitStack() as writers:  # each is closed, whatever becomes of the others
+        with ExitStack() as writers:  # closes all, even after an error
             for writer in self._writers.values():
                 writers.callback(writer.close)
 
@@ -303,7 +311,7 @@ def _form(declared: Declared, channel_id: int) -> Form:
 
 
 def as_json(result: Exported) -> str:
-    """What was written, as one JSON object."""
+    """Return the result as a JSON object."""
     listed: dict[str, Any] = {
         "messages": result.messages,
         "files": {

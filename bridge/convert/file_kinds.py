@@ -1,4 +1,4 @@
-"""What kind of file a named file is, by its first bytes."""
+"""Detection of a file's kind from its first bytes."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ if TYPE_CHECKING:
 
 CANDUMP, RAW, MCAP = "candump", "raw", "mcap"
 _SNIFFED = 1 << 16
+"""Number of bytes that are read for the detection."""
 _LINE = 512
+"""Maximum length of the first line, bytes."""
 LOG_LINE = re.compile(
     rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(R?)((?:[0-9A-Fa-f]{2})*)"
 )
-"""As ``candump -l`` and ``-L`` write it."""
+"""A line of ``candump -l`` and ``-L``."""
 SHOWN_LINE = re.compile(
     rb"\((\d{1,10})\.(\d{1,9})\)\s+\S+\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+(?:[RT]X\s+\S*\s+)?"
     rb"\[\d+\]\s*(remote)?\s*((?:[0-9A-Fa-f]{2} ?)*)"
 )
-"""As ``candump -ta`` shows it."""
+"""A line of ``candump -ta``."""
 
 
 def kind_of(path: Path) -> str:
-    """What a file is by its first bytes: ``mcap``, ``candump`` or ``raw``.
+    """Return the kind of a file: ``mcap``, ``candump`` or ``raw``.
 
     Raises:
         LogReadError: it cannot be read.

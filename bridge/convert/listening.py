@@ -1,4 +1,4 @@
-"""What the live bridge would have put on record, by listening alone."""
+"""Records of a capture, as a live run would have written them."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 
 
 class Listener:
-    """Records bytes and what they mean, without a word to anybody."""
+    """Records received bytes and the decoded messages. It sends nothing."""
 
     def __init__(self, sink: Sink, model: RobotModel, link: LinkBase) -> None:
-        """``link`` is the host's end; times are Unix time."""
+        """Use ``link`` as the host's side; times are Unix time."""
         self.messages = 0
-        """Of the device, so far."""
+        """Number of device messages."""
         self._link = link
         self._heard_ns = HostNs(0)
         self._sink, self._records = sink, HostRecords(sink, 0, "")
@@ -40,7 +40,7 @@ class Listener:
         self._sends = {s.type_id for s in link.codec.catalogue if s.direction is Direction.HOST}
 
     def received(self, data: bytes, now_ns: HostNs) -> None:
-        """Record what came; of a bus, frames of either side."""
+        """Record received bytes; on a bus frames of both sides."""
         if isinstance(self._link, CanLink):
             for begin in range(0, len(data), RECORD.size):
                 frame = data[begin : begin + RECORD.size]
@@ -64,7 +64,7 @@ class Listener:
             self._records.damaged(damaged, now_ns)
 
     def close(self) -> None:
-        """Record what was gathered of damaged frames."""
+        """Record the collected damaged frames."""
         self._records.flush(self._heard_ns, at_once=True)
 
     def _message(self, received: Received, now_ns: HostNs) -> None:
@@ -85,5 +85,5 @@ class Listener:
             case LogText():
                 self._records.log_text(message, now_ns)
             case Hello() if message.catalogue_hash != self._link.codec.catalogue.hash:
-                text = "the device has another catalogue; fields may be missing or misread"
+                text = "the device has another catalogue; fields may be missing or wrong"
                 self._records.event(now_ns, Severity.WARNING, "session", EventKind.SCHEMA, text)

@@ -1,11 +1,11 @@
-"""What can be saved of a damaged log: everything that still proves to be whole.
+"""Recovery of damaged logs: copies everything that is provably intact.
 
-Chunks are copied after their content was unpacked and its CRC compared. A damaged one is left out,
-wherever it stands, and the message indexes that follow it say what it held. Of a last chunk that
-was cut, what still unpacks is kept. A record whose own fields and CRC hold is kept though its
-opcode or its length is damaged. A declaration that is lost is taken from the file's summary, else
-from a later one in the file, else a stub stands for it. Files that were joined are recovered one
-after the other; where their numbers clash, the later file's are changed.
+Chunks are copied after a check of their content's CRC. A damaged chunk is left out; the message
+indexes after it give its lost messages. From a truncated last chunk, the part that unpacks is kept.
+A record whose fields and CRC are valid is kept even if its opcode or length is damaged. A lost
+declaration is taken from the file's summary, then from a later one in the file, otherwise a stub
+replaces it. Joined files are recovered one after the other; conflicting ids of a later file are
+changed.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ if TYPE_CHECKING:
 _MESSAGE = struct.Struct("<HIQQ")
 _ID = struct.Struct("<H")
 _LONGEST_SHOWN = 4
+"""Maximum number of topics that a loss lists."""
 _LAST_KNOWN = int(Opcode.DATA_END)
 _COMPRESSIONS = {b"", b"zstd", b"lz4"}
 _OF_SUMMARY = frozenset(
@@ -73,33 +74,33 @@ _OF_SUMMARY = frozenset(
     )
 )
 _OVERSIZE_BYTES = 4 * MAX_CHUNK_BYTES
-"""Bytes of all chunks of a file together that are unpacked beyond what they claim: a claim may be
-damaged while the content is whole, but a file of such claims must not keep anybody waiting."""
+"""Maximum number of bytes by which all chunks of a file together may exceed their declared sizes. A
+declared size may be damaged, but the limit bounds the time."""
 _GUESSED_BYTES = 512 << 20
-"""Bytes of any file that are looked at on a guess: chunks as they unpack, and attachments, at a
-place whose opcode or length may be damaged. Each takes a copy and a checksum, some 1 ns a byte."""
+"""Maximum number of bytes of any file that are read on a guess, where an opcode or length may be
+damaged. Each costs a copy and a checksum, about 1 ns per byte."""
 _GUESSED_TIMES = 16
-"""Bytes looked at on a guess for each byte of the file, beside those. A log unpacks to some 5 times
-its size, so every chunk of it may be guessed at three times."""
+"""Additional bytes read on a guess, per byte of the file. A log unpacks to about 5 times its size,
+so each chunk may be guessed three times."""
 
 
 @dataclass(slots=True)
 class Loss:
-    """One stretch of the file that could not be kept."""
+    """A range of the file that could not be kept."""
 
     offset: int
     bytes: int
     what: str
     start_ns: int | None = None
-    """Log time of the first message that it is known to have held."""
+    """Log time of the first known message; None: unknown."""
     end_ns: int | None = None
     messages: dict[str, int] = field(default_factory=dict)
-    """How many of each topic, where the file still says so."""
+    """Number of lost messages by topic, as far as known."""
     kept: Counter[int] = field(default_factory=Counter)
-    """Messages by channel that were kept of this stretch: an index counts them too."""
+    """Messages of this range that were kept, by channel; an index counts them too."""
 
     def text(self) -> str:
-        """In one line."""
+        """Return the loss as one line."""
         line = f"{self.what} at byte {self.offset} ({self.bytes} bytes)"
         total = sum(self.messages.values())
         if total:
@@ -112,33 +113,33 @@ class Loss:
 
 @dataclass(slots=True)
 class Recovery:
-    """What became of a file."""
+    """Result of a recovery."""
 
     source: Path
     target: Path
     whole: bool = True
-    """The source had its end, and nothing behind it."""
+    """True if the source has an end and nothing after it."""
     files: int = 1
-    """How many files were joined in the source."""
+    """Number of joined files in the source."""
     messages: int = 0
     chunks: int = 0
     rescued: int = 0
-    """Of the messages, those out of a chunk that was cut."""
+    """Number of messages from a truncated chunk."""
     attachments: int = 0
     metadata: int = 0
     undeclared: int = 0
-    """Messages whose channel's declaration is lost: kept, under ``/undeclared/<channel>``."""
+    """Number of messages without a declaration: kept under ``/undeclared/<channel>``."""
     stub_schemas: int = 0
-    """Schemas that are lost: channels that need one have a stub, ``lost_schema_<number>``."""
+    """Number of lost schemas, replaced by stubs ``lost_schema_<number>``."""
     losses: list[Loss] = field(default_factory=list)
 
     @property
     def lost_messages(self) -> int:
-        """As far as the file still says; what was cut off is not counted."""
+        """Known number of lost messages, without those of a truncated end."""
         return sum(sum(loss.messages.values()) for loss in self.losses)
 
     def as_json(self) -> dict[str, Any]:
-        """All of it as plain values."""
+        """Return all fields as values for JSON."""
         return {
             "source": str(self.source),
             "out": str(self.target),
@@ -167,17 +168,17 @@ class Recovery:
 
 
 def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
-    """Copy what is whole of one file into another.
+    """Copy the intact content of a file to another file.
 
     Raises:
-        LogReadError: the source is missing, cannot be read, or is no MCAP file.
-        LogExistsError: the target exists and ``force`` is not set.
+        LogReadError: the source is missing, cannot be read, or is not an MCAP file.
+        LogExistsError: the target exists, and ``force`` is False.
         LogWriteError: the target cannot be written, or is the source itself.
 
     """
     with opened(source) as data:
         if target.exists() and target.samefile(source):
-            raise LogWriteError(target, "it is the file to recover; give another name")
+            raise LogWriteError(target, "it is the source file; give another name")
         result = Recovery(source, target)
         with McapCopy(target, force=force) as copy:
             begin: int | None = 0
@@ -189,7 +190,7 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
                 begin = next_file(data, work.end, len(data))
                 between = (len(data) if begin is None else begin) - work.end
                 if between:
-                    result.losses.append(Loss(work.end, between, "bytes behind the file's end"))
+                    result.losses.append(Loss(work.end, between, "bytes after the file's end"))
                     result.whole = False
                 result.files += begin is not None
             copy.finish()
@@ -198,7 +199,7 @@ def recover(source: Path, target: Path, *, force: bool = False) -> Recovery:
 
 
 class _Recoverer:
-    """Recovers one of the files that were joined; mostly there is one."""
+    """Recovers one of the joined files; usually there is one."""
 
     def __init__(
         self,
@@ -210,39 +211,39 @@ class _Recoverer:
         last_is_taken: bool,
     ) -> None:
         self.end = begin + len(MAGIC)
-        """Where the file ends, as soon as that is known."""
+        """End of the file as soon as known."""
         self._begin = self.end
         self._data, self._copy, self._result = data, copy, result
         following = next_file(data, self.end, len(data))
         self._summary = read_file_summary(data, begin, following or len(data))
         self.took_last = (
-            following is not None  # it may be within an attachment
+            following is not None  # the next file may be inside an attachment
             and not last_is_taken
             and self._summary.start is None
             and is_summary_of(data, begin, len(data))
         )
-        """It reads the summary at the end of the data, though another file seems to begin before.
-        One file does at most: else each of those that were joined would read it."""
+        """Use the summary at the end of the data although another file seems to start before it.
+        Only one of several joined files does so, to bound the time."""
         if self.took_last:
             self._summary = read_file_summary(data, begin, len(data))
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        """Declarations as they were met, by their numbers here."""
+        """Declarations by their id in this file."""
         self._numbers: dict[int, int] = {}
-        """Of each channel: its number in the copy."""
+        """Id in the copy, by id in this file."""
         self._looked_ahead = False
         self._kept: Counter[int] = Counter()
-        """Messages by channel."""
+        """Number of kept messages by channel."""
         self._first_loss = len(result.losses)
         self._oversize = _OVERSIZE_BYTES
         self._guesses = _GUESSED_BYTES + _GUESSED_TIMES * ((following or len(data)) - begin)
-        """Bytes that may yet be looked at on the guess that a record has a damaged head."""
+        """Bytes that may still be read on a guess."""
         self._search, self._search_inner = Search(data), Search(data)
         self._last: dict[int, list[tuple[int, int]]] = {}
-        """Of the last chunk that was kept: what its message indexes say."""
+        """Message indexes of the last kept chunk."""
         self._is_chunked = Opcode.CHUNK in self._summary.kinds.values()
         self._loss: Loss | None = None
-        """The last one, as long as message indexes may follow that say what it held."""
+        """The last loss, while its message indexes may follow."""
         self._handlers: dict[int, Callable[[int, bytes], None]] = {
             int(Opcode.SCHEMA): partial(self._declaration, Opcode.SCHEMA),
             int(Opcode.CHANNEL): partial(self._declaration, Opcode.CHANNEL),
@@ -254,7 +255,7 @@ class _Recoverer:
         }
 
     def run(self) -> None:
-        """Copy what is whole of it."""
+        """Copy the intact content of the file."""
         profile, library = self._header()
         self._copy.header(profile, library)
         position: int | None = self._begin
@@ -272,7 +273,7 @@ class _Recoverer:
         return "", ""
 
     def _from(self, position: int) -> int | None:
-        """Take the records from here on; where to go on, None at the end."""
+        """Handle the records from an offset; return where to continue, None at the end."""
         whole = False
         for found in records(self._data, position, search=self._search):
             if isinstance(found, DamagedBytes):
@@ -293,7 +294,7 @@ class _Recoverer:
         return None
 
     def _record(self, found: Found) -> int | None:
-        """Take one record; where to go on, where that is not behind it."""
+        """Handle one record; return where to continue if not at its end."""
         opcode, offset, start, end = found
         if offset == self._begin and has_shape(self._data, Opcode.HEADER, start, end):
             return None
@@ -303,7 +304,7 @@ class _Recoverer:
             if going_on is not None:
                 return going_on
         if opcode == Opcode.MESSAGE and self._is_chunked and self._loss is not None:
-            # It stood in the chunk that is lost, whose checksum alone covered it.
+            # It belongs to the lost chunk, whose checksum alone covered it.
             self._loss.bytes = max(self._loss.bytes, end - self._loss.offset)
             return None
         if opcode != Opcode.MESSAGE_INDEX:
@@ -314,14 +315,14 @@ class _Recoverer:
         if opcode > _LAST_KNOWN:
             self._copy.record(opcode, self._data[start:end])
         elif self._is_misplaced(opcode, offset):
-            self._lose(offset, end - offset, "a record that does not belong there")
+            self._lose(offset, end - offset, "a misplaced record")
         return None
 
     def _handle(self, handler: Callable[[int, bytes], None], found: Found) -> int | None:
-        """Take one record of the data; where to go on, where that is not behind it."""
+        """Handle one data record; return where to continue if not at its end."""
         opcode, offset, start, end = found
         own = inner_end(self._data, opcode, start)
-        # A damaged length may reach over records that are whole.
+        # A damaged length may overlap intact records.
         is_longer = own is not None and own < end and self._stands(own)
         if own is not None and is_longer:
             end = own
@@ -335,17 +336,17 @@ class _Recoverer:
                 following = self._search_inner.after(start)
             elif following is None and opcode == Opcode.CHUNK:
                 following = self._next_chunk(start, end)
-            # Bytes of it are missing, and its length reaches into what follows.
+            # Bytes of it are missing, and its length overlaps what follows.
             if following is not None and following < end:
                 self._loss.bytes = following - offset
                 return following
         return end if is_longer else None
 
     def _next_chunk(self, start: int, end: int) -> int | None:
-        """Find the chunk or attachment into which a damaged chunk's length reaches.
+        """Return the chunk or attachment that a damaged chunk's length overlaps.
 
-        A message may itself hold a chunk, which then ends within the message and does not count
-        where a record stands at ``end``.
+        A message may itself contain a chunk. That chunk ends inside the message, and does not count
+        if there is a record at ``end``.
         """
         if self._stands_known(end):
             return self._search.reached(start, end)
@@ -353,19 +354,19 @@ class _Recoverer:
         return following if following is not None and following < end else None
 
     def _stands(self, position: int) -> bool:
-        """Whether a whole record stands here."""
+        """Return True if there is a whole record at ``position``."""
         found = next(records(self._data, position, search=self._search_inner), None)
         return found is not None and not isinstance(found, DamagedBytes)
 
     def _stands_known(self, position: int) -> bool:
-        """Whether a whole record of a known kind stands here, or the data ends."""
+        """Return True if there is a whole record of a known kind, or the end of the data."""
         found = next(records(self._data, position, search=self._search_inner), None)
         if found is None:
             return True
         return not isinstance(found, DamagedBytes) and found.opcode <= _LAST_KNOWN
 
     def _is_misplaced(self, opcode: int, offset: int) -> bool:
-        """Whether a record stands before the summary that belongs into it, or a second header."""
+        """Return True for a summary record before the summary, or a second header."""
         if opcode == Opcode.HEADER:
             return offset != self._begin
         start = self._summary.start if self._summary.is_proven else None
@@ -379,7 +380,7 @@ class _Recoverer:
         return self._loss
 
     def _damaged(self, damage: DamagedBytes) -> int | None:
-        """Save what can be saved of damaged bytes; where to go on, where that is known better."""
+        """Save what is possible of damaged bytes; return where to continue if known."""
         offset, end, is_tail = damage
         expected = self._summary.kinds.get(offset)
         going_on = self._mislabelled(offset, expected)
@@ -387,17 +388,17 @@ class _Recoverer:
             return going_on
         if is_tail and self._rescue_tail(offset, end):
             return None
-        what = "a record that was cut" if is_tail else "damaged bytes"
+        what = "a truncated record" if is_tail else "damaged bytes"
         opcode = expected or self._data[offset]
         if opcode == Opcode.CHUNK:
-            what = "a chunk that was cut" if is_tail else "a damaged chunk"
+            what = "a truncated chunk" if is_tail else "a damaged chunk"
         self._lose(offset, end - offset, what)
         return None
 
     def _mislabelled(self, offset: int, expected: int | None) -> int | None:
-        """Keep a record whose opcode or length is damaged and whose content proves to be whole.
+        """Keep a record with a damaged opcode or length if its content is intact.
 
-        Gives where it ends; None: it is none.
+        Returns its end; None: no such record.
         """
         end = self._chunk_at(offset)
         if end is not None:
@@ -419,9 +420,9 @@ class _Recoverer:
         return None
 
     def _chunk_at(self, offset: int) -> int | None:
-        """Keep a chunk whose CRC holds though its opcode or one of its two lengths is damaged.
+        """Keep a chunk with a valid CRC but a damaged opcode or length.
 
-        Gives where it ends; None: there is none.
+        Returns its end; None: no such chunk.
         """
         data, start = self._data, offset + HEAD.size
         with contextlib.suppress(*DAMAGE):
@@ -447,14 +448,14 @@ class _Recoverer:
         return None
 
     def _may_guess(self, size: int) -> bool:
-        """Whether so many bytes may be looked at on a guess; they are counted."""
+        """Return True if this many bytes may be read on a guess, and count them."""
         if size > self._guesses:
             return False
         self._guesses -= size
         return True
 
     def _rescue_tail(self, offset: int, end: int) -> bool:
-        """Keep the messages of a cut chunk that still unpack; True where that is all of it."""
+        """Keep the messages of a truncated chunk that unpack; return True if that is all."""
         data, start = self._data, offset + HEAD.size
         if data[offset] != Opcode.CHUNK or start + 32 > end:
             return False
@@ -472,14 +473,14 @@ class _Recoverer:
             if opcode == Opcode.MESSAGE
         )
         self._result.rescued += kept.total()
-        what = "the rest of a chunk that was cut" if kept else "a chunk that was cut"
+        what = "the rest of a truncated chunk" if kept else "a truncated chunk"
         self._lose(offset, end - offset, what).kept = kept
         return True
 
-    # ---- records, each with its content
+    # ---- handlers of record types
 
     def _declaration(self, opcode: int, offset: int, content: bytes) -> None:
-        """A schema or a channel outside chunks; of a summary that is damaged only what is new."""
+        """Handle a schema or channel outside chunks; from a damaged summary only new ones."""
         start = self._summary.start
         if start is not None and offset >= start and not self._summary.is_proven:
             self._take_missing(opcode, content, 0, len(content))
@@ -530,20 +531,20 @@ class _Recoverer:
         self._keep(offset, record, content, parts if is_sound else None)
 
     def _content(self, parts: ChunkParts) -> tuple[bytes, bool]:
-        """Unpack a chunk, whose CRC holds; and whether its packed bytes can stay as they are.
+        """Unpack a chunk with a valid CRC; return also whether its packed bytes can be copied.
 
         Raises:
-            Exception: one of what the libraries raise on damage.
+            Exception: any error that the libraries raise on damage.
 
         """
         is_sound = False
         try:
             if parts.size > MAX_CHUNK_BYTES:
-                raise ValueError("it claims too much")
+                raise ValueError("the declared size is too large")
             content = unpacked(parts.compression, parts.packed, parts.size)
-            is_sound = bool(content)  # not every reader takes an empty frame
+            is_sound = bool(content)  # some readers reject an empty frame
         except DAMAGE:
-            # The claim itself may be what is damaged.
+            # The declared size itself may be damaged.
             if not parts.crc or self._oversize <= 0:
                 raise
             limit = min(self._oversize, MAX_CHUNK_BYTES)
@@ -555,7 +556,7 @@ class _Recoverer:
     def _take_apart(
         self, offset: int, content: bytes
     ) -> tuple[list[tuple[int, int, int]], int | None]:
-        """Records of a chunk's content, and where what is none begins; takes the declarations."""
+        """Return a chunk's records and the start of invalid bytes; store its declarations."""
         taken, end = [], 0
         broken = None
         try:
@@ -572,14 +573,14 @@ class _Recoverer:
                     continue
                 try:
                     if not has_shape(content, opcode, start, stop):
-                        raise ValueError("its fields do not fit")
+                        raise ValueError("the fields exceed the record")
                     take(offset, content[start:stop])
                 except DAMAGE:
                     self._lose(offset, stop - start, f"a damaged {_KINDS[opcode]}")
         return taken, broken
 
     def _keep(self, offset: int, record: bytes, content: bytes, packed: ChunkParts | None) -> None:
-        """Copy a chunk: as it is packed, where that is given and nothing has to be changed."""
+        """Copy a chunk, packed as it is if nothing has to be changed."""
         taken, broken = self._take_apart(offset, content)
         places, counts = Places(), Counter[int]()
         same = broken is None
@@ -611,11 +612,11 @@ class _Recoverer:
         self._last = {c: list(zip(e[::2], e[1::2], strict=True)) for c, e in entries.items()}
         if broken is not None:
             rest = len(content) - broken
-            loss = self._lose(offset, HEAD.size + len(record), f"{rest} bytes within a chunk")
+            loss = self._lose(offset, HEAD.size + len(record), f"{rest} bytes inside a chunk")
             loss.kept = counts
 
     def _is_declared(self, opcode: int, content: bytes) -> bool:
-        """Whether a declaration of a chunk is that of the copy, to the byte."""
+        """Return True if the copy has exactly this declaration."""
         copy = self._copy
         known: Schema | Channel | None
         if opcode == Opcode.SCHEMA:
@@ -626,12 +627,12 @@ class _Recoverer:
         return known is not None and bytes_of(known)[HEAD.size :] == content
 
     def _index(self, _offset: int, content: bytes) -> None:
-        """What a lost chunk held, from the index that follows it."""
+        """Count a lost chunk's messages from the index after it."""
         if self._loss is None:
             return
         index = parse(MessageIndex, content)
         if self._last.get(index.channel_id) == index.records:
-            return  # of a chunk that was kept: what was lost behind it is an index
+            return  # of a kept chunk: only an index was lost
         topic = self._topic(index.channel_id)
         counts, times = self._loss.messages, [entry[0] for entry in index.records]
         lost = len(times) - self._loss.kept[index.channel_id]
@@ -641,7 +642,7 @@ class _Recoverer:
             self._loss.end_ns = max([*times, self._loss.end_ns or 0])
 
     def _is_index(self, content: bytes) -> bool:
-        """Whether what is called a message is a message index of the last chunk."""
+        """Return True if a supposed message is a message index of the last chunk."""
         entries = self._last.get(_ID.unpack_from(content)[0])
         if entries is None or len(content) != 6 + 16 * len(entries):
             return False
@@ -667,7 +668,7 @@ class _Recoverer:
         return known.topic if known is not None else f"channel {channel_id}"
 
     def _number(self, channel_id: int) -> int:
-        """The channel's number in the copy; it is declared there, with its schema."""
+        """Return a channel's id in the copy; declare it there with its schema."""
         number = self._numbers.get(channel_id)
         if number is None:
             channel = self._find_channel(channel_id)
@@ -696,7 +697,7 @@ class _Recoverer:
         return found
 
     def _look_ahead(self) -> None:
-        """Take the declarations of the whole file: some writers repeat them in every chunk."""
+        """Read the declarations of the whole file; some writers repeat them in every chunk."""
         if self._looked_ahead:
             return
         self._looked_ahead = True
@@ -724,7 +725,7 @@ class _Recoverer:
             channel = parse(Channel, content[start:stop])
             self._channels.setdefault(channel.id, channel)
 
-    # ---- the account
+    # ---- statistics
 
     def _count(self, counts: Counter[int]) -> None:
         self._kept.update(counts)
@@ -733,7 +734,7 @@ class _Recoverer:
                 self._result.undeclared += count
 
     def _account(self) -> None:
-        """What the file's own statistics count, and neither was kept nor is in a loss."""
+        """Report messages that the file's statistics count but that were neither kept nor lost."""
         counts = self._summary.counts if self._summary.is_proven else None
         if counts is None:
             return
@@ -744,10 +745,10 @@ class _Recoverer:
         for channel_id, count in counts.items():
             expected[self._topic(channel_id)] += count - self._kept[channel_id]
         missing = {t: n - named[t] for t, n in expected.items() if n > named[t]}
-        # Outside chunks a damaged number moves a message to another channel.
+        # Outside chunks a damaged id assigns a message to another channel.
         if missing and sum(counts.values()) > self._kept.total() + named.total():
             self._loss = None
-            loss = self._lose(self._begin, 0, "messages that stood in the damaged bytes")
+            loss = self._lose(self._begin, 0, "messages in the damaged bytes")
             loss.messages = missing
 
 
@@ -763,5 +764,5 @@ _KINDS: dict[int, str] = {
 
 
 def _may_follow(data: Bytes, position: int) -> bool:
-    """Whether a record of a known kind, or the file's end, stands here."""
+    """Return True if there is a record of a known kind or the file's end."""
     return position >= len(data) or 0 < data[position] <= _LAST_KNOWN

@@ -1,7 +1,7 @@
-"""Decoding a log's raw bytes again, as the live bridge did: the proof that nothing was lost.
+"""Second decoding of a log's raw bytes, to prove that no message was lost.
 
-The recorded bytes are handed to a session and a clock of their own, each at the moment of its
-record; what the host sent says when the session had its turns, and which session ids it drew.
+The recorded bytes go to a new session and time synchronisation, at the times of their records. The
+host's recorded bytes determine when the session was polled and which session ids it used.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 class Decoded(NamedTuple):
-    """A device message as a log has it."""
+    """A device message in a log."""
 
     topic: str
     log_ns: int
@@ -48,26 +48,26 @@ class Decoded(NamedTuple):
 
 @dataclass(slots=True)
 class Redecoded:
-    """Recorded messages against the same bytes decoded again."""
+    """Result of the comparison of recorded and decoded messages."""
 
     recorded: int = 0
     equal: int = 0
     differing: dict[str, int] = field(default_factory=dict)
-    """By topic: messages that differ, are missing or too many."""
+    """Number of different, missing or extra messages, by topic."""
     first: str = ""
-    """The first difference, in words."""
+    """Description of the first difference."""
 
     @property
     def same(self) -> bool:
-        """Bit for bit, all of them."""
+        """True if all messages are identical, bit for bit."""
         return not self.differing
 
 
 def compare(path: Path) -> Redecoded:
-    """Decode a log's raw bytes again and compare with its ``/device/*`` messages.
+    """Decode a log's raw bytes again and compare them with its ``/device/*`` messages.
 
     Raises:
-        LogReadError: the file is missing, cannot be read, or is no MCAP file.
+        LogReadError: the file is missing, cannot be read, or is not an MCAP file.
 
     """
     reader = LogReader(path)
@@ -91,7 +91,7 @@ def compare(path: Path) -> Redecoded:
 
 
 def redecode(reader: LogReader) -> Iterator[Decoded]:
-    """Every ``/device/*`` message that a log's raw bytes hold, as the live bridge gave it."""
+    """Yield every ``/device/*`` message from a log's raw bytes, as a live run would."""
     offset_ns = _number(reader.run.get("clock_offset_ns")) or 0
     records = sorted(wire_records(reader.messages(RAW_TOPICS)), key=in_order)
     if not records:
@@ -127,7 +127,7 @@ class _DeviceTopics:
 
 
 def _session_ids(records: list[WireRecord], link: type[LinkBase]) -> Iterator[int]:
-    """The ids that the host's hellos named, each once, in their order."""
+    """Return the session ids of the host's hellos, each once, in order."""
     peer = link(Direction.DEVICE)
     last = 0
     found = []
@@ -143,12 +143,12 @@ def _session_ids(records: list[WireRecord], link: type[LinkBase]) -> Iterator[in
 
 
 def _node(reader: LogReader) -> int | None:
-    """Which device of several the run talked to."""
+    """Return the node of the run's device; None: unknown."""
     return _number(reader.metadata.get("device", {}).get("node"))
 
 
 def _number(text: str | None) -> int | None:
-    """Of a log's metadata; None where another program wrote something else there."""
+    """Parse a number in a log's metadata; None if it is not a number."""
     try:
         return None if text is None else int(text)
     except ValueError:
@@ -156,9 +156,9 @@ def _number(text: str | None) -> int | None:
 
 
 def _opened_ns(reader: LogReader, records: list[WireRecord]) -> int:
-    """When the session was opened: its first event says so, where that was told at once."""
+    """Return the opening time of the session, from its first event if that is early enough."""
     opened_ns = records[0].log_ns
-    if records[0].is_can:  # it listens for so long before it says anything
+    if records[0].is_can:  # a CAN session listens before its first hello
         sent = (record.log_ns for record in records if record.outgoing)
         opened_ns = min(opened_ns, next(sent, opened_ns + LISTEN_NS) - LISTEN_NS)
     for message in reader.messages({"/events"}):
@@ -179,7 +179,7 @@ def _difference(topic: str, then: list[Decoded], now: list[Decoded]) -> str:
 
 
 def as_json(result: Redecoded) -> str:
-    """The comparison as one JSON object."""
+    """Return the comparison as a JSON object."""
     return json.dumps(
         {
             "recorded": result.recorded,

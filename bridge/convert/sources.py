@@ -1,4 +1,4 @@
-"""A log to read a named file by: itself, or one made from a capture."""
+"""Logs from any supported file: the file itself, or a conversion of a capture."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 @contextmanager
 def readable(path: Path) -> Iterator[Path]:
-    """An MCAP file of what a file holds: itself, or one made from a capture while needed.
+    """Yield an MCAP file: the file itself, or a temporary conversion of a capture.
 
     Raises:
-        LogReadError: it cannot be read, or holds nothing of a sweeper.
+        LogReadError: it cannot be read, or has no frame of a device.
 
     """
     if kind_of(path) == MCAP:
         yield path
         return
-    from bridge.convert.captures import convert  # noqa: PLC0415 - loads a live run's decoding
+    from bridge.convert.captures import convert  # noqa: PLC0415 - slow to import
 
     with tempfile.TemporaryDirectory(prefix="sweepctl-capture-") as folder:
         made = Path(folder) / f"{path.stem}.mcap"
@@ -34,10 +34,10 @@ def readable(path: Path) -> Iterator[Path]:
 
 
 def describe_any(path: Path) -> RunDescription:
-    """Read a log or a capture of another program to its end and count.
+    """Return the statistics of a log or capture.
 
     Raises:
-        LogReadError: the file is missing, cannot be read, or holds nothing of a sweeper.
+        LogReadError: the file is missing, cannot be read, or has no frame of a device.
 
     """
     kind = kind_of(path)

@@ -1,4 +1,4 @@
-"""File names for topics, which are any text: short, safe on every file system, and each its own."""
+"""File names for topics: short, unique and safe on every file system."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _LONGEST = 180
-"""Longest name of a table without its ending, bytes: file systems take 255, some encrypted ones
-143 with what they add, and a number and an ending follow."""
+"""Maximum length of a table's name without its suffix, bytes. File systems allow 255, some
+encrypted ones 143 with their own overhead."""
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
-"""Names that Windows keeps for devices, whatever their ending."""
+"""Names that Windows reserves for devices, with any suffix."""
 
 
 def table_names(topics: Iterable[str]) -> dict[str, str]:
-    """A name for each topic, without an ending; the same topics always have the same names."""
+    """Return a name without suffix for each topic; the same topics always get the same names."""
     names: dict[str, str] = {}
     used: set[str] = set()
     for topic in sorted(topics):
         stem = name = _name(topic)
         number = 2
-        while _folded(name) in used:  # topics that differ in odd letters or in case only
+        while _folded(name) in used:  # topics that differ in special characters or case only
             name = f"{stem}-{number}"
             number += 1
         used.add(_folded(name))
@@ -44,5 +44,5 @@ def _name(topic: str) -> str:
 
 
 def _folded(name: str) -> str:
-    """What file systems that do not tell upper from lower case compare."""
+    """Return the form that case-insensitive file systems compare."""
     return unicodedata.normalize("NFKC", name).casefold()

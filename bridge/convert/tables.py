@@ -1,4 +1,4 @@
-"""Messages of one topic as an Arrow table, and that into a file."""
+"""Tables of one topic's messages in Arrow format, and their files."""
 
 from __future__ import annotations
 
@@ -26,43 +26,43 @@ if TYPE_CHECKING:
     from bridge.record.decode.forms import Column, Form, Leaf, Template
 
 _MAX_SHAPES = 64
-"""In one block; what has more is read a message at a time, where that is no slower."""
+"""Maximum number of message shapes per block. Further messages are decoded one by one."""
 _FEW = 3
-"""Messages of one shape that are not worth a template, unless they are"""
+"""Maximum number of equal messages that are decoded one by one."""
 _LONG = 2048
-"""bytes long."""
+"""Minimum length of a message for which a template always pays, bytes."""
 _ALIGNED = 64
-"""Bytes at whose multiples Arrow likes a column to begin."""
+"""Alignment of an Arrow column, bytes."""
 _HEADS = (LOG_NS, PUBLISH_NS, SEQUENCE)
 _TIME = pa.timestamp("ns", "UTC")
 _PLAIN = {"text": pa.string(), "json": pa.string(), "bytes": pa.binary(), "bool": pa.bool_()}
 
 
 def arrow_type(column: Column) -> pa.DataType:
-    """A column's type in the table."""
+    """Return a column's type in the table."""
     return _arrow_type(column.type, column.is_list)
 
 
 @cache
-def _arrow_type(name: str, is_list: bool) -> pa.DataType:  # noqa: FBT001 - of a column
+def _arrow_type(name: str, is_list: bool) -> pa.DataType:  # noqa: FBT001 - a property of the column
     plain = _PLAIN.get(name)
     made = pa.from_numpy_dtype(np.dtype(name)) if plain is None else plain
     return pa.list_(made) if is_list else made
 
 
 class TableWriter:
-    """One topic's file; CSV where its name says so, else Parquet."""
+    """Writer of one topic's file: CSV for the suffix ``.csv``, otherwise Parquet."""
 
     def __init__(self, path: Path, columns: Iterable[Column], notes: dict[str, str]) -> None:
         """Create the file.
 
         Raises:
-            OSError: it cannot be.
+            OSError: it cannot be created.
 
         """
         self._columns = tuple(columns)
         self._shapes: dict[Form, dict[int, Template]] = {}
-        """Of each form's messages by their length: the last one that was met."""
+        """Newest template of each form, by message length."""
         fields = [
             *(("log_time", _TIME), ("publish_time", _TIME), ("sequence", pa.uint32())),
             *((column.name, arrow_type(column)) for column in self._columns),
@@ -74,8 +74,8 @@ class TableWriter:
         else:
             if not is_utf8(path):
                 raise OSError(errno.EILSEQ, "Parquet needs a name in UTF-8; CSV does not")
-            # Dictionaries would take twice the time and, of measured values, more room; the
-            # least and most of a list's values help nobody to find a row.
+            # Dictionaries take twice the time and, for measured values, more space. Statistics of
+            # lists do not help to find a row.
             self._parquet = pa_parquet.ParquetWriter(
                 str(path),
                 self._schema,
@@ -85,7 +85,7 @@ class TableWriter:
             )
 
     def write(self, block: Block, channels: Iterable[tuple[int, Form]]) -> int:
-        """Write some channels' messages of a block; how many of them did not decode."""
+        """Write these channels' messages of a block; return how many could not be decoded."""
         return sum(self._write(block, channel_id, form) for channel_id, form in channels)
 
     def _write(self, block: Block, channel_id: int, form: Form) -> int:
@@ -115,7 +115,7 @@ class TableWriter:
         return bad
 
     def close(self) -> None:
-        """End the file."""
+        """Complete and close the file."""
         (self._csv or self._parquet).close()
 
 
@@ -124,7 +124,7 @@ def _times(values: NDArray[np.uint8]) -> pa.Array:
 
 
 def _as(kind: pa.DataType, array: pa.Array) -> pa.Array:
-    """Of this type; two schemas of one topic may differ in it, and where none fits it is null."""
+    """Convert to a type. Schemas of one topic may differ; values that do not fit become null."""
     if array.type == kind:
         return array
     try:
@@ -140,7 +140,7 @@ def _decode(
     form: Form,
     known: dict[int, Template],
 ) -> tuple[list[pa.Array], int]:
-    """An array for each column, in the messages' order; and how many did not decode."""
+    """Return an array per column, in message order, and the number of undecodable messages."""
     parts: list[tuple[NDArray[np.int64], list[pa.Array]]] = []
     single: list[NDArray[np.int64]] = []
     used: dict[int, Template] = {}
@@ -156,14 +156,14 @@ def _decode(
             if template is None and length and not few:
                 template = form.template(data[first : first + length])
             if template is None:
-                # One message without a shape says nothing of the next.
+                # A message without a template does not exclude one for the next.
                 single.append(places if few else places[:1])
                 places = places[:0] if few else places[1:]
                 shapes += not few
                 continue
             fit, arrays = _of_shape(content, starts[places], template, form)
             if not fit.any():
-                continue  # one of before, that is no longer met
+                continue  # an old template that no longer fits
             shapes += 1
             parts.append((places[fit], arrays))
             places, used[length] = places[~fit], template
@@ -185,7 +185,7 @@ def _decode(
 def _of_shape(
     data: NDArray[np.uint8], starts: NDArray[np.int64], template: Template, form: Form
 ) -> tuple[NDArray[np.bool_], list[pa.Array]]:
-    """Which of these messages have a shape, and an array of theirs for each column."""
+    """Return which messages fit a template, and their columns."""
     leaves = [template.leaves.get(column.name) for column in form.columns]
     moving = [leaf for leaf in leaves if leaf is not None and leaf.how != "same"]
     places = tuple((MESSAGE_HEAD + leaf.offset, leaf.size) for leaf in moving)
@@ -205,7 +205,7 @@ def _split(
     mask: NDArray[np.uint8],
     places: tuple[tuple[int, int], ...],
 ) -> tuple[NDArray[np.bool_], list[NDArray[np.uint8]]]:
-    """Which messages have a shape, and the bytes at these places (and of these sizes) in them."""
+    """Return which messages have a shape, and their bytes at these offsets and sizes."""
     values = np.zeros((len(places), 3), np.int64)
     size_bytes = 0
     for row, (offset, size) in enumerate(places):
@@ -243,7 +243,7 @@ def _integers(column: Column, leaf: Leaf, values: NDArray[np.uint8]) -> pa.Array
         return pa.array(raw != 0)
     if leaf.how == "zigzag":
         return pa.array(unzigzag(raw).astype(column.type))
-    return pa.array(raw.astype(column.type))  # cut to its width, as protobuf does
+    return pa.array(raw.astype(column.type))  # truncated to its width, as protobuf does
 
 
 def _texts(kind: pa.DataType, values: NDArray[np.uint8], size: int, count: int) -> pa.Array:

@@ -127,8 +127,7 @@ def test_bytes_behind_the_end_are_accounted_for() -> None:
     assert got == log.messages
     assert not result.whole
     assert (
-        result.losses[-1].text()
-        == f"bytes behind the file's end at byte {len(log.data)} (14 bytes)"
+        result.losses[-1].text() == f"bytes after the file's end at byte {len(log.data)} (14 bytes)"
     )
 
 

@@ -110,7 +110,7 @@ def test_info_of_captures(tmp_path: Path, tmp_path_factory: pytest.TempPathFacto
 def test_what_holds_nothing_of_a_sweeper(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "file"
     path.write_bytes(content)
-    with pytest.raises(LogReadError, match=r"no MCAP file, no candump log, and holds no frame"):
+    with pytest.raises(LogReadError, match=r"not an MCAP file or a candump log, and has no frame"):
         describe_any(path)
     path.write_text("(1700000000.000100) can0 7FF#00\n")
     with pytest.raises(LogReadError, match="none of its frames"):

@@ -146,7 +146,9 @@ def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
     with pytest.raises(OutputExistsError):
         export(log, out, topics=["/cmd"])
     export(log, out, topics=["/cmd"], force=True)
-    with pytest.raises(NoSuchTopicError, match=r"no topic matches '/none'; there are: /clock/sync"):
+    with pytest.raises(
+        NoSuchTopicError, match=r"no topic matches '/none'; the log has: /clock/sync"
+    ):
         export(log, out, topics=["/none"])
     done = sweepctl("export", log, "--out", "/proc/none", "--topic", "/cmd")
     assert done.status == 1
@@ -158,7 +160,7 @@ def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
     for file in (log, cut):
         done = sweepctl("export", file, *asked)
         assert done.status == 2
-        assert "no topic matches '/none'; there are: " in done.line
+        assert "no topic matches '/none'; the log has: " in done.line
         assert not fresh.exists(), "nothing is written, not even what there is"
     assert sweepctl("export", cut, "--out", fresh, "--topic", "/cmd").status == 0
 

@@ -206,7 +206,7 @@ def test_a_cut_file_keeps_what_is_whole(log: Path, tmp_path: Path) -> None:
     assert kept == everything[: len(kept)]
     assert not result.whole
     assert LogReader(broken).truncated
-    assert "cut" in result.losses[-1].what
+    assert "truncated" in result.losses[-1].what
 
 
 def foreign(path: Path, *, compression: CompressionType, chunked: bool = True) -> list[Message]:
@@ -294,7 +294,7 @@ def test_a_chunk_that_claims_to_be_empty_is_not_copied(tmp_path: Path) -> None:
 def test_what_cannot_be(log: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.mcap"
     copy.write_bytes(log.read_bytes())
-    with pytest.raises(LogWriteError, match="it is the file to recover"):
+    with pytest.raises(LogWriteError, match="it is the source file"):
         recover(copy, copy, force=True)
     assert copy.read_bytes() == log.read_bytes()
     with pytest.raises(OutputExistsError):
