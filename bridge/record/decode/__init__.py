@@ -1,1 +1,1 @@
-"""Columns of logged messages: many messages of one shape at once."""
+"""Decoders of logged messages to columns."""

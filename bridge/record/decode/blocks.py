@@ -1,4 +1,4 @@
-"""A log's messages in blocks: the bytes of many chunks, and where in them each topic's stand."""
+"""Messages of a log in blocks: the bytes of many chunks, with each topic's offsets."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ if TYPE_CHECKING:
 
 BLOCK_BYTES = 24 << 20
 _FRONT = 9
-"""Opcode and length."""
+"""Size of opcode and length, bytes."""
 MESSAGE_HEAD = 31
-"""All that stands before a message's data, ..."""
+"""Size of a record before its message data, bytes."""
 _MESSAGE_FIXED = MESSAGE_HEAD - _FRONT
 SEQUENCE, LOG_NS, PUBLISH_NS = (11, 4), (15, 8), (23, 8)
-"""... and where in it these are, and their size."""
+"""Offset and size of the fields in a record's head."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Messages of some chunks on end."""
+    """Messages of consecutive chunks."""
 
     data: bytes
     starts: dict[int, NDArray[np.int64]]
-    """By channel: where each message's record begins in ``data``."""
+    """Offset of each message's record in ``data``, by channel."""
     lengths: dict[int, NDArray[np.int64]]
-    """By channel: how long each message is, in bytes."""
+    """Length of each message, bytes, by channel."""
 
 
 def blocks(
     path: Path, declared: Declared, problems: list[str], block_bytes: int = BLOCK_BYTES
 ) -> Iterator[Block]:
-    """Read a log from front to back; what is damaged is stepped over and named.
+    """Read a log from start to end; damage is skipped and listed.
 
     Raises:
-        LogReadError: it is missing, cannot be read, or is no MCAP file.
+        LogReadError: it is missing, cannot be read, or is not an MCAP file.
 
     """
     with opened(path) as data:
@@ -57,7 +57,7 @@ def blocks(
         work = _Gatherer(declared)
         for found in records(data, indexes=False):
             if isinstance(found, DamagedBytes):
-                what = "all from there on is cut or damaged" if found.is_tail else "skipped"
+                what = "the rest is truncated or damaged" if found.is_tail else "skipped"
                 problems.append(f"damaged bytes at offset {found.offset}: {what}")
                 continue
             if found.opcode == Opcode.DATA_END:
@@ -72,18 +72,18 @@ def blocks(
 
 
 class _Gatherer:
-    """Walks chunks and notes where messages stand."""
+    """Collects the offsets of the messages in chunks."""
 
     def __init__(self, declared: Declared) -> None:
         self.size = 0
         self._declared = declared
         self._contents: list[bytes] = []
         self._found: list[NDArray[np.int64]] = []
-        """Channels, places and lengths, chunk by chunk."""
+        """Channels, offsets and lengths of each chunk."""
         self._room = np.empty((3, 0), np.int64)
 
     def record(self, data: Bytes, found: Found) -> None:
-        """Take one record of the file."""
+        """Handle one record of the file."""
         opcode, offset, start, end = found
         if opcode == Opcode.CHUNK:
             self._content(chunk_content(data[start:end]))
@@ -93,7 +93,7 @@ class _Gatherer:
             self._declared.take(opcode, data[start:end])
 
     def _content(self, content: bytes) -> None:
-        """Take the records of one chunk."""
+        """Handle the records of one chunk."""
         most = len(content) // _FRONT + 1
         if most > self._room.shape[1]:
             self._room = np.empty((3, most), np.int64)
@@ -102,7 +102,7 @@ class _Gatherer:
         cut, count = count < 0, count if count >= 0 else -count - 1
         declared = np.flatnonzero(channels[:count] < 0)
         if len(declared) > MAX_DECLARED:
-            raise ValueError("it holds bytes that are no records")
+            raise ValueError("the chunk has bytes that are not records")
         for index in declared.tolist():
             begin = int(places[index]) + _FRONT
             end = begin + int(lengths[index])
@@ -114,12 +114,12 @@ class _Gatherer:
         self._contents.append(content)
         self.size += len(content)
         if cut:
-            raise ValueError("a record ends beyond its chunk")
+            raise ValueError("a record exceeds its chunk")
 
     def block(self) -> Block:
-        """What was gathered; begins anew."""
+        """Return the collected messages and start anew."""
         found = np.concatenate([np.empty((3, 0), np.int64), *self._found], axis=1)
-        order = np.argsort(found[0].astype(np.uint16), kind="stable")  # of 16 bits: by radix
+        order = np.argsort(found[0].astype(np.uint16), kind="stable")  # 16 bits: radix sort
         channels, places, lengths = np.take(found, order, axis=1)
         bounds = np.flatnonzero(np.diff(channels)) + 1
         known = channels[np.concatenate([[0], bounds])].tolist() if len(channels) else []

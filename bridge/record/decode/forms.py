@@ -1,9 +1,9 @@
-"""How the bytes of a message are read as columns: many messages of one shape at once.
+"""Decoding of messages to columns: many messages of one shape at once.
 
-Messages of one topic mostly differ in their values only: tags, text lengths and list lengths
-are the same. So the first of them is taken apart byte by byte into a :class:`Template`, and
-all others whose structure bytes are equal are read as one array. What is never twice alike
-goes a message at a time, through the library that knows its encoding.
+Most messages of a topic differ in their values only; tags, text lengths and list lengths are equal.
+The first message becomes a :class:`Template`, and all messages with equal structure bytes are
+decoded as one array. Messages without a common shape are decoded one by one by the library of
+their encoding.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 MAX_COLUMNS = 4096
-"""Of one topic: a schema that somebody else wrote may nest messages into millions of them."""
+"""Maximum number of columns of a topic. A foreign schema may nest messages into millions."""
 MAX_FIELDS = 4 * MAX_COLUMNS
-"""Most fields that are looked at for a topic's columns: messages without fields make no column, and
-nest as others do."""
+"""Maximum number of fields that are visited for a topic's columns. Messages without fields create
+no column but nest too."""
 STRUCTURE, VARINT, VALUE = 0xFF, 0x80, 0x00
-"""Of a byte: all of it must be as in the template, or whether more follow, or nothing."""
+"""Mask of a byte: all bits must be equal, only the continuation bit, or none."""
 
 
 class Column(NamedTuple):
@@ -34,69 +34,69 @@ class Column(NamedTuple):
 
     name: str
     type: str
-    """A numpy type (``<f8``), ``bool``, ``text``, ``bytes`` or ``json`` (text of anything)."""
+    """A numpy type (``<f8``), ``bool``, ``text``, ``bytes`` or ``json`` (any value as text)."""
     is_list: bool = False
     default: Any = None
-    """Of what is left out of a message; None: then it is not there."""
+    """Value of an omitted field; None: the value is absent."""
 
 
 class Leaf(NamedTuple):
-    """Where a column's value stands in a message of one shape."""
+    """Location of a column's value in a message of one shape."""
 
     column: Column
     offset: int
     size: int
-    """In bytes."""
+    """Size, bytes."""
     how: str
     """``fixed``, ``varint``, ``zigzag``, or ``same``: equal in all messages of the shape."""
     value: Any = None
-    """Of ``same``."""
+    """Value for ``same``."""
 
 
 class Template:
-    """The shape of one message, all structure until values are marked in it."""
+    """Shape of one message. All bytes are structure until values are marked."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
-        """The message that it is made of."""
+        """The message that the template is made from."""
         self.head = np.frombuffer(data, np.uint8)
         self.mask = np.full(len(data), STRUCTURE, np.uint8)
         self.leaves: dict[str, Leaf] = {}
-        """By the column's name."""
+        """Location of each column's value, by column name."""
 
     def mark(self, start: int, end: int, kind: int = VALUE) -> None:
-        """Say what some bytes are."""
+        """Set the kind of some bytes."""
         self.mask[start:end] = kind
 
 
 class Form(ABC):
-    """How one schema's messages are read."""
+    """Decoder of one schema's messages."""
 
     columns: tuple[Column, ...]
 
     @abstractmethod
     def template(self, data: bytes) -> Template | None:
-        """Take a message apart; None where its shape cannot be that of others."""
+        """Return a template of a message; None if other messages cannot share its shape."""
 
     @abstractmethod
     def row(self, data: bytes) -> Mapping[str, Any]:
-        """Read one message by itself: values by column, what is absent left out.
+        """Decode one message: values by column, without absent ones.
 
         Raises:
-            ValueError: it is damaged.
+            ValueError: the message is damaged.
 
         """
 
 
 class Opaque(Form):
-    """Messages in an encoding that is not known: their bytes, or their text."""
+    """Messages of an unknown encoding: their bytes, or their text."""
 
     def __init__(self, encoding: str) -> None:
         is_text = encoding.lower() in {"json", "text", "utf-8"}
         self.columns = (Column("json" if is_text else "data", "json" if is_text else "bytes"),)
 
     def template(self, data: bytes) -> Template | None:
-        """Nothing but values."""
+        """Return a template that has values only."""
         (column,) = self.columns
         template = Template(data)
         template.mark(0, len(data))
@@ -104,45 +104,45 @@ class Opaque(Form):
         return template
 
     def row(self, data: bytes) -> Mapping[str, Any]:
-        """The bytes, or the text that they are."""
+        """Return the bytes, or the text if they are text."""
         (column,) = self.columns
         value = data if column.type == "bytes" else data.decode("utf-8", "replace")
         return {column.name: value}
 
 
 class Budget:
-    """Counts the fields of a schema that are looked at."""
+    """Limits the number of visited fields of a schema."""
 
     def __init__(self) -> None:
         self._left = MAX_FIELDS
 
     def spend(self) -> None:
-        """Look at one more.
+        """Count one field.
 
         Raises:
-            ValueError: they are too many.
+            ValueError: there are too many.
 
         """
         self._left -= 1
         if self._left < 0:
-            raise ValueError(f"it has more than {MAX_FIELDS} fields")
+            raise ValueError(f"the schema has more than {MAX_FIELDS} fields")
 
 
 def few(columns: Iterable[_T]) -> tuple[_T, ...]:
-    """All columns, where there are not too many: messages in messages multiply.
+    """Return all columns if there are not too many. Nested messages multiply them.
 
     Raises:
-        ValueError: there are.
+        ValueError: there are too many.
 
     """
     found = tuple(islice(columns, MAX_COLUMNS + 1))
     if len(found) > MAX_COLUMNS:
-        raise ValueError(f"it has more than {MAX_COLUMNS} fields")
+        raise ValueError(f"the schema has more than {MAX_COLUMNS} fields")
     return found
 
 
 def varints(rows: NDArray[np.uint8]) -> NDArray[np.uint64]:
-    """Protobuf's variable-length integers, one a row, all of one length."""
+    """Decode protobuf varints, one per row, all of one length."""
     values = np.zeros(len(rows), np.uint64)
     for i in range(rows.shape[1]):
         values |= (rows[:, i] & np.uint8(0x7F)).astype(np.uint64) << np.uint64(7 * i)
@@ -150,7 +150,7 @@ def varints(rows: NDArray[np.uint8]) -> NDArray[np.uint64]:
 
 
 def unzigzag(values: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Protobuf's ``sint`` values from what was written for them."""
+    """Decode protobuf's ``sint`` values."""
     half = (values >> np.uint64(1)).astype(np.int64)
     signed: NDArray[np.int64] = half ^ -(values & np.uint64(1)).astype(np.int64)
     return signed

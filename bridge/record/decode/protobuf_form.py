@@ -1,4 +1,4 @@
-"""Protobuf messages as columns, by the descriptor that stands in the file."""
+"""Protobuf messages as columns, by the descriptor in the file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _DEEPEST = 8
 _LONGEST_VARINT_BITS = 70
-"""Bits of the ten bytes that 64 bits take, seven in each."""
+"""Maximum number of bits of a varint: ten bytes with seven bits each."""
 _F = FieldDescriptor
 _TYPES: dict[int, tuple[str, str]] = {
     _F.TYPE_DOUBLE: ("<f8", "fixed"),
@@ -46,10 +46,10 @@ _NESTED = {_F.TYPE_MESSAGE, _F.TYPE_GROUP}
 
 
 class ProtobufForm(Form):
-    """Messages of one protobuf type; fields of messages within it have dots in their names."""
+    """Messages of one protobuf type. Fields of nested messages have names with dots."""
 
     def __init__(self, type_name: str, descriptor_set: bytes) -> None:
-        """Read the descriptors.
+        """Parse the descriptors.
 
         Raises:
             ValueError: they do not describe the type.
@@ -62,14 +62,14 @@ class ProtobufForm(Form):
             self._descriptor = pool.FindMessageTypeByName(type_name)
             self._class = GetMessageClass(self._descriptor)
         except (DecodeError, KeyError, TypeError) as error:
-            raise ValueError(f"no descriptor of {type_name}: {error}") from None
+            raise ValueError(f"no valid descriptor of {type_name}: {error}") from None
         self._by_path: dict[tuple[int, ...], Column] = dict(
             few(_columns(self._descriptor, (), "", Budget()))
         )
         self.columns = tuple(self._by_path.values())
 
     def template(self, data: bytes) -> Template | None:
-        """Take a message apart; None where a field is repeated, or it is damaged."""
+        """Return a template; None for a repeated field or a damaged message."""
         template = Template(data)
         present: set[tuple[int, ...]] = {()}
         try:
@@ -77,7 +77,7 @@ class ProtobufForm(Form):
         except IndexError:
             return None
         for path, column in self._by_path.items():
-            # What is left out of a message that is there has its default.
+            # An omitted field of a present message has its default.
             if column.default is not None and path[:-1] in present:
                 template.leaves.setdefault(column.name, Leaf(column, 0, 0, "same", column.default))
         return template if whole else None
@@ -90,7 +90,7 @@ class ProtobufForm(Form):
         path: tuple[int, ...],
         present: set[tuple[int, ...]],
     ) -> bool:
-        """Mark the values of one message within another; False where it has no fixed shape."""
+        """Mark the values of a nested message; return False if it has no fixed shape."""
         position, end = span
         while position < end:
             key, position = _varint(template.data, position)
@@ -108,7 +108,7 @@ class ProtobufForm(Form):
                 continue
             template.mark(start, position, VARINT if wire == _WIRE_VARINT else VALUE)
             if column is None or field is None:
-                continue  # of a newer schema
+                continue  # a field of a newer schema
             if column.is_list or column.type == "json":
                 return False
             how = _TYPES[field.type][1]
@@ -116,10 +116,10 @@ class ProtobufForm(Form):
         return True
 
     def row(self, data: bytes) -> Mapping[str, Any]:
-        """Read one message by itself.
+        """Decode one message.
 
         Raises:
-            ValueError: it is damaged.
+            ValueError: the message is damaged.
 
         """
         try:
@@ -146,16 +146,16 @@ def _columns(
                 yield from _columns(field.message_type, here, f"{name}.", budget)
             continue
         kind = _TYPES[field.type][0]
-        # Absent is a null where the schema can tell it from the default, as ours can.
+        # Absent values are null if the schema distinguishes them from the default, as ours does.
         default = None if field.has_presence or field.is_repeated else field.default_value
         yield here, Column(name, kind, field.is_repeated, default)
 
 
 def _content(data: bytes, position: int, wire: int) -> tuple[int, int]:
-    """Where a field's value begins and ends.
+    """Return the start and the end of a field's value.
 
     Raises:
-        IndexError: it is of no known wire type, or beyond the end.
+        IndexError: an unknown wire type, or a value beyond the end.
 
     """
     match wire:
@@ -172,10 +172,10 @@ def _content(data: bytes, position: int, wire: int) -> tuple[int, int]:
 
 
 def _varint(data: bytes, position: int) -> tuple[int, int]:
-    """A value and where the next byte after it stands.
+    """Return a varint's value and the offset after it.
 
     Raises:
-        IndexError: it is longer than a value of 64 bits can be, or beyond the end.
+        IndexError: it has more than 64 bits, or is beyond the end.
 
     """
     value = shift = 0

@@ -1,4 +1,4 @@
-"""ROS 2 messages in CDR as columns, by the definition that stands in the file."""
+"""ROS 2 messages in CDR as columns, by the definition in the file."""
 
 from __future__ import annotations
 
@@ -45,18 +45,17 @@ class _Field(NamedTuple):
     name: str
     type: str
     array: int | None
-    """Length of a fixed array; 0 for a sequence, None for a single value."""
+    """Length of a fixed array; 0: sequence, None: single value."""
 
 
 class RosForm(Form):
-    """Messages of one ROS 2 type; fields of messages within it have dots in their names."""
+    """Messages of one ROS 2 type. Fields of nested messages have names with dots."""
 
     def __init__(self, type_name: str, definition: str) -> None:
-        """Read the definition.
+        """Parse the definition.
 
         Raises:
-            ValueError: a type that it uses is not in it, it does not parse, or it has too many
-                fields.
+            ValueError: a used type is missing, the text is invalid, or it has too many fields.
 
         """
         self._types = _definitions(definition)
@@ -67,8 +66,8 @@ class RosForm(Form):
         schema = Schema(id=1, name=type_name, encoding="ros2msg", data=definition.encode())
         try:
             self._decode = DecoderFactory().decoder_for("cdr", schema)
-        except Exception as error:  # noqa: BLE001 - whatever it finds wrong with the definition
-            raise ValueError(f"the definition of {type_name} does not parse: {error}") from None
+        except Exception as error:  # noqa: BLE001 - any error of the library's parser
+            raise ValueError(f"the definition of {type_name} is invalid: {error}") from None
 
     def _columns(self, type_name: str, prefix: str, depth: int) -> Iterator[Column]:
         if type_name not in self._types:
@@ -85,7 +84,7 @@ class RosForm(Form):
                 yield from self._columns(field.type, f"{name}.", depth + 1)
 
     def template(self, data: bytes) -> Template | None:
-        """Take a message apart; None where it has lists of messages, or is damaged."""
+        """Return a template; None for lists of messages or a damaged message."""
         if not self._fixed or data[:2] != _LITTLE_ENDIAN:
             return None
         template = Template(data)
@@ -96,7 +95,7 @@ class RosForm(Form):
         return template if end <= len(data) else None
 
     def _walk(self, template: Template, position: int, type_name: str, prefix: str) -> int:
-        """Mark the values of one message within another; where it ends."""
+        """Mark the values of a nested message; return the offset after it."""
         data, leaves = template.data, template.leaves
         for field in self._types[type_name]:
             name = f"{prefix}{field.name}"
@@ -124,18 +123,18 @@ class RosForm(Form):
         return position
 
     def row(self, data: bytes) -> Mapping[str, Any]:
-        """Read one message by itself.
+        """Decode one message.
 
         Raises:
-            ValueError: it is damaged.
+            ValueError: the message is damaged.
 
         """
         if self._decode is None:
-            raise ValueError("no decoder for it")
+            raise ValueError("no decoder for this type")
         try:
             message = self._decode(data)
             return {column.name: _value(message, column) for column in self.columns}
-        except Exception as error:  # noqa: BLE001 - whatever it finds wrong
+        except Exception as error:  # noqa: BLE001 - any error of the library
             raise ValueError(str(error)) from None
 
 
@@ -146,12 +145,12 @@ def _number(data: bytes, position: int) -> tuple[int, int]:
 
 
 def _aligned(position: int, size: int) -> int:
-    """Alignment counts from after the four bytes of the head."""
+    """Align an offset; alignment counts after the 4-byte header."""
     return position + -(position - _HEAD) % size
 
 
 def _definitions(text: str) -> dict[str, list[_Field]]:
-    """Fields by the type's name; the message's own type has the empty one."""
+    """Return the fields by type name; the message's own type has an empty name."""
     parts = re.split(r"^=+\s*\nMSG: *(\S+) *\n", text, flags=re.MULTILINE)
     found = {"": _fields(parts[0], "")}
     for name, body in zip(parts[1::2], parts[2::2], strict=True):
@@ -197,7 +196,7 @@ def _value(message: Any, column: Column) -> Any:  # noqa: ANN401 - decoded
     return list(message) if column.is_list else message
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - what the decoder made
+def _plain(value: Any) -> Any:  # noqa: ANN401 - any decoded value
     if isinstance(value, (bytes, bytearray, memoryview)):
         return list(value)
     names = getattr(value, "__slots__", None) or vars(value)

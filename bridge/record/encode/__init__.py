@@ -1,1 +1,1 @@
-"""Records as Foxglove and ROS messages."""
+"""Encoders of records as Foxglove and ROS messages."""

@@ -1,7 +1,7 @@
-"""ROS 2 messages of fixed layout in CDR: one ``struct.pack`` a message.
+"""Encoder of ROS 2 messages with a fixed layout in CDR: one ``struct.pack`` per message.
 
-Plain CDR, little-endian: every value aligned to its size, counted from after the four bytes
-that say so; a text is its length with the closing zero, then its bytes.
+Plain CDR, little-endian: each value is aligned to its size, counted after the 4-byte header. A text
+is its length with the final zero, then its bytes.
 """
 
 from __future__ import annotations
@@ -16,16 +16,15 @@ _NANOSECONDS = 1_000_000_000
 
 
 class CdrLayout:
-    """Encoder of one message form whose texts and array lengths never change.
+    """Encoder of a message whose texts and array lengths are constant.
 
-    ``parts`` are the message's values in order: a ``struct`` code for what differs from
-    message to message (``"d"``, or ``"3d"`` for three), a text, or a (code, value) pair for
-    what stays.
+    ``parts`` are the message's values in order: a ``struct`` code for a value that varies (``"d"``,
+    ``"3d"`` for three), a text, or a (code, value) pair for a constant.
     """
 
     def __init__(self, *parts: str | tuple[str, Any]) -> None:
         self.parts: list[Part] = [LITTLE_ENDIAN]
-        """Constants and values in their places, alignment included."""
+        """Constants and codes in order, with alignment."""
         self._size = 0
         for part in parts:
             if isinstance(part, tuple):
@@ -43,22 +42,22 @@ class CdrLayout:
         self._packer = Packer(self.parts)
 
     def _append(self, code: str, part: Part) -> None:
-        """Add a constant or a value, aligned to its size."""
+        """Add a constant or a code, aligned to its size."""
         size = struct.calcsize(f"<{code}")
         padding = -self._size % size
         self.parts += (bytes(padding), part)
         self._size += padding + size
 
     def encode(self, *values: float) -> bytes:
-        """Serialise the values that vary, in their order.
+        """Serialise the varying values, in order.
 
         Raises:
-            ValueError: there are more or fewer of them than the layout has places.
+            ValueError: the number of values differs from the layout's.
 
         """
         return self._packer.pack(values)
 
 
 def stamp(time_ns: int) -> tuple[int, int]:
-    """Seconds and nanoseconds, as ``builtin_interfaces/Time`` has them."""
+    """Return seconds and nanoseconds, as in ``builtin_interfaces/Time``."""
     return divmod(time_ns, _NANOSECONDS)

@@ -1,8 +1,8 @@
-"""Poses, transforms and log lines in Foxglove's protobuf types, as forms of fixed length.
+"""Encoder of poses, transforms and log lines in Foxglove's protobuf types.
 
-A pose is one ``struct.pack``: numbers that protobuf would leave out where they are 0 are
-written out, and the two integers of a time stamp in five bytes each, which protobuf's
-variable-length integers allow. Google's library takes 1 µs for it.
+A pose has a fixed length, so it is one ``struct.pack``. Zero values are written, although protobuf
+may omit them, and the two integers of a time stamp have five bytes each, which protobuf's
+variable-length integers allow. Google's library takes 1 µs per pose.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _LEVELS = {
 
 
 def schema(message: MessageType) -> tuple[str, str, bytes]:
-    """Name, encoding and data of a type's MCAP schema."""
+    """Return name, encoding and data of a type's MCAP schema."""
     files: dict[str, FileDescriptor] = {}
 
     def visit(file: FileDescriptor) -> None:
@@ -55,17 +55,17 @@ def schema(message: MessageType) -> tuple[str, str, bytes]:
     return message.DESCRIPTOR.full_name, "protobuf", found.SerializeToString()
 
 
-# ---- forms of fixed length -------------------------------------------------------------------
+# ---- messages of fixed length ----------------------------------------------------------------
 
 _STAMP = struct.Struct("<BIBBIB")
 STAMP_CODE = f"{_STAMP.size}s"
 
 
-@lru_cache(maxsize=8)  # truth, pose and transform of one moment
+@lru_cache(maxsize=8)  # truth, pose and transform share a time
 def timestamp(time_ns: int) -> bytes:
-    """A ``google.protobuf.Timestamp`` of Unix nanoseconds, always twelve bytes long."""
+    """Encode Unix nanoseconds as a ``google.protobuf.Timestamp`` of exactly twelve bytes."""
     s, n = divmod(time_ns, _NANOSECONDS)
-    # Seven bits go into each byte; all but the fifth have the bit that says "more follows".
+    # Seven bits per byte. All bytes except the fifth have the continuation bit.
     return _STAMP.pack(
         0x08,
         s & 0x7F | s << 1 & 0x7F00 | s << 2 & 0x7F0000 | s << 3 & 0x7F000000 | 0x80808080,
@@ -81,7 +81,7 @@ def _stamp_parts() -> tuple[Part, ...]:
 
 
 def _vector_parts(number: int, names: str) -> tuple[Part, ...]:
-    """A message of doubles: fields numbered as the letters of ``xyzw`` stand."""
+    """Return a message of doubles; its fields are numbered in the order of ``xyzw``."""
     parts: list[Part] = []
     for name in names:
         parts += (tag(1 + "xyzw".index(name), WIRE_FIXED64), "d")
@@ -106,11 +106,11 @@ def _transform_parts(parent: str, child: str) -> tuple[Part, ...]:
 
 
 TRANSFORM_PARTS = _transform_parts(MAP_FRAME, BODY_FRAME)
-"""``FrameTransform`` from the map to the robot's body; values as in ``POSE_PARTS``."""
+"""``FrameTransform`` from the map to the robot; the values are those of ``POSE_PARTS``."""
 
 
 def mount(time_ns: int, name: str, mount: RangerMount) -> bytes:
-    """``FrameTransform`` from the body to a range sensor."""
+    """Encode the ``FrameTransform`` from the robot to a range sensor."""
     form = Packer(_transform_parts(BODY_FRAME, f"range_{name}"))
     half = 0.5 * mount.yaw_rad
     values = (timestamp(time_ns), mount.x_m, mount.y_m, math.sin(half), math.cos(half))
@@ -118,7 +118,7 @@ def mount(time_ns: int, name: str, mount: RangerMount) -> bytes:
 
 
 def log(record: LogRecord) -> bytes:
-    """``Log``."""
-    text = record.text.encode(errors="replace")  # a lone surrogate must not end a recording
+    """Encode a log line as ``Log``."""
+    text = record.text.encode(errors="replace")  # a lone surrogate must not fail
     head = delimited(1, timestamp(record.log_ns)) + tag(2, 0) + varint(_LEVELS[record.severity])
     return head + delimited(3, text) + delimited(4, record.source)

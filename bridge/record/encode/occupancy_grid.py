@@ -1,4 +1,4 @@
-"""A floor plan as an occupancy grid, which every viewer draws."""
+"""Conversion of a floor plan to an occupancy grid."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 _RESOLUTION_M = 0.02
 _MARGIN_CELLS = 2
 _MAX_CELLS = 1_000_000
-"""A large hall is drawn coarser rather than in a message of megabytes."""
+"""Maximum number of cells. A large hall gets larger cells instead of a message of megabytes."""
 
 
 def rasterise(plan: FloorPlan, log_ns: int) -> CoverageRecord:
-    """Free floor 0, obstacles and the walls' rim 100, outside unknown."""
+    """Return the grid: free floor 0, obstacles and the walls' edge 100, outside unknown (-1)."""
     x_min, y_min, x_max, y_max = plan.bounds()
     width_m, height_m = x_max - x_min, y_max - y_min
     resolution_m = max(_RESOLUTION_M, math.sqrt(width_m * height_m / _MAX_CELLS))
@@ -45,7 +45,7 @@ def rasterise(plan: FloorPlan, log_ns: int) -> CoverageRecord:
 def _inside(
     polygon: Polygon, xs: NDArray[np.floating], ys: NDArray[np.floating]
 ) -> NDArray[np.bool_]:
-    """Even-odd test of every cell's centre: (rows, columns)."""
+    """Return whether each cell's centre is inside, by the even-odd rule: (rows, columns)."""
     inside = np.zeros((len(ys), len(xs)), dtype=bool)
     for (ax, ay), (bx, by) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
         crossed = (ay > ys) != (by > ys)
@@ -56,7 +56,7 @@ def _inside(
 
 
 def _rim(floor: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Cells beside the floor, in all eight directions; the margin keeps them on the grid."""
+    """Return the cells next to the floor, in eight directions. The margin keeps them inside."""
     grown = floor.copy()
     for axis in (0, 1):
         grown |= np.roll(grown, 1, axis) | np.roll(grown, -1, axis)

@@ -1,4 +1,4 @@
-"""A row of constants and values as one ``struct.pack``: what every fixed form is made of."""
+"""Packing of constants and values with one ``struct.pack``."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Part = bytes | str
 
 
 class Packer:
-    """Packs the values of a form whose other bytes never change, little-endian."""
+    """Packs values between constant bytes, little-endian."""
 
     def __init__(self, parts: Iterable[Part]) -> None:
-        # Constants that meet are joined here once, so that between two values there is at most
-        # one: constant bytes at even places of the argument list, values at odd ones.
+        # Adjacent constants are joined. The argument list then has constants at even and values at
+        # odd indices.
         codes: list[str] = []
         constants = [b""]
         for part in parts:
@@ -28,20 +28,20 @@ class Packer:
                 constants.append(b"")
         layout = f"<{len(constants[0])}s"
         self.template: list[Any] = [constants[0]]
-        """What ``form`` packs, values to be put in at odd places."""
+        """Arguments of ``form``; values go to the odd indices."""
         for code, constant in zip(codes, constants[1:], strict=True):
             layout += f"{code}{len(constant)}s"
             self.template += (0, constant)
         form = struct.Struct(layout)
         self.form = form.pack
         self.size = form.size
-        """Bytes of the whole."""
+        """Size of the result, bytes."""
 
     def pack(self, values: Iterable[Any]) -> bytes:
-        """Serialise one value for each code, in their order.
+        """Serialise one value per code, in order.
 
         Raises:
-            ValueError: there are more or fewer of them than the form has places.
+            ValueError: the number of values differs from the number of codes.
 
         """
         parts = self.template.copy()

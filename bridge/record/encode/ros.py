@@ -1,6 +1,6 @@
-"""Device messages as ROS 2 has them, and maps, so that other tools draw them by themselves.
+"""Encoder of device messages and maps as ROS 2 messages, for other tools.
 
-Field lists are the interface definitions of ``sensor_msgs``, ``nav_msgs``, ``geometry_msgs``,
+The field lists are the definitions of ``sensor_msgs``, ``nav_msgs``, ``geometry_msgs``,
 ``std_msgs`` and ``builtin_interfaces``, in the concatenated form that MCAP calls ``ros2msg``.
 """
 
@@ -68,11 +68,11 @@ _FIELDS = {
     ),
 }
 IMU, JOINT_STATE, BATTERY_STATE, RANGE, OCCUPANCY_GRID = _FIELDS
-"""Names of the message types, as an MCAP schema has them."""
+"""Names of the message types, as in an MCAP schema."""
 
 
 def schema_text(name: str) -> str:
-    """A type's fields, followed by those of every type that it uses."""
+    """Return a type's fields and those of every type that it uses."""
     text, pending, done = _FIELDS[name], [_FIELDS[name]], set[str]()
     while pending:
         for line in pending.pop().splitlines():
@@ -85,7 +85,7 @@ def schema_text(name: str) -> str:
 
 
 class RosTopic(NamedTuple):
-    """One topic of what a device message becomes; its first two values are the time stamp's."""
+    """A topic for a device message; the first two values are the time stamp."""
 
     name: str
     type_name: str
@@ -93,15 +93,15 @@ class RosTopic(NamedTuple):
 
 
 class RosMessages(NamedTuple):
-    """What messages of one type become in ROS."""
+    """ROS topics and values of one type of device message."""
 
     topics: tuple[RosTopic, ...]
     needs: int
-    """Leading fields of the device's message that must be there."""
+    """Number of leading fields that the device's message must have."""
     raw: tuple[tuple[int, float], ...] = ()
-    """Where all values are fields with a gain: which field, and what it is multiplied with."""
+    """Index and gain of each field, if all values are scaled fields."""
     values: Callable[[DeviceMessage], tuple[float, ...]] | None = None
-    """Else: every topic's values but the time stamps', one after the other."""
+    """Otherwise: returns the values of all topics in order, without time stamps."""
 
 
 _NO_COVARIANCE = [("d", 0.0)] * 9
@@ -110,7 +110,7 @@ _IMU = CdrLayout(
     ("text", BODY_FRAME),
     *[("d", 0.0)] * 3,
     ("d", 1.0),
-    ("d", -1.0),  # first covariance -1: there is no orientation in this message
+    ("d", -1.0),  # first covariance -1: no orientation
     *[("d", 0.0)] * 8,
     "3d",
     *_NO_COVARIANCE,
@@ -121,7 +121,7 @@ _ACCEL_GAIN, _GYRO_GAIN = (
     field.si_gain for field in CATALOGUE.spec(Imu).fields if field.name in {"accel_x", "gyro_x"}
 )
 _IMU_VALUES = (*((i, _GYRO_GAIN) for i in (4, 5, 6)), *((i, _ACCEL_GAIN) for i in (0, 1, 2)))
-"""Rates, then accelerations, from the registers' order."""
+"""Rates, then accelerations, by their register index."""
 _BATTERY_GAIN = CATALOGUE.spec(Power).fields[0].si_gain
 _JOINT_STATE = CdrLayout(
     "2I",
@@ -155,7 +155,7 @@ def _ranger(name: str, mount: RangerMount, radiation: int) -> RosTopic:
 
 
 class RosTranslator:
-    """What device messages are in ROS 2; each robot's messages must come in order."""
+    """Converts device messages to ROS 2; the messages of a robot must come in order."""
 
     def __init__(self, model: RobotModel) -> None:
         self._rad_per_count = 2.0 * math.pi / model.counts_per_turn
@@ -192,7 +192,7 @@ class RosTranslator:
         }
 
     def form(self, message: type) -> RosMessages | None:
-        """What ROS has for messages of this type, if anything."""
+        """Return the ROS form of this message type; None if there is none."""
         return self._forms.get(message)
 
     def _encoders(self, record: DeviceMessage) -> tuple[float, ...]:
@@ -204,14 +204,14 @@ class RosTranslator:
 
     @staticmethod
     def _range(record: DeviceMessage) -> tuple[float, ...]:
-        """No echo is +infinity, as ROS has it (REP 117)."""
+        """Return the ranges; no echo is +infinity (REP 117)."""
         message = cast("Range", record.message)
         ranges = (message.ultrasonic_m, message.infrared_left_m, message.infrared_right_m)
         return tuple(math.inf if m is None else m for m in ranges)
 
 
 def occupancy_grid(record: CoverageRecord) -> bytes:
-    """``nav_msgs/OccupancyGrid`` in the map frame."""
+    """Encode a map as ``nav_msgs/OccupancyGrid`` in the map frame."""
     rows, columns = record.cells.shape
     time = stamp(record.log_ns)
     head = _GRID_HEAD.encode(
@@ -241,17 +241,17 @@ _GRID_HEAD = CdrLayout(
 
 
 def parse_occupancy_grid(log_ns: int, data: bytes) -> CoverageRecord:
-    """Read ``nav_msgs/OccupancyGrid``; its cells stay where they are, in ``data``.
+    """Parse ``nav_msgs/OccupancyGrid`` without a copy of its cells.
 
-    The library's decoder makes a Python integer of every cell, which takes a hundred times
-    as long. A turned origin is read as an upright one.
+    The library's decoder creates a Python integer per cell, which takes a hundred times as long.
+    The orientation of the origin is ignored.
 
     Raises:
-        ValueError: it is not one in little-endian CDR, or is cut short.
+        ValueError: it is not a grid in little-endian CDR, or is truncated.
 
     """
     if not data.startswith(LITTLE_ENDIAN):
-        raise ValueError("not little-endian CDR")
+        raise ValueError("the grid is not in little-endian CDR")
     body = memoryview(data)[len(LITTLE_ENDIAN) :]
     try:
         (length,) = struct.unpack_from("<I", body, 8)

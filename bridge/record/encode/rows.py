@@ -1,7 +1,7 @@
-"""Messages of fixed length that always come together: kept as numbers, packed a chunk at a time.
+"""Messages of fixed length that occur together, stored as numbers and packed per chunk.
 
-A message costs what it takes to append its numbers to an array; a compiled kernel makes the
-records, headers included, when the chunk closes, in the places where they were expected.
+Adding a message only appends its numbers to an array. When the chunk closes, a compiled kernel
+writes the records with their headers into their reserved places.
 """
 
 from __future__ import annotations
@@ -24,54 +24,54 @@ if TYPE_CHECKING:
 OP_MESSAGE = 0x05
 """MCAP's opcode of a message."""
 RECORD_HEAD = 9
-"""Opcode and length, which the length does not count."""
+"""Size of opcode and length, bytes; the length does not include it."""
 _HEAD = struct.Struct("<BQH")
 _FIXED = 22
-"""Bytes of a message before its data."""
+"""Size of a message record before its data, bytes."""
 
 
 class Source(NamedTuple):
-    """Where a value comes from."""
+    """Source of a value."""
 
     kind: int
-    """Of ``rows_kernel``."""
+    """Kind of the source, from ``rows_kernel``."""
     column: int = 0
     gain: float = 1.0
     offset: float = 0.0
 
 
 def whole(column: int) -> Source:
-    """Give an integer as it is, of the width that the form has for it."""
+    """Use an integer column unchanged, with the width of the form."""
     return Source(kernel.WHOLE, column)
 
 
 def scaled(column: int, gain: float, offset: float = 0.0) -> Source:
-    """Give an integer in SI units."""
+    """Use an integer column, converted to SI units."""
     return Source(kernel.SCALED, column, gain, offset)
 
 
 def real(column: int) -> Source:
-    """Give a float as it is."""
+    """Use a float column unchanged."""
     return Source(kernel.FLOAT, column)
 
 
 def ros_stamp(column: int) -> tuple[Source, Source]:
-    """Give a time in nanoseconds as seconds and the rest of them."""
+    """Use a time in nanoseconds as seconds and nanoseconds."""
     return Source(kernel.SECONDS, column), Source(kernel.NANOSECONDS, column)
 
 
 def proto_stamp(column: int) -> Source:
-    """Give a time in nanoseconds as a ``google.protobuf.Timestamp`` of twelve bytes."""
+    """Use a time in nanoseconds as a ``google.protobuf.Timestamp`` of twelve bytes."""
     return Source(kernel.STAMP, column)
 
 
 def half_angle(column: int) -> tuple[Source, Source]:
-    """Give sine and cosine of half an angle: z and w of a turn about z."""
+    """Use sine and cosine of half an angle: z and w of a quaternion about z."""
     return Source(kernel.SIN_HALF, column), Source(kernel.COS_HALF, column)
 
 
 class Head(NamedTuple):
-    """Where a message's header comes from: log and publish time, and the sequence if it has one."""
+    """Columns of a message's header: log time, publish time, and sequence if it has one."""
 
     log: int
     publish: int
@@ -79,38 +79,38 @@ class Head(NamedTuple):
 
 
 class RowMessage(NamedTuple):
-    """One of the messages of a row."""
+    """One message of a row."""
 
     channel_id: int
     head: Head
     form: Sequence[Part]
     sources: Sequence[Source]
-    """One for each value of the form, in their order."""
+    """Source of each value of the form, in order."""
 
 
 class Packed(NamedTuple):
-    """Where a chunk's rows are."""
+    """Location of a chunk's rows."""
 
     entries: NDArray[np.int64]
-    """For each message its log times and places in the chunk, ``(messages, rows, 2)``."""
+    """Log times and offsets in the chunk, ``(messages, rows, 2)``."""
     first_ns: int
     last_ns: int
 
 
 class Rows:
-    """What waits of messages that always come together; ``ChunkedFile.rows`` makes it."""
+    """Pending rows of messages that occur together; created by ``ChunkedFile.rows``."""
 
     def __init__(self, ints: int, floats: int, messages: Iterable[RowMessage]) -> None:
-        """Declare how many integers and floats a row has, and the messages that it makes.
+        """Declare a row's number of integers and floats, and its messages.
 
-        The first of the integers is its place in the chunk.
+        The first integer is the row's place in the chunk.
         """
         self._columns = ints, floats
         self.ints = array("q")
-        """Of the rows that wait, one after the other."""
+        """Integers of all pending rows."""
         self.floats = array("d")
         self.channels: list[int] = []
-        """Of each message."""
+        """Channel of each message."""
         places: list[int] = []
         template = b""
         ops: list[tuple[int, int, int, int]] = []
@@ -131,14 +131,14 @@ class Rows:
                         scales.append((gain, offset))
                 template += part if isinstance(part, bytes) else bytes(_size(part))
         self.size = len(template)
-        """Bytes of a row's records."""
+        """Size of a row's records, bytes."""
         self._template = np.frombuffer(template, dtype=np.uint8).copy()
         self._places = np.array(places, dtype=np.int64)
         self._ops = np.array(ops, dtype=np.int64)
         self._scales = np.array(scales, dtype=np.float64)
 
     def take(self, chunk: NDArray[np.uint8]) -> Packed:
-        """Write the records of all rows into their chunk; they are forgotten."""
+        """Write the records of all rows into their chunk, and clear the rows."""
         ints, floats = self._columns
         table = np.frombuffer(self.ints, dtype=np.int64).reshape(-1, ints)
         count = len(table)
@@ -158,7 +158,7 @@ class Rows:
             self._places,
             index,
         )
-        # Arrays that are looked at cannot be emptied.
+        # An array with a view cannot be cleared.
         self.ints, self.floats = array("q"), array("d")
         return Packed(index, first_ns, last_ns)
 

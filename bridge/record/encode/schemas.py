@@ -1,6 +1,6 @@
-"""Our own protobuf messages: one for every message of the catalogue, and the host's.
+"""Own protobuf messages: one for every message of the catalogue, and the host's messages.
 
-Field numbers are fixed by position and fields are append-only, so a number keeps its
+A field's number follows from its position, and fields are only appended, so a number keeps its
 meaning in every version of a message.
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _T_US, _NODE, _BOUND = 1, 2, 3
 _FIRST_FIELD = 4
-"""Field i of the wire has number 4 + 2i, its value in SI units 5 + 2i."""
+"""First field number: field i of the message has 4 + 2i, its value in SI units 5 + 2i."""
 
 
 def _raw_kind(field: Field) -> FieldKind:
@@ -42,10 +42,10 @@ def _raw_kind(field: Field) -> FieldKind:
 
 
 class DeviceEncoder:
-    """``/device/<name>``: raw wire values by name, and beside them what they mean in SI units.
+    """Encoder of ``/device/<name>``: raw values by name, each with its value in SI units.
 
-    A field that the device does not know, an SI value that a sentinel says is not there, and
-    ``bound_ns`` while no clock mapping exists are absent.
+    A value is absent if the device does not know the field or sends its sentinel; ``bound_ns`` is
+    absent without a clock mapping.
     """
 
     def __init__(self, spec: MessageSpec) -> None:
@@ -66,7 +66,7 @@ class DeviceEncoder:
                 ),
             ],
         )
-        # Plain gains where a value is always there: half the time of the checked form.
+        # Plain gains for values that are always present: half the time of the general form.
         self._gains = [(i, f.si_gain, f.si_offset) for i, f in scaled]
         self._sentinels = {i: f.none for i, f in scaled if f.none is not None}
 
@@ -75,9 +75,9 @@ class DeviceEncoder:
         return self.layout.encode(self.values(record))
 
     def values(self, record: DeviceMessage) -> list[Any]:
-        """One value for each field of the layout, None where it is absent."""
+        """Return a value per field of the layout; None: absent."""
         _, _, bound_ns, node, _, t_us, _, message = record
-        raw: tuple[Any, ...] = message  # type: ignore[assignment]  # what it is at run time
+        raw: tuple[Any, ...] = message  # type: ignore[assignment]  # messages are tuples
         if self._sentinels or None in raw:
             si = [self._si_or_none(raw[i], i, gain, offset) for i, gain, offset in self._gains]
         else:
@@ -85,11 +85,11 @@ class DeviceEncoder:
         return [t_us, node, bound_ns, *raw, *si]
 
     def sources(self, head: tuple[int, int, int], raw: int) -> list[Source]:
-        """Where each field's value is in a row.
+        """Return the source of each field's value in a row.
 
         Args:
             head: Columns of ``t_us``, ``node`` and ``bound_ns``.
-            raw: Column of the first of the wire's fields.
+            raw: Column of the message's first field.
 
         """
         return [
@@ -105,12 +105,12 @@ class DeviceEncoder:
 
 
 def device_encoders(catalogue: Catalogue = CATALOGUE) -> dict[str, DeviceEncoder]:
-    """One encoder for every message of a catalogue, by the message's name."""
+    """Return an encoder for every message of a catalogue, by name."""
     return {spec.name: DeviceEncoder(spec) for spec in catalogue}
 
 
 def catalogue_json(catalogue: Catalogue = CATALOGUE) -> str:
-    """Every declaration of the wire, as a log keeps it: enough to decode the raw bytes again."""
+    """Return all declarations as JSON: enough to decode the raw bytes."""
     return json.dumps(
         {
             "protocol_version": PROTOCOL_VERSION,
@@ -154,12 +154,12 @@ def _flat(name: str, **kinds: FieldKind) -> FlatMessage:
 
 
 RAW_BYTES = _flat("RawBytes", data=FieldKind.BYTES)
-"""``/raw/uart/rx`` and ``tx``: one read or write of the port, every byte as it was."""
+"""``/raw/uart/rx`` and ``tx``: the bytes of one read or write."""
 
 RAW_CAN = _flat(
     "RawCan", outgoing=FieldKind.FIXED32, can_id=FieldKind.FIXED32, data=FieldKind.BYTES
 )
-"""``/raw/can``: one frame; the identifier has SocketCAN's flags in its top bits."""
+"""``/raw/can``: one frame; the top bits of the id are SocketCAN's flags."""
 
 POSE_ESTIMATE = _flat(
     "PoseEstimate",
@@ -186,7 +186,7 @@ COMMAND = _flat(
     target_v_m_s=FieldKind.DOUBLE,
     target_yaw_rate_rad_s=FieldKind.DOUBLE,
 )
-"""``/cmd``: the velocity sent, and the one wanted before smoothing."""
+"""``/cmd``: the setpoint sent, and the target before smoothing."""
 
 PLANNER_STATE = _flat(
     "PlanState",
@@ -200,7 +200,7 @@ PLANNER_STATE = _flat(
     planner=FieldKind.STRING,
     state=FieldKind.STRING,
 )
-"""``/planner``: T, D, Prev-D and Length of the paper; no target, no ``target_*`` fields."""
+"""``/planner``: T, D, Prev-D and Length of the paper. Without a target, ``target_*`` are absent."""
 
 EVENT = _flat(
     "Event",
@@ -221,7 +221,7 @@ CLOCK_SYNC = _flat(
     samples=FieldKind.FIXED32,
     boot_id=FieldKind.FIXED32,
 )
-"""``/clock/sync``: Unix time less device time, and how well it is known."""
+"""``/clock/sync``: Unix time minus device time, with its error bound."""
 
 
 _RAW_KEY = RAW_BYTES.fields[0].tag
@@ -229,7 +229,7 @@ _RAW_HEADS = [_RAW_KEY + varint(size) for size in range(1024)]
 
 
 def encode_raw(data: bytes) -> bytes:
-    """``RawBytes``."""
+    """Encode bytes as ``RawBytes``."""
     try:
         return _RAW_HEADS[len(data)] + data
     except IndexError:
@@ -237,19 +237,19 @@ def encode_raw(data: bytes) -> bytes:
 
 
 def encode_raw_can(record: RawCan) -> bytes:
-    """``RawCan``."""
+    """Encode a CAN frame as ``RawCan``."""
     return RAW_CAN.encode([int(record.outgoing), record.can_id, bytes(record.data)])
 
 
 def estimate_values(record: PoseRecord) -> tuple[float, ...]:
-    """Of ``PoseEstimate``: of the symmetric covariance, the upper triangle."""
+    """Return the values of ``PoseEstimate``, with the upper triangle of the covariance."""
     _, pose, v_m_s, yaw_rate_rad_s, covariance, bias, scale = record
     xx, xy, xt, _, yy, yt, _, _, tt = covariance
     return (*pose, v_m_s, yaw_rate_rad_s, xx, xy, xt, yy, yt, tt, bias, scale)
 
 
 def encode_planner(record: PlannerRecord) -> bytes:
-    """``PlanState``."""
+    """Encode a planner state as ``PlanState``."""
     state = record.state
     target_x_m, target_y_m = state.target or (None, None)
     return PLANNER_STATE.encode(
@@ -268,11 +268,11 @@ def encode_planner(record: PlannerRecord) -> bytes:
 
 
 def encode_event(record: EventRecord) -> bytes:
-    """``Event``; values that JSON has no form for are written as their text."""
+    """Encode an event as ``Event``; values without a JSON form become text."""
     data = json.dumps(record.data, default=str, sort_keys=True)
     return EVENT.encode([record.severity.value, record.source, record.kind, record.text, data])
 
 
 def encode_clock(record: ClockRecord) -> bytes:
-    """``ClockSync``."""
+    """Encode a clock fit as ``ClockSync``."""
     return CLOCK_SYNC.encode(list(record[1:]))

@@ -135,7 +135,7 @@ def test_a_damaged_log(log: Path, tmp_path: Path) -> None:
     result = export(broken, tmp_path / "out", topics=["/pose"])
     stepped, cut = result.problems
     assert "skipped" in stepped
-    assert cut.endswith("all from there on is cut or damaged")
+    assert cut.endswith("the rest is truncated or damaged")
     reader = LogReader(broken)
     assert result.messages == sum(1 for _ in reader.messages({"/pose"})) > 100
 
