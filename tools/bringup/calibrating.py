@@ -139,11 +139,13 @@ def writing_options(f: Callable[..., object]) -> Callable[..., object]:
     from pathlib import Path as ClickPath
 
     f = click.option(
-        "--yes", is_flag=True, help="Say yes to every question, the one before writing included."
+        "--yes",
+        is_flag=True,
+        help="Answer yes to every question, including the one before writing.",
     )(f)
     return click.option(
         "--robot",
         type=click.Path(dir_okay=False, path_type=ClickPath),
         shell_complete=complete_robot,
-        help="Robot file (TOML) to start from and to write to; it is made if it is not there.",
+        help="Robot file (TOML) to read and to update; created if missing.",
     )(f)

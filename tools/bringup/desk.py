@@ -135,13 +135,11 @@ def log_options(f: Callable[..., object]) -> Callable[..., object]:
         command = click.get_current_context().command_path.partition(" ")[2]
         return f(log=None if path is None else BenchLog(path, force, command), **given)
 
-    made = click.option("--force", is_flag=True, help="Replace files to write that exist.")(
-        gathered
-    )
+    made = click.option("--force", is_flag=True, help="Replace output files that exist.")(gathered)
     return click.option(
         "--log",
         type=click.Path(dir_okay=False, path_type=Path),
-        help="Record what passes and what is found, as MCAP.",
+        help="Log file (MCAP) of all traffic and findings.",
     )(made)
 
 
@@ -228,5 +226,5 @@ def clear_stop_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--clear-stop",
         is_flag=True,
-        help="Also clear a stop that was latched for safety. Look first.",
+        help="Also clear a stop that was latched for safety. Check the robot first.",
     )(f)

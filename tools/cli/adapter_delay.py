@@ -20,9 +20,9 @@ def adapter_delay_option(f: Callable[..., object]) -> Callable[..., object]:
         "adapter_delay_ns",
         callback=_delays,
         metavar="OUT_MS,IN_MS",
-        help="Declare that no frame to the device, and none from it, is quicker than this (ms): "
-        "the bounds on time stamps then shrink by as much. It must be true: 0.17,0.17 is, of a "
-        "UART at 921600.  [default: 0,0]",
+        help="Minimum delay to and from the device, ms. It tightens the bounds on time "
+        "stamps, so it must be true: 0.17,0.17 holds for a UART at 921600.  [default: "
+        "0,0]",
     )(f)
 
 

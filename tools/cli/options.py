@@ -102,8 +102,8 @@ def fault_option(f: Callable[..., object]) -> Callable[..., object]:
         shell_complete=complete_fault,
         multiple=True,
         metavar="SPEC",
-        help="Inject kind@time[:for][:name=value,...], seconds since the device booted; may be "
-        "given again. `sweepctl emulate --list-faults` explains each kind.",
+        help="Inject kind@time[:for][:name=value,...], in seconds since the device "
+        "booted. Repeatable. `sweepctl emulate --list-faults` explains the kinds.",
     )(f)
 
 
@@ -112,7 +112,7 @@ def baud_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--baud",
         type=Baud(),
-        help="Pace bytes at this rate, 10 bits each; 0: as fast as they come.  [default: 921600]",
+        help="Baud rate at which bytes are paced, 10 bits each; 0: unlimited.  [default: 921600]",
     )(f)
 
 
@@ -121,7 +121,7 @@ def latency_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--latency-ms",
         type=Number(0.0, 1000.0),
-        help="The USB adapter's latency timer; FTDI's own default is 16.  [default: 1; udpcan: 0]",
+        help="Latency timer of the USB adapter, ms; FTDI's default is 16.  [default: 1; udpcan: 0]",
     )(f)
 
 
@@ -153,7 +153,7 @@ def out_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--out",
         type=click.Path(dir_okay=False, path_type=Path),
-        help="Log file; default runs/<UTC>-<name>.mcap.",
+        help="Log file.  [default: runs/<UTC>-<name>.mcap]",
     )(f)
 
 
@@ -163,31 +163,31 @@ def json_option(f: Callable[..., object]) -> Callable[..., object]:
         "--json",
         "as_json",
         is_flag=True,
-        help="Print one JSON object on stdout; everything for people goes to stderr.",
+        help="Print one JSON object on stdout, and all messages on stderr.",
     )(f)
 
 
 def port_options(f: Callable[..., object]) -> Callable[..., object]:
     """``--node``, ``--baud``, ``--bitrate``, ``--lan``, ``--dtr``, ``--rts`` of opening a port."""
     for option in (
-        click.option("--rts", is_flag=True, help="Set RTS (many boards reset on it)."),
-        click.option("--dtr", is_flag=True, help="Set DTR (many boards reset on it)."),
+        click.option("--rts", is_flag=True, help="Set RTS (this resets many boards)."),
+        click.option("--dtr", is_flag=True, help="Set DTR (this resets many boards)."),
         click.option(
             "--lan",
             is_flag=True,
-            help="With can:udp_multicast: let frames leave this machine and come in from others.",
+            help="With can:udp_multicast: send frames to other machines and accept theirs.",
         ),
         click.option(
             "--bitrate",
             type=click.IntRange(10_000, 1_000_000),
-            help="Of a CAN bus whose adapter can be told.  [default: 500000]",
+            help="CAN bit rate, if the adapter can set it.  [default: 500000]",
         ),
         click.option(
             "--baud",
             type=click.IntRange(1200, 12_000_000),
             default=921_600,
             show_default=True,
-            help="Of a serial line.",
+            help="Serial baud rate.",
         ),
         click.option("--node", type=click.IntRange(1, 15), help="Talk to this device only."),
     ):
@@ -200,7 +200,7 @@ def key_option(f: Callable[..., object]) -> Callable[..., object]:
     return click.option(
         "--key-file",
         type=click.Path(dir_okay=False, path_type=Path),
-        help="Authenticate motion with the key in this file (sweepctl key makes one).",
+        help="File with the key that authenticates motion commands (see sweepctl key).",
     )(f)
 
 
@@ -210,7 +210,7 @@ def robot_option(f: Callable[..., object]) -> Callable[..., object]:
         "--robot",
         type=click.Path(dir_okay=False, path_type=Path),
         shell_complete=complete_robot,
-        help="Robot file (TOML); default: the paper's robot.",
+        help="Robot file (TOML).  [default: the paper's robot]",
     )(f)
 
 
@@ -221,7 +221,7 @@ def noise_option(f: Callable[..., object]) -> Callable[..., object]:
         type=click.Choice(NOISE_LEVELS),
         default="typical",
         show_default=True,
-        help="How imperfect the virtual sensors and wheels are.",
+        help="Noise level of the virtual sensors and wheels.",
     )(f)
 
 
@@ -232,7 +232,7 @@ def seed_option(f: Callable[..., object]) -> Callable[..., object]:
         type=click.IntRange(0, 2**63 - 1),
         default=0,
         show_default=True,
-        help="Equal seeds give equal runs.",
+        help="Random seed: equal seeds give equal runs.",
     )(f)
 
 

@@ -26,22 +26,23 @@ def recording_options(f: Callable[..., object]) -> Callable[..., object]:
         type=click.Choice(["stop", "continue"]),
         default="stop",
         show_default=True,
-        help="When the log can no longer be written, as on a full disk: stop the robot, or go on.",
+        help="What to do if the log cannot be written, as on a full disk: stop the robot, "
+        "or continue.",
     )(f)
     f = click.option(
         "--rotate-s",
         type=options.Number(1.0, 1e6),
-        help="Begin another log file after this many seconds.",
+        help="Start a new log file after this many seconds.",
     )(f)
     f = click.option(
         "--rotate-mb",
         type=click.FloatRange(0.1, 1e6),
-        help="Begin another log file at this size (10^6 bytes): NAME-0002.mcap and so on.",
+        help="Start a new log file (NAME-0002.mcap and so on) at this size, in 10^6 bytes.",
     )(f)
     return click.option(
         "--fsync",
         is_flag=True,
-        help="Write through to the disk: a loss of power, too, costs half a second at most.",
+        help="Flush the log to disk, so that a power loss costs at most half a second.",
     )(f)
 
 
@@ -50,7 +51,7 @@ def viewing_options(f: Callable[..., object]) -> Callable[..., object]:
     f = click.option(
         "--serve",
         is_flag=True,
-        help="Serve the live picture to a browser on this machine, instead of a window.",
+        help="Serve the live view to a browser on this machine instead of a window.",
     )(f)
     return click.option("--view", is_flag=True, help="Show the run live in Rerun.")(f)
 

@@ -20,7 +20,7 @@ def rule_option(f: Callable[..., object]) -> Callable[..., object]:
         "rules",
         multiple=True,
         metavar="RULE.KEY=VALUE",
-        help="Watch the run, with this rule changed (stall.reaction=pause); may be given again.",
+        help="Supervise the run with this rule changed (stall.reaction=pause). Repeatable.",
     )(f)
 
 

@@ -28,12 +28,12 @@ _STEPS = ("supply", "rest", "motors", "axes", "sensors", "control")
     "steps",
     multiple=True,
     type=click.Choice(_STEPS),
-    help="Take only this step; may be given again.  [default: all]",
+    help="Run only this step. Repeatable.  [default: all]",
 )
 @click.option(
     "--plot",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Draw the wheels' step response into this file (needs the extra `plot`).",
+    help="Plot the wheels' step response to this file (needs the extra `plot`).",
 )
 @clear_stop_option
 @log_options
@@ -51,10 +51,11 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Check a robot's wiring step by step, its WHEELS OFF THE FLOOR.
 
-    supply (rails, currents), rest (inertial sensor, encoders), motors (which output turns which
-    wheel and which way, encoder signs and sides), axes (of the inertial sensor, by hand), sensors
-    (each in turn), control (step response of the wheel control). Every turn of a wheel is asked
-    for first. Status 0: all well; 1: something is wired wrongly.
+    Steps: supply (rails, currents), rest (inertial sensor, encoders), motors (which output turns
+    which wheel in which direction, encoder signs and sides), axes (of the inertial sensor; you
+    turn the robot), sensors (one after another), control (step response of the wheel controllers).
+    The command asks before it turns a wheel. Exit status 0: no fault found; 1: a wiring fault was
+    found.
     """
     from bridge.bringup.procedure import BringUp
     from bridge.bringup.wheel_step import as_text

@@ -31,9 +31,10 @@ _DISTANCES_M = {
 
 @click.group("calibrate", epilog="Example:  sweepctl calibrate gyro /dev/ttyUSB0")
 def command() -> None:
-    """Measure what this very robot gets wrong, and write it down.
+    """Measure the systematic errors of a robot and store the corrections.
 
-    Each shows what it would change and asks before it writes, to the robot file and to the device.
+    Each command shows its changes and asks before it writes them to the robot file and to the
+    device.
     """
 
 
@@ -48,7 +49,7 @@ def command() -> None:
     type=options.Number(2.0, 3600.0),
     default=10.0,
     show_default=True,
-    help="How long the robot is watched at rest.",
+    help="Duration of the measurement at rest.",
 )
 @writing_options
 @log_options
@@ -64,8 +65,8 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Measure the gyro's bias on a robot that stands still. Nothing moves.
 
-    Each run measures the bias anew while it waits to start; the stored one is what an estimate
-    begins with, and shows how far the chip has wandered since.
+    Each run measures the bias again before it starts. The stored bias is the initial estimate, and
+    shows how far the bias has drifted since.
     """
     from bridge.bringup.applying import Change
     from bridge.bringup.gyro import biases, complaint
@@ -118,14 +119,14 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     default=2.0,
     show_default=True,
     metavar="M",
-    help="Of the square.",
+    help="Side of the square.",
 )
 @click.option(
     "--runs",
     type=click.IntRange(1, 20),
     default=5,
     show_default=True,
-    help="Squares in each direction: what is not systematic is averaged out.",
+    help="Squares in each direction; more squares average out random errors.",
 )
 @click.option(
     "--speed",
@@ -134,24 +135,24 @@ def _gyro(  # noqa: PLR0913 - one parameter per option
     default=0.15,
     show_default=True,
     metavar="M/S",
-    help="Slow: a wheel that slips is not a wheel that is measured.",
+    help="Driving speed; a slow robot slips less.",
 )
 @click.option(
     "--straight/--no-straight",
     default=True,
     show_default=True,
-    help="First measure a straight way too: no square shows the mean wheel diameter.",
+    help="Also measure a straight drive first, which gives the mean wheel diameter.",
 )
 @click.option(
     "--verify",
     is_flag=True,
-    help="Then drive the squares again with the new values, and write nothing that they refute.",
+    help="Drive the squares again with the new values, and write only values that they confirm.",
 )
 @click.option(
     "--truth",
     type=click.Path(path_type=Path),
     metavar="SOCKET",
-    help="Of an emulator: measure by its --control socket, not by tape.",
+    help="Control socket of an emulator that measures instead of a tape.",
 )
 @clear_stop_option
 @writing_options
@@ -174,11 +175,11 @@ def _odometry(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Drive squares both ways (UMBmark) and find wheel base and diameters: THE ROBOT MOVES.
 
-    Before each way you put the robot on its mark, after it you measure where it stands. The
-    method is Borenstein and Feng's (1996); its closed form is then refined on the counts that were
-    recorded. Shown are the worst systematic error before, and after with the values found.
+    You put the robot on its mark before each direction and measure its position afterwards. The
+    method is that of Borenstein and Feng (1996); its closed form is then refined on the recorded
+    counts. The command shows the largest systematic error before, and after with the new values.
 
-    Status 0: done; 1: the squares driven again refute the values, and nothing was written.
+    Exit status 0: done; 1: the repeated squares contradict the values, and nothing was written.
     """
     from bridge.bringup.square import Asked, ByTape, Squares
     from tools.bringup.calibrating import NOWHERE, ByTruth, load_existing, write_results
@@ -282,7 +283,7 @@ def _figures(found: Result) -> dict[str, Any]:
     "sensors",
     multiple=True,
     type=click.Choice(_SENSORS),
-    help="Only this one; may be given again.  [default: all]",
+    help="Calibrate only this sensor. Repeatable.  [default: all]",
 )
 @click.option(
     "--at",
@@ -290,8 +291,8 @@ def _figures(found: Result) -> dict[str, Any]:
     multiple=True,
     type=options.Number(0.02, 5.0),
     metavar="M",
-    help="Distance of the wall from the sensor's face; give it two or three times.  [default: "
-    "0.2, 0.5 and 1 m for the ultrasonic, 0.06, 0.12 and 0.2 m for the infrared]",
+    help="Distance of the wall from the sensor's face. Repeatable.  [default: 0.2, 0.5 "
+    "and 1 m for the ultrasonic, 0.06, 0.12 and 0.2 m for the infrared]",
 )
 @writing_options
 @log_options
@@ -308,8 +309,8 @@ def _range(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Compare range sensors with a tape and find their scale and offset. Nothing moves.
 
-    You hold a flat wall at each distance from the sensor's own face. One distance gives an offset,
-    two or more a scale too.
+    You hold a flat wall at each distance from the sensor's face. One distance gives an offset; two
+    or more also give a scale.
     """
     from bridge.bringup.ranging import fit
     from tools.bringup.calibrating import load_existing, write_results

@@ -16,7 +16,7 @@ VARIABLE = "_SWEEPCTL_COMPLETE"
 )
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(*, shell: str) -> int:
-    """Print the script that lets SHELL complete commands, options, ports and message names.
+    """Print a completion script for commands, options, ports and message names.
 
     \b
     bash:  sweepctl completion bash > ~/.local/share/bash-completion/completions/sweepctl

@@ -31,39 +31,40 @@ from tools.cli.supervising import rule_option
 @click.option(
     "--supervise",
     is_flag=True,
-    help="Start the device's own planner and watch it: the robot moves.",
+    help="Start the device's own planner and supervise it: the robot moves.",
 )
 @click.option(
     "--onboard",
     type=click.Choice(options.PLANNERS),
     default=options.DEFAULT_PLANNER,
     show_default=True,
-    help="With --supervise: which of the device's planners.",
+    help="With --supervise: planner that the device runs.",
 )
 @rule_option
 @click.option(
     "--duration",
     "duration_s",
     type=options.Number(0.1, 1e6),
-    help="End in order after this many seconds.",
+    help="Stop cleanly after this many seconds.",
 )
 @click.option(
     "--room",
     shell_complete=complete_room,
-    help="The room, where it is known: gives coverage and a map.",
+    help="Room file or name, if known: adds coverage and a map.",
 )
 @options.port_options
 @adapter_delay_option
 @click.option(
     "--clear-stop",
     is_flag=True,
-    help="With --plan or --supervise: also clear a stop that was latched for safety. Look first.",
+    help="With --plan or --supervise: also clear a stop that was latched for safety. "
+    "Check the robot first.",
 )
 @click.option(
     "--resume",
     type=click.Choice(["ask", "never"]),
-    help="With --plan, when the device was lost and is back: ask whether to go on (key r), for "
-    "30 s, or end.  [default: ask on a terminal]",
+    help="With --plan, when a lost device is back: ask for 30 s whether to continue (key "
+    "r), or end the run.  [default: ask on a terminal]",
 )
 @viewing_options
 @recording_options
@@ -93,12 +94,11 @@ def command(  # noqa: PLR0913 - one parameter per option
     as_json: bool,
     **opening: Any,  # noqa: ANN401 - of the port (baud, dtr...) and of the recording, as declared
 ) -> int:
-    """Open PORT, agree with the robot, record and show it.
+    """Connect to the robot on PORT, record it and show it.
 
-    Nothing moves unless --plan or --supervise asks for it, or a key of the live picture that is
-    pressed twice. PORT is a device path, socket://HOST:PORT, rfc2217://HOST:PORT, or
-    can:INTERFACE:CHANNEL for a CAN bus (can:slcan:/dev/ttyACM0, can:socketcan:can0,
-    can:udp_multicast:239.74.163.2).
+    Nothing moves without --plan, --supervise, or a dashboard key that you press twice. PORT is a
+    device path, socket://HOST:PORT, rfc2217://HOST:PORT, or can:INTERFACE:CHANNEL for a CAN bus
+    (can:slcan:/dev/ttyACM0, can:socketcan:can0, can:udp_multicast:239.74.163.2).
     """
     from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot

@@ -16,15 +16,15 @@ from tools.cli.console import inform, plain_console, write_json
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Also lay paths and curves over each other: a page (.html) or a picture (.png).",
+    help="Also overlay paths and curves in a page (.html) or a picture (.png).",
 )
-@click.option("--force", is_flag=True, help="Replace what exists.")
+@click.option("--force", is_flag=True, help="Replace output files that exist.")
 @options.json_option
 def command(*, a: Path, b: Path, out: Path | None, force: bool, as_json: bool) -> int:
-    """Hold the figures of two runs, A and B, against each other.
+    """Compare the figures of two runs, A and B.
 
-    The difference is B less A; of shares it is in percentage points (from 90 % to 91 % is one),
-    with --json as a fraction like the shares themselves.
+    The difference is B minus A. Differences of shares are in percentage points (from 90 % to 91 %
+    is one), with --json as fractions.
     """
     from bridge.convert.sources import readable
     from bridge.view.report.comparison import compare, rows, write_page

@@ -26,13 +26,13 @@ _NO_AGREEMENT = frozenset({"version"})
     type=options.Number(1.0, 86_400.0),
     default=10.0,
     show_default=True,
-    help="Of a PORT: examine it for so many seconds.",
+    help="With a PORT: examine it for this many seconds.",
 )
-@click.option("--listen", is_flag=True, help="Of a PORT: send nothing at all, only listen.")
+@click.option("--listen", is_flag=True, help="With a PORT: only listen, send nothing.")
 @click.option(
     "--find-baud",
     is_flag=True,
-    help="Of a serial PORT: listen at one rate after the other until a sweeper is heard.",
+    help="With a serial PORT: try one baud rate after another until a device is found.",
 )
 @options.port_options
 @options.json_option
@@ -50,13 +50,14 @@ def command(  # noqa: PLR0913 - what a port can be asked for
     rts: bool,
     as_json: bool,
 ) -> int:
-    """Say what is wrong with a device's line, its clock and its sensors, and what to do about it.
+    """Diagnose a device's link, clock and sensors, and say what to do.
 
-    A FILE is a log of ours, an MCAP file of another program (as far as it goes), a `candump -l`
-    log or a serial line's raw bytes. A PORT is opened, agreed with and listened to: nothing that
-    is sent can move a wheel, and a robot that another host left moving stops.
+    FILE is a log of sweepctl, an MCAP file of another program (with fewer checks), a `candump -l`
+    log or the raw bytes of a serial link. On a PORT the command connects and listens. It sends
+    nothing that moves a wheel, and a robot that another host left moving stops.
 
-    Exit status: 0 nothing is wrong, 1 something is, 3 no device to examine, 4 no agreement.
+    Exit status: 0 no problem found, 1 problems found, 3 no device to examine, 4 incompatible
+    device.
     """
     path = Path(target)
     _check(target, path, listen=listen, find_baud=find_baud)

@@ -23,19 +23,20 @@ from tools.cli.recording import recording_options, take_record_options
     default=0.15,
     show_default=True,
     metavar="M/S",
-    help="Of a held key, or a stick at its end; + and - change it. A key that is tapped drives "
-    "at 0.1 m/s at most.",
+    help="Speed of a held key or a full stick; + and - change it. A tapped key drives at "
+    "0.1 m/s at most.",
 )
 @click.option(
     "--gamepad",
     metavar="DEVICE",
-    help="A Linux joystick (/dev/input/js0): left stick, left shoulder held, B stops.",
+    help="Linux joystick (/dev/input/js0): left stick drives while the left shoulder "
+    "button is held, B stops.",
 )
 @click.option(
     "--duration",
     "duration_s",
     type=options.Number(0.1, 1e6),
-    help="End in order after this many seconds.",
+    help="Stop cleanly after this many seconds.",
 )
 @clear_stop_option
 @options.robot_option
@@ -55,12 +56,12 @@ def command(  # noqa: PLR0913 - one parameter per option
     as_json: bool,
     **recording: Any,  # noqa: ANN401 - click's values
 ) -> int:
-    """Drive the robot on PORT by hand: THE ROBOT MOVES.
+    """Drive the robot on PORT manually: THE ROBOT MOVES.
 
-    Arrow keys (or i j k l) drive while they are held, where the terminal tells of releases (kitty,
-    foot, WezTerm, Ghostty and others); elsewhere a press drives for 0.7 s at 0.1 m/s and any other
-    key stops. Space or s stops and latches, and ends the run. Nothing moves without a hand on it.
-    The run is recorded like any other.
+    Arrow keys (or i j k l) drive while they are held, if the terminal reports key releases (kitty,
+    foot, WezTerm, Ghostty and others). In other terminals a press drives for 0.7 s at 0.1 m/s, and
+    any other key stops. Space or s latches a stop and ends the run. The robot moves only while an
+    input is held. The run is recorded.
     """
     from bridge.config import load_robot
     from bridge.io.reopening import PortOptions

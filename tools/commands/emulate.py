@@ -46,23 +46,22 @@ _SERIAL = {"pty", "tcp"}
     type=click.Choice(_LINKS),
     default="pty",
     show_default=True,
-    help="What the device is connected by: a serial line, the same on a TCP socket, a serial CAN "
-    "adapter, or a CAN bus of UDP datagrams that several devices and one host can join.",
+    help="How the device is connected: a pseudo-terminal, a TCP socket, a serial CAN "
+    "adapter, or a CAN bus over UDP multicast that several devices and one host can join.",
 )
 @click.option(
     "--target",
     type=click.Choice(("python", "qemu")),
     default="python",
     show_default=True,
-    help="What runs in the device: a firmware in Python, or the project's firmware in C, its "
-    "binary on an STM32F405 that QEMU emulates (needs qemu-system-arm and, once, "
-    "gcc-arm-none-eabi).",
+    help="Firmware of the device: the Python model, or the reference firmware in C on an "
+    "STM32F405 that QEMU emulates (needs qemu-system-arm and, once, gcc-arm-none-eabi).",
 )
 @click.option(
     "--firmware",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE.elf",
-    help="With qemu: run this program.  [default: built from the sources that come along]",
+    help="With qemu: program to run.  [default: built from the shipped sources]",
 )
 @options.baud_option
 @options.latency_option
@@ -71,45 +70,45 @@ _SERIAL = {"pty", "tcp"}
     type=click.IntRange(10_000, 1_000_000),
     default=500_000,
     show_default=True,
-    help="Of the CAN bus.",
+    help="CAN bit rate.",
 )
 @click.option(
     "--listen",
     callback=options.address,
     metavar="HOST:PORT",
-    help="With tcp: where to listen; port 0 is any.  [default: 127.0.0.1:0]",
+    help="With tcp: address to listen on; port 0 picks a free one.  [default: 127.0.0.1:0]",
 )
 @click.option(
     "--lan",
     is_flag=True,
-    help="With udpcan: let frames leave this machine and come in from others. With tcp: listen on "
-    "all its addresses. Whoever can reach it can then drive it.",
+    help="With udpcan: send frames to other machines and accept theirs. With tcp: listen "
+    "on all addresses. Anyone who can reach the machine can then drive the virtual robot.",
 )
 @options.seed_option
 @options.noise_option
 @options.robot_option
 @click.option("--node", type=click.IntRange(1, 15), default=1, show_default=True)
 @options.fault_option
-@click.option("--list-faults", is_flag=True, help="Explain each kind of fault, and end.")
+@click.option("--list-faults", is_flag=True, help="Explain each kind of fault and exit.")
 @click.option(
     "--control",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Make this Unix socket, on which `sweepctl fault` switches faults while it runs.",
+    help="Create this Unix socket, through which `sweepctl fault` switches faults on and off.",
 )
 @options.key_option
 @click.option(
     "--truth",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Log where the robot really is (/truth/pose, Unix time), and the faults (/events).",
+    help="Log file of the true pose (/truth/pose, Unix time) and the faults (/events).",
 )
 @click.option("--force", is_flag=True, help="Replace the truth file if it exists.")
 @click.option(
     "--pty-link",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Also make this symbolic link to the port.",
+    help="Also create this symbolic link to the port.",
 )
-@click.option("--stats", is_flag=True, help="At the end, say how well time was kept.")
-@click.option("--json", "as_json", is_flag=True, help="With --list-faults: as one JSON object.")
+@click.option("--stats", is_flag=True, help="Print timing statistics at the end.")
+@click.option("--json", "as_json", is_flag=True, help="With --list-faults: print one JSON object.")
 def command(  # noqa: PLR0913 - one parameter per option
     *,
     room: str,
@@ -135,9 +134,9 @@ def command(  # noqa: PLR0913 - one parameter per option
     stats: bool,
     as_json: bool,
 ) -> int:
-    """Run a virtual sweeper in ROOM, in real time, until ended by a signal.
+    """Run a virtual sweeper in ROOM in real time until a signal ends it.
 
-    The first line on stdout is "ready PORT", where PORT can be passed to connect.
+    The first line on stdout is "ready PORT"; pass PORT to `sweepctl connect`.
     """
     if list_faults:
         from tools.cli.fault_help import print_faults

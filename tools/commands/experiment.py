@@ -52,19 +52,19 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     "--rooms",
     callback=_listed(),
     default=_ROOMS,
-    help="Names or files, by commas.  [default: all that ship]",
+    help="Room names or files, separated by commas.  [default: all shipped rooms]",
 )
 @click.option(
     "--generated",
     type=click.IntRange(0, 10_000),
     default=0,
     show_default=True,
-    help="This many generated rooms too.",
+    help="Number of additional generated rooms.",
 )
 @click.option(
     "--planners",
     callback=_listed(_PLANNERS),
-    help="By commas.  [default: all; for limits: recovery]",
+    help="Planners, separated by commas.  [default: all; for limits: recovery]",
 )
 @click.option(
     "--noise",
@@ -72,32 +72,38 @@ def _listed(allowed: Sequence[str] | None = None) -> Any:  # noqa: ANN401 - clic
     callback=_listed(options.NOISE_LEVELS),
     default="typical",
     show_default=True,
-    help="Levels, by commas; limits adds a perfect one.",
+    help="Noise levels, separated by commas; limits adds a perfect one.",
 )
 @click.option(
     "--seeds",
     type=click.IntRange(1, 10_000),
     default=3,
     show_default=True,
-    help="Runs of each combination, with seeds from 0 on; without noise one, for all are alike.",
+    help="Runs of each combination, with seeds from 0; one without noise, where all are equal.",
 )
-@click.option("--zimablue", is_flag=True, help="Compare with that package's online planners too.")
-@click.option("--jobs", type=click.IntRange(1, 256), help="Processes.  [default: one per core]")
+@click.option(
+    "--zimablue",
+    is_flag=True,
+    help="Also compare with the online planners of the package zimablue.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 256), help="Number of processes.  [default: one per core]"
+)
 @click.option(
     "--max-time",
     "max_time_s",
     type=options.Number(1.0, 1e6),
-    help="End a run that takes longer, in simulated seconds.  [default: 3600, or 15 times the "
-    "room's reference time where that is more; random and zimablue's planners are ended sooner]",
+    help="Time limit of a run, in simulated seconds.  [default: 3600, or 15 times the "
+    "room's reference time if that is more; less for random and zimablue's planners]",
 )
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     default=Path("runs/experiment"),
     show_default=True,
-    help="Folder for results; what it holds already is not run again.",
+    help="Folder for results; runs that it already holds are not repeated.",
 )
-@click.option("--force", is_flag=True, help="Begin anew: forget the results in the folder.")
+@click.option("--force", is_flag=True, help="Discard the results in the folder and start again.")
 @options.json_option
 @click.pass_context
 def command(  # noqa: PLR0913 - one parameter per option
@@ -118,16 +124,16 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Run the PAPER's experiments, COMPARE planners, or find what LIMITS one.
 
-    paper: Table 2, cases 1 and 2, the comprehensive room beside the U-shaped and the random way
-    (section 5.3), path keeping (Figs. 14 and 15), velocity smoothing (Fig. 12), and the layouts
-    where the paper's algorithm fails; it has rooms, planners, levels and seeds of its own, and
-    takes none. compare: every room, planner, noise level and seed. limits: the same with a perfect
-    pose and ranges beside it, and the loss split by cause.
+    paper: Table 2, cases 1 and 2, the comprehensive room against the U-shaped and the random path
+    (section 5.3), path keeping (Figs. 14 and 15), velocity smoothing (Fig. 12), and layouts where
+    the paper's algorithm fails. Rooms, planners, noise levels and seeds are fixed. compare: every
+    room, planner, noise level and seed. limits: the same with a perfect pose and perfect ranges in
+    addition, and the loss split by cause.
 
-    Beside files and the names that ship, --rooms takes generated:KIND:N and layout:NAME.
+    Besides files and shipped names, --rooms accepts generated:KIND:N and layout:NAME.
 
-    Makes runs.csv, curves.csv, tables.md and report.html. Ctrl-C (or SIGTERM) keeps what is
-    done and reports on it: the same command goes on from there.
+    Writes runs.csv, curves.csv, tables.md and report.html. Ctrl-C or SIGTERM keeps the finished
+    runs and reports on them; the same command continues from there.
     """
     from tools.cli.signals import leaving_at_once
     from tools.experiment import figures, output

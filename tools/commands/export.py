@@ -18,7 +18,7 @@ from tools.cli.console import complain, inform, write_line
     "--out",
     required=True,
     type=click.Path(file_okay=False, path_type=Path),
-    help="Folder for the tables, one a topic: /device/imu goes to device.imu.parquet.",
+    help="Folder for the tables, one per topic: /device/imu becomes device.imu.parquet.",
 )
 @click.option(
     "--format",
@@ -26,14 +26,14 @@ from tools.cli.console import complain, inform, write_line
     type=click.Choice(["parquet", "csv"]),
     default="parquet",
     show_default=True,
-    help="Of the tables.",
+    help="Format of the tables.",
 )
 @click.option(
     "--topic",
     "topics",
     multiple=True,
     metavar="PATTERN",
-    help="Only topics that match, with * for anything; may be given again.",
+    help="Export only matching topics; * matches anything. Repeatable.",
 )
 @click.option("--force", is_flag=True, help="Replace tables that exist.")
 @options.json_option
@@ -46,10 +46,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     force: bool,
     as_json: bool,
 ) -> int:
-    """Write every topic of FILE, of any program, as a Parquet or CSV table.
+    """Write every topic of FILE as a Parquet or CSV table. FILE may come from any program.
 
-    Times are UTC with nanoseconds; fields keep their names, with dots for fields of messages
-    within messages. A capture (candump, raw bytes) is decoded first.
+    Times are UTC in nanoseconds. Fields keep their names; nested fields are joined with dots. A
+    capture (candump, raw bytes) is decoded first.
     """
     from bridge.convert.export import as_json as exported_json
     from bridge.convert.export import export

@@ -22,10 +22,10 @@ from tools.cli.console import write_json, write_line
     multiple=True,
     metavar="KIND",
     shell_complete=complete_fault,
-    help="End the faults of this kind.",
+    help="End all faults of this kind.",
 )
-@click.option("--clear-all", is_flag=True, help="End all faults, those that wait too.")
-@click.option("--list", "list_them", is_flag=True, help="Say which are active and which wait.")
+@click.option("--clear-all", is_flag=True, help="End all faults, pending ones included.")
+@click.option("--list", "list_them", is_flag=True, help="List active and pending faults.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object on stdout.")
 def command(  # noqa: PLR0913 - one parameter per option
     *,
@@ -36,10 +36,10 @@ def command(  # noqa: PLR0913 - one parameter per option
     list_them: bool,
     as_json: bool,
 ) -> int:
-    """Begin faults on the emulator whose --control socket is CONTROL, or end them.
+    """Start or end faults of the emulator whose --control socket is CONTROL.
 
-    SPEC is kind[@time][:for][:name=value,...] as for emulate --fault; without a time it begins at
-    once, and @+2 is two seconds from now. What is to end is ended first.
+    SPEC is kind[@time][:for][:name=value,...] as for emulate --fault. Without a time the fault
+    starts at once; @+2 starts it in two seconds. Faults to be ended are ended first.
     """
     from bridge.errors import PortError
     from sim_device.faults.kinds import KINDS

@@ -18,16 +18,16 @@ from tools.cli.outputs import check_outputs
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     required=True,
-    help="Folder to write to; made where it does not exist.",
+    help="Folder to write to; created if missing.",
 )
 @click.option(
     "--node",
     type=click.IntRange(1, 15),
-    help="With dbc: the device's number on the bus; default 1.",
+    help="With dbc: node id of the device.  [default: 1]",
 )
 @click.option("--force", is_flag=True, help="Replace files that exist.")
 def command(*, what: str, out: Path, node: int | None, force: bool) -> int:
-    """Write the wire's messages for another language, a tool, or people.
+    """Write the protocol's messages for another language, a tool, or people.
 
     \b
     c      header and source in C99, for firmware

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(path_type=Path))
 @options.json_option
 def command(*, file: Path, as_json: bool) -> int:
-    """Say what FILE holds: the run, its topics and rates, and whether it was closed whole.
+    """Show what FILE contains: the run, its topics and rates, and whether it was closed cleanly.
 
-    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial line. The
-    first file of a run that was recorded into several stands for all of them.
+    FILE is an MCAP file of any program, a `candump -l` log, or the raw bytes of a serial link. The
+    first file of a run that was recorded into several files stands for all of them.
     """
     from bridge.convert.sources import describe_any
 

@@ -19,9 +19,9 @@ from tools.cli.port_options import port_argument
     "--set",
     "new",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Make a new random key in this file, and give it to the robot.",
+    help="Write a new random key to this file and send it to the robot.",
 )
-@click.option("--clear", is_flag=True, help="Take the key away: everybody may drive again.")
+@click.option("--clear", is_flag=True, help="Remove the key, so that anyone may drive.")
 @options.key_option
 @options.port_options
 @options.json_option
@@ -36,10 +36,10 @@ def command(
 ) -> int:
     """Set, replace or remove the key of the robot on PORT.
 
-    With a key the robot moves, and is changed, only for who has it; a stop it takes from
-    anybody. A robot takes a key over its local serial line only, and never tells it: whoever
-    loses the file needs the robot's own factory reset. To replace or remove a key, give the
-    present one with --key-file.
+    With a key, a robot accepts motion commands and changes only from hosts that have the key. It
+    accepts a stop from anyone. A key can be set only over the robot's local serial port and cannot
+    be read back: without the file you need the robot's factory reset. To replace or remove a key,
+    give the current one with --key-file.
     """
     import bridge
     from bridge.errors import CommandRejectedError, KeyExposedError

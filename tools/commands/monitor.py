@@ -33,18 +33,18 @@ def _complete_type(
 )
 @port_options
 @click.argument("types", nargs=-1, metavar="[TYPE]...", shell_complete=_complete_type)
-@click.option("--raw", is_flag=True, help="Show each message's payload in hex too.")
+@click.option("--raw", is_flag=True, help="Also show each payload in hex.")
 @click.option(
     "--lines",
     is_flag=True,
-    help="A line for each message on a terminal too, where a table is the default.",
+    help="Print one line per message on a terminal as well, instead of a table.",
 )
-@click.option("--jsonl", is_flag=True, help="A line of JSON for each message on stdout.")
+@click.option("--jsonl", is_flag=True, help="Print one line of JSON per message on stdout.")
 @click.option(
     "--duration",
     "duration_s",
     type=options.Number(0.1, 1e6),
-    help="End after this many seconds; else at Ctrl-C.",
+    help="Stop after this many seconds.  [default: at Ctrl-C]",
 )
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
@@ -57,13 +57,13 @@ def command(  # noqa: PLR0913 - one parameter per option
     duration_s: float | None,
     as_json: bool,
 ) -> int:
-    """Show what passes on PORT: messages decoded, rates, broken bytes in hex. Sends nothing.
+    """Show the traffic on PORT: decoded messages, rates, corrupted bytes in hex. Sends nothing.
 
-    TYPE is a message's name (imu, range, status, velocity_setpoint, ...); without one, all. A
-    device on a serial line that no host has agreed with says only hello, once a second. On a CAN
-    bus both sides are heard. Where another sweepctl has the port, what it knows is shown, four
-    times a second; TYPE, --raw and --node are then refused. With --json one object is printed at
-    the end.
+    TYPE is a message name (imu, range, status, velocity_setpoint, ...); without it, all messages
+    are shown. A device on a serial link that no host has connected to sends only a hello every
+    second. On a CAN bus both directions are visible. If another sweepctl owns the port, its data
+    is shown four times a second, and TYPE, --raw and --node are rejected. With --json one object
+    is printed at the end.
     """
     from bridge.io.owner_client import has_owner
     from bridge.io.ports import link_of

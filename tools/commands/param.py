@@ -30,19 +30,19 @@ _WIDEST = 2000
 def command() -> None:
     """Read and change a device's parameters.
 
-    Where another sweepctl has the port, it is asked; else the port is opened for the moment. A
-    change counts until the next boot; `param save` makes it stay. Nothing moves.
+    If another sweepctl owns the port, the command goes through it; otherwise it opens the port. A
+    change lasts until the next boot; `param save` makes it permanent. Nothing moves.
     """
 
 
 @command.command("list", epilog="Example:  sweepctl param list /dev/ttyUSB0 --json")
 @keyed_port_options
-@click.option("--changed", is_flag=True, help="Only those that differ from the default.")
+@click.option("--changed", is_flag=True, help="Show only parameters that differ from the default.")
 @options.json_option
 def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
     """Show every parameter with its value, unit, range and default.
 
-    Then when a change of it counts, and the state of its value: stored, or not saved yet.
+    Also shows when a change takes effect, and whether the value is saved.
     """
     with _reach(port) as robot:
         found = robot.list_parameters()
@@ -59,7 +59,7 @@ def _list(*, port: PortAsked, changed: bool, as_json: bool) -> int:
 )
 @options.json_option
 def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
-    """Show some parameters, by name or number; on a pipe the bare values."""
+    """Show parameters by name or number; on a pipe, only the values."""
     with _reach(port) as robot:
         found = [robot.get_parameter(_name(name)) for name in names]
     if as_json or sys.stdout.isatty():
@@ -74,10 +74,10 @@ def _get(*, port: PortAsked, names: tuple[str, ...], as_json: bool) -> int:
 @click.argument(
     "pairs", nargs=-1, required=True, metavar="NAME VALUE...", shell_complete=complete_parameter
 )
-@click.option("--save", is_flag=True, help="Then make every present value the next boot's.")
+@click.option("--save", is_flag=True, help="Also save all current values for the next boot.")
 @options.json_option
 def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) -> int:
-    """Change parameters until the next boot, or for good with --save.
+    """Change parameters until the next boot, or permanently with --save.
 
     A value must be of the parameter's type and in its range; the device refuses others.
     """
@@ -109,7 +109,7 @@ def _set(*, port: PortAsked, pairs: tuple[str, ...], save: bool, as_json: bool) 
 @keyed_port_options
 @options.json_option
 def _save(*, port: PortAsked, as_json: bool) -> int:
-    """Make every present value the next boot's."""
+    """Save all current values for the next boot."""
     with _reach(port) as robot:
         kept = [p for p in robot.list_parameters() if p.changed]
         robot.save_parameters()

@@ -30,26 +30,25 @@ class Probe(click.Choice[str]):
     type=Probe(["listen", "active"]),
     is_flag=False,
     flag_value="listen",
-    help="Open each port that nobody has, DTR and RTS inactive, and listen 1.5 s for a device's "
-    "hello. --probe=active also sends one, to whatever is there.",
+    help="Open each free port with DTR and RTS inactive, and listen 1.5 s for a device's "
+    "hello. --probe=active also sends a hello to whatever is connected.",
 )
 @click.option(
     "--baud",
     type=click.IntRange(1200, 12_000_000),
     default=921_600,
     show_default=True,
-    help="Of the serial lines that are probed.",
+    help="Baud rate of the serial ports to probe.",
 )
-@click.option("--udev-rule", is_flag=True, help="Print a udev rule for Linux, and end.")
+@click.option("--udev-rule", is_flag=True, help="Print a udev rule for Linux and exit.")
 @options.json_option
 def command(
     *, named: tuple[str, ...], probe: str | None, baud: int, udev_rule: bool, as_json: bool
 ) -> int:
     """List serial ports and CAN interfaces on which a robot may be, likely ones first.
 
-    Nothing is opened unless --probe asks for it; PORTs choose what to list or probe. A port is
-    given by its stable name where it has one: it stays the same however the adapters are plugged
-    in.
+    Opens nothing without --probe. Give PORTs to list or probe only these. A port is shown by its
+    stable name if it has one, which does not depend on the order in which adapters are plugged in.
     """
     if udev_rule:
         rule = files("tools").joinpath("data/70-sweepctl.rules").read_text(encoding="utf-8")

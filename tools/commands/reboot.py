@@ -25,10 +25,10 @@ _STILL = frozenset({"waiting", "done"})
 @keyed_port_options
 @options.json_option
 def command(*, port: PortAsked, as_json: bool) -> int:
-    """Boot the device on PORT anew, and wait until it is back.
+    """Reboot the device on PORT and wait until it is back.
 
-    Saved parameters that count from the next boot on count then. Where another sweepctl has the
-    port, it is asked. Refused while the robot may move: stop it first.
+    Saved parameters that need a reboot then take effect. If another sweepctl owns the port, the
+    command goes through it. A reboot is rejected while the robot may move: stop it first.
     """
     from bridge.api.remote import reach
 

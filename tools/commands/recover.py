@@ -16,14 +16,14 @@ from tools.cli.console import inform, write_json
     "--out",
     required=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="The file to write; FILE itself is never touched.",
+    help="File to write; FILE itself is never changed.",
 )
-@click.option("--force", is_flag=True, help="Replace the file to write if it exists.")
+@click.option("--force", is_flag=True, help="Replace the output file if it exists.")
 @options.json_option
 def command(*, file: Path, out: Path, force: bool, as_json: bool) -> int:
-    """Copy everything that is whole of FILE, of any program, into a file with its index.
+    """Copy the intact parts of FILE to a new file with an index. FILE may come from any program.
 
-    Damaged chunks are left out, wherever they stand, and it is said what was in them.
+    Damaged chunks are left out, and the command reports what they contained.
     """
     from bridge.convert.recover import recover
     from bridge.record.family import parts_of

@@ -19,27 +19,31 @@ from tools.cli.console import flush, inform, write_line
 @click.option(
     "--speed",
     type=click.FloatRange(0.01, 1000.0),
-    help="Seconds of the log for each second, in the viewer.  [default: 1]",
+    help="Playback speed in the viewer, in seconds of the log per second.  [default: 1]",
 )
 @click.option(
-    "--from", "start_s", type=options.Number(0.0, 1e9), default=0.0, help="Begin at this second."
+    "--from",
+    "start_s",
+    type=options.Number(0.0, 1e9),
+    default=0.0,
+    help="Start at this second of the log.",
 )
-@click.option("--to", "end_s", type=options.Number(0.0, 1e9), help="End at this second.")
-@click.option("--serve", is_flag=True, help="Show it in a browser on this machine.")
+@click.option("--to", "end_s", type=options.Number(0.0, 1e9), help="End at this second of the log.")
+@click.option("--serve", is_flag=True, help="Show the log in a browser on this machine.")
 @click.option(
     "--link",
     type=click.Choice(["pty"]),
-    help="Play the recorded robot on a virtual serial port, for `connect`, in its own time.",
+    help="Play the recorded robot on a virtual serial port for `connect`, in its own time.",
 )
 @click.option(
     "--pty-link",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Also make this symbolic link to the port.",
+    help="Also create this symbolic link to the port.",
 )
 @click.option(
     "--check",
     is_flag=True,
-    help="Play nothing: decode the raw bytes again and compare, bit for bit, with the messages.",
+    help="Play nothing; decode the raw bytes again and compare the messages bit for bit.",
 )
 @options.json_option
 def command(  # noqa: PLR0913 - one parameter per option
@@ -54,11 +58,11 @@ def command(  # noqa: PLR0913 - one parameter per option
     check: bool,
     as_json: bool,
 ) -> int:
-    """Play FILE (a log, a candump log, or raw bytes of a serial line) again.
+    """Play FILE: a log, a candump log, or the raw bytes of a serial link.
 
-    Without --link it runs in Rerun, at any speed. With it, the recorded robot sits on a port,
-    whose name is the first line on stdout ("ready PORT"): it sends what it sent, damaged bytes
-    included, answers hello and time, and cannot be driven.
+    Without --link the log plays in Rerun at any speed. With --link the recorded robot is available
+    on a port; the first line on stdout is "ready PORT". It sends the recorded bytes, damaged ones
+    included, answers hello and time requests, and cannot be driven.
     """
     from bridge.convert.file_kinds import MCAP, kind_of
     from bridge.convert.sources import readable

@@ -18,19 +18,21 @@ from tools.cli.paths import is_there
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Page to write; default: FILE with .html for its ending (left as it is where it exists "
-    "and --png alone is given).",
+    help="Page to write.  [default: FILE with the ending .html; not written with --png "
+    "alone if it exists]",
 )
 @click.option(
-    "--png", type=click.Path(dir_okay=False, path_type=Path), help="Also draw it as one picture."
+    "--png",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also draw the page as one picture.",
 )
-@click.option("--force", is_flag=True, help="Replace what exists.")
+@click.option("--force", is_flag=True, help="Replace output files that exist.")
 @options.json_option
 def command(*, file: Path, out: Path | None, png: Path | None, force: bool, as_json: bool) -> int:
-    """Explain the run in FILE on one self-contained page, for somebody who was not there.
+    """Explain the run in FILE on one self-contained page.
 
-    What was run, room and path, coverage against time, holes, energy, wire and clock, faults
-    and events, beside the paper's figures and the lower bound of the time.
+    The page shows the run's settings, room and path, coverage over time, holes, energy, link and
+    clock, faults and events, next to the paper's figures and the lower bound of the duration.
     """
     from bridge.convert.sources import readable
     from bridge.view.report.report import default_path, write_report

@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     type=click.Choice(options.PLANNERS),
     default=options.DEFAULT_PLANNER,
     show_default=True,
-    help="Which planner runs.",
+    help="Planner to run.",
 )
 @click.option(
     "--planner-option",
     "planner_options",
     metavar="NAME=VALUE",
     multiple=True,
-    help="Set an option of PLANNER, in SI units; may be given again. A name that is not one "
-    "lists all.",
+    help="Set an option of the planner, in SI units. Repeatable. An unknown name lists "
+    "all options.",
 )
 @options.seed_option
 @options.noise_option
@@ -55,12 +55,12 @@ if TYPE_CHECKING:
     type=options.Number(1.0, 1e6),
     default=3600.0,
     show_default=True,
-    help="End a run that takes longer, in simulated seconds.",
+    help="Time limit of the run, in simulated seconds.",
 )
 @click.option(
     "--supervise",
     is_flag=True,
-    help="The device runs PLANNER by itself, and the host watches it.",
+    help="Run the planner on the device; the host supervises it.",
 )
 @rule_option
 @click.option(
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     type=click.Choice(["auto", "never"]),
     default="never",
     show_default=True,
-    help="After the device was lost and is back: go on, or end the run.",
+    help="What to do when a lost device is back: continue, or end the run.",
 )
 @options.robot_option
 @options.out_option
@@ -94,7 +94,7 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Run PLANNER against the virtual sweeper in ROOM, every byte through the codec.
 
-    ROOM is a room file, or the name of one that ships with sweepctl.
+    ROOM is a room file or the name of a shipped room.
     """
     from bridge.api.robot_parts import planner_number
     from bridge.config import load_robot

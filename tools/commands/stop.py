@@ -18,10 +18,10 @@ from tools.cli.port_options import port_argument
 def command(*, port: str, as_json: bool, node: int | None, **how: object) -> int:
     """Stop the robot on PORT at once, and latch the stop.
 
-    Where another sweepctl has the port, it is asked to stop the robot and ends its run; else the
-    port is opened and the stop sent until the device confirms it. Without --node every robot on
-    a bus is stopped. Status 3 where it is not confirmed, after Ctrl-C too. The robot moves again
-    only with --clear-stop, given by a person who looked.
+    If another sweepctl owns the port, it stops the robot and ends its run. Otherwise the command
+    opens the port and sends the stop until the device confirms it. Without --node it stops every
+    robot on a bus. The exit status is 3 if the stop is not confirmed, after Ctrl-C too. The robot
+    moves again only with --clear-stop; check the robot first.
     """
     from bridge.errors import BridgeError, NoOwnerError, PortError
     from bridge.io.owner_client import ask

@@ -20,15 +20,17 @@ from tools.cli.console import inform
 @click.option(
     "--png",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Draw room, path and swept floor into a picture instead.",
+    help="Draw room, path and swept floor to a picture instead.",
 )
 @click.option(
     "--screenshot",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Save what the window would show as a PNG; needs no display.",
+    help="Save the viewer's window as a PNG; needs no display.",
 )
-@click.option("--serve", is_flag=True, help="Serve it to a browser on this machine, until Ctrl-C.")
-@click.option("--force", is_flag=True, help="Replace a file to write that exists.")
+@click.option(
+    "--serve", is_flag=True, help="Serve the viewer to a browser on this machine until Ctrl-C."
+)
+@click.option("--force", is_flag=True, help="Replace an output file that exists.")
 def command(  # noqa: PLR0913 - one parameter per option
     *,
     file: Path,
@@ -40,8 +42,8 @@ def command(  # noqa: PLR0913 - one parameter per option
 ) -> int:
     """Open FILE in Rerun: the room with path and swept map, sensors, planner and link.
 
-    FILE is a log, a `candump -l` log, or the raw bytes of a serial line. With --save, --png or
-    --screenshot, or several of them, files are written and no window opens.
+    FILE is a log, a `candump -l` log, or the raw bytes of a serial link. With --save, --png or
+    --screenshot the command writes files and opens no window.
     """
     from bridge.convert.sources import readable
     from bridge.record.reader import LogReader
