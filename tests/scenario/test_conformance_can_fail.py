@@ -39,7 +39,7 @@ FOUND_BY = {
     "lossy": {"test_sequence_numbers_count_every_frame"},
     "persistent": {"test_an_expired_setpoint_ramps_to_rest_and_does_not_latch"},
     "trusting": {"test_a_damaged_frame_is_counted_and_not_obeyed"},
-    "deaf": {"test_a_silent_host_is_a_lost_link"},
+    "transmitonly": {"test_a_silent_host_is_a_lost_link"},
     "careless": {"test_another_nodes_messages_are_passed_over"},
     "obliging": {"test_node_0_is_for_stop_hello_and_time_alone"},
     "newest": {"test_the_graver_of_two_stops_that_coincide_is_latched"},
@@ -47,7 +47,7 @@ FOUND_BY = {
 }
 """Defect → the checks that must find it."""
 SOUND = (
-    "test_hello_says_who_it_is",
+    "test_hello_identifies_the_device",
     "test_an_answer_names_the_command",
     "test_lone_zeros_are_no_error",
 )
@@ -110,7 +110,7 @@ def _runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Future
             if name != "sound":
                 arguments.append("--allow-motion")
             else:
-                arguments[-1] += " or test_it_follows_a_setpoint or test_its_state_is_told"
+                arguments[-1] += " or test_it_follows_a_setpoint or test_its_state_is_reported"
             futures[name] = pool.submit(conformance, tmp_path_factory.mktemp(name), *arguments)
         yield futures
         for future in futures.values():

@@ -102,7 +102,7 @@ def test_a_full_pipe_holds_up_neither_the_run_nor_a_stop(served: Served, tmp_pat
         out, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 5
     assert json.loads(out)["outcome"] == "stopped"
-    assert "another shell" in json.loads(out)["reason"]
+    assert "another process" in json.loads(out)["reason"]
     whole(log)
 
 

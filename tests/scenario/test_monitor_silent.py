@@ -117,7 +117,7 @@ def test_lines_for_people(line: Line) -> None:
 
 
 def test_what_cannot_be_asked_for() -> None:
-    assert "no message" in sweepctl("monitor", "/dev/null", "imuu").line
+    assert "unknown message" in sweepctl("monitor", "/dev/null", "imuu").line
     assert sweepctl("monitor", "/dev/null", "imuu").status == 2
     assert sweepctl("monitor", "/dev/none-such").status == 3
     assert sweepctl("monitor", "/dev/null", "--json", "--jsonl").status == 2

@@ -279,7 +279,7 @@ def test_a_device_that_cannot_be_slowed_is_stopped(monkeypatch: pytest.MonkeyPat
     alarm.factor = 0.5
     assert ends.run(0.5, lambda: host.mission.done)
     assert ending(host).exit_status == 5
-    assert "cannot be slowed down: it has no warp_factor" in ending(host).reason
+    assert "cannot be slowed down: it has no parameter warp_factor" in ending(host).reason
     assert ends.device.firmware.latch.cause is StopCause.SUPERVISE
 
 

@@ -34,6 +34,7 @@ from bridge.view.report.drawing import as_png, blank, floor_axes, tidy
 from bridge.view.report.picture import draw_plan
 from protocol.messages import Encoders, Imu, Range
 from protocol.values import Contact
+from tools.cli.console import write_line
 from tools.cli.rooms import load_room
 from tools.virtual.loop import HOST_BOOT_NS
 from tools.virtual.run import EPOCH_NS, run_virtual
@@ -991,7 +992,7 @@ def main() -> int:
     for name in given.only or PICTURES:
         path = given.out / f"{name}.png"
         path.write_bytes(as_png(PICTURES[name](), dpi=_DPI))
-        print(f"{path}  {path.stat().st_size / 1000:.0f} kB")
+        write_line(f"{path}  {path.stat().st_size / 1000:.0f} kB")
     return 0
 
 

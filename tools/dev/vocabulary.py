@@ -15,6 +15,8 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from tools.cli.console import write_line
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
@@ -128,9 +130,9 @@ def main() -> int:
     allowed = table["tool"]["sweepctl"]["vocabulary"]["allowed"]
     hits, unused = check(ROOT, words, set(allowed))
     for hit in hits:
-        print(hit)
+        write_line(str(hit))
     for name in sorted(unused):
-        print(f"pyproject.toml: vocabulary: {name} is allowed, and no file defines it: remove it")
+        write_line(f"pyproject.toml: vocabulary: {name} is allowed but not defined: remove it")
     return int(bool(hits or unused))
 
 
