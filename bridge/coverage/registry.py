@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     Factory = Callable[[RobotModel, RandomSource, Sequence[str]], Planner]
 
 PLANNERS: dict[str, str] = {
-    "recovery": "ours: outlines along the walls, lanes between them, and back for what was hidden",
-    "paper": "the paper's algorithm to the letter: lanes, and one slot of memory for an obstacle",
+    "recovery": "the default: perimeter passes, lanes, and revisits of occluded regions",
+    "paper": "the paper's algorithm: lanes, and one slot of memory for an obstacle",
     "u-shape": "the traditional U-shaped trajectory: lanes with no memory",
     "random": "random bounce, for comparison",
 }
-"""What each planner is, in one line."""
+"""One-line description of each planner."""
 
 
 def _recovery(model: RobotModel, _rng: RandomSource, options: Sequence[str]) -> Planner:
@@ -58,7 +58,13 @@ class UnknownPlannerError(ValueError):
 def make_planner(
     name: str, model: RobotModel, rng: RandomSource, options: Sequence[str] = ()
 ) -> Planner:
-    """A new planner. ``rng`` is used only by those that throw dice; ``options``: ``name=value``.
+    """Make a planner from its name.
+
+    Args:
+        name: one of :data:`PLANNERS`.
+        model: the robot.
+        rng: source of random numbers; only ``random`` uses it.
+        options: ``name=value`` each.
 
     Raises:
         UnknownPlannerError: no planner has this name.

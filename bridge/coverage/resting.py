@@ -1,9 +1,8 @@
-"""Standing still between legs, now and then, for the gyro's sake.
+"""Rests between legs that measure the gyro bias.
 
-A gyro's bias follows the chip's temperature, which rises for minutes after power-up, and what
-motion adds to it can only be learnt once the rest is known. Who stands still measures it: a
-hundredth of a degree a second, which a minute of lanes makes half a degree, is gone after a
-second. How much the bias is doubted, the filter knows; with a chip that keeps it, that is little.
+The bias follows the chip's temperature, which rises for minutes after power-up. A standstill of one
+second measures it: an error of 0.01 °/s, which would turn the heading by 0.6° in a minute, is gone.
+The filter's standard deviation of the bias decides when a rest is due.
 """
 
 from __future__ import annotations
@@ -15,14 +14,17 @@ if TYPE_CHECKING:
     from bridge.motion.observation import Observation
 
 _UNCERTAIN_RAD_S = math.radians(0.012)
-"""A rest is due: the heading would stray by 0.7° in a minute."""
+"""Standard deviation of the bias from which a rest is due, rad/s: 0.7° of heading in a minute."""
 _SURE_RAD_S = math.radians(0.005)
+"""Standard deviation at which a rest ends, rad/s."""
 _MAX_S = 2.5
+"""Maximum duration of a rest, s."""
 _APART_S = 20.0
+"""Minimum time between two rests, s."""
 
 
 class GyroRest:
-    """Says when to hold, and for how long."""
+    """Decides when to rest, and for how long."""
 
     __slots__ = ("_begun_s", "_ended_s")
 
@@ -36,7 +38,7 @@ class GyroRest:
         return self._begun_s is not None
 
     def holds(self, obs: Observation) -> bool:
-        """Whether to stand still in this step; asked only where the robot may."""
+        """Whether to stand still in this step; called only between legs."""
         if self._begun_s is None:
             due = (
                 obs.gyro_bias_sigma_rad_s > _UNCERTAIN_RAD_S

@@ -24,14 +24,15 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 _MAX_DECISIONS = 16
-"""Legs that end in the step in which they began; more in a row is a planner going in circles."""
+"""Maximum number of legs in a row that end in the step in which they begin: more is an endless
+loop."""
 
 
 class PlanRunner:
     """Runs a plan to its end: one call of ``step`` per observation.
 
-    At rest before the first leg, while paused and after the end, to which it brakes within the
-    acceleration limits. Legs are only begun in ``step``.
+    Before the first leg, while paused and after the end the robot brakes to rest within the
+    acceleration limits. Only ``step`` begins legs.
     """
 
     def __init__(
@@ -40,10 +41,10 @@ class PlanRunner:
         model: RobotModel,
         tuning: MotionTuning | None = None,
     ) -> None:
-        """The planner must not have been started.
+        """Run a planner that was not started.
 
         Raises:
-            PlannerError: the planner lacks a method; before anything moves.
+            PlannerError: the planner lacks a method. Nothing has moved.
 
         """
         check_planner(planner)
@@ -86,17 +87,17 @@ class PlanRunner:
 
     @property
     def state(self) -> PlannerState:
-        """Where the planner stands."""
+        """State of the planner."""
         return self._planner.state
 
     @property
     def executor(self) -> LegExecutor:
-        """The controllers' side: the leg under way and the lateral velocity for the log."""
+        """The leg executor."""
         return self._executor
 
     @property
     def target(self) -> VelocityCommand:
-        """The velocity wanted, before smoothing."""
+        """The target velocity before smoothing."""
         return self._executor.target
 
     @property
@@ -105,23 +106,23 @@ class PlanRunner:
         return self._paused
 
     def drain_events(self) -> list[PlannerEvent]:
-        """The planner's decisions and the rests since the last call, oldest first."""
+        """Return the planner's decisions and rests since the last call, oldest first."""
         rests, self._rests = self._rests, []
         return [*self._planner.drain_events(), *rests]
 
     def pause(self) -> None:
-        """Hold: ``step`` brakes to rest and stays there until ``resume``; the leg is kept."""
+        """Brake to rest and hold until ``resume``; the leg is kept."""
         self._paused = True
 
     def resume(self) -> None:
-        """Go on with the leg that was held, along its own line."""
+        """Continue the held leg along its line."""
         self._paused = False
 
     def step(self, obs: Observation) -> VelocityCommand:
-        """Command for this observation.
+        """Return the velocity command for an observation.
 
         Raises:
-            PlannerError: the planner gave a leg that is none.
+            PlannerError: the planner gave an invalid leg.
 
         """
         executor = self._executor
@@ -148,11 +149,11 @@ class PlanRunner:
         return executor.brake(obs)
 
     def _holds(self, obs: Observation) -> bool:
-        """Whether to rest now."""
+        """Whether to rest in this step."""
         was_held = self._rest.held
         if self._rest.holds(obs) and not was_held:
             uncertainty_deg_s = round(math.degrees(obs.gyro_bias_sigma_rad_s), 4)
-            reason = "the gyro's bias is in doubt: standing still measures it"
+            reason = "the gyro bias is uncertain: a standstill measures it"
             self._rests.append(
                 PlannerEvent("rest", reason, {"uncertainty_deg_s": uncertainty_deg_s})
             )

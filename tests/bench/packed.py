@@ -54,15 +54,15 @@ def two_bits(memory: EvidenceMap) -> None:
 
 
 def and_bumps(memory: EvidenceMap) -> None:
-    lens = memory.lens.copy()
+    blocked = memory.blocked.copy()
     two_bits(memory)
-    memory.lens[:] = lens
+    memory.blocked[:] = blocked
 
 
 def and_bumps_in_blocks(memory: EvidenceMap) -> None:
-    lens = blocks(memory.lens)
+    blocked = blocks(memory.blocked)
     two_bits(memory)
-    memory.lens[:] = lens
+    memory.blocked[:] = blocked
 
 
 def and_tries(memory: EvidenceMap) -> None:
@@ -74,7 +74,7 @@ def and_tries(memory: EvidenceMap) -> None:
 def and_hints(memory: EvidenceMap) -> None:
     hint = memory.wall == 1
     two_bits(memory)
-    memory.wall[hint & (memory.been == 0)] = 1
+    memory.wall[hint & (memory.visited == 0)] = 1
 
 
 def blocks(layer: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MODEL, OPTIONS = RobotModel(), RecoveryOptions()
-LAYERS = ("swept", "wall", "near", "lens", "been", "tried")
+LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 place = st.tuples(
     st.floats(-0.8, 0.8, allow_nan=False),
     st.floats(-0.8, 0.8, allow_nan=False),
@@ -118,22 +118,22 @@ def test_observations_survive_as_documented(
     after = {name: getattr(memory, name)[part] for name in LAYERS}
     open_after, done_after = seen_by_the_planner(memory)
 
-    been, there = before["been"] > 0, before["wall"] >= SURE
-    assert ((after["been"] > 0) == been).all()
-    assert ((after["wall"] >= SURE) == (there & ~been)).all()
+    visited, there = before["visited"] > 0, before["wall"] >= SURE
+    assert ((after["visited"] > 0) == visited).all()
+    assert ((after["wall"] >= SURE) == (there & ~visited)).all()
     swept = before["swept"] > 0
-    assert (after["swept"] > 0)[swept & ~(there & ~been)].all()
+    assert (after["swept"] > 0)[swept & ~(there & ~visited)].all()
     given_up = before["tried"] >= OPTIONS.tries
-    assert not (after["swept"] > 0)[~(swept | given_up | been)].any()
+    assert not (after["swept"] > 0)[~(swept | given_up | visited)].any()
 
     assert (done_after | ~done_before).all()
-    assert not (done_after & ~done_before & ~been[1:-1, 1:-1]).any()
+    assert not (done_after & ~done_before & ~visited[1:-1, 1:-1]).any()
     # nothing that was open is shut; what bars the axle now is what is still known to stand there
     assert (open_after | ~open_before).all()
-    blocked = around(there & ~been)
-    assert (open_after == (been | ~blocked)[1:-1, 1:-1]).all()
+    blocked = around(there & ~visited)
+    assert (open_after == (visited | ~blocked)[1:-1, 1:-1]).all()
     # and no more was lost than by a bump, by a thing outside the box or by one where the axle was
-    if not (before["lens"] > 0).any() and ((before["near"] > 0) == blocked).all():
+    if not (before["blocked"] > 0).any() and ((before["inflated"] > 0) == blocked).all():
         assert (open_after == open_before).all()
 
 

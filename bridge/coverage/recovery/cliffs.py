@@ -1,8 +1,8 @@
-"""Where the floor ends: what the cliff sensor told, and what follows from it.
+"""Cliffs: where the cliff sensor missed the floor, and what that forbids.
 
-One bit, of three spots under the front rim: which of them is over an edge is not told, nor how that
-runs on. No ranger sees it, so it is not followed; it is driven up to by lanes, slowly where it is
-known, and left alone by outlines and ways.
+The sensor gives one bit for three spots under the front rim: neither the spot nor the direction of
+the cliff is known. No range sensor sees a cliff, so it is not followed. Lanes lead up to it, slowly
+where it is known; perimeter passes and transits avoid it.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 SPAN_RAD = math.radians(55.0)
-"""Between the heading and the outer spots."""
+"""Angle between the heading and the outer spots, rad."""
 WHEEL_M = 0.22
-"""The axle keeps so far from where the floor may be missing: half the wheel base, and how far an
-edge may reach on unseen between two spots."""
+"""Distance that the axle keeps from missing floor, m: half the wheel base, and the reach of a cliff
+between two spots."""
 _INSIDE_M = 0.01
-"""From the rim to the spots."""
+"""Distance from the rim to the spots, m."""
 _SAME_M, _SAME_RAD = 0.02, math.radians(15.0)
-"""Seen from so near to where it was seen before, it tells nothing new."""
+"""Distance (m) and turn (rad) within which a cliff seen again adds nothing."""
 _FLOOR_M, _ASIDE_M = (0.01, 0.06), 0.02
-"""Floor that is seen so far beyond where it may be missing, and so little aside: it is there."""
+"""Distance ahead (m, both bounds) and aside (m) of a mark within which seen floor removes it."""
 _NEAR_M, _SLOW_M_S = 0.35, 0.10
-"""So near to where an edge was seen the robot goes slowly: a halt from 0.28 m/s takes 5 cm of
-the 9 that the outer spots look ahead of the wheels."""
+"""Distance from a cliff (m) within which the speed is limited (m/s): stopping from 0.28 m/s takes
+5 of the 9 cm that the outer spots look ahead of the wheels."""
 
 
 class Cliffs:
-    """The poses at which no floor was seen ahead, and where it may be missing."""
+    """Poses at which the floor ahead was missing, and the spots concerned."""
 
     def __init__(self, radius_m: float) -> None:
-        """None yet; ``radius_m``: of the body, at whose front rim the sensor looks."""
+        """Begin without a cliff; ``radius_m`` is the footprint's radius."""
         self._radius_m = radius_m
         self.poses: list[Pose2] = []
         self.rims: list[tuple[float, float]] = []
-        """The middle of the front rim at each, metres."""
+        """Middle of the front rim at each pose, m."""
         self.marks: list[Pose2] = []
-        """Spots that saw no floor, or are beside one that did not, and the way they looked."""
+        """Spots that saw no floor or are next to one, with their direction."""
 
     def __bool__(self) -> bool:
         """Whether any was seen."""

@@ -5,9 +5,9 @@ Layers, all of shape (rows, columns), y then x, one byte a cell:
 - ``swept``: the mouth went over the cell's centre.
 - ``wall``: how often something was met there, less how often a beam passed; from ``SURE`` on
   the cell counts as occupied.
-- ``near``: number of occupied cells within the body's radius: where the axle cannot be.
-- ``lens``: where a bump says the axle cannot be.
-- ``been``: the axle was there. It overrules the two layers above.
+- ``inflated``: number of occupied cells within the footprint's radius: the axle cannot be there.
+- ``blocked``: cells where the axle cannot be because of a bump.
+- ``visited``: the axle was there. It overrules the two layers above.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _square(x: cython.double, y: cython.double) -> cython.double:
 @cython.exceptval(check=False)
 def add_wall(  # noqa: PLR0913, PLR0917 - layers and a cell
     wall: Layer,
-    near: Layer,
+    inflated: Layer,
     row: cython.int,
     col: cython.int,
     weight: cython.int,
@@ -83,8 +83,8 @@ def add_wall(  # noqa: PLR0913, PLR0917 - layers and a cell
         for j in range(-whole, whole + 1):
             c = col + j
             if 0 <= c < cols and i * i + j * j <= limit:
-                count: cython.int = int(near[r, c])
-                near[r, c] = count + step
+                count: cython.int = int(inflated[r, c])
+                inflated[r, c] = count + step
 
 
 def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
@@ -109,10 +109,10 @@ def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
     y0 += ahead * s0
     x1 += ahead * c1
     y1 += ahead * s1
-    way = hypot(x1 - x0, y1 - y0)
+    path = hypot(x1 - x0, y1 - y0)
     xm, ym = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     cm, sm = 0.5 * (c0 + c1), 0.5 * (s0 + s1)
-    span = half + 0.5 * way + 1.0
+    span = half + 0.5 * path + 1.0
     new = 0
     top, bottom = _first(ym - span), _last(ym + span, rows)
     first, last = _first(xm - span), _last(xm + span, cols)
@@ -133,8 +133,8 @@ def sweep(  # noqa: PLR0913, PLR0917 - two poses in cells
 
 def clear_body(  # noqa: PLR0913, PLR0917 - layers and a pose in cells
     wall: Layer,
-    near: Layer,
-    been: Layer,
+    inflated: Layer,
+    visited: Layer,
     x: cython.double,
     y: cython.double,
     inner: cython.double,
@@ -145,7 +145,7 @@ def clear_body(  # noqa: PLR0913, PLR0917 - layers and a pose in cells
     row: cython.int = int(y)
     col: cython.int = int(x)
     if 0 <= row < rows and 0 <= col < cols:
-        been[row, col] = 1
+        visited[row, col] = 1
     limit = inner * inner
     top, bottom = _first(y - inner), _last(y + inner, rows)
     first, last = _first(x - inner), _last(x + inner, cols)
@@ -154,12 +154,12 @@ def clear_body(  # noqa: PLR0913, PLR0917 - layers and a pose in cells
         for c in range(first, last):
             dx = c + 0.5 - x
             if wall[r, c] and dy * dy + dx * dx < limit:
-                add_wall(wall, near, r, c, -_MOST, reach)
+                add_wall(wall, inflated, r, c, -_MOST, reach)
 
 
 def beam(  # noqa: PLR0913, PLR0917 - layers and a ray in cells
     wall: Layer,
-    near: Layer,
+    inflated: Layer,
     x: cython.double,
     y: cython.double,
     dx: cython.double,
@@ -180,15 +180,15 @@ def beam(  # noqa: PLR0913, PLR0917 - layers and a ray in cells
         r, c = int(y + t * dy), int(x + t * dx)
         if (r != last_r or c != last_c) and 0 <= r < rows and 0 <= c < cols:
             if wall[r, c]:
-                add_wall(wall, near, r, c, -1, reach)
+                add_wall(wall, inflated, r, c, -1, reach)
             last_r, last_c = r, c
         t += 0.5
     if weight:
-        add_wall(wall, near, int(y + hit * dy), int(x + hit * dx), weight, reach)
+        add_wall(wall, inflated, int(y + hit * dy), int(x + hit * dx), weight, reach)
 
 
-def bump_lens(  # noqa: PLR0913, PLR0917 - a layer and three contact points in cells
-    lens: Layer,
+def bump_area(  # noqa: PLR0913, PLR0917 - a layer and three contact points in cells
+    blocked: Layer,
     x: cython.double,
     y: cython.double,
     low: cython.double,
@@ -196,7 +196,7 @@ def bump_lens(  # noqa: PLR0913, PLR0917 - a layer and three contact points in c
     reach: cython.double,
 ) -> None:
     """The axle cannot be where any contact between the bearings ``low`` and ``high`` forbids it."""
-    rows, cols = lens.shape[0], lens.shape[1]
+    rows, cols = blocked.shape[0], blocked.shape[1]
     mid = 0.5 * (low + high)
     ax, ay = x + reach * cos(low), y + reach * sin(low)
     bx, by = x + reach * cos(mid), y + reach * sin(mid)
@@ -213,7 +213,7 @@ def bump_lens(  # noqa: PLR0913, PLR0917 - a layer and three contact points in c
                 and _square(px - bx, py - by) < limit
                 and _square(px - cx, py - cy) < limit
             ):
-                lens[r, c] = 1
+                blocked[r, c] = 1
 
 
 def fresh_ahead(  # noqa: PLR0913, PLR0917 - a layer and a pose in cells
@@ -287,7 +287,7 @@ def pace(  # noqa: PLR0913, PLR0917 - a layer, a pose in cells, limits
                 continue
             reach = sqrt(rim * rim - aside * aside)
             soft = touch * rim / reach
-            way = max(ahead - reach, 0.0)
-            speed = sqrt((push + soft) * (push + soft) + 2.0 * decel * way) - push
+            path = max(ahead - reach, 0.0)
+            speed = sqrt((push + soft) * (push + soft) + 2.0 * decel * path) - push
             most = min(most, max(speed, soft))
     return most

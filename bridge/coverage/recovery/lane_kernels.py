@@ -118,7 +118,7 @@ def _judge(
     backwards: cython.bint,
     new: cython.int,
     edges: cython.int,
-    way: cython.double,
+    path: cython.double,
     bearing: cython.double,
     prices: LanePrices,
     heading: cython.double,
@@ -126,8 +126,8 @@ def _judge(
     """Price one candidate and keep it if it is the best so far."""
     length = (last - first + 1) * 2.0
     direction = prices.heading_rad + (_PI if backwards else 0.0)
-    time = (way * 0.2 + length) / prices.speed_cm_s + prices.stop_s
-    if way > 40.0:  # noqa: PLR2004 - 8 cm: there is a way to go first
+    time = (path * 0.2 + length) / prices.speed_cm_s + prices.stop_s
+    if path > 40.0:  # noqa: PLR2004 - 8 cm: there is a way to go first
         off = _between(bearing, heading)
         off2 = _between(direction, bearing)
         time += (off + off2) * prices.turn_s_rad + prices.stop_s

@@ -1,4 +1,4 @@
-"""The planner's memory: a map of what was swept and of where the axle cannot be."""
+"""The planner's map: the swept floor, and where the axle cannot be."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bridge.coverage.recovery.evidence_kernels import (
     SURE,
     add_wall,
     beam,
-    bump_lens,
+    bump_area,
     clear_body,
     fresh_ahead,
     pace,
@@ -38,35 +38,46 @@ if TYPE_CHECKING:
     Ints = NDArray[np.intp]
 
 _FIRST_M = 3.0
+"""Half the side of the first map, m."""
 _GROW_M = 1.5
+"""Floor by which the map grows, m."""
 _NEAR_M = 0.6
-"""The map grows when the robot comes this near to its edge."""
+"""Distance of the robot from the map's border at which it grows, m."""
 _MOVED_CELLS = 0.25
+"""Motion after which the mouth's strip is entered, cells."""
 _TURNED_RAD = 0.02
+"""Turn after which the mouth's strip is entered, rad."""
 _READING_S = 0.05
+"""Time after which an unchanged infrared reading counts again, s."""
 _STRONG_M = 0.12
-"""A reading nearer than this counts double: one such makes a cell occupied."""
+"""Infrared range below which a reading counts double, m: one such reading makes a cell occupied."""
 _POINT = 2
+"""Weight of a contact: it makes a cell occupied."""
 _SPAN_RAD = math.radians(87.0)
+"""Angle that one bumper switch covers from the front, rad."""
 _OVERLAP_RAD = math.radians(10.0)
+"""Half angle of a contact that presses both switches, rad."""
 _ABEAM_RAD = math.radians(60.0)
+"""Bearing beyond which a followed wall is near the rim anyway, rad."""
 _RIM_CELLS = 1.75
-"""Evidence this near to the rim may be what was touched."""
-_BESIDE, _BESIDE_STRAIGHT = 0.9, 0.6
-"""Of the radius: what is farther aside is the wall that is followed, round a corner or straight."""
+"""Distance from the rim within which evidence may be the contact, cells."""
+_BESIDE = 0.9
+"""Share of the radius beyond which an obstacle aside is the followed wall, round a corner."""
+_BESIDE_STRAIGHT = 0.6
+"""The same along a straight wall."""
 _KNOWN_M = 0.10
-"""Between the wheels, where the axle was, there is floor."""
-_LAYERS = ("swept", "wall", "near", "lens", "been", "tried")
+"""Distance from the axle's path within which there is floor, m: it lies between the wheels."""
+_LAYERS = ("swept", "wall", "inflated", "blocked", "visited", "tried")
 
 
 class EvidenceMap:
     """Layers of cells in the frame of the estimate; see ``evidence_kernels``.
 
-    ``tried`` counts how often a cell was gone for in vain.
+    ``tried`` counts the fruitless attempts at a cell.
     """
 
     def __init__(self, model: RobotModel, options: RecoveryOptions, pose: Pose2) -> None:
-        """Nothing known but that the robot stands at ``pose``."""
+        """Begin with nothing but the robot's place."""
         self._model, self._options = model, options
         cell = options.cell_m
         self._per_m = 1.0 / cell
@@ -78,20 +89,20 @@ class EvidenceMap:
         self.x0_m = pose.x_m - _FIRST_M
         self.y0_m = pose.y_m - _FIRST_M
         self.swept: Layer = np.zeros((size, size), dtype=np.uint8)
-        self.wall, self.near, self.lens, self.been, self.tried = (
+        self.wall, self.inflated, self.blocked, self.visited, self.tried = (
             np.zeros_like(self.swept) for _ in range(5)
         )
         x, y = self.to_cells(pose.x_m, pose.y_m)
         self._last = (x, y, pose.theta_rad)
-        self._been_at = (x, y)
+        self._visited_at = (x, y)
         self._low, self._high = [x, y], [x, y]
         self.cliffs = Cliffs(model.radius_m)
         self._guessed: list[tuple[float, float]] = []
-        """Where something was put for a bump alone, metres."""
+        """Points, m, that only a bump put into the map."""
         self._readings: tuple[float | None, float | None] = (None, None)
         self._read_s = -1.0
         self.new_cells = 0
-        clear_body(self.wall, self.near, self.been, x, y, self._inner, self._reach)
+        clear_body(self.wall, self.inflated, self.visited, x, y, self._inner, self._reach)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -108,9 +119,9 @@ class EvidenceMap:
         return self.x0_m + column * cell, self.y0_m + row * cell
 
     def box(self, margin_m: float | None = None) -> tuple[int, int, int, int]:
-        """Rows and columns (half open) of the floor believed to exist.
+        """Return rows and columns (half open) of the floor near the axle's path.
 
-        That is what lies within ``margin_m`` (default: the options') of where the axle was.
+        ``margin_m`` is the distance from the path, m; the default is that of the options.
         """
         if margin_m is None:
             margin_m = self._options.margin_m + self._model.radius_m
@@ -130,7 +141,7 @@ class EvidenceMap:
         self._extend(*self.to_cells(x_m, y_m))
 
     def update(self, obs: Observation) -> None:
-        """Take one observation: the mouth's way, the body's place, the side infrared."""
+        """Enter an observation: the mouth's strip, the footprint and the side infrared."""
         pose = obs.pose
         x, y = (pose.x_m - self.x0_m) * self._per_m, (pose.y_m - self.y0_m) * self._per_m
         lx, ly, lth = self._last
@@ -140,7 +151,7 @@ class EvidenceMap:
                 self.swept, lx, ly, lth, x, y, pose.theta_rad, self.half, self._ahead
             )
             self._last = (x, y, pose.theta_rad)
-            bx, by = self._been_at
+            bx, by = self._visited_at
             if abs(x - bx) + abs(y - by) > 0.5:  # noqa: PLR2004 - half a cell
                 self._move(x, y)
         if self.cliffs and not obs.cliff:
@@ -154,16 +165,16 @@ class EvidenceMap:
                 self._look(pose, self._model.infrared_right, readings[1])
 
     def add_point(self, x_m: float, y_m: float, weight: int = _POINT) -> None:
-        """Something stands at a point."""
+        """Enter an obstacle at a point, m."""
         x, y = self.to_cells(x_m, y_m)
-        add_wall(self.wall, self.near, int(y), int(x), weight, self._reach)
+        add_wall(self.wall, self.inflated, int(y), int(x), weight, self._reach)
 
     def contact_rad(self, pose: Pose2, *, left: bool, right: bool, beside: int = 0) -> float:
-        """Bearing from the heading at which a pressed bumper most likely touches.
+        """Return the most likely bearing of a contact from the heading, rad.
 
-        That of the evidence nearest to the rim on the pressed half; without any, its middle.
-        What is nearly abeam on the side ``beside`` (1: left, -1: right) is left out: a wall that
-        is followed there is always near to the rim.
+        It is the bearing of the evidence nearest to the rim on the pressed side, else the middle of
+        that side. Evidence nearly abeam on the side ``beside`` (1: left, -1: right) is left out,
+        since a followed wall is always near the rim.
         """
         low, high = _pressed(left=left, right=right)
         if beside > 0:
@@ -187,14 +198,15 @@ class EvidenceMap:
         return self.contact_rad(result.pose, left=left, right=right, beside=beside)
 
     def occupied(self, x_m: float, y_m: float, radius_m: float) -> int:
-        """Number of cells so near to a point that count as occupied."""
+        """Count the occupied cells within a radius of a point, m."""
         return int((self.wall[self._disc(x_m, y_m, radius_m)] >= SURE).sum())
 
     def add_bump(self, pose: Pose2, *, left: bool, right: bool) -> None:
-        """A bumper half, or both, is pressed at a pose.
+        """Enter a contact that presses one bumper switch or both.
 
-        Where nothing known is touched, a half does not tell what is. It is put in its middle, so
-        that the robot goes slowly there, though it may be 12 cm from it: :meth:`clear_bumps`.
+        One switch does not locate an unknown obstacle. The map then gets it in the middle of the
+        switch, so that the robot is slow there, although the obstacle may be 12 cm away:
+        :meth:`clear_bumps` removes it.
         """
         low, high = _pressed(left=left, right=right)
         seen = self._touched(pose, low, high)
@@ -208,64 +220,68 @@ class EvidenceMap:
             low, high = -_OVERLAP_RAD, _OVERLAP_RAD
         x, y = self.to_cells(pose.x_m, pose.y_m)
         theta = pose.theta_rad
-        bump_lens(self.lens, x, y, theta + low, theta + high, self._model.radius_m * self._per_m)
+        bump_area(self.blocked, x, y, theta + low, theta + high, self._model.radius_m * self._per_m)
 
     def add_cliff(self, pose: Pose2) -> None:
-        """No floor is ahead at a pose."""
+        """Enter a cliff ahead of a pose."""
         self.cliffs.add(
-            pose, lambda x_m, y_m: bool(self.been[self._disc(x_m, y_m, _KNOWN_M)].any())
+            pose, lambda x_m, y_m: bool(self.visited[self._disc(x_m, y_m, _KNOWN_M)].any())
         )
 
     def places(self) -> tuple[Layer, Layer]:
-        """Where the axle cannot be for what only bumps or the missing floor tell; where it was.
+        """Return the cells blocked by bumps or cliffs, and the cells where the axle was.
 
-        That it was there overrules what bumps tell, and not an edge: it has been over one.
+        A visit overrules a bump but not a cliff, over which the axle may have been.
         """
         if not self.cliffs:
-            return self.lens, self.been
-        shut = np.zeros_like(self.lens)
+            return self.blocked, self.visited
+        shut = np.zeros_like(self.blocked)
         reach = self._model.radius_m * self._per_m
         for pose in self.cliffs.poses:
             x, y = self.to_cells(pose.x_m, pose.y_m)
             theta = pose.theta_rad
-            bump_lens(shut, x, y, theta - SPAN_RAD, theta + SPAN_RAD, reach)
+            bump_area(shut, x, y, theta - SPAN_RAD, theta + SPAN_RAD, reach)
         for mark in self.cliffs.marks:
             shut[self._disc(mark.x_m, mark.y_m, WHEEL_M)] = 1
-        return self.lens | shut, self.been & (1 - shut)
+        return self.blocked | shut, self.visited & (1 - shut)
 
     def abandon(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """A place was gone for in vain: one try less for its unswept cells."""
+        """Count a fruitless attempt at the cells within a radius of a point, m."""
         square, _ = self._square(*self.to_cells(x_m, y_m), radius_m)
         part = self.tried[square]
         np.add(part, 1, out=part, where=part < 250)  # noqa: PLR2004 - a byte
 
     def block(self, x_m: float, y_m: float, radius_m: float) -> None:
-        """Hold a disc to be no place for the axle, but for where it was."""
-        self.lens[self._disc(x_m, y_m, radius_m)] = 1
+        """Block the cells within a radius of a point, m, for the axle, except where it was."""
+        self.blocked[self._disc(x_m, y_m, radius_m)] = 1
 
     def clear(self, pose: Pose2, things_m: float, places_m: float) -> None:
-        """Drop the things so near to a pose, and that places so near to it are forbidden."""
+        """Remove obstacles within ``things_m`` and blocks within ``places_m`` of a pose, m."""
         x, y = self.to_cells(pose.x_m, pose.y_m)
         part, _ = self._square(x, y, places_m)
-        self.lens[part] = 0
+        self.blocked[part] = 0
         self.cliffs.clear(pose, places_m)
         part, (r0, c0) = self._square(x, y, things_m)
         for row, col in np.argwhere(self.wall[part]).tolist():
-            add_wall(self.wall, self.near, row + r0, col + c0, -MOST, self._reach)
+            add_wall(self.wall, self.inflated, row + r0, col + c0, -MOST, self._reach)
 
     def clear_bumps(self, radius_m: float) -> bool:
-        """Drop what only bumps tell, and that places so near to it were gone for in vain.
+        """Remove evidence that only bumps gave, and fruitless attempts within ``radius_m`` of it.
 
-        Whether there was any. A thing stays where both halves were pressed, or where one was known
-        before. Bumps are put where the robot believed itself to be: a narrow
-        passage that was tried from two places a little off is shut by them, though it is open.
+        Obstacles stay where both switches were pressed, or where one was known before. Bumps are
+        entered at the estimated pose, so two attempts from slightly wrong poses can block a narrow
+        passage that is open.
+
+        Returns:
+            Whether there was any such evidence.
+
         """
-        cells = np.argwhere((self.lens > 0) & (self.been == 0))
+        cells = np.argwhere((self.blocked > 0) & (self.visited == 0))
         reach = math.ceil(radius_m * self._per_m)
         for row, col in cells[:: max(reach // 2, 1)].tolist():
             r0, c0 = max(row - reach, 0), max(col - reach, 0)
             self.tried[r0 : row + reach + 1, c0 : col + reach + 1] = 0
-        self.lens[:] = 0
+        self.blocked[:] = 0
         any_guess = bool(self._guessed)
         for point in self._guessed:
             self.add_point(*point, weight=-_POINT)
@@ -275,9 +291,13 @@ class EvidenceMap:
     def fresh(
         self, pose: Pose2, ahead_m: tuple[float, float], aside_m: tuple[float, float]
     ) -> float:
-        """Share that is not swept of a strip straight ahead, by two distances along and across.
+        """Return the unswept share of a rectangle ahead.
 
-        ``aside_m``: the lower bound first, left positive.
+        Args:
+            pose: pose from which it is seen.
+            ahead_m: its bounds along the heading, m.
+            aside_m: its bounds across the heading, m, left positive, the lower one first.
+
         """
         x, y = self.to_cells(pose.x_m, pose.y_m)
         per = self._per_m
@@ -293,14 +313,15 @@ class EvidenceMap:
         )
 
     def pace(self, pose: Pose2, following: int, brake: Braking, *, straight: bool = False) -> float:
-        """Fastest forward speed that touches nothing known harder than is harmless, m/s.
+        """Return the highest forward speed, m/s, with harmless contacts at known obstacles.
 
         Args:
-            pose: where the robot is.
-            following: a wall on the left (1) or right (-1), which is meant to be touched; 0: none.
-            brake: how it can be stopped.
-            straight: whether that wall is followed straight on. Then what was known of it before
-                the estimate was set right, some centimetres off, does not count.
+            pose: the robot's pose.
+            following: a followed wall on the left (1) or right (-1), which may be touched; 0: none.
+            brake: braking distance of the robot.
+            straight: whether that wall is straight. Older evidence of it, some centimetres off
+                because of a pose correction, then does not count.
+
 
         """
         x, y = self.to_cells(pose.x_m, pose.y_m)
@@ -324,11 +345,11 @@ class EvidenceMap:
         return min(known, self.cliffs.pace(pose)) if self.cliffs else known
 
     def packed(self) -> PackedMap:
-        """The map as a microcontroller would hold it between two legs: 2 bits a cell."""
+        """Return the map in 2 bits a cell, as a microcontroller would hold it between two legs."""
         r0, r1, c0, c1 = self.box(self._model.radius_m + packed.RIM_M)
         part = np.s_[r0:r1, c0:c1]
         done = (self.swept[part] > 0) | (self.tried[part] >= self._options.tries)
-        kind = packed.kinds(done, self.been[part] > 0, self.wall[part] >= SURE)
+        kind = packed.kinds(done, self.visited[part] > 0, self.wall[part] >= SURE)
         return packed.pack(*self.to_metres(c0, r0), kind)
 
     def unpack(self, kept: PackedMap) -> None:
@@ -348,10 +369,10 @@ class EvidenceMap:
         for name in _LAYERS:
             getattr(self, name).fill(0)
         part = np.s_[r0 : r0 + kept.rows, c0 : c0 + kept.columns]
-        self.been[part] = kind == packed.BEEN
+        self.visited[part] = kind == packed.BEEN
         self.swept[part] = (kind == packed.BEEN) | (kind == packed.DONE)
         for r, c in np.argwhere(kind == packed.OCCUPIED).tolist():
-            add_wall(self.wall, self.near, r + r0, c + c0, SURE, self._reach)
+            add_wall(self.wall, self.inflated, r + r0, c + c0, SURE, self._reach)
 
     # -- inside ------------------------------------------------------------------------------
 
@@ -375,7 +396,7 @@ class EvidenceMap:
         return near_rows + r0, near_cols + c0
 
     def _touched(self, pose: Pose2, low: float, high: float) -> float | None:
-        """Bearing of the evidence nearest to the rim between two bearings; None: there is none."""
+        """Return the bearing of the evidence nearest to the rim between two bearings, if any."""
         x, y = self.to_cells(pose.x_m, pose.y_m)
         radius = self._model.radius_m * self._per_m
         reach = math.ceil(radius + _RIM_CELLS)
@@ -391,7 +412,7 @@ class EvidenceMap:
         return found
 
     def _is_guess(self, point: tuple[float, float]) -> bool:
-        """Whether what is touched there is only what a bump before put there."""
+        """Whether only an earlier bump put an obstacle there."""
         return any(math.dist(point, guess) < self._options.cell_m for guess in self._guessed)
 
     def _extend(self, x: float, y: float) -> None:
@@ -399,9 +420,9 @@ class EvidenceMap:
         self._high = [max(self._high[0], x), max(self._high[1], y)]
 
     def _move(self, x: float, y: float) -> None:
-        self._been_at = (x, y)
+        self._visited_at = (x, y)
         self._extend(x, y)
-        clear_body(self.wall, self.near, self.been, x, y, self._inner, self._reach)
+        clear_body(self.wall, self.inflated, self.visited, x, y, self._inner, self._reach)
         rim = _NEAR_M * self._per_m + self._options.margin_m * self._per_m
         rows, cols = self.shape
         if min(x, y) < rim or x > cols - rim or y > rows - rim:
@@ -416,7 +437,7 @@ class EvidenceMap:
         weight = 0 if not seen else 2 if far_m < _STRONG_M else 1
         beam(
             self.wall,
-            self.near,
+            self.inflated,
             x,
             y,
             math.cos(angle),
@@ -439,7 +460,7 @@ class EvidenceMap:
         self.y0_m -= down * self._options.cell_m
         lx, ly, lth = self._last
         self._last = (lx + left, ly + down, lth)
-        self._been_at = (self._been_at[0] + left, self._been_at[1] + down)
+        self._visited_at = (self._visited_at[0] + left, self._visited_at[1] + down)
         self._low = [self._low[0] + left, self._low[1] + down]
         self._high = [self._high[0] + left, self._high[1] + down]
 

@@ -55,11 +55,11 @@ class PackedMap:
         return len(self.cells) + _HEAD_BYTES
 
 
-def kinds(done: Mask, been: Mask, occupied: Mask) -> Kinds:
+def kinds(done: Mask, visited: Mask, occupied: Mask) -> Kinds:
     """The kind of each cell."""
     kind: Kinds = np.where(done, DONE, UNKNOWN).astype(np.uint8)
     kind[occupied] = OCCUPIED
-    kind[been] = BEEN
+    kind[visited] = BEEN
     return kind
 
 

@@ -112,7 +112,7 @@ class RecoveryPlanner(ScriptedPlanner):
         """Sweep what was chosen, and judge what it gave."""
         before = context.map.new_cells
         self.record.emit(events.chosen(choice))
-        begin = Pose2(*choice.way[-1], choice.heading_rad)
+        begin = Pose2(*choice.path[-1], choice.heading_rad)
         is_lane = choice.kind == "lane"
         region = context.occlusions.met(begin, choice.length_m) if is_lane else None
         context.recovering = region
@@ -133,6 +133,6 @@ class RecoveryPlanner(ScriptedPlanner):
         self.record.end_figures = {
             "swept_m2": round(context.map.new_cells * self.options.cell_m**2, 2),
             "left_cm2": round(self._chooser.left_m2 * 1e4),
-            "shadows_open": len(context.occlusions.open),
+            "occlusions_open": len(context.occlusions.open),
         }
         return reason

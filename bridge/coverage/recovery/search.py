@@ -45,7 +45,7 @@ class Choice:
 
     kind: str
     """``lane``, ``perimeter`` or ``sight``."""
-    way: tuple[Point, ...]
+    path: tuple[Point, ...]
     """Corners of the way to the beginning, the robot's place left out."""
     heading_rad: float
     """Of the lane; of an outline or a sight: along the wall."""
@@ -117,7 +117,7 @@ class Chooser:
             self.shut_in = self.parted_at is not None
         return choice
 
-    def way_to(
+    def path_to(
         self, memory: EvidenceMap, pose: Pose2, points: Sequence[Point]
     ) -> Generator[None, None, tuple[int, tuple[Point, ...]] | None]:
         """The point with the shortest way, and its corners, in slices; ``None``: none is near.
@@ -140,11 +140,11 @@ class Chooser:
                 yield
             self._spent += window.settled
             ways = [(int(window.dist[goal]), k) for k, goal in enumerate(goals) if goal is not None]
-            way, k = min((way for way in ways if way[0] >= 0), default=(most, -1))
+            path, k = min((path for path in ways if path[0] >= 0), default=(most, -1))
             goal = goals[k]
-            if way < most and goal is not None:
+            if path < most and goal is not None:
                 window.ways[:] = window.dist
-                return k, (*window.way(*goal)[:-1], points[k])
+                return k, (*window.path(*goal)[:-1], points[k])
         return None
 
     # -- inside ------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ class Chooser:
         area = self._options.cell_m**2
         return Choice(
             "perimeter",
-            window.way(found.row, found.col),
+            window.path(found.row, found.col),
             found.bearing_rad + _QUARTER,
             0.0,
             self._options.perimeter_cells * area,
@@ -227,11 +227,11 @@ class Chooser:
         begin, end = (found.last, found.first) if found.backwards else (found.first, found.last)
         x, y = image.point(found.row + 0.5, begin + 0.5, across=across)
         heading = image.angle_rad + across * _QUARTER + (math.pi if found.backwards else 0.0)
-        way = window.way(int(y), int(x))
+        path = window.path(int(y), int(x))
         return Choice(
             "lane",
             # the lane's own line, not the nearest cell's centre
-            (*way[:-1], window.metres(x, y)),
+            (*path[:-1], window.metres(x, y)),
             heading,
             (abs(end - begin) + 1) * self._options.cell_m,
             found.new * area,
@@ -248,8 +248,8 @@ def _parted(memory: EvidenceMap, window: Window, pose: Pose2) -> Point | None:
     column, row = memory.to_cells(*window.metres(0.5, 0.5))
     r0, c0 = int(row), int(column)
     part = np.s_[r0 : r0 + rows, c0 : c0 + cols]
-    lens, been = memory.places()
-    was_there = (been[part] > 0) & (memory.near[part] == 0) & (lens[part] == 0)
+    blocked, visited = memory.places()
+    was_there = (visited[part] > 0) & (memory.inflated[part] == 0) & (blocked[part] == 0)
     cells = np.argwhere(was_there & (window.dist < 0))
     if len(cells) < _PARTED_CELLS:
         return None

@@ -181,8 +181,8 @@ class StuckPolicy:
         if self._map.occupied(*contact, _WALL_M) < _MIN_WALL_CELLS:
             return False
         for before, side, cells in self._passages:
-            near = side == left and before.distance_m(pose) < _SAME_PLACE_M
-            if near and floor - cells < FLOOR_CELLS:
+            inflated = side == left and before.distance_m(pose) < _SAME_PLACE_M
+            if inflated and floor - cells < FLOOR_CELLS:
                 return False
         self._passages.append((pose, left, floor))
         self._left_path_at = pose
@@ -214,7 +214,7 @@ class StuckPolicy:
             promised = _PERIMETER_CELLS
         if new_cells > _LITTLE * promised:
             return
-        x, y = choice.way[-1]
+        x, y = choice.path[-1]
         far = math.dist((self._left_path_at or pose)[:2], (x, y)) > _FAR_M
         if far and not arrived and self._fruitless < _SPARED:
             return

@@ -1,6 +1,6 @@
-"""Straight stretches of walls that were followed: where the heading can be taken again.
+"""Straight wall segments that were followed: places for a heading fix.
 
-A few dozen numbers, as a microcontroller would keep them.
+A few dozen numbers, so that they fit a microcontroller.
 """
 
 from __future__ import annotations
@@ -14,19 +14,23 @@ if TYPE_CHECKING:
     from bridge.motion.geometry import Pose2
 
 HEADING_RUN_M = 0.48
-"""One sight of 40 cm, which tells the direction to a third of a degree by a noisy infrared, and
-what it takes to come onto the line."""
+"""Length of a run along a wall, m: 40 cm for a measurement, which gives the direction to a third
+of a degree with a noisy infrared, and the approach to the line."""
 OFF_M = 0.035
-"""Farther off the wall than its outline: the place may be as wrong, and who rubs against a wall
-takes it for his heading."""
+"""Gap to the wall beyond that of a perimeter pass, m: the position may be off by as much, and a
+robot that grazes a wall takes the wall's direction for its heading."""
 _MIN_M = 0.5
-_MOST = 24
+"""Minimum length of a kept segment, m."""
+_MAX_KEPT = 24
+"""Number of kept segments."""
 _BENT_RAD = math.radians(10.0)
+"""Turn of the heading that ends a segment, rad."""
 _TRIES = 2
+"""Fruitless runs in a row after which a segment is dropped."""
 
 
 class Start(NamedTuple):
-    """Where the axle begins along a wall, a little off it."""
+    """Pose of the axle at the beginning of a run along a wall."""
 
     x_m: float
     y_m: float
@@ -42,7 +46,7 @@ class _Segment(NamedTuple):
     """The wall is on the left (1) or right (-1)."""
 
     def starts(self) -> tuple[Start, Start]:
-        """From either end."""
+        """Return the starts at both ends."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         x, y = self.x_m + self.side * OFF_M * s, self.y_m - self.side * OFF_M * c
         back = wrap_angle(self.heading_rad + math.pi)
@@ -53,10 +57,10 @@ class _Segment(NamedTuple):
 
 
 class WallSegments:
-    """Keeps the longest ones."""
+    """Keeps the longest wall segments."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Begin without a segment."""
         self._begun: Pose2 | None = None
         self._kept: list[_Segment] = []
         self._fails: dict[_Segment, int] = {}
@@ -81,15 +85,15 @@ class WallSegments:
             return
         heading = math.atan2(pose.y_m - begun.y_m, pose.x_m - begun.x_m)
         self._kept.append(_Segment(length, begun.x_m, begun.y_m, heading, side))
-        if len(self._kept) > _MOST:
+        if len(self._kept) > _MAX_KEPT:
             self._kept.remove(min(self._kept))
 
     def starts(self) -> list[Start]:
-        """Where one could begin: of every stretch both ends."""
+        """Return the starts at both ends of every segment."""
         return [start for segment in self._kept for start in segment.starts()]
 
     def tried(self, start: Start, *, helped: bool) -> None:
-        """Take what going along a stretch gave: nothing twice in a row, and it is forgotten."""
+        """Take the result of a run: a segment with two fruitless runs in a row is dropped."""
         for segment in [segment for segment in self._kept if start in segment.starts()]:
             if helped:
                 self._fails.pop(segment, None)

@@ -42,7 +42,7 @@ class Buffers:
         self.queue: Ints = np.zeros((RING, _ROOM), dtype=np.int32)
         self.counts: Ints = np.zeros(RING, dtype=np.int32)
         self.corners: Ints = np.zeros((_CORNERS, 2), dtype=np.int32)
-        self.way: Ints = np.zeros(_WAY, dtype=np.int32)
+        self.path: Ints = np.zeros(_WAY, dtype=np.int32)
 
     def layer(self, name: str, shape: tuple[int, int]) -> Layer:
         """Bytes of a shape, of any content."""
@@ -83,11 +83,11 @@ class Window:
         self._buffers = buffers
         self.settled = 0
         self._search = Search()
-        lens, been = memory.places()
+        blocked, visited = memory.places()
         copy_window(
-            memory.near,
-            lens,
-            been,
+            memory.inflated,
+            blocked,
+            visited,
             memory.swept,
             memory.wall,
             memory.tried,
@@ -153,10 +153,10 @@ class Window:
         )
         return done
 
-    def way(self, row: int, col: int) -> tuple[Point, ...]:
+    def path(self, row: int, col: int) -> tuple[Point, ...]:
         """Corners of the way to a cell."""
         corners = self._buffers.corners
-        count = way_back(self.open, self.ways, row, col, corners, self._buffers.way)
+        count = way_back(self.open, self.ways, row, col, corners, self._buffers.path)
         cells = corners[1:count].tolist() or [[row, col]]
         return tuple(self.metres(c + 0.5, r + 0.5) for r, c in cells)
 

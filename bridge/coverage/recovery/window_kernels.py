@@ -66,9 +66,9 @@ class BestPerimeter:
 
 
 def copy_window(
-    near: Layer,
-    lens: Layer,
-    been: Layer,
+    inflated: Layer,
+    blocked: Layer,
+    visited: Layer,
     swept: Layer,
     wall: Layer,
     tried: Layer,
@@ -92,7 +92,7 @@ def copy_window(
         i = row0 + r
         for c in range(cols):
             j = col0 + c
-            open_[r, c] = 2 if been[i, j] or not (near[i, j] or lens[i, j]) else 0
+            open_[r, c] = 2 if visited[i, j] or not (inflated[i, j] or blocked[i, j]) else 0
             state = 0
             if swept[i, j]:
                 state = _SWEPT
@@ -132,9 +132,9 @@ def mark_targets(
     count: cython.int = 0
     for r in range(rows):
         for c in range(cols):
-            way = dist[r, c]
-            if 0 <= way <= most:
-                ways[r, c] = way
+            path = dist[r, c]
+            if 0 <= path <= most:
+                ways[r, c] = path
                 fresh: cython.int = 1 if done[r, c] == 0 else 0
                 target[r, c] = fresh
                 count += fresh
@@ -214,7 +214,7 @@ def scan_outlines(
     c: cython.int
     fresh: cython.int
     seen: cython.int
-    way: cython.double
+    path: cython.double
     for r in range(5, rows - 5):
         for c in range(5, cols - 5):
             if open_[r, c] != 1 or ways[r, c] < 0 or done[r, c] & _SWEPT:
@@ -233,10 +233,10 @@ def scan_outlines(
                         fresh += 1
             if fresh * 10 < seen * 7 or (wall_x == 0.0 and wall_y == 0.0):
                 continue
-            way = ways[r, c]
-            time = way * 0.2 / prices.speed_cm_s + 2.0 * prices.stop_s + prices.cells / 70.0
+            path = ways[r, c]
+            time = path * 0.2 / prices.speed_cm_s + 2.0 * prices.stop_s + prices.cells / 70.0
             bearing = atan2(r + 0.5 - here_row, c + 0.5 - here_col)
-            if way > 40.0:  # noqa: PLR2004 - 8 cm
+            if path > 40.0:  # noqa: PLR2004 - 8 cm
                 off = fabs((bearing - heading + _PI) % (2.0 * _PI) - _PI)
                 time += off * prices.turn_s_rad
             score = prices.cells / time

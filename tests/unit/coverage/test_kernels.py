@@ -52,16 +52,16 @@ def test_depth_is_that_of_a_search_of_all_pairs() -> None:
 def test_a_look_at_the_figures_under_way_leaves_the_end_as_it_is() -> None:
     room = '{"name": "a", "walls": [[0,0],[2,0],[2,2],[0,2]], "obstacles": [], "start": [0.5,1,0]}'
     meter = CoverageMeter(parse_floorplan(room), RobotModel())
-    way = [(0.02 * i, 0.5 + 0.004 * i, 1.0, 0.0) for i in range(251)]
+    path = [(0.02 * i, 0.5 + 0.004 * i, 1.0, 0.0) for i in range(251)]
     track = meter.track()
     shares = []
-    for i, pose in enumerate(way):
+    for i, pose in enumerate(path):
         track.add(*pose)
         if i % 50 == 0:
             shares.append(track.report().coverage.mouth_free)
     assert shares == sorted(shares)
     # a metre by the mouth's 0.16 m, of 4 m²
     assert shares[-1] == pytest.approx(0.04, abs=5e-4)
-    report = meter.measure(way)
+    report = meter.measure(path)
     assert shares[-1] == pytest.approx(report.coverage.mouth_free, abs=1e-4)
     assert report.path_m == pytest.approx(1.0)

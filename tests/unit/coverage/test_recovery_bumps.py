@@ -50,15 +50,15 @@ def at(memory: EvidenceMap, x_m: float, y_m: float) -> tuple[int, int]:
 def test_one_bumper_switch_alone_blocks_cells_until_its_guess_is_cleared() -> None:
     memory = empty()
     memory.add_bump(HERE, left=True, right=False)
-    assert memory.lens[at(memory, 0.05, 0.02)]  # whatever stands on the left half
-    assert not memory.lens[at(memory, 0.05, -0.06)]
+    assert memory.blocked[at(memory, 0.05, 0.02)]  # whatever stands on the left half
+    assert not memory.blocked[at(memory, 0.05, -0.06)]
     middle = math.radians(38.5)
     guessed = at(memory, 0.165 * math.cos(middle), 0.165 * math.sin(middle))
     assert np.argwhere(memory.wall).tolist() == [list(guessed)]
-    assert memory.near.any()
+    assert memory.inflated.any()
     assert memory.clear_bumps(0.2)
     assert not memory.wall.any()
-    assert not memory.near.any()
+    assert not memory.inflated.any()
 
 
 def test_a_second_bump_there_does_not_confirm_a_guess() -> None:
@@ -122,7 +122,7 @@ def test_doubting_bumps_keeps_what_was_seen() -> None:
     memory.add_bump(HERE, left=True, right=True)
     walls = memory.wall.copy()
     assert memory.clear_bumps(0.2)
-    assert not memory.lens.any()
+    assert not memory.blocked.any()
     assert (memory.wall == walls).all()
     assert not memory.tried[at(memory, 0.2, 0.0)]  # beside the bump: one more try
     assert memory.tried[at(memory, 1.5, 1.5)] == 1

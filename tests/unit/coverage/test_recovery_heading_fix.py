@@ -68,13 +68,13 @@ def test_the_shortest_way_to_one_of_some_points_is_found_in_slices(slice_cells: 
     options = RecoveryOptions(slice_cells=slice_cells)
     chooser, memory, here = Chooser(options), swept_lane(options), Pose2(2.0, 0.0, 0.0)
     points = [(-3.0, 0.0), (0.0, 0.01), (0.4, 0.0)]
-    found, pauses = in_slices(chooser.way_to(memory, here, points))
+    found, pauses = in_slices(chooser.path_to(memory, here, points))
     assert found is not None
-    k, way = found
+    k, path = found
     assert k == 2
-    assert way[-1] == points[2], "the point itself"
+    assert path[-1] == points[2], "the point itself"
     assert (pauses > 0) is (slice_cells < 10**6)
-    nowhere, _ = in_slices(chooser.way_to(memory, here, points[:1]))
+    nowhere, _ = in_slices(chooser.path_to(memory, here, points[:1]))
     assert nowhere is None, "nobody has been there"
 
 
@@ -82,15 +82,15 @@ def test_a_point_that_the_map_has_shut_since_is_left_out_and_so_is_one_too_far()
     options = RecoveryOptions(looks=(200, 600, 1 << 24))  # 0.4 m, then 1.2 m
     chooser, memory, here = Chooser(options), swept_lane(options), Pose2(2.0, 0.0, 0.0)
     beside = [(1.6, 0.3), (1.2, 0.0), (0.2, 0.0)]
-    assert in_slices(chooser.way_to(memory, here, beside[:1]))[0] is not None
+    assert in_slices(chooser.path_to(memory, here, beside[:1]))[0] is not None
     memory.block(1.6, 0.3, 0.08)
-    assert in_slices(chooser.way_to(memory, here, beside[:1]))[0] is None
-    found, _ = in_slices(chooser.way_to(memory, here, beside))
+    assert in_slices(chooser.path_to(memory, here, beside[:1]))[0] is None
+    found, _ = in_slices(chooser.path_to(memory, here, beside))
     assert found is not None
     assert found[0] == 1
     memory = swept_lane(options)
-    assert in_slices(chooser.way_to(memory, here, [(0.2, 0.0)]))[0] is None
-    found, _ = in_slices(chooser.way_to(memory, here, [(0.2, 0.0), (1.2, 0.0)]))
+    assert in_slices(chooser.path_to(memory, here, [(0.2, 0.0)]))[0] is None
+    found, _ = in_slices(chooser.path_to(memory, here, [(0.2, 0.0), (1.2, 0.0)]))
     assert found is not None
     assert found[0] == 1
 
@@ -159,8 +159,8 @@ def test_what_is_met_near_the_walls_beginning_is_that_wall(
     reason: StopReason, short_m: float, *, there: bool
 ) -> None:
     context = followed((0.0, 0.0), (1.2, 0.0))
-    way = transit(context, Choice("heading-fix", ((2.2, 0.0),), QUARTER, 0.48))
-    leg = next(way)
+    path = transit(context, Choice("heading-fix", ((2.2, 0.0),), QUARTER, 0.48))
+    leg = next(path)
     assert isinstance(leg, Drive)
     pose = Pose2(2.2 - short_m, 0.0, 0.0)
     obs = AT_REST._replace(time_s=9.0, pose=pose, ultrasonic_m=0.04)
@@ -168,10 +168,10 @@ def test_what_is_met_near_the_walls_beginning_is_that_wall(
     result = LegResult(leg, reason, 1.0 - short_m, 5.0, pose)
     arrived = None
     try:
-        leg = way.send(Step(result, obs))
+        leg = path.send(Step(result, obs))
         for _ in range(2 if reason is StopReason.CLIFF else 1):
             assert leg.purpose == "back-off"
-            leg = way.send(Step(LegResult(leg, StopReason.DISTANCE, -0.015, 1.0, pose), obs))
+            leg = path.send(Step(LegResult(leg, StopReason.DISTANCE, -0.015, 1.0, pose), obs))
     except StopIteration as ended:
         arrived = ended.value
     assert arrived is there

@@ -161,7 +161,7 @@ class AmongLegs(Blocked):
 
     def shut(self) -> bool:
         """Whether any place is still forbidden because the robot was blocked."""
-        return bool(self.context.map.lens.any())
+        return bool(self.context.map.blocked.any())
 
 
 class Fruitless(AmongLegs):

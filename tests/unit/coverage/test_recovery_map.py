@@ -12,7 +12,7 @@ import pytest
 from bridge.coverage.recovery.evidence_kernels import (
     add_wall,
     beam,
-    bump_lens,
+    bump_area,
     clear_body,
     fresh_ahead,
     pace,
@@ -63,46 +63,46 @@ def test_a_turn_in_place_sweeps_a_disc() -> None:
 
 
 def test_evidence_is_revocable_and_leaves_no_trace() -> None:
-    wall, near = layers(21, 21, 2)
-    add_wall(wall, near, 10, 10, 1, 3.0)
-    assert near.sum() == 0  # once is not sure
-    add_wall(wall, near, 10, 10, 1, 3.0)
-    assert near.sum() == 29  # lattice points within 3 of a point
-    add_wall(wall, near, 10, 12, 2, 3.0)
-    assert near.max() == 2
-    add_wall(wall, near, 10, 12, -1, 3.0)
-    add_wall(wall, near, 10, 10, -1, 3.0)
-    assert near.sum() == 0
+    wall, inflated = layers(21, 21, 2)
+    add_wall(wall, inflated, 10, 10, 1, 3.0)
+    assert inflated.sum() == 0  # once is not sure
+    add_wall(wall, inflated, 10, 10, 1, 3.0)
+    assert inflated.sum() == 29  # lattice points within 3 of a point
+    add_wall(wall, inflated, 10, 12, 2, 3.0)
+    assert inflated.max() == 2
+    add_wall(wall, inflated, 10, 12, -1, 3.0)
+    add_wall(wall, inflated, 10, 10, -1, 3.0)
+    assert inflated.sum() == 0
 
 
 def test_a_beam_frees_what_it_passes_and_marks_what_it_meets() -> None:
-    wall, near = layers(9, 30, 2)
-    add_wall(wall, near, 4, 10, 2, 2.0)
-    beam(wall, near, 2.5, 4.5, 1.0, 0.0, 15.0, 18.0, 2, 2.0)
+    wall, inflated = layers(9, 30, 2)
+    add_wall(wall, inflated, 4, 10, 2, 2.0)
+    beam(wall, inflated, 2.5, 4.5, 1.0, 0.0, 15.0, 18.0, 2, 2.0)
     assert wall[4, 10] == 1
     assert wall[4, 20] == 2
-    assert near[4, 10] == 0
-    assert near[4, 20] == 1
+    assert inflated[4, 10] == 0
+    assert inflated[4, 20] == 1
 
 
 def test_where_the_body_is_nothing_else_is() -> None:
-    wall, near, been = layers(21, 21, 3)
-    add_wall(wall, near, 10, 13, 6, 3.0)
-    add_wall(wall, near, 10, 18, 6, 3.0)
-    clear_body(wall, near, been, 10.5, 10.5, 5.0, 3.0)
+    wall, inflated, visited = layers(21, 21, 3)
+    add_wall(wall, inflated, 10, 13, 6, 3.0)
+    add_wall(wall, inflated, 10, 18, 6, 3.0)
+    clear_body(wall, inflated, visited, 10.5, 10.5, 5.0, 3.0)
     assert wall[10, 13] == 0
     assert wall[10, 18] == 6
-    assert been[10, 10] == 1
+    assert visited[10, 10] == 1
 
 
 def test_a_bump_forbids_only_what_every_contact_would() -> None:
-    (lens,) = layers(41, 41, 1)
+    (blocked,) = layers(41, 41, 1)
     # both halves: a contact within 10° of straight ahead, the body's radius being 8 cells
-    bump_lens(lens, 20.5, 20.5, math.radians(-10), math.radians(10), 8.0)
-    assert lens[20, 22] == 1  # a step ahead the wall is inside the body
-    assert lens[20, 20] == 0  # here it stands
-    assert lens[20, 16] == 0
-    marked = np.argwhere(lens)
+    bump_area(blocked, 20.5, 20.5, math.radians(-10), math.radians(10), 8.0)
+    assert blocked[20, 22] == 1  # a step ahead the wall is inside the body
+    assert blocked[20, 20] == 0  # here it stands
+    assert blocked[20, 16] == 0
+    marked = np.argwhere(blocked)
     for row, col in marked:
         for bearing in (-10.0, 0.0, 10.0):
             touch = (
@@ -159,9 +159,9 @@ def test_the_infrared_maps_a_wall_where_it_stands() -> None:
     assert memory.wall[int(row), int(column)] >= 2
     assert memory.wall.sum(axis=1).argmax() == int(row)
     beside = memory.to_cells(0.2, -0.05)
-    assert memory.near[int(beside[1]), int(beside[0])] > 0  # 11 cm from the wall: no place
+    assert memory.inflated[int(beside[1]), int(beside[0])] > 0  # 11 cm from the wall: no place
     here = memory.to_cells(0.2, 0.0)
-    assert memory.been[int(here[1]), int(here[0])] == 1
+    assert memory.visited[int(here[1]), int(here[0])] == 1
 
 
 def test_the_map_grows_without_losing_anything() -> None:

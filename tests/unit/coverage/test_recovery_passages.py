@@ -184,8 +184,8 @@ def parted(cells: int) -> EvidenceMap:
     memory = EvidenceMap(MODEL, OPTIONS, HERE)
     row, column = (int(v) for v in memory.to_cells(0.0, 0.0)[::-1])
     memory.swept[:] = 1
-    memory.been[row, column - 10 - cells : column - 10] = 1
-    memory.lens[:, column - 8] = 1
+    memory.visited[row, column - 10 - cells : column - 10] = 1
+    memory.blocked[:, column - 8] = 1
     x_m, _ = memory.to_metres(column - 10 - cells, row)
     memory.include(x_m, 0.0)  # as if driven there
     return memory
@@ -197,7 +197,7 @@ def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
         assert chooser.choose(parted(cells), HERE, 0.0) is None
         assert chooser.shut_in is shut_in
     memory = parted(60)
-    memory.lens[:] = 0
+    memory.blocked[:] = 0
     chooser = Chooser(OPTIONS)
     assert chooser.choose(memory, HERE, 0.0) is None
     assert not chooser.shut_in
@@ -205,9 +205,9 @@ def test_evidence_that_parts_the_robot_from_where_it_came_shuts_it_in() -> None:
 
 def test_a_trail_that_a_wall_seen_since_runs_along_does_not_count() -> None:
     """Driven where the robot wrongly believed itself to be: only having been there opens it."""
-    for layer in ("near", "lens"):
+    for layer in ("inflated", "blocked"):
         memory = parted(60)
-        getattr(memory, layer)[memory.been > 0] = 1
+        getattr(memory, layer)[memory.visited > 0] = 1
         chooser = Chooser(OPTIONS)
         assert chooser.choose(memory, HERE, 0.0) is None
         assert not chooser.shut_in
@@ -232,10 +232,10 @@ class ShutIn:
         memory = context.map
         row, column = (int(v) for v in memory.to_cells(0.0, 0.0)[::-1])
         memory.swept[:] = 1
-        memory.been[row, column - 110 : column - 40] = 1
+        memory.visited[row, column - 110 : column - 40] = 1
         memory.include(*memory.to_metres(column - 110, row))  # as if driven there
-        if self.layer == "lens":
-            memory.lens[:, column - 25] = 1
+        if self.layer == "blocked":
+            memory.blocked[:, column - 25] = 1
         else:
             for y in range(memory.shape[0]):
                 memory.add_point(*memory.to_metres(column - 25 + 0.5, y + 0.5))
@@ -250,7 +250,7 @@ class ShutIn:
 
 
 def test_evidence_of_bumps_alone_is_cleared_first() -> None:
-    why, reported = ShutIn("lens").run()
+    why, reported = ShutIn("blocked").run()
     assert [event.kind for event in reported] == ["start", "clear"]
     assert why == "no reachable unswept piece is worth its time"
 

@@ -93,11 +93,12 @@ def test_travel_in_slices_finds_the_same() -> None:
 def window(**layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``open_`` and ``done`` of the inner 9 by 9 cells of a map of 11 by 11."""
     empty = np.zeros((11, 11), dtype=np.uint8)
-    near, lens, been, swept, wall, tried = (
-        layers.get(name, empty) for name in ("near", "lens", "been", "swept", "wall", "tried")
+    inflated, blocked, visited, swept, wall, tried = (
+        layers.get(name, empty)
+        for name in ("inflated", "blocked", "visited", "swept", "wall", "tried")
     )
     open_, done = np.zeros((9, 9), dtype=np.uint8), np.zeros((9, 9), dtype=np.uint8)
-    copy_window(near, lens, been, swept, wall, tried, 2, 1, 1, open_, done)
+    copy_window(inflated, blocked, visited, swept, wall, tried, 2, 1, 1, open_, done)
     return open_, done
 
 
@@ -109,13 +110,13 @@ def at(row: int, col: int, value: int = 1) -> np.ndarray:
 
 
 def test_beside_a_wall_is_dear_and_the_wall_shut() -> None:
-    open_, _ = window(near=at(4, 4))
+    open_, _ = window(inflated=at(4, 4))
     assert open_[4, 4] == 0
     assert open_[4, 5] == open_[3, 4] == 1
     assert open_[4, 6] == open_[3, 5] == 2
     assert not open_[0].any()
     assert not open_[:, 8].any()
-    open_, _ = window(near=at(4, 4), been=at(4, 4))
+    open_, _ = window(inflated=at(4, 4), visited=at(4, 4))
     assert open_[4, 4] == 2  # the robot was there, whatever the evidence says
 
 
@@ -234,7 +235,7 @@ def test_a_hole_is_gone_back_for_at_a_rate_at_which_slivers_are_left() -> None:
         choice = Chooser(RecoveryOptions()).choose(memory, pose, 0.0)
         assert (choice is not None) is taken
         if choice is not None:
-            x, y = choice.way[-1]
+            x, y = choice.path[-1]
             assert math.hypot(x - 2.4, y) < 0.3
             assert choice.rate_m2_s < RecoveryOptions().min_rate * 4e-4
 

@@ -11,14 +11,14 @@ from bridge.coverage.recovery.search import Choice
 from bridge.motion.geometry import Pose2
 
 
-def choice(kind: str, heading_deg: float, *way: tuple[float, float]) -> Choice:
-    return Choice(kind, way, math.radians(heading_deg), 1.0, 0.1, 0.01)
+def choice(kind: str, heading_deg: float, *path: tuple[float, float]) -> Choice:
+    return Choice(kind, path, math.radians(heading_deg), 1.0, 0.1, 0.01)
 
 
 def test_a_course_is_heading_and_way() -> None:
-    heading, way = course(Pose2(1.0, 1.0, 2.0), 0.0, 0.0)
+    heading, path = course(Pose2(1.0, 1.0, 2.0), 0.0, 0.0)
     assert heading == pytest.approx(math.radians(-135))
-    assert way == pytest.approx(math.sqrt(2.0))
+    assert path == pytest.approx(math.sqrt(2.0))
 
 
 @pytest.mark.parametrize(

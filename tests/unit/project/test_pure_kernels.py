@@ -73,7 +73,7 @@ def floor(rng: np.random.Generator, rows: int, cols: int) -> NDArray[np.uint8]:
 
 def evidence_kernels(m: Any) -> list[object]:
     rng = np.random.default_rng(1)
-    swept, wall, near, been, lens = (np.zeros((60, 70), dtype=np.uint8) for _ in range(5))
+    swept, wall, inflated, visited, blocked = (np.zeros((60, 70), dtype=np.uint8) for _ in range(5))
     given: list[object] = []
     x, y, theta = 30.0, 30.0, 0.3
     for _ in range(25):
@@ -83,15 +83,15 @@ def evidence_kernels(m: Any) -> list[object]:
         x, y, theta = nx, ny, turned
         bearing = rng.uniform(-math.pi, math.pi)
         ray = (math.cos(bearing), math.sin(bearing))
-        m.beam(wall, near, x, y, *ray, 12.0, 13.0, int(rng.integers(0, 3)), 4.2)
-        m.add_wall(wall, near, int(rng.integers(-3, 63)), int(rng.integers(-3, 73)), 2, 4.2)
-        m.add_wall(wall, near, int(rng.integers(0, 60)), int(rng.integers(0, 70)), -6, 4.2)
-        m.clear_body(wall, near, been, x, y, 3.3, 4.2)
-        m.bump_lens(lens, x, y, bearing - 0.5, bearing + 0.4, 8.2)
+        m.beam(wall, inflated, x, y, *ray, 12.0, 13.0, int(rng.integers(0, 3)), 4.2)
+        m.add_wall(wall, inflated, int(rng.integers(-3, 63)), int(rng.integers(-3, 73)), 2, 4.2)
+        m.add_wall(wall, inflated, int(rng.integers(0, 60)), int(rng.integers(0, 70)), -6, 4.2)
+        m.clear_body(wall, inflated, visited, x, y, 3.3, 4.2)
+        m.bump_area(blocked, x, y, bearing - 0.5, bearing + 0.4, 8.2)
         given.append(m.fresh_ahead(swept, x, y, theta, 2.0, 15.0, -3.0, 3.0))
         asked = (0.02, 0.17, 0.15, 0.17, 0.026, 0.3, 0.1, 0.3)
         given.append(m.pace(wall, x, y, theta, *asked))
-    return [*given, swept, wall, near, been, lens]
+    return [*given, swept, wall, inflated, visited, blocked]
 
 
 def lane_kernels(m: Any) -> list[object]:
@@ -132,12 +132,12 @@ def travel_kernels(m: Any) -> list[object]:
 def window_kernels(m: Any) -> list[object]:
     rng = np.random.default_rng(4)
     layers = [(rng.random((60, 70)) < share).astype(np.uint8) for share in (0.02, 0.01, 0.2)]
-    near, lens, been = layers
+    inflated, blocked, visited = layers
     swept = np.zeros((60, 70), np.uint8)
     swept[:, :35] = 1
     wall, tried = (rng.integers(0, 40, (2, 60, 70)) // 13).astype(np.uint8)
     open_, done, target, hole = (np.zeros((50, 60), np.uint8) for _ in range(4))
-    m.copy_window(near, lens, been, swept, wall, tried, 2, 5, 6, open_, done)
+    m.copy_window(inflated, blocked, visited, swept, wall, tried, 2, 5, 6, open_, done)
     dist = np.where(open_ > 0, rng.integers(0, 300, open_.shape), -1).astype(np.int32)
     ways = np.zeros_like(dist)
     given: list[object] = [m.mark_targets(dist, 250, done, target, ways)]

@@ -50,7 +50,7 @@ class HeadingFix:
         if not starts or obs.heading_sigma_rad < _UNCERTAIN_RAD or obs.time_s < self.due_s:
             return False
         points = [(start.x_m, start.y_m) for start in starts]
-        found = yield from context.in_slices(context.chooser.way_to(context.map, obs.pose, points))
+        found = yield from context.in_slices(context.chooser.path_to(context.map, obs.pose, points))
         if found is None:
             self.due_s = context.obs.time_s + apart_s
             return False

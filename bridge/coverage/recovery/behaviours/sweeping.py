@@ -47,7 +47,7 @@ def sweep_lane(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step,
     if not (yield from transit(context, choice)):
         return False
     yield from turn(context, choice.heading_rad, BEND_RAD)
-    context.enter("lane", choice.way[-1])
+    context.enter("lane", choice.path[-1])
     leg = Drive(
         choice.heading_rad,
         choice.length_m + 0.5 * context.options.cell_m,

@@ -47,8 +47,8 @@ def course(pose: Pose2, x_m: float, y_m: float) -> tuple[float, float]:
 
 def end_speed(choice: Choice, k: int, heading_rad: float) -> float:
     """Return the speed (m/s) at the end of the ``k``-th piece of a choice's path."""
-    if k + 1 < len(choice.way):
-        (x, y), (x1, y1) = choice.way[k : k + 2]
+    if k + 1 < len(choice.path):
+        (x, y), (x1, y1) = choice.path[k : k + 2]
         bend = math.atan2(y1 - y, x1 - x) - heading_rad
     elif choice.kind == "lane":
         bend = choice.heading_rad - heading_rad
@@ -64,10 +64,10 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
         Whether the robot arrived. If it is blocked, it follows the obstacle or seeks a passage.
 
     """
-    context.enter("transit", choice.way[-1])
+    context.enter("transit", choice.path[-1])
     context.stuck.begin_transit()
     options = context.options
-    for k, (x, y) in enumerate(choice.way):
+    for k, (x, y) in enumerate(choice.path):
         heading, distance = course(context.pose, x, y)
         if distance < _NO_LEG_M:
             continue
@@ -89,8 +89,8 @@ def transit(context: RecoveryContext, choice: Choice) -> Generator[Leg, Step, bo
             reason = f"the path to the {choice.kind} ended early: {result.reason}"
             context.record.decide("blocked", reason)
             if choice.kind == "heading-fix":
-                near = math.dist(context.pose[:2], choice.way[-1]) < _NEAR_M
-                return near and result.reason in _CONTACT
+                inflated = math.dist(context.pose[:2], choice.path[-1]) < _NEAR_M
+                return inflated and result.reason in _CONTACT
             if not (yield from follow_obstacle(context, result)):
                 context.stuck.blocked(result, heading)
                 yield from _seek_passage(context, result, choice.new_m2)
