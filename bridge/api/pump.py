@@ -243,7 +243,7 @@ class Pump:
         if self.host.hello is not None:
             confirmed = StopCause.NONE
             end_ns = HostNs(begun_ns + CRASH_STOP_NS)
-            while confirmed < (cause := self._gravest(cause)) and clock.now() < end_ns:
+            while confirmed < (cause := self._highest_cause(cause)) and clock.now() < end_ns:
                 confirmed = max(confirmed, self._send_stop(cause, end_ns))
         ending = crash_ending(error, cause, confirmed)
         self.host.mission.crashed(ending, confirmed or StopCause.NONE, begun_ns / 1e9)
@@ -257,7 +257,7 @@ class Pump:
                 traceback=traced(error),
             )
 
-    def _gravest(self, cause: StopCause) -> StopCause:
+    def _highest_cause(self, cause: StopCause) -> StopCause:
         """Return the highest cause so far: this one, the run's, or a requested one."""
         cause = max(cause, self.host.mission.stop_cause)
         while self._endings:

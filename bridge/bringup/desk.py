@@ -25,7 +25,7 @@ from bridge.run.commands import Dialogue
 from bridge.session.event_kinds import EventKind
 from bridge.session.sample_times import SampleTimes
 from bridge.session.session import Session
-from bridge.session.states import Agreed, CommandEnded, Data, Failed, State, StateChanged
+from bridge.session.states import CommandEnded, Data, Failed, SessionReady, State, StateChanged
 from bridge.session.stop_request import StopRequest
 from protocol.clock import DeviceUs, HostNs, extend_us
 from protocol.messages import (
@@ -203,7 +203,7 @@ class Desk:
 
     def _well(self, now_ns: HostNs) -> bool:
         link = self.session.round_trip.trouble(now_ns) if self._free and self.ready else None
-        if link is not None and now_ns - self.session.heard_ns <= SILENT_NS:
+        if link is not None and now_ns - self.session.last_frame_ns <= SILENT_NS:
             self._cause = StopCause.LINK
             self._unsafe = link.text
             return False
@@ -245,7 +245,7 @@ class Desk:
                     self._failed = Failed(EventKind.LOST, f"the device was lost: {event.why}")
                     self._times.forget()
                     self.commands.lost()
-                case Agreed():
+                case SessionReady():
                     self.newest[Hello] = event.hello
                 case _:
                     pass

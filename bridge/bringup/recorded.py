@@ -8,7 +8,7 @@ from bridge.run.recording import HostRecords
 from bridge.session.event_kinds import EventKind
 from bridge.session.ingest import Ingest
 from bridge.session.records import Severity
-from bridge.session.states import Agreed, Data, Failed, Ping, Restless, StateChanged
+from bridge.session.states import Data, Failed, Ping, Restless, SessionReady, StateChanged
 from bridge.session.timesync import TimeSync
 from protocol.can.link import CanLink
 from protocol.messages import LogText
@@ -35,7 +35,7 @@ class BenchRecords:
         self._records = HostRecords(sink, unix_offset_ns, "", bus=is_bus)
         self._tap = self._records.can if is_bus else self._records.uart
         self._clock_ns = wire.now()
-        self._agreed: Agreed | None = None
+        self._agreed: SessionReady | None = None
 
     def opened(self, now_ns: HostNs) -> None:
         """Note that a session begins."""
@@ -73,7 +73,7 @@ class BenchRecords:
         match event:
             case Ping():
                 self._ingest.exchange(event)
-            case Agreed():
+            case SessionReady():
                 self._agreed = event
                 self._records.identity(event, now_ns)
                 if event.rebooted:

@@ -33,7 +33,7 @@ class Listener:
         self.messages = 0
         """Number of device messages."""
         self._link = link
-        self._heard_ns = HostNs(0)
+        self._last_frame_ns = HostNs(0)
         self._sink, self._records = sink, HostRecords(sink, 0, "")
         self._ingest = Ingest(TimeSync(), 0)
         self._estimator = PoseEstimator(model, Pose2(0.0, 0.0, 0.0))
@@ -48,7 +48,7 @@ class Listener:
                 self._records.can(frame, now_ns, outgoing=can_id >> 4 in self._sends)
         else:
             self._records.uart(data, now_ns, outgoing=False)
-        self._heard_ns = now_ns
+        self._last_frame_ns = now_ns
         self._records.flush(now_ns)
         damaged: list[DamagedFrame] = []
         for event in self._link.receive(data, now_ns // 1000):
@@ -65,7 +65,7 @@ class Listener:
 
     def close(self) -> None:
         """Record the collected damaged frames."""
-        self._records.flush(self._heard_ns, at_once=True)
+        self._records.flush(self._last_frame_ns, at_once=True)
 
     def _message(self, received: Received, now_ns: HostNs) -> None:
         self.messages += 1

@@ -19,7 +19,7 @@ from bridge.session.discovery import LISTEN_NS
 from bridge.session.event_kinds import EventKind
 from bridge.session.ingest import Ingest
 from bridge.session.session import Session
-from bridge.session.states import Agreed, Data, Ping
+from bridge.session.states import Data, Ping, SessionReady
 from bridge.session.timesync import TimeSync
 from protocol.can.link import CanLink
 from protocol.clock import HostNs
@@ -117,7 +117,7 @@ def redecode(reader: LogReader) -> Iterator[Decoded]:
                     yield Decoded(f"/device/{made.name}", made.log_ns, time_ns, made.seq, data)
                 case Ping():
                     ingest.exchange(event)
-                case Agreed() if event.rebooted:
+                case SessionReady() if event.rebooted:
                     ingest.reset()
 
 

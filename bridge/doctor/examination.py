@@ -10,7 +10,7 @@ from bridge.doctor.body_view import BodyView
 from bridge.doctor.findings import Finding
 from bridge.doctor.timing import HOLE_S, Timing, measure
 from bridge.doctor.wire_view import WireView
-from bridge.session.diagnosis import Evidence, words_of
+from bridge.session.diagnosis import Evidence, text_line
 from bridge.session.event_kinds import EventKind
 from bridge.session.records import Severity
 from protocol.link import Medium
@@ -157,13 +157,13 @@ class Examination:
 
     def _garbage(self) -> Finding:
         evidence = Evidence()
-        evidence.hear(self.wire.beginning)
+        evidence.add(self.wire.beginning)
         kind, text = evidence.verdict(self.medium, self.wire.damaged.total)
         return Finding(_FINDING_OF.get(kind, kind), _BAD, text, {"bytes": self.wire.bytes_in})
 
     def _is_rejected(self) -> bool:
         """Whether the other end gave a reason in words; it then hangs up, and no plug is out."""
-        return self.wire.frames == 0 and words_of(self.wire.beginning) is not None
+        return self.wire.frames == 0 and text_line(self.wire.beginning) is not None
 
     def _mostly_garbage(self) -> bool:
         damaged = self.wire.damaged

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from bridge.doctor.examination import Examination
 from bridge.session.session import Session
-from bridge.session.states import Agreed, Failed, State, StateChanged
+from bridge.session.states import Failed, SessionReady, State, StateChanged
 from protocol.uart.link import Link
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Visit:
 
     def _digest(self, events: list[SessionEvent]) -> None:
         for event in events:
-            if isinstance(event, Agreed):
+            if isinstance(event, SessionReady):
                 self.agreed = True
                 self.examination.differences = [d.report() for d in event.differences]
             elif isinstance(event, Failed):

@@ -162,27 +162,29 @@ def _probe(candidate: Candidate, *, active: bool, baud: int) -> Candidate:
 
 
 def _listen(candidate: Candidate, port: SerialPort, *, active: bool) -> Candidate:
-    hearing = _Hearing()
+    listener = _HelloListener()
     if active:
-        hearing.ask(clock.now())
+        listener.ask(clock.now())
     end_ns = HostNs(clock.now() + round(LISTEN_S * 1e9))
-    serve(port, hearing, end_ns, lambda: hearing.hello is not None)
-    if hearing.hello is not None:
-        return replace(candidate, found=_identity(*hearing.hello))
-    if hearing.others:
+    serve(port, listener, end_ns, lambda: listener.hello is not None)
+    if listener.hello is not None:
+        return replace(candidate, found=_identity(*listener.hello))
+    if listener.others:
         return replace(candidate, note="a device with another protocol version sends here")
-    if hearing.heard:
-        return replace(candidate, note=f"received {hearing.heard} bytes but no hello of a device")
+    if listener.received:
+        return replace(
+            candidate, note=f"received {listener.received} bytes but no hello of a device"
+        )
     return replace(candidate, note="silent")
 
 
-class _Hearing:
+class _HelloListener:
     """Engine that waits for a device's hello."""
 
     def __init__(self) -> None:
         self.hello: tuple[Hello, int] | None = None
         """Hello and its node."""
-        self.heard = 0
+        self.received = 0
         """Number of received bytes."""
         self.others = 0
         """Number of frames of another protocol version."""
@@ -195,7 +197,7 @@ class _Hearing:
 
     def receive(self, data: bytes, now_ns: HostNs) -> None:  # noqa: ARG002 - the interface of an engine
         """Handle received bytes."""
-        self.heard += len(data)
+        self.received += len(data)
         for event in self._link.receive(data):
             if isinstance(event, Received) and isinstance(event.message, Hello):
                 self.hello = self.hello or (event.message, event.frame.node)

@@ -225,7 +225,7 @@ class OwnerSocket:
             self._serve_done()
             for client in [self._clients[fd] for fd in ready if fd in self._clients]:
                 if client.sock.fileno() in ready:  # not disconnected in this pass
-                    self._hear(client)
+                    self._receive(client)
             if self._listener.fileno() in ready:
                 self._accept()  # one per pass: connected clients come first
             if time.monotonic() >= idle_s:
@@ -252,7 +252,7 @@ class OwnerSocket:
             return
         self._clients[sock.fileno()] = client
         self._selector.register(sock, selectors.EVENT_READ)
-        self._hear(client)  # most clients have already sent
+        self._receive(client)  # most clients have already sent
 
     def _give_way(self) -> bool:
         """Disconnect the client that is idle for longest; return False if there is none."""
@@ -286,7 +286,7 @@ class OwnerSocket:
         else:
             self._selector.unregister(client.sock)
 
-    def _hear(self, client: _Client) -> None:
+    def _receive(self, client: _Client) -> None:
         """Read a client's bytes and serve it; disconnect it on an internal error."""
         try:
             self._read(client)

@@ -16,7 +16,7 @@ from bridge.io.port_names import misspelt, tcp_mistake
 from bridge.io.readable import readable
 from bridge.io.tcp_port import SCHEME, TcpPort
 from bridge.io.waker import Waker
-from bridge.session.diagnosis import BEGINNING, words_of
+from bridge.session.diagnosis import BEGINNING, text_line
 from protocol.can.link import CanLink
 from protocol.uart.link import Link
 
@@ -131,7 +131,7 @@ class SerialPort:
 
     def _ended(self) -> str:
         """Return the reason of a disconnection: the peer's text if it sent exactly one line."""
-        words = words_of(self._beginning)
+        words = text_line(self._beginning)
         if words is not None and self._beginning.count(b"\n") == 1:
             return f"{self.name}: the peer sent text instead of frames: {words}"
         return f"{self.name} is gone: it was unplugged, or the program behind it ended"

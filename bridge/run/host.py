@@ -38,13 +38,13 @@ from bridge.session.link_stats import WireStatistics
 from bridge.session.records import Severity
 from bridge.session.session import Session
 from bridge.session.states import (
-    Agreed,
     CommandEnded,
     Data,
     Failed,
     Ping,
     Restless,
     SessionEvent,
+    SessionReady,
     State,
     StateChanged,
 )
@@ -199,7 +199,7 @@ class Host:
             self._digest(events, now_ns)
         finally:  # after the events: a caller may wait for an answer
             self._tap(data, now_ns, outgoing=False)
-        self.wire.hear((events, now_ns))
+        self.wire.queue((events, now_ns))
 
     def poll(self, now_ns: HostNs) -> None:
         """Do what is due at ``now_ns``, including the control step."""
@@ -311,7 +311,7 @@ class Host:
         elif ending.outranks(self.mission.ending):
             if self.hello is not None:  # a silent device may still receive
                 self.session.stop(ending.cause, now_ns)
-            self.mission.end_unheard(ending, now_ns / 1e9)
+            self.mission.end_unconfirmed(ending, now_ns / 1e9)
         self._serve(now_ns)
 
     # ---- session events ---------------------------------------------------------------------
@@ -347,8 +347,8 @@ class Host:
                 self._pings.take(event, self.ingest, now_ns)
             case StateChanged():
                 self._changed(event, now_ns)
-            case Agreed():
-                self._agreed(event, now_ns)
+            case SessionReady():
+                self._session_ready(event, now_ns)
             case Failed():
                 self.event(now_ns, Severity.ERROR, "session", event.kind, event.text)
                 status = _EXIT.get(event.kind, 3)
@@ -398,7 +398,7 @@ class Host:
             self.commands.lost()
             self.mission.on_lost(now_ns / 1e9)
 
-    def _agreed(self, event: Agreed, now_ns: HostNs) -> None:
+    def _session_ready(self, event: SessionReady, now_ns: HostNs) -> None:
         self.hello = event.hello
         self._records.identity(event, now_ns)
         self._partial = bool(event.differences)
@@ -493,7 +493,7 @@ class Host:
                 estimator.v_m_s,
                 estimator.yaw_rate_rad_s,
                 estimator.wheel_scale,
-                self.session.heard_ns / 1e9,
+                self.session.last_frame_ns / 1e9,
                 None if self.hello is None else self.hello.boot_id,
                 state.imu,
                 state.encoders,
@@ -542,7 +542,7 @@ class Host:
     def _judge_link(self, now_ns: HostNs) -> None:
         """Pass the state of the link to the run; record each change."""
         session = self.session
-        if session.state is not State.READY or now_ns - session.heard_ns > SILENT_NS:
+        if session.state is not State.READY or now_ns - session.last_frame_ns > SILENT_NS:
             return  # silence: no motion; the session handles it
         mission = self.mission
         trouble = mission.link = session.round_trip.trouble(now_ns)
@@ -577,7 +577,7 @@ class Host:
 
         There is no motion meanwhile, and the session detects a lost device within 1 s.
         """
-        if now_ns - self.session.heard_ns > SILENT_NS:
+        if now_ns - self.session.last_frame_ns > SILENT_NS:
             self._silent_ns = now_ns
         return now_ns - self._silent_ns <= _AFTER_SILENCE_NS
 

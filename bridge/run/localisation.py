@@ -39,7 +39,7 @@ class Localisation:
 
     def time_reply(self, message: TimeReply, device_us: DeviceUs, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every listener
         """Update the clock mapping with a ping reply."""
-        self.state.times.hear(device_us, now_ns / 1e9)
+        self.state.times.observe(device_us, now_ns / 1e9)
 
     def imu(self, message: Imu, device_us: DeviceUs, now_ns: HostNs) -> None:
         """Update the estimator with an IMU sample."""

@@ -313,7 +313,7 @@ class Mission:
         elif ending.cause > present.cause:  # the device itself latched a higher cause
             self._stop(now_s, ending.cause)
 
-    def end_unheard(self, ending: Ending, now_s: float) -> None:
+    def end_unconfirmed(self, ending: Ending, now_s: float) -> None:
         """End a run whose device cannot confirm a stop."""
         if self.phase is not Phase.DONE:
             self.on_lost(now_s)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from bridge.record.sink import Sink
     from bridge.run.runner import Runner
     from bridge.session.link_stats import WireStatistics
-    from bridge.session.states import Agreed
+    from bridge.session.states import SessionReady
     from bridge.session.timesync import TimeSync
     from protocol.link import Rejected
     from protocol.messages import Hello, LogText, Status
@@ -227,7 +227,7 @@ class HostRecords:
                 )
             )
 
-    def again(self, event: Agreed, now_ns: int) -> None:
+    def again(self, event: SessionReady, now_ns: int) -> None:
         """Record the return of a lost device: same boot, new boot, or new schema."""
         hello = event.hello
         if event.rebooted:
@@ -248,7 +248,7 @@ class HostRecords:
         text = "check the robot, then press r to continue or s to end the run (within 30 s)"
         self.event(now_ns, Severity.WARNING, "session", EventKind.ASKING, text)
 
-    def identity(self, event: Agreed, now_ns: int) -> None:
+    def identity(self, event: SessionReady, now_ns: int) -> None:
         """Record the connected device."""
         hello = event.hello
         self._write(

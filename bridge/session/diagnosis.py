@@ -20,12 +20,12 @@ _FEW = 8
 """Minimum length of a text line, characters. Shorter ones occur in noise by chance."""
 
 
-def words_of(beginning: bytes) -> str | None:
+def text_line(beginning: bytes) -> str | None:
     """Return the first received line if it is readable text, else None."""
     line, end, _ = beginning.partition(b"\n")
     text = line.strip().decode("ascii", "backslashreplace")
-    words = end and line.isascii() and text.isprintable() and len(text) >= _FEW
-    return text[:_WORDS] if words else None
+    readable = end and line.isascii() and text.isprintable() and len(text) >= _FEW
+    return text[:_WORDS] if readable else None
 
 
 @dataclass(slots=True)
@@ -44,16 +44,16 @@ class Evidence:
     """First bytes received: a port server that rejects the connection may send its reason as
     text."""
 
-    def hear(self, data: bytes) -> None:
+    def add(self, data: bytes) -> None:
         """Add received bytes."""
         self.received += len(data)
         if len(self.beginning) < BEGINNING:
             self.beginning = (self.beginning + data)[:BEGINNING]
 
     @property
-    def words(self) -> str | None:
+    def text_line(self) -> str | None:
         """First received line if it is readable text, else None."""
-        return words_of(self.beginning)
+        return text_line(self.beginning)
 
     def note(self, event: Rejected) -> None:
         """Count an intact frame that the link rejected."""
@@ -65,10 +65,10 @@ class Evidence:
     def verdict(self, medium: Medium, damaged: int) -> tuple[EventKind, str]:
         """Return the kind of failure and its text; ``damaged`` counts the bad frames."""
         if self.versions:
-            spoken = ", ".join(str(v) for v in sorted(self.versions))
+            versions = ", ".join(str(v) for v in sorted(self.versions))
             kind = EventKind.VERSION
             text = (
-                f"the device uses protocol version {spoken}, this program uses "
+                f"the device uses protocol version {versions}, this program uses "
                 f"{PROTOCOL_VERSION}; update the older of the two"
             )
         elif self.echoes and medium is Medium.CAN:
@@ -78,11 +78,11 @@ class Evidence:
             kind = EventKind.ECHO
             text = "the host receives its own bytes; check RX and TX for a short, or turn echo off"
         elif self.nodes:
-            heard = ", ".join(map(str, sorted(self.nodes)))
+            nodes = ", ".join(map(str, sorted(self.nodes)))
             kind = EventKind.OTHER_NODE
-            text = f"the requested node does not answer; use a node that was received: node {heard}"
-        elif (words := self.words) is not None:
-            kind, text = EventKind.WORDS, f"the peer sent text instead of frames: {words}"
+            text = f"the requested node does not answer; use a node that was received: node {nodes}"
+        elif (text_line := self.text_line) is not None:
+            kind, text = EventKind.WORDS, f"the peer sent text instead of frames: {text_line}"
         elif damaged:
             kind = EventKind.GARBAGE
             text = (

@@ -155,8 +155,8 @@ class WireStatistics:
         self.round_trip = Spread()
         self._aside: list[tuple[list[SessionEvent], int]] = []
         self._kinds: dict[int, MessageStatistics] = {}
-        self.hear = self._aside.append
-        """Queue received events with their arrival time: ``hear((events, now_ns))``."""
+        self.queue = self._aside.append
+        """Queue received events with their arrival time: ``queue((events, now_ns))``."""
 
     def count(self, sync: TimeSync) -> None:
         """Count the queued events."""

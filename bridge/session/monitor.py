@@ -100,8 +100,8 @@ class Monitor:
                 raise UnknownTypeError(name, tuple(catalogue.by_name))
         self._catalogue = catalogue
         # A link receives one direction only, so there is one link for each.
-        self._device_ear = link(Direction.HOST, codec=Codec(catalogue))
-        self._host_ear = link(Direction.DEVICE, codec=Codec(catalogue))
+        self._device_link = link(Direction.HOST, codec=Codec(catalogue))
+        self._host_link = link(Direction.DEVICE, codec=Codec(catalogue))
         self._wanted = frozenset(types)
         self.node = node
         """Node whose messages are returned; None: all nodes."""
@@ -113,7 +113,7 @@ class Monitor:
         """Count by message name, in the order of first arrival."""
         self.damaged = self.rejected = self.bytes = 0
         self.newest_damage: Seen | None = None
-        self.strangers: dict[int, int] = {}
+        self.foreign_catalogues: dict[int, int] = {}
         """Node → catalogue hash, for nodes with a different catalogue: their fields may be
         misread."""
 
@@ -125,11 +125,11 @@ class Monitor:
         self.bytes += len(data)
         found: list[Seen] = []
         # Split at frame ends, so that both directions keep their order.
-        for chunk in _cuts(data, self._device_ear.medium):
-            events = self._device_ear.receive(chunk, now_ns // 1000)
+        for chunk in _cuts(data, self._device_link.medium):
+            events = self._device_link.receive(chunk, now_ns // 1000)
             # The first link reports damaged and unknown frames; the second would repeat them.
-            said = self._host_ear.receive(chunk, now_ns // 1000)
-            events += [e for e in said if isinstance(e, Received)]
+            host_events = self._host_link.receive(chunk, now_ns // 1000)
+            events += [e for e in host_events if isinstance(e, Received)]
             found += filter(None, (self._judge(event, now_ns) for event in events))
         return found
 
@@ -146,7 +146,7 @@ class Monitor:
     @property
     def lost(self) -> int:
         """Number of lost device frames, from gaps in their sequence numbers."""
-        return self._device_ear.statistics.lost
+        return self._device_link.statistics.lost
 
     def _judge(self, event: Received | Rejected | DamagedFrame, now_ns: int) -> Seen | None:
         if isinstance(event, Received):
@@ -161,7 +161,7 @@ class Monitor:
             self.others.add(frame.node)
             return None
         if isinstance(message, Hello) and message.catalogue_hash != self._catalogue.hash:
-            self.strangers[frame.node] = message.catalogue_hash
+            self.foreign_catalogues[frame.node] = message.catalogue_hash
         values = physical(spec, message)
         seen = Seen(
             now_ns,

@@ -53,7 +53,7 @@ class SampleTimes:
         self._rejected.clear()
         self._quickest_s = self._usual_s = math.inf
 
-    def hear(self, device_us: int, now_s: float) -> None:
+    def observe(self, device_us: int, now_s: float) -> None:
         """Use the stamp of a frame that is not a sample, such as a ping reply."""
         delay_s = now_s - device_us * 1e-6
         if delay_s < self._quickest_s - FUTURE_S:
@@ -72,7 +72,7 @@ class SampleTimes:
         delay_s = now_s - device_s
         jumped = math.isfinite(self._quickest_s) and delay_s < self._quickest_s - FUTURE_S
         if jumped or device_us <= self._newest_us.get(stream, -math.inf):
-            if not self._set_anew(stream, device_us, now_s):
+            if not self._clock_reset(stream, device_us, now_s):
                 return False
             self._quickest_s = self._usual_s = delay_s
             self._at_s = now_s
@@ -84,7 +84,7 @@ class SampleTimes:
         self.taken_s[stream] = device_s + self._usual_s
         return True
 
-    def _set_anew(self, stream: type, device_us: int, now_s: float) -> bool:
+    def _clock_reset(self, stream: type, device_us: int, now_s: float) -> bool:
         """Return True if the rejected samples advanced long enough for a clock reset."""
         since_s, newest_us = self._rejected.get(stream, (now_s, device_us - 1))
         if device_us <= newest_us:

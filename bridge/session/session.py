@@ -8,24 +8,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from bridge.session.agreement import QUESTIONS_AT_ONCE, Agreement
 from bridge.session.diagnosis import Evidence
 from bridge.session.discovery import LISTEN_NS, Answers
 from bridge.session.event_kinds import EventKind
 from bridge.session.key import SessionKey
+from bridge.session.negotiation import QUESTIONS_AT_ONCE, SchemaNegotiation
 from bridge.session.outbox import CommandCounts, Outbox
 from bridge.session.pace import Pace
 from bridge.session.round_trip import RoundTrip
 from bridge.session.states import (
     RESTLESS,
     TRANSITIONS,
-    Agreed,
     CommandEnded,
     Data,
     Failed,
     Ping,
     Restless,
     SessionEvent,
+    SessionReady,
     State,
     StateChanged,
 )
@@ -118,7 +118,7 @@ class Session:
         self._key = SessionKey(made, key)
         self._new_session_id = new_session_id
         self._name = name
-        self._agreement = Agreement(catalogue, made)
+        self._negotiation = SchemaNegotiation(catalogue, made)
         self._joined = False
         """The device has confirmed this session."""
         self._pace = Pace(HANDSHAKES_AT_ONCE, HANDSHAKE_PERIOD_NS)
@@ -146,7 +146,7 @@ class Session:
         """Round-trip times since the session became ready."""
         self._wanted_node = node
         self._evidence = Evidence()
-        self._heard_ns = HostNs(0)
+        self._last_frame_ns = HostNs(0)
         self._handlers: dict[type[Message], Callable[[Any, Received, HostNs], None]] = {
             Hello: self._hello,
             DescribeReply: self._answer,
@@ -185,7 +185,7 @@ class Session:
         """Enter the lost state at once, because the port is gone."""
         if self.state in {State.READY, State.AGREEING}:
             self._lose(now_ns, "unplugged", "its port is gone")
-        elif self.state is State.OPENING and self._evidence.words is not None:
+        elif self.state is State.OPENING and self._evidence.text_line is not None:
             self._no_device()  # a port server has sent its reason
 
     def replugged(self, now_ns: HostNs) -> None:
@@ -198,13 +198,13 @@ class Session:
         """Handle bytes from the port; return the events."""
         ready = State.READY
         if self.state is not ready:
-            self._evidence.hear(data)
+            self._evidence.add(data)
         events, handlers = self._events, self._handlers
         for event in self.link.receive(data, now_ns // 1000):
             if type(event) is Received:
                 node = self._outbox.node
                 if node is None or event[1][1] == node:
-                    self._heard_ns = now_ns
+                    self._last_frame_ns = now_ns
                     if self.state is ready and event[0].__class__ not in handlers:
                         events.append(_new(Data, (event, now_ns)))  # the usual case
                     else:
@@ -223,7 +223,7 @@ class Session:
         if (  # the usual case first: every pass of the loop gets here
             state is State.READY
             and now_ns < self._next_ns
-            and now_ns - self._heard_ns <= LOST_AFTER_NS
+            and now_ns - self._last_frame_ns <= LOST_AFTER_NS
             and self._outbox.commands.rests(now_ns // 1000)
         ):
             return self._drain()
@@ -237,7 +237,7 @@ class Session:
     def _notice(self, now_ns: HostNs) -> None:
         """Handle silence and the end of waiting times."""
         if self.state in {State.READY, State.AGREEING}:
-            if now_ns - self._heard_ns > LOST_AFTER_NS:
+            if now_ns - self._last_frame_ns > LOST_AFTER_NS:
                 self._lose(now_ns)
         elif self._others_talk:
             self._no_device()
@@ -280,9 +280,9 @@ class Session:
         return HostNs(deadline_ns)
 
     @property
-    def heard_ns(self) -> HostNs:
+    def last_frame_ns(self) -> HostNs:
         """Arrival time of the device's last intact frame, ns; 0: none."""
-        return self._heard_ns
+        return self._last_frame_ns
 
     # ---- commands ---------------------------------------------------------------------------
 
@@ -402,7 +402,7 @@ class Session:
         handler = self._handlers.get(event.message.__class__)
         if handler is not None:
             handler(event.message, event, now_ns)
-        elif self.state is State.AGREEING and self._agreement.settled and self._joined:
+        elif self.state is State.AGREEING and self._negotiation.settled and self._joined:
             if not self._key.allows(self.hello):
                 return  # the next hello brings the challenge
             # Telemetry starts after the device has confirmed this session. Frames received before
@@ -459,10 +459,10 @@ class Session:
         )
 
     def _ask(self, now_ns: HostNs) -> None:
-        if self._agreement.settled:
+        if self._negotiation.settled:
             self._send_hello(now_ns, agreed=1)
             return
-        for question in self._agreement.questions():
+        for question in self._negotiation.questions():
             self._outbox.send(question, now_ns)
 
     def _hello(self, hello: Hello, event: Received, now_ns: HostNs) -> None:
@@ -495,7 +495,7 @@ class Session:
         if self.state in {State.OPENING, State.LOST}:
             self._outbox.node = node
             self.fire("hello", "device answered")
-            self._agree(hello, now_ns)
+            self._negotiate(hello, now_ns)
         elif self.state is State.READY:
             rebooted = known is not None and known.boot_id != hello.boot_id
             if rebooted or hello.session_id != self.session_id:
@@ -503,19 +503,19 @@ class Session:
                     "rebooted" if rebooted else "forgotten",
                     "the device rebooted" if rebooted else "the device ended the session",
                 )
-                self._agree(hello, now_ns)
+                self._negotiate(hello, now_ns)
         elif self.state is State.AGREEING:
             if known is not None and (known.boot_id, known.catalogue_hash) != (
                 hello.boot_id,
                 hello.catalogue_hash,
             ):
-                self._agree(hello, now_ns)
+                self._negotiate(hello, now_ns)
                 return
             self.hello = hello
             if self._greeted and hello.session_id == self.session_id:
                 self._joined = True
 
-    def _agree(self, hello: Hello, now_ns: HostNs) -> None:
+    def _negotiate(self, hello: Hello, now_ns: HostNs) -> None:
         """Start schema negotiation with the device that sent ``hello``, in a new session.
 
         The rate limit delays it if the device restarts too often.
@@ -527,7 +527,7 @@ class Session:
         self._joined = False
         self._key.end()
         self._outbox.forget()
-        self._agreement.begin(hello)
+        self._negotiation.begin(hello)
         self._greeted = False
         self._restless = self._restless and not self._pace.rested(now_ns)
         due_ns = self._pace.due_ns()
@@ -551,7 +551,7 @@ class Session:
         self._next_ns = now_ns + ANSWER_PERIOD_NS
 
     def _answer(self, reply: DescribeReply, event: Received, now_ns: HostNs) -> None:  # noqa: ARG002 - the signature of every handler
-        agreement = self._agreement
+        agreement = self._negotiation
         if self.state is not State.AGREEING or not self._greeted or not agreement.answer(reply):
             return
         if not agreement.settled:
@@ -578,8 +578,10 @@ class Session:
         self._tries = 0
         self._next_ns = now_ns
         self.fire("agreed", "host and device are compatible")
-        differences = self._agreement.differences
-        self._events.append(Agreed(hello, self.node, rebooted, differences, again, other_schema))
+        differences = self._negotiation.differences
+        self._events.append(
+            SessionReady(hello, self.node, rebooted, differences, again, other_schema)
+        )
         if self._open_stop is not None:
             self.stop(self._open_stop, now_ns)
 

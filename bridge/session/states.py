@@ -61,7 +61,7 @@ class StateChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreed:
+class SessionReady:
     """The session is ready: streams and commands may start."""
 
     hello: Hello
@@ -121,5 +121,13 @@ class CommandEnded(NamedTuple):
 
 
 SessionEvent = (
-    StateChanged | Agreed | Failed | Restless | Data | Ping | CommandEnded | DamagedFrame | Rejected
+    StateChanged
+    | SessionReady
+    | Failed
+    | Restless
+    | Data
+    | Ping
+    | CommandEnded
+    | DamagedFrame
+    | Rejected
 )

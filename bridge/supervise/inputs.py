@@ -29,7 +29,7 @@ class RuleInputs(NamedTuple):
     """Yaw rate of the gyro minus its bias, rad/s."""
     wheel_scale: float = 1.0
     """The estimator's scale of the wheels: true distance per nominal distance."""
-    heard_s: float = 0.0
+    last_frame_s: float = 0.0
     """Host time of the newest intact frame, s."""
     boot_id: int | None = None
     imu: Imu | None = None

@@ -115,6 +115,6 @@ class Measured:
         self.left_m = scale * encoder_delta(before.left, encoders.left)
         self.right_m = scale * encoder_delta(before.right, encoders.right)
         self.wheel_turn_rad = (self.right_m - self.left_m) / self._base_m
-        way = 0.5 * (self.left_m + self.right_m)
-        self.distance_m += way
-        self.travel_m += abs(way)
+        distance_m = 0.5 * (self.left_m + self.right_m)
+        self.distance_m += distance_m
+        self.travel_m += abs(distance_m)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import pytest
 
 from bridge.session.session import Session
-from bridge.session.states import Agreed, CommandEnded, Data, State
+from bridge.session.states import CommandEnded, Data, SessionReady, State
 from protocol.clock import HostNs
 from protocol.messages import (
     ClearStop,
@@ -214,7 +214,7 @@ def test_it_sends_hello_once_a_second_until_a_host_agrees(device: Device) -> Non
     assert [f.type_id for f in frames if isinstance(f, Frame)] == [0x1B] * 4
     bench.now_us = 3_500_000
     bench.open()
-    assert bench.of(Agreed)[-1].differences == ()
+    assert bench.of(SessionReady)[-1].differences == ()
     assert bench.session.hello == Hello(
         bench.session.link.codec.catalogue.hash,
         b"lockstep-uid",
@@ -410,7 +410,7 @@ def test_a_minimal_build_agrees_message_by_message(
     device = launch(build(tmp_path, "-DSP_MINIMAL", "-DSP_WITH_POWER=0"))
     bench = Bench(device)
     bench.open()
-    missing = {d.spec.name for d in bench.of(Agreed)[-1].differences}
+    missing = {d.spec.name for d in bench.of(SessionReady)[-1].differences}
     assert {"range", "power", "sync", "planner_state", "parameter_value"} <= missing
     assert not missing & {"imu", "encoders", "status", "velocity_setpoint", "set_mode"}
     bench.start()

@@ -13,7 +13,7 @@ from bridge.run.host import Host
 from bridge.run.mission import Mission
 from bridge.run.options import HostOptions
 from bridge.session.records import DeviceMessage, EventRecord, RawCan
-from bridge.session.states import Agreed, CommandEnded, Data, Failed, Ping, State
+from bridge.session.states import CommandEnded, Data, Failed, Ping, SessionReady, State
 from protocol.can.link import CanLink, CanStatistics
 from protocol.can.load import loads
 from protocol.messages import Encoders, Imu, Range, Stop, Sync, VelocitySetpoint
@@ -61,7 +61,7 @@ def test_agreement_streams_and_a_drive() -> None:
     host = session_end(link=CanLink)
     ends = BusEnds(host, sweeper(link=CanLink))
     assert ends.run(3.0, lambda: host.session.state is State.READY)
-    (agreed,) = host.of(Agreed)
+    (agreed,) = host.of(SessionReady)
     assert agreed.differences == ()
     assert agreed.node == 1
     host.session.clear_stop(StopCause.SESSION_END, ends.host_ns)
@@ -260,6 +260,6 @@ def test_a_rebooted_device_is_heard_again() -> None:
     ends.run(0.5)
     assert ends.run(5.0, lambda: host.session.state is State.READY)
     ends.run(1.0)
-    assert [a.rebooted for a in host.of(Agreed)] == [False, True]
+    assert [a.rebooted for a in host.of(SessionReady)] == [False, True]
     late = [d for d in host.of(Data) if isinstance(d.received.message, Imu)][-1]
     assert late.received.frame.t_us < 8_000_000

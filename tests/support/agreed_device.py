@@ -6,7 +6,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from bridge.motion.robot_model import RobotModel
-from bridge.session.states import Agreed, CommandEnded, Data, State
+from bridge.session.states import CommandEnded, Data, SessionReady, State
 from protocol.messages import (
     ClearStop,
     GetParameter,
@@ -101,8 +101,8 @@ class Desk:
     def reboot(self, kind: int = RebootKind.NORMAL) -> NackReason | None:
         reason = self.ask(lambda i: Reboot(i, kind))
         if reason is None:
-            known = len(self.host.of(Agreed))
-            assert self.ends.run(4.0, lambda: len(self.host.of(Agreed)) > known)
+            known = len(self.host.of(SessionReady))
+            assert self.ends.run(4.0, lambda: len(self.host.of(SessionReady)) > known)
         return reason
 
     def rate(self, type_id: int, tenths: int) -> NackReason | None:

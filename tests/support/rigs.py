@@ -6,7 +6,7 @@ import itertools
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from bridge.session.session import Session
-from bridge.session.states import Agreed, Data, Ping, State
+from bridge.session.states import Data, Ping, SessionReady, State
 from protocol.clock import HostNs
 from protocol.messages import Imu
 from protocol.uart.link import Link
@@ -98,7 +98,7 @@ class Drive:
             if isinstance(event, Data):
                 frame = event.received.frame
                 self.heard.append(Heard(self.now_us, frame.t_us, event.received.message))
-            elif isinstance(event, Agreed) and any(self.velocity):
+            elif isinstance(event, SessionReady) and any(self.velocity):
                 self.session.clear_stop(StopCause.SESSION_END, self._host_ns)
                 self.session.set_mode(Mode.VELOCITY, self._host_ns)
 
@@ -118,9 +118,9 @@ class Drive:
             if isinstance(e, Ping) and since_s * 1e6 <= at_us < until_s * 1e6
         ]
 
-    def agreed(self) -> list[Agreed]:
+    def agreed(self) -> list[SessionReady]:
         """Each agreement."""
-        return [e for _, e in self.events if isinstance(e, Agreed)]
+        return [e for _, e in self.events if isinstance(e, SessionReady)]
 
 
 def lost_frames(drive: Drive, since_s: float, until_s: float) -> float:

@@ -87,7 +87,7 @@ class Walk:
             "pose": Pose2(0.0, 0.0, 0.0),
             "v_m_s": 0.0,
             "yaw_rate_rad_s": 0.0,
-            "heard_s": self.time_s,
+            "last_frame_s": self.time_s,
             "encoders": counts,
         }
         inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})

@@ -196,7 +196,7 @@ def _account(monitor: Monitor, port: str) -> dict[str, object]:
         "rejected": monitor.rejected,
         "lost": monitor.lost,
         "other_nodes": sorted(monitor.others),
-        "strange_catalogues": {str(n): f"{h:08x}" for n, h in monitor.strangers.items()},
+        "strange_catalogues": {str(n): f"{h:08x}" for n, h in monitor.foreign_catalogues.items()},
         "types": {
             name: {
                 "count": count.count,

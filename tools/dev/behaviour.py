@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from bridge.api import pump
 from bridge.run import host
-from bridge.session import agreement as session_agreement
 from bridge.session import discovery as session_bus
+from bridge.session import negotiation as session_negotiation
 from bridge.session import round_trip, session
 from bridge.session import states as session_events
 from protocol import commands
@@ -235,8 +235,8 @@ def _host_rules() -> Iterator[Rule]:
     yield Rule(
         "host",
         "questions under way at the same time",
-        str(session_agreement.QUESTIONS_AT_ONCE),
-        "bridge.session.agreement.QUESTIONS_AT_ONCE",
+        str(session_negotiation.QUESTIONS_AT_ONCE),
+        "bridge.session.negotiation.QUESTIONS_AT_ONCE",
     )
     yield Rule(
         "host", "setpoint, every", _ms(host.CONTROL_PERIOD_NS), "bridge.run.host.CONTROL_PERIOD_NS"

@@ -80,7 +80,7 @@ class TextLines(Nothing):
     def tick(self, monitor: Monitor, now_ns: HostNs) -> None:
         """Push out what was printed, and say the rates."""
         flush()
-        for node, value in monitor.strangers.items():
+        for node, value in monitor.foreign_catalogues.items():
             if node not in self._warned:
                 self._warned.add(node)
                 inform(_stranger(node, value))
@@ -170,7 +170,9 @@ class Table(Nothing):
         parts: list[RichTable | Text] = [table, Text(_totals(monitor), style="dim")]
         if not monitor.types and monitor.others:
             parts.append(Text(f"nothing comes{_others(monitor)}", style="yellow"))
-        parts += [Text(_stranger(n, h), style="yellow") for n, h in monitor.strangers.items()]
+        parts += [
+            Text(_stranger(n, h), style="yellow") for n, h in monitor.foreign_catalogues.items()
+        ]
         bad = monitor.newest_damage
         if bad is not None:
             more = "…" if len(bad.raw) > _SHOWN_BYTES else ""

@@ -43,14 +43,14 @@ class Stall:
     def restart(self) -> None:
         """Discard the wheels' distances."""
         self._power: Power | None = None
-        self._way_m = [0.0, 0.0]
+        self._distance_m = [0.0, 0.0]
         self._stands: list[tuple[str, float]] = []
 
     def holds(self, inputs: RuleInputs, measured: Measured) -> bool:
         """Check each wheel's distance since the last power sample, and its motor's current."""
-        way = self._way_m
-        way[0] += abs(measured.left_m)
-        way[1] += abs(measured.right_m)
+        distance_m = self._distance_m
+        distance_m[0] += abs(measured.left_m)
+        distance_m[1] += abs(measured.right_m)
         power = inputs.power
         if power is not None and power is not self._power:
             whole = self._power is not None
@@ -58,12 +58,12 @@ class Stall:
             self._stands = [
                 (side, current_a)
                 for side, moved_m, current_a in (
-                    ("left", way[0], power.motor_left_a),
-                    ("right", way[1], power.motor_right_a),
+                    ("left", distance_m[0], power.motor_left_a),
+                    ("right", distance_m[1], power.motor_right_a),
                 )
                 if whole and moved_m < STANDS_M and current_a >= self._rule.current_a
             ]
-            way[:] = (0.0, 0.0)
+            distance_m[:] = (0.0, 0.0)
         status = inputs.status
         self._reported = status is not None and status.faults & _STALL != 0
         return self._reported or bool(self._stands)
@@ -144,7 +144,7 @@ class Silence:
         """Compare the ages of the link and of all streams with the limits."""
         del measured
         now_s, rule = inputs.time_s, self._rule
-        self._stream, self._for_s = "", now_s - inputs.heard_s
+        self._stream, self._for_s = "", now_s - inputs.last_frame_s
         if self._for_s > rule.silent_s:
             return True
         oldest_s, arrived_s = now_s - rule.stream_s, inputs.arrived_s

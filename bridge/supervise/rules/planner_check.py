@@ -104,7 +104,7 @@ class PlannerCheck:
         if self._lane is not None:
             _go_on(self._lane, inputs, measured)
         if reported is not self._state:
-            self._hear(reported, inputs, measured)
+            self._take_state(reported, inputs, measured)
         self._test_claim(reported, inputs, measured)
         if self._found is not None and now_s - self._found_s > KEEP_S:
             self._found = None
@@ -119,7 +119,7 @@ class PlannerCheck:
 
     # ---- decisions --------------------------------------------------------------------------
 
-    def _hear(self, reported: PlannerState, inputs: RuleInputs, measured: Measured) -> None:
+    def _take_state(self, reported: PlannerState, inputs: RuleInputs, measured: Measured) -> None:
         before, now_s = self._state, inputs.time_s
         whole = before is not None and now_s - self._state_s <= GAP_S
         self._state, self._state_s = reported, now_s
@@ -143,8 +143,8 @@ class PlannerCheck:
     ) -> None:
         distance_m, lane = reported.lane_distance_m, self._lane
         if lane is not None:
-            ways_m = lane.far_m - lane.began_m, lane.made_m
-            driven_m = min(ways_m, key=lambda way_m: abs(distance_m - way_m))
+            lengths_m = lane.far_m - lane.began_m, lane.made_m
+            driven_m = min(lengths_m, key=lambda way_m: abs(distance_m - way_m))
             if abs(distance_m - driven_m) > self._rule.distance_m + lane.uncertain_m:
                 self._note(
                     now_s,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import pytest
 
-from bridge.session.states import Agreed, CommandEnded, Data, State
+from bridge.session.states import CommandEnded, Data, SessionReady, State
 from protocol.link import Rejected
 from protocol.messages import (
     ClearStop,
@@ -60,7 +60,7 @@ class Pair:
         self.catalogue = host
         self.ends = Ends(self.host, sweeper(catalogue=device))
         assert self.ends.run(3.0, lambda: self.host.session.state is State.READY)
-        self.report = [d.report() for d in self.host.of(Agreed)[-1].differences]
+        self.report = [d.report() for d in self.host.of(SessionReady)[-1].differences]
 
     def latest(self, name: str) -> dict[str, object]:
         """Field values of the last message of this name, as the host reads it."""
@@ -112,7 +112,7 @@ def test_what_one_host_left_out_the_next_may_send() -> None:
     pair.ends.restart_host(second)
     pair.host, pair.catalogue = second, device
     assert pair.ends.run(4.0, lambda: second.session.state is State.READY)
-    assert second.of(Agreed)[-1].differences == ()
+    assert second.of(SessionReady)[-1].differences == ()
     codec = pair.ends.device.firmware.link.codec
     assert codec.shared_fields(device.by_name["set_mode"]) == 3
 

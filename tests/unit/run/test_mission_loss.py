@@ -428,5 +428,5 @@ def test_a_device_that_dies_before_the_first_move_gives_status_3(*, enabled: boo
     if enabled:
         mission.on_command(accepted(SetMode(1, 1)), 14.0)
     mission.on_lost(15.0)
-    mission.end_unheard(Ending("stopped", "so", 0), 16.0)
+    mission.end_unconfirmed(Ending("stopped", "so", 0), 16.0)
     assert ending(mission) == Ending("fault", "so; the device did not confirm the stop", 3)

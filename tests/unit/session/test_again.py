@@ -11,7 +11,7 @@ from bridge.run.host import Host
 from bridge.run.mission import LOST_TIMEOUT_S, Mission, Phase, Resume
 from bridge.run.options import HostOptions
 from bridge.session.records import EventRecord
-from bridge.session.states import Agreed, Failed, State, StateChanged
+from bridge.session.states import Failed, SessionReady, State, StateChanged
 from protocol.clock import HostNs
 from protocol.messages import Power
 from protocol.values import Mode, StopCause
@@ -71,13 +71,13 @@ def test_a_port_that_is_back_is_asked_at_once() -> None:
     replug(ends)
     assert ends.run(0.3, lambda: host.session.state is State.READY)
     assert ends.now_us - before_us < 200_000
-    last = host.of(Agreed)[-1]
+    last = host.of(SessionReady)[-1]
     assert (last.again, last.rebooted, last.other_schema) == (True, False, False)
 
 
 def test_the_first_agreement_is_no_return() -> None:
     _, host = ready()
-    (first,) = host.of(Agreed)
+    (first,) = host.of(SessionReady)
     assert (first.again, first.rebooted, first.other_schema) == (False, False, False)
 
 
@@ -89,7 +89,7 @@ def test_another_boot_is_distinguished() -> None:
     ends.run(1.0)
     replug(ends)
     assert ends.run(3.0, lambda: host.session.state is State.READY)
-    last = host.of(Agreed)[-1]
+    last = host.of(SessionReady)[-1]
     assert (last.again, last.rebooted, last.other_schema) == (True, True, False)
 
 
@@ -100,7 +100,7 @@ def test_another_schema_is_distinguished() -> None:
     other = sweeper(catalogue=catalogue(more=[RicherPower]))  # equal seed, equal uid: reflashed
     replug(ends, other)
     assert ends.run(4.0, lambda: host.session.state is State.READY)
-    last = host.of(Agreed)[-1]
+    last = host.of(SessionReady)[-1]
     assert (last.again, last.other_schema) == (True, True)
 
 

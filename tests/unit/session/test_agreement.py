@@ -9,7 +9,7 @@ import pytest
 
 from bridge.run.mission import Phase
 from bridge.run.robot_state import missing_needs, understood
-from bridge.session.states import Agreed, Data, Failed, State
+from bridge.session.states import Data, Failed, SessionReady, State
 from protocol.link import Received, Rejected
 from protocol.messages import (
     ALL_MESSAGES,
@@ -83,9 +83,9 @@ class Declaring(Wire):
         return data
 
 
-def agreed(host: SessionEnd, ends: Ends, within_s: float = 3.0) -> Agreed:
+def agreed(host: SessionEnd, ends: Ends, within_s: float = 3.0) -> SessionReady:
     assert ends.run(within_s, lambda: host.session.state is State.READY)
-    return host.of(Agreed)[-1]
+    return host.of(SessionReady)[-1]
 
 
 def power_of(host: SessionEnd) -> list[Message]:
@@ -211,8 +211,8 @@ def test_a_device_that_was_flashed_anew_is_not_read_with_the_old_agreement() -> 
     assert host.session.link.disabled
     ends.device.catalogue = ours
     ends.reboot_device(5)
-    assert ends.run(3.0, lambda: len(host.of(Agreed)) == 2)
-    assert host.of(Agreed)[-1].differences == ()
+    assert ends.run(3.0, lambda: len(host.of(SessionReady)) == 2)
+    assert host.of(SessionReady)[-1].differences == ()
     assert not host.session.link.disabled
 
 

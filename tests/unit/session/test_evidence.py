@@ -26,8 +26,8 @@ from protocol.link import Medium
 def test_words(pieces: list[bytes], words: str | None) -> None:
     evidence = Evidence()
     for piece in pieces:
-        evidence.hear(piece)
-    assert evidence.words == words
+        evidence.add(piece)
+    assert evidence.text_line == words
     assert evidence.received == sum(map(len, pieces))
     kind, text = evidence.verdict(Medium.UART, 0)
     assert (kind == "words") == (words is not None)

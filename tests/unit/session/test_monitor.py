@@ -124,7 +124,7 @@ def test_a_device_with_another_catalogue_is_named() -> None:
     link.send(hello, 0, node=2)
     monitor = Monitor()
     monitor.receive(link.data_to_send(), HostNs(0))
-    assert monitor.strangers == {2: 0x1234}
+    assert monitor.foreign_catalogues == {2: 0x1234}
 
 
 def test_a_bus_is_heard_in_both_directions() -> None:

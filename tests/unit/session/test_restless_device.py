@@ -13,7 +13,7 @@ from bridge.session.session import (
     HANDSHAKES_AT_ONCE,
     Session,
 )
-from bridge.session.states import RESTLESS, Agreed, Failed, Restless, SessionEvent, State
+from bridge.session.states import RESTLESS, Failed, Restless, SessionEvent, SessionReady, State
 from protocol.clock import HostNs
 from protocol.link import Received
 from protocol.messages import Hello, HostHello, Status
@@ -121,10 +121,10 @@ def test_one_that_never_calms_down_is_given_up_by_that_name() -> None:
 def test_one_that_calms_down_is_agreed_with_at_its_turn() -> None:
     session, device = opened(), Fickle(CHANGES["boot"])
     before = run(session, device, SECOND_NS, 3.0)
-    assert not [e for e in before if isinstance(e, Agreed)]
+    assert not [e for e in before if isinstance(e, SessionReady)]
     device.calm = True
     events = run(session, device, 4 * SECOND_NS, 1.5 * HANDSHAKE_PERIOD_NS / SECOND_NS)
-    (agreed,) = [e for e in events if isinstance(e, Agreed)]
+    (agreed,) = [e for e in events if isinstance(e, SessionReady)]
     assert agreed.hello.boot_id == 7
     assert session.state is State.READY
 

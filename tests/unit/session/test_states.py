@@ -10,10 +10,10 @@ from cobs import cobs
 from bridge.session.session import AGREE_TIMEOUT_NS, OPEN_TIMEOUT_NS, Session
 from bridge.session.states import (
     TRANSITIONS,
-    Agreed,
     CommandEnded,
     Data,
     Failed,
+    SessionReady,
     State,
     StateChanged,
 )
@@ -135,7 +135,7 @@ def test_a_session_opens_within_a_fifth_of_a_second() -> None:
     ends = Ends(host, sweeper())
     ready(ends, host)
     assert ends.now_us < 200_000
-    (agreed,) = host.of(Agreed)
+    (agreed,) = host.of(SessionReady)
     assert not agreed.rebooted
     assert agreed.differences == ()
 
@@ -165,7 +165,7 @@ def test_lost_and_back_is_a_new_session_with_the_same_boot() -> None:
     ends.to_host.cut = ends.to_device.cut = False
     ready(ends, host)
     assert host.session.session_id != first
-    assert [a.rebooted for a in host.of(Agreed)] == [False, False]
+    assert [a.rebooted for a in host.of(SessionReady)] == [False, False]
     assert ends.device.firmware.session_id == host.session.session_id
 
 
@@ -193,7 +193,7 @@ def test_a_reboot_is_seen_and_reported() -> None:
     ends.reboot_device(77)
     assert ends.run(2.0, lambda: host.session.state is not State.READY)
     ready(ends, host)
-    assert [a.rebooted for a in host.of(Agreed)] == [False, True]
+    assert [a.rebooted for a in host.of(SessionReady)] == [False, True]
     assert host.session.hello is not None
     assert host.session.hello.boot_id == 77
 
@@ -204,7 +204,7 @@ def test_a_reboot_while_agreeing_starts_agreement_anew() -> None:
     assert ends.run(3.0, lambda: host.session.state is State.AGREEING)
     ends.reboot_device(78)
     ready(ends, host)
-    assert host.of(Agreed)[-1].hello.boot_id == 78
+    assert host.of(SessionReady)[-1].hello.boot_id == 78
     assert ends.device.firmware.session_id == host.session.session_id
 
 

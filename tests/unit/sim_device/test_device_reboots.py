@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.session.states import Agreed, Data
+from bridge.session.states import Data, SessionReady
 from protocol.messages import (
     Reboot,
     SetMode,
@@ -26,7 +26,7 @@ def test_a_reboot_is_acknowledged_then_done_and_agreed_on_again() -> None:
     desk = Desk()
     before = desk.ends.device.firmware.identity
     assert desk.reboot() is None
-    first, second = desk.host.of(Agreed)
+    first, second = desk.host.of(SessionReady)
     assert second.rebooted
     assert second.hello.boot_id not in {0, first.hello.boot_id}
     assert second.hello.reset_cause == ResetCause.SOFTWARE
@@ -40,7 +40,7 @@ def test_boot_ids_follow_the_seed() -> None:
         desk = Desk(seed)
         desk.reboot()
         desk.reboot()
-        return [a.hello.boot_id for a in desk.host.of(Agreed)]
+        return [a.hello.boot_id for a in desk.host.of(SessionReady)]
 
     assert ids(3) == ids(3)
     assert len({*ids(3), *ids(4)}) == 6

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bridge.session.states import Agreed
+from bridge.session.states import SessionReady
 from sim_device.line.line import LineSettings
 from support.rigs import Drive, lost_frames, rig
 
@@ -97,7 +97,7 @@ def test_a_fault_that_never_comes_changes_nothing() -> None:
 def test_agreement_over_the_real_line_and_its_pace() -> None:
     drive = Drive(rig(settings=LineSettings(115_200, 16_000)))
     drive.run(4.0)
-    assert isinstance(drive.agreed()[0], Agreed)
+    assert isinstance(drive.agreed()[0], SessionReady)
     assert drive.session.link.statistics.lost == 0
     assert lost_frames(drive, 2.0, 4.0) < 0.02
     for at_us, data in drive.bytes:

@@ -139,10 +139,10 @@ def silence() -> Silence:
 
 def test_nothing_of_the_device() -> None:
     walk = Walk(rule := silence())
-    assert not walk.look(heard_s=walk.time_s - 0.39)
-    assert walk.look(heard_s=walk.time_s - 0.42)
+    assert not walk.look(last_frame_s=walk.time_s - 0.39)
+    assert walk.look(last_frame_s=walk.time_s - 0.42)
     assert rule.evidence()[1] == {"stream": "", "for_s": 0.42}
-    assert not walk.look(heard_s=walk.time_s)
+    assert not walk.look(last_frame_s=walk.time_s)
 
 
 @pytest.mark.parametrize("kind", [Encoders, Imu, Range, Status, Power, PlannerState])
@@ -261,11 +261,11 @@ def test_a_reading_after_a_long_time_is_taken_as_it_is() -> None:
 def test_a_device_is_silent_only_after_its_time() -> None:
     walk = Walk(rule := Silence(SilenceRule(silent_s=0.5, stream_s=1.0)))
     walk.time_s = 8.0
-    assert walk.look(heard_s=7.5) is False
-    assert walk.look(heard_s=7.375) is True
+    assert walk.look(last_frame_s=7.5) is False
+    assert walk.look(last_frame_s=7.375) is True
     assert rule.evidence() == ("no data from the device for 0.6 s", {"stream": "", "for_s": 0.62})
-    assert walk.look(heard_s=8.0, arrived_s={Imu: 7.0}) is False
-    assert walk.look(heard_s=8.0, arrived_s={Imu: 6.875}) is True
+    assert walk.look(last_frame_s=8.0, arrived_s={Imu: 7.0}) is False
+    assert walk.look(last_frame_s=8.0, arrived_s={Imu: 6.875}) is True
     text = "no data from the stream imu for 1.1 s"
     assert rule.evidence() == (text, {"stream": "imu", "for_s": 1.12})
 

@@ -41,7 +41,7 @@ class Run:
                 "pose": Pose2(0.0, 0.0, 0.0),
                 "v_m_s": 0.0,
                 "yaw_rate_rad_s": 0.0,
-                "heard_s": self.time_s,
+                "last_frame_s": self.time_s,
                 "status": status(STALL if stalls else 0),
             }
             inputs = RuleInputs(time_s=self.time_s, **{**defaults, **values})  # type: ignore[arg-type]  # by name
@@ -244,7 +244,7 @@ def test_every_rule_is_evaluated() -> None:
         "battery": {"power": power(11.0)},
         "cliff": {"range": reading(contacts=int(Contact.CLIFF))},
         "fence": {"pose": Pose2(9.0, 0.0, 0.0)},
-        "silence": {"heard_s": 1.0},
+        "silence": {"last_frame_s": 1.0},
     }
     for kind, values in causes.items():
         extra = {"radius_m": 1.0} if kind == "fence" else {}
@@ -339,7 +339,7 @@ def test_a_step_of_0_3_s_is_no_gap() -> None:
         for time_s, right in ((0.0, 0), (gap_s, 2000)):
             inputs = RuleInputs(
                 *(time_s, Pose2(0.0, 0.0, 0.0), 0.0, 0.0),
-                heard_s=time_s,
+                last_frame_s=time_s,
                 encoders=Encoders(0, right),
             )
             found = supervisor.step(inputs)

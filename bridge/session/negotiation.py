@@ -15,7 +15,7 @@ QUESTIONS_AT_ONCE = 4
 """Maximum number of ``Describe`` messages that wait for a reply at the same time."""
 
 
-class Agreement:
+class SchemaNegotiation:
     """Asks the device for its message declarations and sets up the link accordingly."""
 
     def __init__(self, catalogue: Catalogue, link: LinkBase) -> None:
