@@ -1,9 +1,9 @@
-"""What contact does to the estimate: wheels tell a way that a touched thing does not let happen.
+"""Effect of contact on the estimate: the wheels measure a path that an obstacle prevents.
 
-Pressed to a wall by one half of the bumper the robot slides along it and not into it. The wall is
-then some 80° off the bow (nearer to the bow it is stopped at once), so that of the way the wheels
-tell cos 80° is missing towards the wall, every time and for as long as the touch lasts. That much
-is taken back; the rest of the error is one error for the whole touch, and is doubted as one.
+A robot that presses one bumper switch against a wall moves along the wall, not into it. The wall is
+then about 80° off the heading (nearer to the heading it stops the robot), so cos 80° of the wheels'
+path is missing towards the wall for as long as the contact lasts. That share is subtracted. The
+remaining error is one error for the whole contact, and inflates the covariance once.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ if TYPE_CHECKING:
 
 BUMP_SIGMA_M = 0.01
 BUMP_SIGMA_RAD = math.radians(0.5)
-"""What a touch moves the robot beyond what its wheels tell."""
+"""Standard deviations (m, rad) of a contact's motion that the wheels do not measure."""
 FELT_SIGMA_M = 0.0012
 FELT_SIGMA_RAD = math.radians(0.05)
-"""The same where the accelerometer tells of hard touches: what is left are soft ones."""
+"""The same if the accelerometer measures hard contacts, for the soft ones."""
 SLIDE_ASIDE, SLIDE_AHEAD = 0.18, 0.05
-"""Of the way that the wheels tell while one half is pressed: what is not made, towards that side
-and ahead. Measured over some 700 touches at ``typical`` and ``harsh``, where it is the same."""
+"""Shares of the wheels' path that are missing aside and ahead while one switch is pressed,
+measured over 700 contacts at ``typical`` and ``harsh`` (equal)."""
 SLIDE_SHARE, PRESS_SHARE = 0.1, 0.3
-"""What is left of that (standard deviation over a touch), and where both halves are pressed or
-no accelerometer tells of the touch."""
+"""Standard deviation of the rest over a contact, as shares of the path: with one switch pressed,
+and with both pressed or without an accelerometer."""
 GRAZE_M_SQRT_M = 0.0007
-"""Per √m of a wall that is rubbed against abeam, for wheels that slip as little as is nominal: it
-pushes aside, and its friction holds back."""
+"""Standard deviation per √m of grazing a wall abeam with nominal slip, m: the wall pushes the robot
+aside, and its friction holds it back."""
 _READING_M, _STUCK_M = 0.02, 0.3
-"""The most that is driven from one reading to the next; and along a touch: what is pressed for
-longer is a switch that is stuck, and slides along nothing."""
+"""Maximum path between two readings, and along a contact, m: a switch that is pressed for longer is
+stuck."""
 _FREE_READINGS = 4
-"""Of a bumper that is free again: 0.15 s."""
+"""Readings of a free bumper that end a contact: 0.15 s."""
 
 
 class ContactUncertainty:
-    """Takes back what wheels tell and contact withholds, and grows the doubt."""
+    """Corrects the pose and inflates the covariance during contacts."""
 
     def __init__(self, estimator: PoseEstimator) -> None:
-        """``estimator``: whose pose and covariance are changed."""
+        """Correct this estimator."""
         self._estimator = estimator
         self._pressed = (False, False)
         self._pressed_m = 0.0
@@ -49,9 +49,11 @@ class ContactUncertainty:
         self._last = estimator.odometry
 
     def update(self, *, left: bool, right: bool, grazing: bool) -> float:
-        """Take the bumper's halves, and whether a wall is rubbed against abeam.
+        """Take the bumper switches, and whether the robot grazes a wall abeam.
 
-        Returns the way since the last reading, m, before anything of it is taken back.
+        Returns:
+            Path since the last reading, m, before the correction.
+
         """
         estimator = self._estimator
         way_m = estimator.odometry.distance_m(self._last)

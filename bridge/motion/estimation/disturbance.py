@@ -1,15 +1,15 @@
-"""Slip and collision, told by what encoders, gyro and accelerometer disagree about.
+"""Detection of slip and bumps by the disagreement of encoders, gyro and accelerometer.
 
-- A *bump* is a jerk: within one sample of 10 ms the body loses speed that no motor can take
-  from it. The wheels meanwhile go on turning, so that the encoders tell a way that was not
-  made. For the moments after it the accelerometer, integrated, tells the body's velocity far
-  better (``InertialBridge``), sliding along the wall included.
-- A *stall* is a bump whose end does not come: the body stands, the wheels turn on. A body that
-  gains speed as the wheels do does not stand.
-- A *slip* of one wheel shows between encoders and gyro: a wheel that loses its grip counts
-  more than the floor went by, so that the other one is believed.
+- A *bump* is a jerk: within one sample of 10 ms the robot loses speed faster than its motors could
+  brake. The wheels still turn, so the encoders measure a path that the robot did not drive. Just
+  after a bump the integrated accelerometer measures the velocity much better (``InertialBridge``),
+  slip along the wall included.
+- A *stall* is a bump that does not end: the robot stands and the wheels turn. A robot that gains
+  speed with its wheels does not stand.
+- A *slip* of one wheel shows as a difference between encoders and gyro. The slipping wheel counts
+  too much, so the other wheel is used.
 
-Both wheels slipping alike and gently cannot be told by these sensors; walls seen again can.
+These sensors cannot detect that both wheels slip alike and gently; walls seen again can.
 """
 
 from __future__ import annotations
@@ -19,44 +19,52 @@ import math
 from typing import NamedTuple
 
 BUMP_M_S2 = 1.8
-"""Least jerk that counts: a touch at 2 cm/s. The robot itself brings at most 1 m/s², in a halt."""
+"""Minimum jerk of a bump, m/s²: a contact at 2 cm/s. The robot itself reaches 1 m/s² when it
+stops."""
 BUMP_SIGMAS = 6.0
-"""And this many times the vibration, whose strength is learnt while driving."""
+"""Minimum jerk in standard deviations of the vibration, which is learned while driving."""
 _VIBRATION_M_S2 = 0.15
-"""What is believed of it at first."""
+"""Initial vibration, m/s²."""
 _VIBRATION_SHARE = 0.01
+"""Share of the newest sample in the vibration of the threshold."""
 _LASTING_SHARE = 0.001
-"""A wall that is rubbed against for a second says nothing of the floor."""
+"""Share of the newest sample in the lasting vibration, so that a short graze does not count."""
 _RINGS = 15
-"""Samples after a jerk that tell nothing of the vibration."""
+"""Samples after a jerk that do not count for the vibration."""
 _REST_SHARE = 0.01
-"""Time constant of the accelerometer's offset at rest: 100 samples."""
+"""Share of the newest sample in the accelerometer's offset at rest: 100 samples."""
 _HELD = 5
+"""Newest samples at rest that are held back, since they may belong to the start."""
 AGREE_M_S = 0.025
-"""Encoders and inertia agree again below this."""
+"""Difference of speed below which encoders and accelerometer agree again, m/s."""
 AGREE_S = 0.05
+"""Time for which they must agree, s."""
 AWAY_M_S = 0.01
-"""Wheels that turn back faster take the body from what it met: nothing holds it there, and so
-gentle a start is lost in what is taken for standing."""
+"""Speed of wheels that turn away from the obstacle, m/s: then nothing holds the robot, and so
+gentle a start would be taken for standing."""
 STANDS_M_S = 0.012
-"""Slower than this after a bump, the body is taken to stand: else the offset's rest adds up."""
+"""Inertial speed below which the robot stands after a bump, m/s: the offset's error would add
+up."""
 STALL_S = 0.5
+"""Time of standing with turning wheels that is a stall, s."""
 GAIN_M_S = 0.05
-"""Wheels that gain so much speed in a stall show whether the body follows: inertia tells as much
-(within the shares below), or nothing."""
+"""Gain of the wheels' speed in a stall that shows whether the robot follows, m/s: the accelerometer
+measures the same gain or none."""
 _MIN_SHARE, _MAX_SHARE = 0.5, 2.0
+"""Shares of the wheels' gain within which the accelerometer confirms it."""
 LONGEST_S = 2.0
-"""After this the accelerometer's offset has grown into the velocity: give up."""
+"""Maximum time of inertial motion, s: then the offset's error dominates the velocity."""
 SLIP_M_S = 0.02
-"""Rim speed between the wheels that gyro and encoders differ by: a wheel slips. Ten times the
-slip of a hard floor at cruise speed."""
+"""Difference between gyro and encoders that is slip, m/s at the rim: ten times that of a hard
+floor at cruise speed."""
 SLIP_S = 0.06
+"""Time for which it must last, s."""
 FULL_SCALE_M_S2 = 19.0
-"""Just below the ±2 g range: a sample beyond it is cut off."""
+"""Acceleration just below the ±2 g range, m/s²: a larger sample is clipped."""
 
 
 class DisturbanceKind(enum.StrEnum):
-    """What happened."""
+    """Kinds of disturbances."""
 
     BUMP = "bump"
     STALL = "stall"
@@ -65,17 +73,17 @@ class DisturbanceKind(enum.StrEnum):
 
 
 class Disturbance(NamedTuple):
-    """One onset."""
+    """The onset of a disturbance."""
 
     kind: DisturbanceKind
     t_s: float
     size: float
-    """Speed, m/s: of a bump what was lost or gained in one sample, of a stall that of the wheels,
-    of a slip the difference between wheels and gyro."""
+    """Speed, m/s: change within one sample (bump), speed of the wheels (stall), or difference
+    between wheels and gyro (slip)."""
 
 
 class BumpDetector:
-    """Jerks, by the accelerometer alone."""
+    """Detects bumps with the accelerometer alone."""
 
     __slots__ = (
         "_held",
@@ -90,7 +98,7 @@ class BumpDetector:
     )
 
     def __init__(self) -> None:
-        """Nothing is known of offset and vibration."""
+        """Begin without an offset."""
         self._offset_x = self._offset_y = 0.0
         self._last_x = self._last_y = 0.0
         self._rests = self._ringing = 0
@@ -99,17 +107,17 @@ class BumpDetector:
 
     @property
     def ready(self) -> bool:
-        """Whether a rest has told the offset: bias, and gravity on a floor that slants."""
+        """Whether a rest has measured the offset: bias, and gravity on a sloping floor."""
         return self._rests > 0
 
     @property
     def threshold_m_s2(self) -> float:
-        """What counts as a jerk at present."""
+        """Present minimum jerk of a bump, m/s²."""
         return max(BUMP_M_S2, BUMP_SIGMAS * math.sqrt(self._variance))
 
     @property
     def vibration_m_s2(self) -> float:
-        """Strength of the vibration in motion, per axis, over some ten seconds of driving."""
+        """Standard deviation of the vibration per axis, over ten seconds of driving, m/s²."""
         return math.sqrt(self._lasting)
 
     def rest(self, accel_x: float, accel_y: float) -> None:
@@ -124,15 +132,15 @@ class BumpDetector:
         self._offset_y += share * (ripe_y - self._offset_y)
 
     def leave_rest(self) -> None:
-        """Drop the newest samples: they may be of the start, which wheels show a little late."""
+        """Drop the newest samples, which may belong to the start."""
         self._held.clear()
 
     def level(self, accel_x: float, accel_y: float) -> tuple[float, float]:
-        """The sample less the offset."""
+        """Return the sample less the offset, m/s²."""
         return accel_x - self._offset_x, accel_y - self._offset_y
 
     def moving(self, ahead: float, aside: float) -> bool:
-        """Take a levelled sample in motion; True: a jerk."""
+        """Take a levelled sample in motion, m/s²; whether it is a bump."""
         if not self.ready:
             return False
         # From sample to sample: the robot's own accelerations are slow and cancel.
@@ -152,20 +160,20 @@ class BumpDetector:
 
 
 class SlipDetector:
-    """One wheel's slip, by encoders against gyro."""
+    """Detects the slip of one wheel by encoders and gyro."""
 
     __slots__ = ("_lasting_s", "_side")
 
     def __init__(self) -> None:
-        """No slip."""
+        """Begin without slip."""
         self._lasting_s = 0.0
         self._side = 0
 
     def update(self, left_m: float, right_m: float, turn_m: float, dt_s: float) -> int:
-        """Which wheel slips now: -1 left, +1 right, 0 none.
+        """Return the slipping wheel: -1 left, +1 right, 0 none.
 
         Args:
-            left_m: way that the left encoder tells, so ``right_m``.
+            left_m: path of the left wheel by its encoder, m; so ``right_m``.
             right_m: see ``left_m``.
             turn_m: the rotation that the gyro tells, times the wheel base.
             dt_s: over which all that was.
@@ -193,7 +201,7 @@ class SlipDetector:
 
 
 class InertialBridge:
-    """The body's velocity after a bump, by inertia, until the wheels can be believed again."""
+    """Inertial velocity after a bump, until wheels and accelerometer agree again."""
 
     __slots__ = (
         "_agreed_s",
@@ -213,23 +221,23 @@ class InertialBridge:
     )
 
     def __init__(self, v_m_s: float) -> None:
-        """``v_m_s``: forward speed before the bump."""
+        """Begin with the forward speed before the bump, m/s."""
         self.vx_m_s, self.vy_m_s = v_m_s, 0.0
         self.age_s = 0.0
         self.cut = False
-        """Whether a sample was beyond the accelerometer's range: the bump was harder than told."""
+        """Whether a sample was clipped, so that the bump was harder than measured."""
         self.stalled = False
         self.given_back_m = 0.0
-        """Way by the wheels that was taken for none, and was made."""
+        """Path by the wheels that was withheld, and was driven, m."""
         self.unmade_m = 0.0
-        """Way that the wheels tell and inertia does not, since something last held the body."""
+        """Path by the wheels that the accelerometer does not confirm, since the last contact, m."""
         self._agreed_s = self._away_s = self._away_m = 0.0
         self._into = math.copysign(1.0, v_m_s) if abs(v_m_s) > AWAY_M_S else 0.0
         self._wheels_m_s = self._gain_m_s = self._withheld_m = 0.0
-        """Speed of the wheels as the stall began, what inertia gained since, and their way."""
+        """Wheel speed at the stall's beginning, inertial gain and wheel path since."""
 
     def push(self, ahead: float, aside: float, yaw_rate: float, dt_s: float) -> tuple[float, float]:
-        """Take a levelled sample; way made ahead and aside meanwhile."""
+        """Take a levelled sample and return the path ahead and aside, m."""
         self.age_s += dt_s
         self.cut = self.cut or abs(ahead) > FULL_SCALE_M_S2 or abs(aside) > FULL_SCALE_M_S2
         before_x, before_y = self.vx_m_s, self.vy_m_s
@@ -247,7 +255,7 @@ class InertialBridge:
         return self.vx_m_s * dt_s, self.vy_m_s * dt_s
 
     def over(self, v_m_s: float, dt_s: float) -> bool:
-        """Whether the wheels, at this speed, tell the same again."""
+        """Take the wheels' speed, m/s; whether it agrees with the inertial speed again."""
         self.unmade_m += v_m_s * dt_s
         if self.stalled:
             self._withheld_m += v_m_s * dt_s
