@@ -3,41 +3,41 @@
 from __future__ import annotations
 
 _GAIN = 0.4
-"""Share of a fresh reading: σ of the output is half that of a reading at constant speed."""
+"""Share of a fresh reading in the estimate: its σ is half that of a reading at constant speed."""
 _GATE_M = 0.05
-"""A reading further off than this is an outlier or a new thing in view."""
+"""Innovation above which a reading is an outlier or a new obstacle, m."""
 _DROPOUT_S = 0.3
-"""Without an echo for this long (six readings at 20 Hz) there is nothing ahead."""
+"""Time without an echo after which nothing is ahead, s: six readings at 20 Hz."""
 
 
 class RangeAhead:
-    """Range to what is ahead at the present moment.
+    """Present range to an obstacle ahead.
 
-    Ranges come at 20 Hz and the control step at 50 Hz, so a raw reading is up to 50 ms old and
-    1 cm of travel wrong. Between readings the range is reduced by the way driven; a fresh
-    reading (one that differs from the last) corrects it by a share. One reading that
-    disagrees is not believed, two in a row that agree with each other are.
+    Ranges come at 20 Hz and control steps at 50 Hz, so a raw reading is up to 50 ms old and 1 cm
+    wrong. Between readings the estimate decreases by the driven path; a fresh reading (one that
+    differs from the last) corrects it by a share. A single outlier is ignored; two in a row that
+    agree are used.
     """
 
     __slots__ = ("_last_raw_m", "_pending_m", "_silent_s", "range_m")
 
     def __init__(self) -> None:
-        """Nothing seen yet."""
+        """Begin with nothing ahead."""
         self.range_m: float | None = None
-        """Present estimate in metres; ``None``: nothing ahead."""
+        """Present estimate, m; ``None``: nothing is ahead."""
         self._last_raw_m: float | None = None
         self._pending_m: float | None = None
         self._silent_s = 0.0
 
     def reset(self) -> None:
-        """Forget everything, as after a turn."""
+        """Begin again."""
         self.range_m = None
         self._last_raw_m = None
         self._pending_m = None
         self._silent_s = 0.0
 
     def update(self, raw_m: float | None, travel_m: float, dt_s: float) -> float | None:
-        """Estimate after driving ``travel_m`` forward in ``dt_s``, with the newest reading."""
+        """Return the range, m, after a path of ``travel_m`` in ``dt_s`` with the newest reading."""
         estimate = self.range_m
         if estimate is not None:
             estimate = max(estimate - travel_m, 0.0)

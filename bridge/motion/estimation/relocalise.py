@@ -1,4 +1,4 @@
-"""Walls seen again correct the estimate: direction and position across them, with their doubt."""
+"""Relocalisation: walls seen again update direction and position of the estimate."""
 
 from __future__ import annotations
 
@@ -24,28 +24,30 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RobotModel
 
 ECHO_AGE_S = 0.03
-"""Of an ultrasonic reading that differs from the last: it pings every 60 ms, and is asked when
-the stream is due. One that repeats is older still, and fixes nothing."""
+"""Age of an ultrasonic reading that differs from the last, s: the sensor pings every 60 ms, and
+the stream samples it. A repeated reading is older and is not used."""
 ECHO_AGE_SIGMA_S = 0.02
-"""What is not known of that age: a wall approached at cruise speed seems 4 mm off when the robot
-has come to rest before it."""
+"""Standard deviation of that age, s: a wall approached at cruise speed seems 4 mm off when the
+robot has stopped before it."""
 GRAZE_M = 0.005
-"""A wall abeam that is nearer to the rim than this may be rubbed against, ..."""
+"""Gap between rim and a wall abeam below which the robot may graze it, m."""
 _READINGS = 5
 RUB_M, RUB_RAD = 0.0005, math.radians(1.5)
-"""... and, where a stretch leaves less room than this in the mean, makes the wall look as if it
-ran along the heading: seldom, and by up to 1.4°. What the other side sees turns as well. ..."""
+"""Mean gap (m) below which grazing turns the measured direction towards the heading, and the
+standard deviation (rad) for it: seldom, and by up to 1.4°. The measurement on the other side
+turns as well."""
 GRAZE_RAD = math.radians(0.4)
-"""... With more room it is a touch now and then: 0.2 to 0.36° (standard deviation)."""
+"""Standard deviation of the direction with a larger gap, rad: occasional grazing turns it by 0.2
+to 0.36°."""
 GRAZED_M = 0.01
-"""A stretch farther off than this is not the one that was near to the rim."""
+"""Gap beyond which a measured wall was not the grazed one, m."""
 
 
 class Relocaliser:
-    """Feeds an estimator with what the rangers say of walls seen before."""
+    """Updates an estimator with wall measurements."""
 
     def __init__(self, model: RobotModel, estimator: PoseEstimator) -> None:
-        """``estimator``: whose walls and pose are corrected."""
+        """Update this estimator."""
         self._estimator = estimator
         self._ultrasonic = model.ultrasonic
         self._graze_m = tuple(
@@ -73,10 +75,10 @@ class Relocaliser:
         bumper_right: bool,
         t_s: float | None = None,
     ) -> None:
-        """Take one reading of the rangers and the bumper.
+        """Take readings of range sensors and bumper.
 
-        ``t_s`` is the time of the reading on the clock of the estimator's samples; without it
-        the newest encoder sample's is taken, which costs up to 4 mm at cruise speed.
+        ``t_s`` is the time of the ranges on the clock of the estimator's samples, s. Without it
+        the time of the newest encoder sample counts, which costs up to 4 mm at cruise speed.
         """
         estimator = self._estimator
         grazing = any(
@@ -114,7 +116,7 @@ class Relocaliser:
             self.position_fixes += 1
 
     def _place(self, t_s: float | None) -> Pose2:
-        """Odometry at the reading's time: carried on as the pose is."""
+        """Return the odometry extrapolated to the time of the reading."""
         estimator = self._estimator
         odometry = estimator.odometry
         if t_s is None:
@@ -131,7 +133,7 @@ class Relocaliser:
 
 
 class _Nearness:
-    """The middle one of a side's last readings: noise alone is no touch."""
+    """Median of a side's last readings, so that noise alone is no contact."""
 
     __slots__ = ("_last",)
 
@@ -139,17 +141,17 @@ class _Nearness:
         self._last: deque[float] = deque(maxlen=_READINGS)
 
     def take(self, range_m: float | None) -> float:
-        """Take a reading; infinite while nothing is near."""
+        """Take a range, m, and return the median; infinite while nothing is near."""
         self._last.append(math.inf if range_m is None else range_m)
         return sorted(self._last)[len(self._last) // 2]
 
 
 def _mean_m(line: LineMeasurement) -> float:
-    """Distance to a wall from half-way along the stretch: the sight tells that from its end."""
+    """Return the distance to a wall from the middle of the measured piece, m."""
     return line.distance_m + 0.5 * line.span_m * math.cos(line.normal_rad)
 
 
 def _ahead_m(then: Pose2, now: Pose2) -> float:
-    """Way from one place to another along the heading of the first: a range is less by it."""
+    """Return the path from one pose to another along the heading of the first, m."""
     c, s = math.cos(then.theta_rad), math.sin(then.theta_rad)
     return (now.x_m - then.x_m) * c + (now.y_m - then.y_m) * s

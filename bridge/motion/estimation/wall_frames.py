@@ -1,9 +1,8 @@
-"""Which walls are square to each other: those of a frame stand for one another's direction.
+"""Frames of orthogonal walls: the walls of a frame share their direction.
 
-Rooms are mostly rectilinear, boxes in them may stand askew. So squareness is used only where
-the evidence is for it: when the angle between two walls is known to better than
-``SQUARE_SURE_RAD`` and agrees with a multiple of 90°. A box turned by some degrees stays a
-reference of its own and bends nothing.
+Rooms are mostly rectilinear, but boxes in them may be oblique. So orthogonality is used only with
+evidence: if the angle between two walls is known to better than ``SQUARE_SURE_RAD`` and agrees
+with a multiple of 90°. An oblique box stays a reference of its own.
 """
 
 from __future__ import annotations
@@ -19,48 +18,49 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NEW_SPAN_M = 0.15
-"""Of a wall of which less was seen the direction is not known."""
+"""Length below which a wall's direction counts as unknown, m."""
 SQUARE_SURE_RAD = math.radians(0.9)
 SQUARE_RAD = math.radians(0.15)
-"""What is left of squareness in a well-built room."""
+"""Standard deviation of right angles in a well-built room, rad."""
 SQUARE_SIGMAS = 2.5
 SQUARE_GATE_RAD = math.radians(1.6)
 LONG_M = 0.5
-"""Of walls of which so much was seen less is asked before they are taken to be square: ..."""
+"""Length from which the weaker limits below hold, m."""
 LONG_SURE_RAD, LONG_GATE_RAD = math.radians(2.0), math.radians(3.5)
-"""... a box that stands askew by as little as this seldom is as long."""
+"""Limits of the angle's standard deviation and of its difference from 90° for long walls, rad: a
+slightly oblique box is seldom so long."""
 _QUARTER = 0.5 * math.pi
 
 
 @dataclass(slots=True)
 class Wall:
-    """What is known of a wall beside its two states."""
+    """A wall, apart from its two states."""
 
     anchor_x_m: float
     anchor_y_m: float
     low_m: float
-    """What was seen of it, along (-sin α, cos α) from the anchor."""
+    """Known part of the wall along (-sin α, cos α) from the anchor, m."""
     high_m: float
     seen_m: float = 0.0
     measurements: int = 0
     frame: int = -1
-    """Walls of one number have been found to be square to each other; -1 is none."""
+    """Number of the frame; walls of one frame are orthogonal. -1: none."""
 
 
 class Frames:
-    """Numbers the walls by what they are square to."""
+    """Groups walls into frames."""
 
     def __init__(self, walls: list[Wall]) -> None:
-        """``walls``: the map's own list."""
+        """Group the walls of this list, which the map owns."""
         self._walls = walls
         self._newest = -1
         self.widest = -1
-        """A wall of the frame of which most was seen; -1: none is square to another."""
+        """A wall of the widest frame; -1: no walls are orthogonal."""
 
     def partner(
         self, i: int, alphas: Sequence[float], p: NDArray[np.float64]
     ) -> tuple[int, float] | None:
-        """The longest wall that a wall is square to, not yet tied to it, and the angle's error.
+        """Return the longest orthogonal wall that is not yet tied, and the angle's error.
 
         Args:
             i: the wall.
@@ -87,7 +87,7 @@ class Frames:
         return found
 
     def join(self, wall: Wall, other: Wall) -> None:
-        """Have two walls, and those square to either, in one frame."""
+        """Join the frames of two walls."""
         if other.frame < 0:
             other.frame = self._newest = self._newest + 1
         before = wall.frame
@@ -98,7 +98,7 @@ class Frames:
         self.count()
 
     def count(self) -> None:
-        """Find the widest frame anew: walls were joined or forgotten."""
+        """Find the widest frame again after walls were joined or marginalised."""
         seen_m: dict[int, float] = {}
         for wall in self._walls:
             if wall.frame >= 0:

@@ -1,10 +1,9 @@
-"""The walls that the estimate remembers: straight lines, each with its own doubt.
+"""The walls of the estimate: straight lines as landmarks of the filter.
 
-A wall is a line n·(p - a) = ρ with n = (cos α, sin α) pointing into it and a fixed anchor a
-near where it was first seen, so that α turns it about that place. α and ρ are states of the
-estimator's belief: what the first sight of a wall owes to a doubtful pose stays known, and a
-wall seen again takes away only the drift since. Which of them are square to each other:
-``wall_frames.py``.
+A wall is a line n·(p - a) = ρ with n = (cos α, sin α) pointing into it and a fixed anchor a near
+its first measurement, so that α turns it about that place. α and ρ are states of the filter: the
+uncertain pose of the first measurement stays correlated with the wall, and a wall seen again
+removes only the drift since. ``wall_frames`` decides which walls are orthogonal.
 """
 
 from __future__ import annotations
@@ -28,30 +27,34 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 SAME_CHI2, SAME_CHI1 = 9.2, 6.6
-"""99 % of the sights of a wall surprise by less than this (two numbers, one number)."""
+"""Gates of the squared innovation for the same wall, with two numbers and with one: 99 %."""
 OTHER_CHI2, OTHER_CHI1 = 30.0, 25.0
-"""A surface that surprises by more than this is another; between the two: passed over."""
+"""Squared innovations above which a surface is another wall; between the gates it is ignored."""
 SAME_SHARE, SAME_M, SAME_RAD = 0.7, 0.03, math.radians(2.5)
-"""A stretch that for this share lies before a known wall, this near to it, is that wall."""
+"""Share of a piece that lies before a known wall, its distance (m) and direction (rad), to be that
+wall."""
 STEP_M = 0.003
-"""Walls are not perfectly flat: a step below it is none."""
+"""Step that belongs to a flat wall, m."""
 GATE_M, GATE_SIGMAS = 0.06, 2.5
-"""Never is a wall seen again that stands further off than this, unless the doubt is as large."""
+"""Maximum innovation of a wall seen again: a distance (m), or standard deviations if these are
+larger."""
 GATE_RAD = math.radians(5.0)
 NEW_SIGMA_RAD = math.radians(1.2)
 APART_M, APART_SHORT_M = 0.5, 0.1
-"""A stretch this far from what was seen of a wall may be another wall in line with it; a short
-one, below ``NEW_SPAN_M``, may even be a piece of a column."""
+"""Distance from the known part of a wall beyond which a piece may belong to another wall in line,
+m; for a piece below ``NEW_SPAN_M``, which may be part of a column, the second value."""
 FRONT_MARGIN_M = 0.2
 FRONT_CONE_RAD = math.radians(7.0)
 FRONT_NEW_RAD = math.radians(4.3)
-"""The direction of a surface that only the ultrasonic saw: uniform over its cone."""
+"""Standard deviation of the direction of a surface that only the ultrasonic saw, rad: uniform over
+its cone."""
 SKEW = 0.7
-"""Ranges to a wall that stands askew by δ shrink by cos δ less than the way: δ²/2 of it."""
+"""Factor on the error of an oblique wall: ranges to it shrink by δ²/2 of the path less than the
+path."""
 FRONT_NEW_M = 1.0
 FRONT_SQUARE_RAD = math.radians(6.0)
-"""Where a room's walls are known, a surface that only the ultrasonic saw counts within this of
-their normals."""
+"""Angle to a known wall's normal within which a surface that only the ultrasonic saw counts,
+rad."""
 MAX_WALLS = 40
 _QUARTER = 0.5 * math.pi
 
@@ -60,18 +63,18 @@ class _Match(NamedTuple):
     wall: int
     chi2: float
     second_chi2: float
-    """Of the next other wall."""
+    """Squared innovation of the next other wall."""
     rows: Floats
     innovation: Floats
-    """Of direction and distance."""
+    """Innovation of direction (rad) and distance (m)."""
     expected: Floats
-    """Its covariance, ..."""
+    """Covariance of the innovation."""
     noise: Floats
-    """... and what of it is the sight's own."""
+    """Covariance of the measurement alone."""
 
 
 class WallMap:
-    """Walls, held against sights; corrects the estimator that it was given."""
+    """Associates measurements with walls and updates the filter."""
 
     def __init__(self, ekf: Ekf) -> None:
         """Keep the walls of a filter as its landmarks."""
@@ -82,19 +85,19 @@ class WallMap:
     # -- what is known ---------------------------------------------------------------------
 
     def normal_rad(self, wall: int) -> float:
-        """Direction of a wall's normal."""
+        """Direction of a wall's normal, rad."""
         return self._ekf.walls[2 * wall]
 
     def offset_m(self, wall: int) -> float:
-        """Distance of a wall from its anchor."""
+        """Distance of a wall from its anchor, m."""
         return self._ekf.walls[2 * wall + 1]
 
     @property
     def heading_sigma_rad(self) -> float:
-        """Standard deviation of the heading against the walls found square; 0: there are none.
+        """Standard deviation of the heading against the orthogonal walls, rad; 0: there are none.
 
-        They are tied to each other, so that one stands for all; of several frames it is the one
-        of which most was seen. As of at most 0.1 s ago, as the covariance is.
+        These walls are tied to each other, so one of the widest frame stands for all. At most 0.1
+        s old, as the covariance.
         """
         i = self._frames.widest
         if i < 0 or 2 * len(self.walls) != len(self._ekf.walls):
@@ -106,7 +109,7 @@ class WallMap:
     # -- sights ----------------------------------------------------------------------------
 
     def see_line(self, measurement: LineMeasurement) -> bool:
-        """Take a stretch of wall seen from the present pose; True: it was known."""
+        """Take a line measured at the present pose; whether the wall was known."""
         self._check()
         ekf, pose = self._ekf, self._ekf.pose
         noise = np.array(
@@ -139,7 +142,7 @@ class WallMap:
         return True
 
     def see_front(self, measurement: FrontMeasurement, mount: RangerMount) -> bool:
-        """Take a distance straight to a surface ahead; True: it was known."""
+        """Take a distance to a surface ahead; whether it was known."""
         self._check()
         ekf = self._ekf
         pose = ekf.pose
@@ -189,14 +192,14 @@ class WallMap:
     # -- inside ----------------------------------------------------------------------------
 
     def _check(self) -> None:
-        """After a reset of the estimator its walls are gone, and so are these."""
+        """Drop the walls if the filter has marginalised them."""
         self._ekf.propagate_covariance()
         if 2 * len(self.walls) != len(self._ekf.walls):
             self.walls.clear()
             self._frames.count()
 
     def _match(self, measurement: LineMeasurement, pose: Pose2, noise: Floats) -> _Match | None:
-        """The wall that a sight surprises least, and how much it would the next other one."""
+        """Return the wall with the smallest squared innovation, and that of the next other wall."""
         found: list[_Match] = []
         for i, wall in enumerate(self.walls):
             off = math.remainder(
@@ -215,11 +218,7 @@ class WallMap:
         return self._choose(found, SAME_CHI2)
 
     def _choose(self, found: list[_Match], same_chi2: float) -> _Match | None:
-        """The wall that a sight surprises least, and how much it would the next other one.
-
-        If that is a place which only the ultrasonic saw: the wall on which it lies, where the
-        sight may be of that.
-        """
+        """Return the wall with the smallest squared innovation, and that of the next other wall."""
         if not found:
             return None
         best = min(found, key=lambda match: match.chi2)
@@ -236,9 +235,9 @@ class WallMap:
         return best._replace(second_chi2=min(others, default=math.inf))
 
     def _straight_on(self, direction_rad: float) -> bool:
-        """Whether a room's walls would be met straight on; true where none are known.
+        """Whether a direction is normal to a known wall; true if none is known.
 
-        What is met askew may be an edge or a corner, which is elsewhere for the next look.
+        An oblique echo may come from a corner, whose place changes with the pose.
         """
         framed = [i for i, wall in enumerate(self.walls) if wall.frame >= 0]
         return not framed or any(
@@ -252,7 +251,7 @@ class WallMap:
         return (X, Y, THETA, first, first + 1)
 
     def _line_rows(self, i: int, pose: Pose2) -> tuple[Floats, float]:
-        """Rows for (normal, distance) as a sight tells them, and the distance expected."""
+        """Return the rows of (normal, distance) and the expected distance, m."""
         wall, alpha = self.walls[i], self.normal_rad(i)
         c, s = math.cos(alpha), math.sin(alpha)
         dx, dy = pose.x_m - wall.anchor_x_m, pose.y_m - wall.anchor_y_m
@@ -262,11 +261,11 @@ class WallMap:
     def _front_rows(
         self, i: int, pose: Pose2, mount: RangerMount, sensor: tuple[float, float]
     ) -> tuple[Floats, float, float]:
-        """Row of a distance ahead, the distance expected, and what the wall's skew adds.
+        """Return the row of a distance ahead, its expected value and the error of an oblique wall.
 
-        The angles are in the row, and held by who takes it (Schmidt): their doubt, the same from
-        sight to sight, counts; but a millimetre of a range that decelerating shifted must not be
-        told of a wall's direction, and turn the robot by degrees.
+        The angles are in the row, but held (Schmidt's filter): their variance counts in each
+        measurement, but a millimetre of range must not change a wall's direction and turn the
+        robot by degrees.
         """
         wall, alpha = self.walls[i], self.normal_rad(i)
         c, s = math.cos(alpha), math.sin(alpha)
@@ -281,11 +280,11 @@ class WallMap:
         return rows, self.offset_m(i) - dx * c - dy * s, variance
 
     def _is_one(self, i: int, j: int) -> bool:
-        """Whether two walls that face the same way are one, seen in two places: square, in line.
+        """Whether two walls with the same normal are one wall, seen at two places in line.
 
-        A place that only the ultrasonic saw, and of no known direction, is one with a wall in line
-        with it, if it lies within what was seen of that, or a little beyond. A cupboard's front a
-        little before a wall is no part of it: what is known of the step says.
+        A place that only the ultrasonic saw, without a known direction, is one with a wall in line
+        if it lies within that wall's known part or a little beyond. A cupboard's front a little
+        before the wall is not part of it: the uncertainty of the step decides.
         """
         if self.walls[i].seen_m < NEW_SPAN_M:
             i, j = j, i
@@ -315,7 +314,7 @@ class WallMap:
         )
 
     def _hides(self, i: int, measurement: LineMeasurement, pose: Pose2, innovation: Floats) -> bool:
-        """Whether this can only be the wall itself: no other is seen where that one stood."""
+        """Whether a measurement can only be the wall itself: no other is seen there."""
         if abs(innovation[0]) > SAME_RAD or abs(innovation[1]) > SAME_M:
             return False
         wall = self.walls[i]
@@ -373,7 +372,7 @@ class WallMap:
         self._square(len(self.walls) - 1)
 
     def _drop(self) -> None:
-        """Forget the wall that has been of least use."""
+        """Marginalise the wall with the fewest measurements."""
         i = min(
             range(len(self.walls)), key=lambda k: (self.walls[k].measurements, self.walls[k].seen_m)
         )
@@ -383,7 +382,7 @@ class WallMap:
         self._frames.count()
 
     def _square(self, i: int) -> None:
-        """Tie a wall's direction to that of the longest wall which it is square to."""
+        """Tie a wall's direction to that of the longest orthogonal wall."""
         joint_covariance, alphas = self._ekf.joint_covariance, self._ekf.walls[::2]
         found = self._frames.partner(i, alphas, joint_covariance.p[STATES::2, STATES::2])
         if found is None:
@@ -396,6 +395,6 @@ class WallMap:
 
 
 def _along(wall: Wall, alpha: float, point: tuple[float, float]) -> float:
-    """Place of a point along the wall, from its anchor."""
+    """Return the position of a point along the wall from its anchor, m."""
     dx, dy = point[0] - wall.anchor_x_m, point[1] - wall.anchor_y_m
     return dy * math.cos(alpha) - dx * math.sin(alpha)

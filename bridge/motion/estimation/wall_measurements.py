@@ -1,7 +1,7 @@
-"""Sights of flat walls: straight stretches by the side infrared, distances by the ultrasonic.
+"""Measurements of flat walls: straight lines by the side infrared, distances by the ultrasonic.
 
-A sight is told in the body's frame at the moment it is complete, from hits gathered along the
-odometry, so that corrections of the estimate meanwhile do not bend it.
+A measurement is given in the robot's frame at the moment it is complete. Its hits are collected
+along the odometry, so that updates of the estimate do not bend it.
 """
 
 from __future__ import annotations
@@ -16,61 +16,64 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount
 
 MIN_SPAN_M = 0.09
-"""The shortest stretch that is fitted; a side step of one cleaning width gives 0.12 m."""
+"""Minimum length of a fitted line, m; a side step of one cleaning width gives 0.12 m."""
 MAX_SPAN_M = 0.40
 MIN_HITS = 7
 MAX_CHI2 = 12.0
-"""Of the residuals, per degree of freedom: more is no flat wall. Above 1 the sensor is worse
-than thought, and the sight is worth less."""
+"""Maximum mean squared residual, per degree of freedom, of a flat wall. Above 1 the sensor is
+noisier than assumed, and the measurement counts less."""
 MAX_BOW_M = 0.003
-"""A column of 0.7 m diameter bows 5 mm over 0.12 m."""
+"""Maximum bow of a flat wall, m: a column of 0.7 m diameter bows 5 mm over 0.12 m."""
 WANDER_BOW = 1.5 * 5.0 / math.sqrt(210.0)
-"""Bow (standard deviation) that a straight wall seems to have from a robot that slips sideways at
-random, over how far it slips meanwhile: a Brownian path's share of the second Legendre polynomial,
-0.52."""
+"""Standard deviation of the bow that a flat wall seems to have for a robot with random lateral
+slip, over that slip: a Brownian path's share of the second Legendre polynomial, 0.52."""
 JUMP_M = 0.012
 GAP_M, GAP_RAD = 0.08, math.radians(15.0)
-"""Between two hits of a stretch: beyond it another wall may have come abeam."""
+"""Maximum distance (m) and turn (rad) between two hits of a line: beyond, another wall may be
+abeam."""
 STEADY_RAD_S = 0.30
 MOVING_M_S = 0.02
 FLAT_M, FLAT_RAD = 0.0008, math.radians(0.07)
-"""Walls are not perfectly flat, nor rangers perfectly aimed: what no averaging takes away."""
+"""Standard deviations (m, rad) that no averaging removes: walls are not perfectly flat, sensors
+not perfectly aimed."""
 FRONT_HITS = 5
-"""Readings of the ultrasonic that make one sight: 0.25 s at 20 Hz."""
+"""Ultrasonic readings for one measurement: 0.25 s at 20 Hz."""
 FRONT_SPREAD_M = 0.025
-"""Of the wall's place within one sight: more is an edge, or two surfaces."""
+"""Maximum spread of the wall's place within one measurement, m: more is a corner, or two
+surfaces."""
 FRONT_SIGMA_M = 0.003
 _RANGE_SHARE = 0.43
-"""Standard deviation of five normal values over their range, in the mean."""
+"""Mean ratio of the standard deviation of five normal values to their range."""
 CONE_SHARE = 0.005
-"""Of the range: an edge at the cone's rim echoes from up to 0.9 % too far."""
+"""Standard deviation as a share of the range: a corner at the cone's rim echoes from up to 0.9 %
+too far."""
 FRONT_MAX_M = 1.2
 FRONT_STEP_M = 0.03
-"""From one sight to the next the robot must move: standing, its errors repeat."""
+"""Minimum motion between two measurements, m: at rest the errors repeat."""
 
 
 class LineMeasurement(NamedTuple):
-    """A straight stretch of wall, in the body's frame."""
+    """A straight piece of wall, in the robot's frame."""
 
     normal_rad: float
-    """Direction of the normal, from the robot into the wall."""
+    """Direction of the normal from the robot into the wall, rad."""
     distance_m: float
-    """From the axle's centre, along it."""
+    """Distance from the axle's centre along the normal, m."""
     var_normal: float
     covar: float
     var_distance: float
     low_m: float
-    """Where the stretch begins and ends, along the wall from the foot of the normal, counter-
-    clockwise seen from the robot."""
+    """Ends of the piece along the wall from the foot of the normal, m, counter-clockwise as seen
+    from the robot."""
     high_m: float
 
     @property
     def span_m(self) -> float:
-        """Length of the stretch."""
+        """Length of the piece, m."""
         return self.high_m - self.low_m
 
     def with_sigma(self, sigma_rad: float) -> LineMeasurement:
-        """The same, its direction less sure; the middle of the stretch stays as sure as it was."""
+        """Return the line with a larger standard deviation of its direction, rad."""
         more = sigma_rad * sigma_rad
         ahead = 0.5 * (self.low_m + self.high_m)
         return self._replace(
@@ -81,10 +84,10 @@ class LineMeasurement(NamedTuple):
 
 
 class FrontMeasurement(NamedTuple):
-    """Something flat ahead of the ultrasonic."""
+    """A flat surface ahead of the ultrasonic."""
 
     range_m: float
-    """From its face along the surface's normal, which lies within the cone."""
+    """Distance from the sensor along the surface's normal, m; the normal lies within the cone."""
     variance: float
 
 
@@ -95,15 +98,15 @@ class _Hit(NamedTuple):
 
 
 class SideMeasurement:
-    """One infrared's hits: collects a stretch, fits it when it ends."""
+    """Collects the hits of one infrared and fits a line when the wall ends."""
 
     def __init__(self, mount: RangerMount) -> None:
-        """``mount``: where the sensor sits."""
+        """Collect for a sensor at this mount."""
         self._mount = mount
         self._hits: list[_Hit] = []
         self._last_m = 0.0
         self._last = Pose2(0.0, 0.0, 0.0)
-        """Where the last hit was read."""
+        """Odometry at the last hit."""
 
     def add(
         self,
@@ -114,12 +117,13 @@ class SideMeasurement:
         steady: bool,
         wander_m_sqrt_m: float = 0.0,
     ) -> LineMeasurement | None:
-        """Take one reading; give the sight that it ends, if any.
+        """Take a reading and return the measurement that it ends, if any.
 
-        What is read in a quick turn is left out and does not end the stretch, if that was short:
-        who follows a wall by a noisy infrared turns to and fro. Who goes round a corner turns on.
+        Readings in a quick turn are skipped. A short turn does not end the line, since a noisy
+        infrared makes wall following turn to and fro; a robot that rounds a corner turns on.
 
-        ``wander_m_sqrt_m``: how far sideways the odometry goes wrong over a metre, at random.
+        ``wander_m_sqrt_m`` is the standard deviation of lateral slip, m per square root of the
+        path.
         """
         if range_m is None or not moving:
             return self._end(odometry, wander_m_sqrt_m)
@@ -153,7 +157,7 @@ class SideMeasurement:
 
 
 def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineMeasurement | None:
-    """Weighted total least squares; None where the hits are no flat wall."""
+    """Fit a line by weighted total least squares; ``None`` if the hits are no flat wall."""
     total = sum(h.weight for h in hits)
     mean_x = sum(h.weight * h.x_m for h in hits) / total
     mean_y = sum(h.weight * h.y_m for h in hits) / total
@@ -192,7 +196,7 @@ def fit_line(hits: list[_Hit], odometry: Pose2, wander_m_sqrt_m: float) -> LineM
 
 
 def _bow(hits: list[_Hit], along: list[float], across: list[float]) -> tuple[float, float]:
-    """How far the middle stands out, and its sigma: the residuals' share that goes as along²."""
+    """Return the bow of the hits and its standard deviation, m."""
     squares = [h.weight * a * a for h, a in zip(hits, along, strict=True)]
     mean_square = sum(squares) / sum(h.weight for h in hits)
     shape = [a * a - mean_square for a in along]
@@ -205,10 +209,10 @@ def _bow(hits: list[_Hit], along: list[float], across: list[float]) -> tuple[flo
 
 
 class FrontMeasurements:
-    """The ultrasonic's readings: several that agree with the way driven make one sight."""
+    """Combines ultrasonic readings that agree with the driven path into one measurement."""
 
     def __init__(self, mount: RangerMount) -> None:
-        """``mount``: where the sensor sits; it looks ahead."""
+        """Combine readings of a sensor at this mount, which faces ahead."""
         self._mount = mount
         self._places: list[float] = []
         self._from = Pose2(0.0, 0.0, 0.0)
@@ -217,7 +221,7 @@ class FrontMeasurements:
     def add(
         self, odometry: Pose2, range_m: float | None, *, steady: bool
     ) -> FrontMeasurement | None:
-        """Take one reading at this place; give the sight that it completes, if any."""
+        """Take a reading at this odometry and return the measurement that it completes, if any."""
         if range_m is None or not steady or not self._mount.min_range_m < range_m < FRONT_MAX_M:
             self._places.clear()
             return None

@@ -20,54 +20,56 @@ if TYPE_CHECKING:
     from bridge.motion.robot_model import RangerMount
 
 _NEAR_SIGMA_M = 0.0012
-"""Of every reading: what calibration leaves, and the wire's step of 1.25 mm."""
+"""Standard deviation of every reading, m: calibration, and the protocol's step of 1.25 mm."""
 _SIGMA_M = 0.0015
-"""Of a reading at 10 cm, beside it; a triangulating sensor's grows as the range squared."""
+"""Further standard deviation of a reading at 10 cm, m; it grows with the range squared
+(triangulation)."""
 _SIGMA_AT_M = 0.10
 _WAY_SIGMA = 0.02
-"""Of d, relative to the way driven: wheels, and walls that are not flat."""
+"""Standard deviation of d relative to the path: wheels, and walls that are not flat."""
 _BEND_RAD_SQRT_M = 0.25
-"""Walls bend: of ψ per √m. A column of 0.3 m radius bends 0.4 rad in 12 cm."""
+"""Standard deviation of ψ per √m for bending walls, rad: a column of 0.3 m radius bends 0.4 rad in
+12 cm."""
 _FIRST_RAD = 0.3
-"""Of ψ when a wall comes into view."""
+"""Standard deviation of ψ for a new wall, rad."""
 MAX_YAW_RAD = math.radians(60.0)
-"""A beam that meets the wall flatter than this tells next to nothing of it."""
+"""Angle to the wall's normal beyond which a beam measures almost nothing, rad."""
 
 
 def infrared_sigma_m(range_m: float) -> float:
-    """Standard deviation of one reading of a triangulating infrared."""
+    """Return the standard deviation of a reading of a triangulating infrared, m."""
     return math.hypot(_NEAR_SIGMA_M, _SIGMA_M * (range_m / _SIGMA_AT_M) ** 2)
 
 
 class WallTrack:
-    """The filter; ``None`` of both numbers until a reading came."""
+    """The filter; both numbers are ``None`` before the first reading."""
 
     __slots__ = ("_arm_m", "_pdd", "_pdy", "_pyy", "_reach_m", "distance_m", "yaw_rad")
 
     def __init__(self, mount: RangerMount) -> None:
-        """``mount``: a ranger that looks abeam, to either side."""
+        """Track with a range sensor that faces abeam."""
         self._reach_m = mount.x_m
         self._arm_m = abs(mount.y_m)
         self.clear()
 
     def clear(self) -> None:
-        """Forget the wall."""
+        """Drop the wall."""
         self.distance_m: float | None = None
         self.yaw_rad = 0.0
         self._pdd = self._pdy = self._pyy = 0.0
 
     @property
     def yaw_sigma_rad(self) -> float:
-        """Standard deviation of ψ."""
+        """Standard deviation of ψ, rad."""
         return math.sqrt(self._pyy)
 
     @property
     def distance_sigma_m(self) -> float:
-        """Standard deviation of d."""
+        """Standard deviation of d, m."""
         return math.sqrt(self._pdd)
 
     def begin(self, range_m: float, yaw_rad: float = 0.0, sigma_rad: float = _FIRST_RAD) -> None:
-        """Take a first reading of a wall whose direction is only roughly known."""
+        """Begin with a reading of a wall whose direction is only roughly known."""
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         self.yaw_rad = yaw_rad
         self.distance_m = self._reach_m * s + (self._arm_m + range_m) * c
@@ -77,11 +79,11 @@ class WallTrack:
         self._pdd = slope * self._pdy + infrared_sigma_m(range_m) ** 2
 
     def move(self, ahead_m: float, into_rad: float, min_m: float = 0.0) -> None:
-        """The robot drove ``ahead_m`` and turned by ``into_rad`` towards the wall's side.
+        """Predict a motion of ``ahead_m``, m, and a turn of ``into_rad`` towards the wall, rad.
 
-        At ``min_m`` it touches: it then slides along the wall, and a distance that stays says
-        nothing of the direction. Round a corner it may be nearer to the line of a wall that
-        only begins there: no way takes it to the line then, and none is held back.
+        At ``min_m`` the robot touches the wall: it then moves along it, and a constant distance
+        does not measure the direction. At a corner the robot may be nearer to the line of a wall
+        that only begins there; no motion leads to the line then, and none is limited.
         """
         if self.distance_m is None:
             return
@@ -96,14 +98,14 @@ class WallTrack:
         self._pyy += _BEND_RAD_SQRT_M**2 * way
 
     def expected_m(self) -> float | None:
-        """What the infrared should read now; ``None``: no wall, or too flat a beam."""
+        """Expected reading, m; ``None``: no wall, or too flat a beam."""
         if self.distance_m is None or abs(self.yaw_rad) > MAX_YAW_RAD:
             return None
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         return (self.distance_m - self._reach_m * s) / c - self._arm_m
 
     def take(self, range_m: float, gate_sigmas: float, min_gate_m: float) -> bool:
-        """Correct by a reading; False, and nothing done, where it is not of this wall."""
+        """Update with a reading; false, without an update, if it is not of this wall."""
         expected = self.expected_m()
         if expected is None or self.distance_m is None:
             return False
